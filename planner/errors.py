@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import Any
 
 TIME_LIMIT = "time_limit"  # status of a search that the request's time limit ended
-CUT_SHORT = f"{TIME_LIMIT} ended the search"  # last part of the status of a plan that such a search had come to
+CUT_SHORT = f"{TIME_LIMIT} ended the search"  # end of the status in the document of a plan whose search was ended so
 
 
 class PlannerError(Exception):

@@ -10,6 +10,7 @@ import numpy as np
 from planner.arrays import Array
 from planner.cell import Cell
 from planner.certificate import landing_errors, release_flight, window_landing_points
+from planner.errors import CUT_SHORT
 from planner.flight import Flight, landing_per_release_delay, path
 from planner.geometry import tool_state
 from planner.kinematics import tcp_acceleration
@@ -58,7 +59,7 @@ def plan_document(plan: Plan, request: Mapping[str, Any], plan_id: str, created_
         "solver": {
             "solve_time_s": plan.solve_time_s,
             "iterations": plan.iterations,
-            "status": plan.status,
+            "status": f"{plan.status}; {CUT_SHORT}" if plan.was_cut_short else plan.status,
             "attempts": [attempt.__dict__ for attempt in plan.attempts],
         },
     }

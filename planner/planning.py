@@ -9,7 +9,7 @@ from typing import Any
 
 from planner.approach import Approach
 from planner.certificate import Certificate
-from planner.errors import CUT_SHORT, Infeasible, SolverFailed
+from planner.errors import Infeasible, SolverFailed
 from planner.problem import TIME_LIMIT_S, ThrowProblem
 from planner.request import request_document
 from planner.search import (
@@ -42,11 +42,12 @@ class Plan:
         backend: that made the motion.
         trajectory: the motion.
         certificate: of the motion, valid.
-        status: final status of the back end, in words; and whether the time limit ended the search (`cut_short`).
+        status: final status of the back end, in words.
         iterations: of the back end for this motion.
         solve_time_s: duration of the whole search, loading of libraries and solvers excluded [s].
         attempts: log of the search.
         way_home: certified motion from the plan's end to the cell's home.
+        was_cut_short: whether the time limit passed before the end of the search: more time may give a sooner release.
     """
 
     problem: ThrowProblem
@@ -58,10 +59,7 @@ class Plan:
     solve_time_s: float
     attempts: tuple[Attempt, ...]
     way_home: Approach
-
-    def cut_short(self) -> Plan:
-        """Returns the plan with a status which says that the time limit ended the search: more time may improve it."""
-        return self if self.status.endswith(CUT_SHORT) else replace(self, status=f"{self.status}; {CUT_SHORT}")
+    was_cut_short: bool = False
 
 
 @dataclass(frozen=True)
@@ -101,7 +99,7 @@ def plan(problem: ThrowProblem, hints: SearchHints = ORDINARY) -> Plan:
     begun_s = time.perf_counter()
     search = PlanningSearch(problem, begun_s + problem.time_limit_s)
     best, way_home = _best(search, hints)
-    found = Plan(
+    return Plan(
         problem=problem,
         backend=best.backend,
         trajectory=best.solution.trajectory,
@@ -111,8 +109,8 @@ def plan(problem: ThrowProblem, hints: SearchHints = ORDINARY) -> Plan:
         solve_time_s=time.perf_counter() - begun_s - search.loading_s,
         attempts=tuple(search.attempts),
         way_home=way_home,
+        was_cut_short=search.was_cut_short,
     )
-    return found.cut_short() if search.was_cut_short else found
 
 
 def _best(search: PlanningSearch, hints: SearchHints) -> tuple[CertifiedSolution, Approach]:

@@ -164,7 +164,10 @@ class PlanRequest(RequestModel):
         " slower throws; `infeasible` where none of them does.",
     )
     time_limit_s: Number | None = Field(
-        None, gt=0.0, description="Time limit of the planner, from when it takes the request [s]; absent: 120."
+        None,
+        gt=0.0,
+        description="Time limit of the planner, from when it takes the request [s]; absent: 120. A plan found by then"
+        " can be the answer, and says so (`solver.status`).",
     )
 
 

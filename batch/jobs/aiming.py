@@ -47,15 +47,15 @@ def plan_aimed(problem: ThrowProblem, known: CellKnowledge | None, hints: Search
         except Infeasible:  # for that aim: the plan in hand remains
             break
         except SolverFailed:
-            return best.cut_short()
-    return best
+            return replace(best, was_cut_short=True)
+    return replace(best, was_cut_short=best.was_cut_short or found.was_cut_short)
 
 
 def _plan_until(until: float, problem: ThrowProblem, hints: SearchHints) -> Plan:
     """Returns a plan of a search that ends at an instant of `time.perf_counter` [s].
 
     Raises:
-        PlannerError: as of `planner.planning.plan`.
+        PlannerError: as of `planner.planning.plan`; also where the instant has passed.
     """
     rest_s = until - time.perf_counter()
     if rest_s <= 0.0:

@@ -86,6 +86,7 @@ class _OddsSearch:
             found = plan_aimed(replace(asked, time_limit_s=rest_s), self.aims_with)
         except PlannerError as error:
             return self._refused(step, error)
+        self.is_late = found.was_cut_short
         value = hit_probability(self.problem, self.known.predicted(found.problem, found.trajectory))
         self.last = asked, found
         if self.best is None or value > self.best[0]:

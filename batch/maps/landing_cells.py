@@ -10,6 +10,7 @@ from typing import Any
 import orjson
 
 from batch.jobs import Planned
+from planner.errors import CUT_SHORT
 from store import LandingCellRow, derived_id
 
 
@@ -22,8 +23,8 @@ class LandingState(IntEnum):
     NOT_FOUND = 3  # refused: searched for in vain
 
 
-def planned_row(map_id: str, number: int, round: int, plan_id: str, planned: Planned) -> LandingCellRow:
-    """Returns the row of a landing cell with a plan.
+def planned_row(map_id: str, number: int, round: int, plan_id: str, planned: Planned) -> LandingCellRow | None:
+    """Returns the row of a landing cell with a plan; None where its search did not come to its end.
 
     Args:
         map_id: of the map.
@@ -33,6 +34,8 @@ def planned_row(map_id: str, number: int, round: int, plan_id: str, planned: Pla
         planned: its plan.
     """
     plan = orjson.loads(planned.summary)
+    if plan["solver"]["status"].endswith(CUT_SHORT):
+        return None
     margin, check = _least_margin(plan["certificate"]["checks"])
     shift = (plan["flight"] or {}).get("landing_shift_10ms_m") or {}
     return LandingCellRow(

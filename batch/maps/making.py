@@ -134,11 +134,13 @@ class _MapWork:
         self._rows.append(row)
         return row
 
-    def _planned(self, number: int, round: int, planned: Planned) -> LandingCellRow:
+    def _planned(self, number: int, round: int, planned: Planned) -> LandingCellRow | None:
         id, source = plan_id_of(self.row.id, number, round), self.inputs.source
-        made = planned.backend, planned.summary, None, planned.samples
-        self._plans.append(PlanRow(id, time.time(), source.name, source.sha256, *made))
-        return planned_row(self.row.id, number, round, id, planned)
+        row = planned_row(self.row.id, number, round, id, planned)
+        if row is not None:
+            made = planned.backend, planned.summary, None, planned.samples
+            self._plans.append(PlanRow(id, time.time(), source.name, source.sha256, *made))
+        return row
 
     def _store(self) -> None:
         """Stores what is new, and says that the map is worked on."""

@@ -79,7 +79,7 @@ class PlanningSearch:
         has_optimised: whether the optimiser came to a motion: certified, or no sooner than one that is.
         without_brake: postures at a given release from which no brake was found that is clear of the flight.
         needs_sooner: whether the incumbent was brought along as an optimised motion: none is of use that is no sooner.
-        was_cut_short: whether the deadline ended the search, as far as it has ended.
+        was_cut_short: whether the deadline had passed at the end of the search, and the answer may not be the soonest.
     """
 
     problem: ThrowProblem

@@ -26,7 +26,7 @@ from planner.cell import Limits
 from planner.errors import Infeasible
 from planner.problem import TargetRelease, ThrowProblem
 from planner.search.auto import search_optimised
-from planner.search.incumbent import PlanningSearch, certified
+from planner.search.incumbent import PlanningSearch, certified, counted
 from planner.search.policy import (
     AGAIN_POLICY,
     FIRST_AGAIN_POLICY,
@@ -95,7 +95,7 @@ def search_from_nominal(search: PlanningSearch) -> None:
     search.iterations += inner.iterations
     search.extend_deadline(inner.loading_s)
     found = inner.by_rank()
-    search.log_attempt("casadi", f"without the release window: {len(found)} motions certified", begun_s)
+    search.log_attempt("casadi", f"without the release window: {counted(len(found), 'motion')} certified", begun_s)
     if found:
         known, best = search.nominal, certified(found[0].backend, search.problem, found[0].solution)
         search.consider(best)

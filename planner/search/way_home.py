@@ -12,7 +12,7 @@ from planner.approach import Approach, find_approach, obstacle_words
 from planner.certificate import Check
 from planner.errors import TIME_LIMIT, Infeasible, SolverFailed, Violation
 from planner.problem import ThrowProblem
-from planner.search.incumbent import CertifiedSolution, PlanningSearch
+from planner.search.incumbent import CertifiedSolution, PlanningSearch, counted
 
 MOTIONS_MAX = 3  # [-] best motions whose ends are tried: a search for a path takes some seconds where there is none
 
@@ -29,12 +29,12 @@ def best_with_way_home(search: PlanningSearch) -> tuple[CertifiedSolution, Appro
         way, failures = find_way_home(search.problem, motion)
         if way is not None:
             if blocked:
-                search.log_attempt("approach", f"way home: none from {len(blocked)} sooner motions", begun_s)
+                search.log_attempt("approach", f"way home: none from {counted(len(blocked), 'sooner motion')}", begun_s)
             return motion, way
         blocked.append(failures)
         if search.out_of_time:
             break
-    search.log_attempt("approach", f"way home: none from {len(blocked)} motions", begun_s)
+    search.log_attempt("approach", f"way home: none from {counted(len(blocked), 'motion')}", begun_s)
     violations, log = [_violation(blocked[0], len(blocked))], [attempt.__dict__ for attempt in search.attempts]
     if search.was_cut_short or len(blocked) < len(motions):
         raise SolverFailed(TIME_LIMIT, search.iterations, log, violations)
@@ -53,5 +53,6 @@ def find_way_home(problem: ThrowProblem, motion: CertifiedSolution) -> tuple[App
 def _violation(failures: tuple[Check, ...], tried: int) -> Violation:
     """Returns what blocks the way home from the best of the motions that were tried."""
     worst = failures[0]
-    detail = f"no certified way to the cell's home from the end of {tried} certified motions; a straight move: "
-    return Violation("way_home", worst.value, worst.limit, worst.unit, worst.at_s, detail + obstacle_words(failures))
+    motions, straight = counted(tried, "certified motion"), obstacle_words(failures)
+    detail = f"no certified way to the cell's home from the end of {motions}; a straight move: {straight}"
+    return Violation("way_home", worst.value, worst.limit, worst.unit, worst.at_s, detail)

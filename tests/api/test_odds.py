@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from batch.jobs import odds
 from batch.jobs.odds import plan_for_odds
 from benchmarks.learning.plans import benchmark_cell
 from learning import CellKnowledge, ReleasePosterior
@@ -114,6 +115,15 @@ def test_the_time_limit_ends_the_search_with_what_was_found(soonest: Plan):
             problem(time_limit_s=soonest.solve_time_s), 1.0, known_but_for(scatter_rad_s=0.3), is_learnt=False
         )
     assert refusal.value.status == "time_limit"
+
+
+def test_a_plan_below_the_odds_whose_search_was_cut_short_is_no_proof_that_none_reaches_them(
+    monkeypatch, soonest: Plan
+):
+    monkeypatch.setattr(odds, "plan_aimed", lambda *_asked: replace(soonest, was_cut_short=True))
+    with pytest.raises(SolverFailed) as refusal:
+        plan_for_odds(problem(backend="ruckig"), 0.999, known_but_for(), is_learnt=False)
+    assert [violation.constraint for violation in refusal.value.violations] == ["hit_probability"]
 
 
 def test_the_service_answers_with_the_odds_or_refuses(service: RunningService):

@@ -17,7 +17,6 @@ from benchmarks.learning.hidden_cells import HiddenCell, throw
 from benchmarks.learning.plans import CELL, PlannedThrow, benchmark_cell
 from learning import cell_with_profile, estimate_profile, knowledge_of, prior_knowledge, profile_bytes
 from planner.cell import Box
-from planner.errors import CUT_SHORT
 from planner.plan_document import plan_document
 from planner.planning import plan
 from planner.problem import ThrowProblem
@@ -197,9 +196,9 @@ def test_an_aim_that_the_time_limit_leaves_as_it_is_says_so(monkeypatch):
 
     monkeypatch.setattr(time, "perf_counter", lambda: clock[0])
     monkeypatch.setattr(aiming, "plan", plans_slowly)
-    assert CUT_SHORT not in plan_aimed(problem, off).status  # the second one is on the target
+    assert not plan_aimed(problem, off).was_cut_short  # the second one is on the target
     monkeypatch.setattr(aiming, "AIM_M", 0.0)
-    assert plan_aimed(problem, off).status.endswith(CUT_SHORT)
+    assert plan_aimed(problem, off).was_cut_short
 
 
 def landing_off(along_x_m: float) -> SimpleNamespace:

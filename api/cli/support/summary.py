@@ -32,7 +32,7 @@ def plan_text(plan: dict[str, Any]) -> str:
             f"hits within {_length(odds['radius_m'])} with {odds['value']:.0%} ({low:.0%} to {high:.0%}), {known}"
         )
     if solver["status"].endswith(CUT_SHORT):
-        lines.append("its time limit ended the search: with more time there may be a sooner release, or a better aim")
+        lines.append("its time limit ended the search: with more time the release may be sooner, or the aim better")
     return "\n  ".join(lines)
 
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 
 import orjson
 
 from batch.jobs import Planned, PlanningJob, refusal_of
 from batch.maps import MapDefinition
 from batch.pool import JobResult
-from planner.errors import Infeasible, PlannerError, SolverFailed, Violation
+from planner.errors import CUT_SHORT, Infeasible, PlannerError, SolverFailed, Violation
 from store import MapRow, Store
 
 SHA256 = "5" * 64
@@ -45,6 +46,7 @@ def fake_solve(job: PlanningJob) -> Planned:
         "flight": {"landing_shift_10ms_m": {"early": 0.02, "late": None}},
         "certificate": {"checks": [{"name": "b", "margin": 1.0, "limit": 4.0}, {"name": "a", "margin": 2, "limit": 0}]},
         "hit_probability": {"value": 0.5},
+        "solver": {"status": "fake"},
     }
     return Planned("fake", orjson.dumps(summary), orjson.dumps([x, y, job.releases]))
 
@@ -71,8 +73,22 @@ def plan_all(
     return answers
 
 
+def is_cut_off(job: PlanningJob) -> bool:
+    """Returns whether a job is that of the landing cell whose search does not come to its end."""
+    return job.request["release"]["position"][:2] == [-0.35, 0.25]
+
+
 def cut_off(job: PlanningJob) -> Planned:
-    """Solves as `fake_solve`, but for one landing cell, whose search does not come to its end."""
-    if job.request["release"]["position"][:2] == [-0.35, 0.25]:
+    """Solves as `fake_solve`, but for one landing cell, whose planner dies."""
+    if is_cut_off(job):
         raise SolverFailed("the planner process died")
     return fake_solve(job)
+
+
+def cut_short(job: PlanningJob) -> Planned:
+    """Solves as `fake_solve`, but one landing cell with the plan that its time limit left."""
+    planned = fake_solve(job)
+    if is_cut_off(job):
+        summary = orjson.loads(planned.summary) | {"solver": {"status": f"fake; {CUT_SHORT}"}}
+        return replace(planned, summary=orjson.dumps(summary))
+    return planned

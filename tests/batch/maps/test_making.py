@@ -10,7 +10,7 @@ from batch.maps import LandingState, make_map, map_table
 from batch.maps.making import MapInputs
 from planner.cell import CellSource
 from store import Retention, Store
-from tests.batch.maps.planners import Killed, begun, cut_off, definition, plan_all
+from tests.batch.maps.planners import Killed, begun, cut_off, cut_short, definition, plan_all
 
 INPUTS = MapInputs(CellSource("c", b"text"))
 
@@ -84,8 +84,9 @@ def test_the_same_definition_is_the_same_map_and_another_one_is_not(store):
     assert [row.id for row in store.maps_of_cell("c")][-1] == first.id
 
 
-def test_a_search_that_was_cut_off_is_no_answer_and_is_tried_again(store, calm):
-    cut = made(store, definition(), plan_all(cut_off))
+@pytest.mark.parametrize("planner", [cut_off, cut_short])
+def test_a_search_that_was_cut_off_is_no_answer_and_is_tried_again(store, calm, planner):
+    cut = made(store, definition(), plan_all(planner))
     assert (cut.row.state, cut.count_of(LandingState.UNKNOWN)) == ("cancelled", 1)
     assert made(store, definition()).sha256 == calm.sha256
 

@@ -14,6 +14,7 @@ from planner import planning
 from planner.backends import casadi_nlp, ruckig_otg
 from planner.backends.casadi_nlp import instance
 from planner.errors import CUT_SHORT, Infeasible, SolverFailed
+from planner.plan_document import plan_document
 from planner.planning import plan
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
 from planner.search import (
@@ -120,9 +121,11 @@ def test_a_plan_whose_search_the_time_limit_ended_says_so(monkeypatch):
     taken_s = 0.001 * next(ticks)
     cut = plan(replace(problem, time_limit_s=0.5 * taken_s))
     assert cut.certificate.valid
-    assert cut.status.endswith(f"; {CUT_SHORT}")
-    assert CUT_SHORT not in plan(problem).status
-    assert cut.cut_short() is cut
+    assert cut.was_cut_short
+    assert plan_document(cut, {}, "", "")["solver"]["status"] == f"{cut.status}; {CUT_SHORT}"
+    whole = plan(problem)
+    assert not whole.was_cut_short
+    assert plan_document(whole, {}, "", "")["solver"]["status"] == whole.status
 
 
 def test_a_way_home_beyond_the_time_limit_does_not_cut_the_plan_short(monkeypatch):
@@ -134,7 +137,7 @@ def test_a_way_home_beyond_the_time_limit_does_not_cut_the_plan_short(monkeypatc
 
     monkeypatch.setattr(time, "perf_counter", lambda: clock[0])
     monkeypatch.setattr(planning, "best_with_way_home", finds_late)
-    assert CUT_SHORT not in plan(target_problem()).status
+    assert not plan(target_problem()).was_cut_short
 
 
 def test_solvers_that_are_not_compiled_are_named_once_and_change_nothing(monkeypatch):

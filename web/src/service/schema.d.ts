@@ -2762,7 +2762,7 @@ export interface components {
             start?: components["schemas"]["StartRequest"] | null;
             /**
              * Time Limit S
-             * @description Time limit of the planner, from when it takes the request [s]; absent: 120.
+             * @description Time limit of the planner, from when it takes the request [s]; absent: 120. A plan found by then can be the answer, and says so (`solver.status`).
              */
             time_limit_s?: number | null;
         };
@@ -3703,7 +3703,10 @@ export interface components {
              * @description [s]
              */
             solve_time_s: number;
-            /** Status */
+            /**
+             * Status
+             * @description Final status of the back end, in words; ends in 'time_limit ended the search' where `time_limit_s` passed before that: with more time the release may be sooner, or the aim better.
+             */
             status: string;
         };
         /**

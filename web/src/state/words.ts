@@ -194,11 +194,11 @@ export function planWords(plan: Plan): string {
   );
 }
 
-/** Which back end found the plan, how fast, and whether its search was ended before. */
+/** Which back end found the plan, how fast, and whether the time limit passed before the end of the search. */
 export function foundWords(plan: Plan): string {
   const { solve_time_s: took, status } = plan.solver;
   const ended = status.endsWith("time_limit ended the search"); // planner.errors.CUT_SHORT
-  const more = ended ? " Its time limit ended the search: with more time there may be a sooner release." : "";
+  const more = ended ? " Its time limit ended the search: with more time the release may be sooner, or the aim better." : "";
   return `Found by ${plan.backend} in ${figure(took, 2)} s.${more}`;
 }
 
