@@ -139,9 +139,9 @@ def _run(search: PlanningSearch, releases: Sequence[ReleaseState]) -> None:
     if releases:
         found = _found_or_logged(search, lambda problem: neighbour_candidates(problem, releases))
         search_optimised(search, Ranking(problem, found), SHORT_POLICY)
+        search.note_end()
     else:
         _search_ordinarily(search)
-    search.was_cut_short = search.out_of_time and not search.is_optimal
     if search.answer is None:
         raise search.failure()
 
@@ -158,6 +158,7 @@ def _search_ordinarily(search: PlanningSearch) -> None:
         search_sequential(search, problem.backend, found)
     else:
         search_thoroughly(search, found)
+    search.note_end()
     if search.answer is None and problem.backend == "auto":
         search_with_stop(search, found)
 

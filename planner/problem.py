@@ -21,7 +21,7 @@ from planner.rotations import unit_hint
 BACKENDS = ("auto", "casadi", "ruckig", "toppra", "cubic", "trapezoid", "ramp")
 REST_SPEED = 1e-9  # [rad/s, m/s] a release slower than this is a move that ends at rest
 # [s] default time limit: a search ends by its budgets of work. It took at most 3 s of processor time in 250 requests; a
-# planner process of lower priority beside twelve busy ones takes up to twenty times as long.
+# planner process of lower priority beside twelve busy ones takes up to twenty times as long, one of a batch longer.
 TIME_LIMIT_S = 120.0
 TIME_LIMIT_MAX_S = 120.0  # [s] longest time that one request may occupy a planner
 BINS_KEPT = 32  # [-] cells with a bin of late

@@ -48,7 +48,8 @@ class MapHead(BaseModel):
     shape: list[int] = Field(description="Landing cells along y, along x.")
     state: str = Field(
         description="running; waiting: its runner starts or has died, and the service or the same POST goes on; "
-        "cancelled: somebody asked for it, the same POST goes on; finished; void: see `void_because`."
+        "cancelled: somebody asked for it, or some landing cells' searches were cut off, and the same POST goes on; "
+        "finished; void: see `void_because`."
     )
     void_because: str | None = Field(description="Why the map does not hold any more; null where it does.")
     level_m: float | None = Field(description="Distance of the points of the finest completed level [m].")

@@ -166,8 +166,8 @@ class PlanRequest(RequestModel):
     time_limit_s: Number | None = Field(
         None,
         gt=0.0,
-        description="Time limit of the planner, from when it takes the request [s]; absent: 120. A plan found by then"
-        " can be the answer, and says so (`solver.status`).",
+        description="Time limit of the planner, from when it takes the request [s]; absent: 120. Where it"
+        " passes before the search ends, the best motion so far can be the plan: its `solver.status` then says so.",
     )
 
 

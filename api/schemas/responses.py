@@ -112,7 +112,7 @@ class SolverAnswer(BaseModel):
     iterations: int
     status: str = Field(
         description="Final status of the back end, in words; ends in 'time_limit ended the search' where "
-        "`time_limit_s` passed before that: with more time the release may be sooner, or the aim better."
+        "`time_limit_s` passed before the search was done: with more time the release may be sooner, or the aim better."
     )
     attempts: list[dict[str, Any]] = Field(description="Every attempt: backend, result, duration_s [s].")
 

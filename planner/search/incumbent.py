@@ -201,6 +201,10 @@ class PlanningSearch:
         self.deadline_s += seconds
         self.loading_s += seconds
 
+    def note_end(self) -> None:
+        """Notes that the search has ended, by itself or by the deadline; what looks for a last resort may follow."""
+        self.was_cut_short = self.out_of_time and not self.is_optimal
+
     def failure(self) -> Infeasible | SolverFailed:
         """Returns the error of a search without an answer: what ended it, and what stood in the way of every motion."""
         log, violations = [attempt.__dict__ for attempt in self.attempts], self.violations()

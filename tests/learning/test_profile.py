@@ -201,6 +201,19 @@ def test_an_aim_that_the_time_limit_leaves_as_it_is_says_so(monkeypatch):
     assert plan_aimed(problem, off).was_cut_short
 
 
+def test_a_last_aim_that_the_time_limit_spoilt_says_so(monkeypatch):
+    release = {"kind": "target", "position": [1.0, 0.0, 0.0]}
+    problem = problem_from_request({"cell": CELL, "release": release, "release_window_s": 0.0}, benchmark_cell())
+    made, misses = plan(problem), iter((0.010, 0.002, 0.005))
+    plans = iter((made, replace(made, iterations=7), replace(made, was_cut_short=True)))
+    center = problem.release.p_W[:2]
+    monkeypatch.setattr(aiming, "plan", lambda *_asked: next(plans))
+    monkeypatch.setattr(aiming, "_predicted", lambda *_: SimpleNamespace(center=center + next(misses)))
+    best = plan_aimed(problem, landing_off(0.0))
+    assert best.iterations == 7
+    assert best.was_cut_short
+
+
 def landing_off(along_x_m: float) -> SimpleNamespace:
     """Returns the knowledge of a cell whose objects land that far off their planned landing."""
 

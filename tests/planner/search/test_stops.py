@@ -6,12 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from planner import planning
 from planner.cell import Box
 from planner.certificate import certify
 from planner.geometry import body_model, tool_pose
 from planner.problem import JointRelease, ThrowProblem
 from planner.search import PlanningSearch, search_with_stop
-from planner.seeds import candidates
+from planner.seeds import Candidate, candidates
 from tests.planner.problems import cell
 
 
@@ -45,3 +46,18 @@ def test_without_time_nothing_is_tried() -> None:
     search = PlanningSearch(problem, time.perf_counter() - 1.0)
     search_with_stop(search, candidates(problem))
     assert search.incumbent is None
+
+
+def test_a_last_resort_that_takes_longer_than_the_time_limit_does_not_cut_the_plan_short(monkeypatch) -> None:
+    clock, find = [0.0], planning.search_with_stop
+
+    def finds_late(search: PlanningSearch, found: list[Candidate]) -> None:
+        find(search, found)
+        clock[0] = 1e6
+
+    monkeypatch.setattr(time, "perf_counter", lambda: clock[0])
+    monkeypatch.setattr(planning, "search_thoroughly", lambda *_asked: None)
+    monkeypatch.setattr(planning, "search_with_stop", finds_late)
+    made = planning.plan(walled(JointRelease(np.array([-0.8, -1.2, 1.6, -1.9, -1.57, 0.0]), np.zeros(6))))
+    assert clock[0] > 0.0
+    assert not made.was_cut_short

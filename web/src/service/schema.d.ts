@@ -2289,7 +2289,7 @@ export interface components {
             shape: number[];
             /**
              * State
-             * @description running; waiting: its runner starts or has died, and the service or the same POST goes on; cancelled: somebody asked for it, the same POST goes on; finished; void: see `void_because`.
+             * @description running; waiting: its runner starts or has died, and the service or the same POST goes on; cancelled: somebody asked for it, or some landing cells' searches were cut off, and the same POST goes on; finished; void: see `void_because`.
              */
             state: string;
             values: components["schemas"]["MapValues"];
@@ -2406,7 +2406,7 @@ export interface components {
             shape: number[];
             /**
              * State
-             * @description running; waiting: its runner starts or has died, and the service or the same POST goes on; cancelled: somebody asked for it, the same POST goes on; finished; void: see `void_because`.
+             * @description running; waiting: its runner starts or has died, and the service or the same POST goes on; cancelled: somebody asked for it, or some landing cells' searches were cut off, and the same POST goes on; finished; void: see `void_because`.
              */
             state: string;
             /**
@@ -2762,7 +2762,7 @@ export interface components {
             start?: components["schemas"]["StartRequest"] | null;
             /**
              * Time Limit S
-             * @description Time limit of the planner, from when it takes the request [s]; absent: 120. A plan found by then can be the answer, and says so (`solver.status`).
+             * @description Time limit of the planner, from when it takes the request [s]; absent: 120. Where it passes before the search ends, the best motion so far can be the plan: its `solver.status` then says so.
              */
             time_limit_s?: number | null;
         };
@@ -3705,7 +3705,7 @@ export interface components {
             solve_time_s: number;
             /**
              * Status
-             * @description Final status of the back end, in words; ends in 'time_limit ended the search' where `time_limit_s` passed before that: with more time the release may be sooner, or the aim better.
+             * @description Final status of the back end, in words; ends in 'time_limit ended the search' where `time_limit_s` passed before the search was done: with more time the release may be sooner, or the aim better.
              */
             status: string;
         };
