@@ -180,10 +180,13 @@ def _found_or_logged(search: PlanningSearch, find: Callable[[ThrowProblem], list
 
 
 def _nearest(search: PlanningSearch, refusal: Infeasible | SolverFailed) -> dict[str, Any] | None:
-    """Returns the nearest feasible request, None where none was found; not with a time limit that was too short."""
+    """Returns the nearest feasible request, None where none was found.
+
+    It has the usual time limit where the request's own passed before that was found: it can be posted as it is.
+    """
     found = nearest_problem(search, refusal.violations)
     if found is None:
         return None
-    if isinstance(refusal, SolverFailed):
+    if search.out_of_time:
         found = replace(found, time_limit_s=max(found.time_limit_s, TIME_LIMIT_S))
     return request_document(found, found.release)

@@ -13,7 +13,7 @@ from learning import CellKnowledge
 from planner.certificate import release_flight
 from planner.errors import TIME_LIMIT, Infeasible, PlannerError, SolverFailed, Violation
 from planner.planning import Plan
-from planner.problem import TargetRelease, ThrowProblem
+from planner.problem import TIME_LIMIT_S, TargetRelease, ThrowProblem
 from planner.request import WINDOW_MAX_S, request_document
 
 # [-] half widths of the windows in standard deviations of the release's timing. Measured on four targets of the default
@@ -101,6 +101,8 @@ class _OddsSearch:
         detail = f"of landing within {radius:g} m of the target, the best of the plans tried"
         violations = [Violation("hit_probability", value, self.least, "-", detail=detail)]
         attempts = [attempt.__dict__ for attempt in found.attempts]
+        if self.is_late:
+            asked = replace(asked, time_limit_s=max(asked.time_limit_s, TIME_LIMIT_S))
         nearest = _asking_for(asked, value)
         if self.is_late:
             return SolverFailed(TIME_LIMIT, attempts=attempts, violations=violations, nearest=nearest)

@@ -18,7 +18,7 @@ from planner.cell import Cell
 from planner.certificate import release_flight, window_landing_points
 from planner.errors import Infeasible, SolverFailed
 from planner.planning import Plan, plan
-from planner.problem import ThrowProblem
+from planner.problem import TIME_LIMIT_S, ThrowProblem
 from planner.request import problem_from_request
 from tests.api.conftest import RunningService
 from tests.api.test_bad_input import problem_of
@@ -122,8 +122,9 @@ def test_a_plan_below_the_odds_whose_search_was_cut_short_is_no_proof_that_none_
 ):
     monkeypatch.setattr(odds, "plan_aimed", lambda *_asked: replace(soonest, was_cut_short=True))
     with pytest.raises(SolverFailed) as refusal:
-        plan_for_odds(problem(backend="ruckig"), 0.999, known_but_for(), is_learnt=False)
+        plan_for_odds(problem(backend="ruckig", time_limit_s=9.0), 0.999, known_but_for(), is_learnt=False)
     assert [violation.constraint for violation in refusal.value.violations] == ["hit_probability"]
+    assert refusal.value.nearest["time_limit_s"] == TIME_LIMIT_S
 
 
 def test_the_service_answers_with_the_odds_or_refuses(service: RunningService):

@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from fling import Client
+from planner.errors import TIME_LIMIT, figures
 
 ACKNOWLEDGE_TIMEOUT_S = 5.0  # [s] the executor acknowledges at its next heartbeat
 
@@ -43,17 +44,30 @@ def describe(problem: dict[str, Any], as_request: bool = False) -> str:
         as_request: whether a request (JSON) was refused, so that its keys are named, not the options of `fling throw`.
     """
     title, violations = problem.get("title", "refused"), problem.get("violations") or []
+    is_late = _is_late(problem)
     if [violation["constraint"] for violation in violations] == ["hit_probability"]:
         return _odds_text(problem, violations[0], as_request)
+    title = "The time limit ended the search, which had not found a motion yet" if is_late else title
     lines = [f"{title}:" if violations else f"{title}: {problem.get('detail', '')}"]
-    lines += [f"  {_violation_text(violation)}" for violation in violations]
+    lines += [f"  {_violation_text(violation, is_late)}" for violation in violations]
     if any(not violation.get("proven") for violation in violations) and problem.get("attempts"):
         lines.append(f"  tried: {_tried_text(problem['attempts'])}")
     if problem.get("nearest"):
-        lines.append(f"  {_nearest_text(problem['nearest'], as_request)}")
+        lines.append(f"  {_nearest_text(problem['nearest'], as_request)}{_more_time_text(problem)}")
     elif violations:
         lines.append("  no feasible request was found near it")
     return "\n".join(lines)
+
+
+def _is_late(problem: dict[str, Any]) -> bool:
+    """Returns whether the time limit ended the search, so that nothing is known of what was not tried."""
+    return (problem.get("solver") or {}).get("status") == TIME_LIMIT
+
+
+def _more_time_text(problem: dict[str, Any]) -> str:
+    """Returns the time limit of the nearest request, which may be the same but for it."""
+    limit_s = problem["nearest"].get("time_limit_s")
+    return f", with a time limit of {limit_s:g} s" if _is_late(problem) and limit_s is not None else ""
 
 
 def _odds_text(problem: dict[str, Any], violation: dict[str, Any], as_request: bool) -> str:
@@ -64,12 +78,14 @@ def _odds_text(problem: dict[str, Any], violation: dict[str, Any], as_request: b
         f"{violation['limit']:.0%} were asked for.",
         f"  A wider {wider} makes more throws a hit; `fling calibrate gripper` teaches how the cell really throws.",
     ]
+    lines += ["  The time limit ended the search: more time may give more."] if _is_late(problem) else []
     return "\n".join([*lines, f"  {_nearest_text(nearest, as_request)}"] if nearest else lines)
 
 
-def _violation_text(violation: dict[str, Any]) -> str:
-    from planner.errors import figures
-
+def _violation_text(violation: dict[str, Any], is_late: bool) -> str:
+    """Returns what stands in the way; of a search that the time limit ended, without a word on others."""
+    if violation["constraint"] == "motion":  # its numbers are none of the request: 0 motions, where 1 is needed
+        return f"no motion was made: {violation.get('detail') or 'none was tried'}"
     unit = "" if violation["unit"] in ("-", "1") else f" {violation['unit']}"
     numbers = violation["value"], violation["limit"]
     if None in numbers:  # not finite: an object that never lands has an infinite error
@@ -77,7 +93,8 @@ def _violation_text(violation: dict[str, Any]) -> str:
     else:
         value, limit = (f"{number}{unit}" for number in figures(*numbers))
     detail = f" ({violation['detail']})" if violation.get("detail") else ""
-    proven = "; proven: no motion avoids it" if violation.get("proven") else "; not proven: others were sought in vain"
+    unproven = "" if is_late else "; not proven: others were sought in vain"
+    proven = "; proven: no motion avoids it" if violation.get("proven") else unproven
     return f"{violation['constraint']}: {value} against a limit of {limit}{detail}{proven}"
 
 

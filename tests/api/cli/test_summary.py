@@ -164,6 +164,19 @@ def test_a_dry_run_says_that_nothing_moved():
     assert text == "dry run: every check passed and nothing moved; 352 ticks, 0 missed"
 
 
+def test_a_search_that_the_time_limit_ended_says_so_and_what_more_time_gives():
+    row = {"constraint": "landing", "value": 0.2, "limit": 0.01, "unit": "m", "proven": False}
+    none = {"constraint": "motion", "value": 0.0, "limit": 1.0, "unit": "1", "detail": "", "proven": False}
+    nearest = {"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}, "time_limit_s": 120.0}
+    ended = {"title": "The search was ended", "solver": {"status": "time_limit"}, "nearest": nearest}
+    lines = describe({**ended, "violations": [row, none]}).splitlines()
+    assert lines[0].startswith("The time limit ended the search")
+    assert lines[1:3] == ["  landing: 0.2 m against a limit of 0.01 m", "  no motion was made: none was tried"]
+    assert lines[-1].endswith("1.2 0.3 0, with a time limit of 120 s")
+    low = {"constraint": "hit_probability", "value": 0.3, "limit": 0.9, "unit": "-", "detail": "of landing"}
+    assert "The time limit ended the search" in describe({**ended, "nearest": None, "violations": [low]})
+
+
 def test_odds_that_no_throw_reaches_are_no_matter_of_the_arm():
     detail = "of landing within 0.02 m of the target, the best of the plans tried"
     violation = {"constraint": "hit_probability", "value": 0.0512, "limit": 0.9, "unit": "-", "detail": detail}

@@ -10,7 +10,15 @@ import pytest
 from planner.errors import TIME_LIMIT, Infeasible, SolverFailed, Violation
 from planner.geometry import body_model, tool_pose, tool_state
 from planner.planning import plan
-from planner.problem import JointRelease, Opening, PointRelease, PoseRelease, TargetRelease, ThrowProblem
+from planner.problem import (
+    TIME_LIMIT_S,
+    JointRelease,
+    Opening,
+    PointRelease,
+    PoseRelease,
+    TargetRelease,
+    ThrowProblem,
+)
 from planner.request import problem_from_request
 from planner.search import POLICY, PlanningSearch, Ranking, nearest, nearest_problem, search_optimised
 from planner.search.blocked_postures import blocked_postures
@@ -302,18 +310,21 @@ def test_a_search_that_the_time_limit_ends_says_so_and_carries_what_it_has():
     assert failure.value.nearest is not None
 
 
-def test_an_offer_has_another_time_limit_only_where_that_ended_the_search(monkeypatch):
-    """The search for the offer itself may take longer than the request had."""
-    problem = joint_problem(release=TargetRelease(np.array([3.0, 0.0, 0.0])), time_limit_s=0.05)
+@pytest.mark.parametrize(("taken_s", "limit_s"), [(0.0, 0.5), (0.6, TIME_LIMIT_S)])
+def test_an_offer_has_another_time_limit_where_the_requests_was_too_short(monkeypatch, taken_s, limit_s):
+    """A limit that passed before the offer was found would end the search for its plan, too."""
+    problem, clock = joint_problem(release=TargetRelease(np.array([3.0, 0.0, 0.0])), time_limit_s=0.5), [0.0]
 
     def slow(search, violations):
-        time.sleep(0.06)
-        return nearest_problem(search, violations)
+        found = nearest_problem(search, violations)
+        clock[0] += taken_s
+        return found
 
+    monkeypatch.setattr(time, "perf_counter", lambda: clock[0])
     monkeypatch.setattr(sys.modules["planner.planning"], "nearest_problem", slow)
     with pytest.raises(Infeasible) as refusal:
         plan(problem)
-    assert refusal.value.nearest["time_limit_s"] == 0.05
+    assert refusal.value.nearest["time_limit_s"] == limit_s
 
 
 def test_the_motion_in_hand_is_given_rather_than_nothing():
