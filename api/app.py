@@ -79,7 +79,8 @@ def create_app(settings: ServiceSettings) -> FastAPI:
         generate_unique_id_function=operation_id,
         dependencies=[Depends(known_query)],
     )
-    app.state.tokens, app.state.is_draining = tokens, False
+    app.state.tokens = tokens
+    app.state.is_draining = False
     app.add_middleware(GZipMiddleware, minimum_size=COMPRESSED_BYTES, compresslevel=COMPRESSION)
     app.add_middleware(HeadMiddleware)
     app.add_middleware(DrainingMiddleware)
@@ -161,7 +162,8 @@ def _service(settings: ServiceSettings, tokens: TokenRegistry) -> Service:
     pool = PlannerPool(settings.planner_workers, settings.planner_queue, _warm_up_job(settings, cells))
     drivers = BatchDrivers(store, settings.database_url, settings.driver_workers, settings.ray_address)
     runners = MapRunners(store, settings.database_url, settings.driver_workers, settings.ray_address)
-    metrics, feeds = Metrics(store), ExecutionFeeds(store)
+    metrics = Metrics(store)
+    feeds = ExecutionFeeds(store)
     return Service(settings, store, cells, pool, drivers, runners, tokens, metrics, feeds, StoreProbe(store))
 
 

@@ -66,7 +66,8 @@ def batch_document(row: BatchRow) -> dict[str, Any]:
 
 
 def _requests(body: BatchRequest, size_max: int) -> BatchRequests:
-    listed, grid = None, None
+    listed = None
+    grid = None
     if body.requests is None:
         grid = {path: axis if isinstance(axis, list) else axis.model_dump() for path, axis in (body.grid or {}).items()}
     else:

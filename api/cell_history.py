@@ -15,7 +15,8 @@ CALIBRATION = "calibration file"  # a change of its content; its name is the key
 
 def changed_keys(before: CellVersionRow, after: CellVersionRow) -> list[dict[str, Any]]:
     """Returns the keys that differ, sorted: `key`, `before`, `after`; null where a file leaves the key out."""
-    old, new = _flat(tomllib.loads(before.text.decode())), _flat(tomllib.loads(after.text.decode()))
+    old = _flat(tomllib.loads(before.text.decode()))
+    new = _flat(tomllib.loads(after.text.decode()))
     keys = sorted(key for key in {*old, *new} if old.get(key) != new.get(key))
     changes = [{"key": key, "before": old.get(key), "after": new.get(key)} for key in keys]
     if before.calibration != after.calibration:

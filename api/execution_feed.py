@@ -22,7 +22,8 @@ LISTENER_S = 0.0004  # [s] added for each listener: sending takes 0.1 ms each, a
 OUTAGE_POLL_S = 0.5  # [s] between two attempts while the database does not answer
 KEEP_ALIVE_S = 10.0  # [s] silence before a comment is sent, so that proxies keep the connection
 PAGE = 500  # events read at once
-OPENING, KEEP_ALIVE = b"retry: 500\n\n", b": keep-alive\n\n"
+OPENING = b"retry: 500\n\n"
+KEEP_ALIVE = b": keep-alive\n\n"
 
 
 class ExecutionFeed:
@@ -34,7 +35,8 @@ class ExecutionFeed:
     """
 
     def __init__(self, store: Store, execution_id: str) -> None:
-        self._store, self._execution_id = store, execution_id
+        self._store = store
+        self._execution_id = execution_id
         self._ids: list[int] = []
         self._encoded: list[bytes] = []
         self._news = asyncio.Event()  # replaced whenever it is set
@@ -62,7 +64,8 @@ class ExecutionFeed:
         at = bisect_right(self._ids, after_id)
         yield OPENING
         while True:
-            news, ended = self._news, self.has_ended
+            news = self._news
+            ended = self.has_ended
             chunk, at = self._since(at, after_id)
             if chunk:
                 yield chunk

@@ -32,7 +32,9 @@ def refused_fields(errors: Sequence[Error], model: type[BaseModel] | None = None
 
 def reason(error: Error, model: type[BaseModel] | None = None) -> str:
     """Returns why a field is refused, as the end of a sentence that begins with its name."""
-    kind, context, value = error["type"], error.get("ctx") or {}, error.get("input")
+    kind = error["type"]
+    context = error.get("ctx") or {}
+    value = error.get("input")
     if kind == "extra_forbidden":
         return _unknown(error["loc"], model)
     if kind == "json_invalid" and len(error["loc"]) > 1:
@@ -84,7 +86,8 @@ def _is_tag(location: Sequence[str | int], i: int) -> bool:
 
 def _is_other_branch(error: Error) -> bool:
     """Returns whether an error is about the branch of a union of number and list that was not meant."""
-    last, value = error["loc"][-1] if error["loc"] else "", error.get("input")
+    last = error["loc"][-1] if error["loc"] else ""
+    value = error.get("input")
     if last in UNION_TAGS:
         return isinstance(value, list)
     return error["type"] == "list_type" and "[" in str(last) and not isinstance(value, list)

@@ -30,6 +30,7 @@ def configure_logs(requests: bool) -> None:
     handler.setFormatter(JsonFormatter())
     for name in ("fling", "uvicorn"):
         logger = logging.getLogger(name)
-        logger.handlers, logger.propagate = [handler], False
+        logger.handlers = [handler]
+        logger.propagate = False
     logging.getLogger("fling").setLevel(logging.INFO)
     logging.getLogger(REQUESTS).setLevel(logging.INFO if requests else logging.WARNING)

@@ -27,7 +27,8 @@ ANSWERS_S = 10  # [s] for the answers of what was drained: storing a plan waits 
 class ImpatientProtocol(H11Protocol):
     """HTTP/1.1 whose clients must finish their headers in time and read their answers at a lowest rate."""
 
-    headers_s, stall_s = HEADERS_S, STALL_S
+    headers_s = HEADERS_S
+    stall_s = STALL_S
     _headers_timer: asyncio.TimerHandle | None = None
     _stall_timer: asyncio.TimerHandle | None = None
 
@@ -119,7 +120,8 @@ class DrainingServer(uvicorn.Server):
 
     def __init__(self, config: uvicorn.Config, drain: Callable[[], Awaitable[None]]) -> None:
         super().__init__(config)
-        self._drain, self._is_asked_to_end = drain, False
+        self._drain = drain
+        self._is_asked_to_end = False
         self._draining: asyncio.Task[None] | None = None
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:

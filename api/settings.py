@@ -64,7 +64,8 @@ class ServiceSettings(BaseSettings):
     @property
     def retention(self) -> Retention:
         """What is kept of plans and executions."""
-        plans, runs = (self.keep_plans, self.keep_plans_days), (self.keep_executions, self.keep_executions_days)
+        plans = (self.keep_plans, self.keep_plans_days)
+        runs = (self.keep_executions, self.keep_executions_days)
         return Retention(*plans, *runs, self.keep_batches, self.keep_batches_days)
 
 
@@ -92,7 +93,8 @@ def read_settings(**flags: object) -> ServiceSettings:
     Raises:
         SettingsError: One is wrong, or the folder of cells or the default cell is not there.
     """
-    given, settings = _given(flags), parse_settings(**flags)
+    given = _given(flags)
+    settings = parse_settings(**flags)
     if not settings.cells.is_dir():
         raise SettingsError(f"{_source(('cells',), given)} = '{settings.cells}': there is no such folder")
     if not (settings.cells / f"{settings.default_cell}.toml").is_file():

@@ -47,7 +47,8 @@ NAMED_EVERY = 5
 BUSY_PROCESSES = 12
 CLOSE = 1e-9  # [rad, rad/s, rad/s^2] largest difference of two samples that are the same
 SHARE_WITHIN_A_TICK = 0.99  # [-] of the plans with other kernels
-READY_S, ANSWER_S = 900.0, 3600.0  # [s] longest waits for the service: its start, an answer
+READY_S = 900.0
+ANSWER_S = 3600.0  # [s] longest waits for the service: its start, an answer
 OTHER_KERNELS = {
     "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4",
     "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA,-AVX512F",
@@ -58,7 +59,8 @@ FUSING_COMPILER = '#!/bin/sh\nexec gcc "$@" -march=x86-64-v3 -ffp-contract=fast\
 
 def requests(count: int, seed: int) -> list[Request]:
     """Returns `count` requests of every kind; every fifth of them names a back end."""
-    named, made = cycle(BY_NAME), []
+    named = cycle(BY_NAME)
+    made = []
     for kind in KINDS:
         for i, task in enumerate(build("pose" if kind == "joint" else kind, count, seed)):
             release = task.state if kind == "joint" and task.state is not None else task.problem.release
@@ -291,7 +293,8 @@ def difference(was: Answer, now: Answer, ticks: int) -> str:
         return ""
     if was["backend"] != now["backend"]:
         return f"by {was['backend']}, then by {now['backend']}"
-    before, after = np.array(was["samples"]), np.array(now["samples"])
+    before = np.array(was["samples"])
+    after = np.array(now["samples"])
     if before.shape != after.shape:
         return f"{before.shape[1]} samples, then {after.shape[1]}"
     off = float(np.abs(before - after).max())
@@ -300,7 +303,8 @@ def difference(was: Answer, now: Answer, ticks: int) -> str:
 
 def compare(condition: str, way: str, asked: Sequence[Request], was: list[Answer], now: list[Answer]) -> Comparison:
     """Returns the comparison of answers with the reference."""
-    ticks, found = int(condition == "kernels"), []
+    ticks = int(condition == "kernels")
+    found = []
     for i, (request, before, after) in enumerate(zip(asked, was, now, strict=True)):
         text = difference(before, after, ticks)
         if text:
@@ -311,7 +315,8 @@ def compare(condition: str, way: str, asked: Sequence[Request], was: list[Answer
 
 def report(asked: Sequence[Request], reference: list[Answer], made: Sequence[Comparison], parallel: int = 1) -> str:
     """Returns the report in Markdown."""
-    about, planned = machine(), sum(answer["outcome"] == "planned" for answer in reference)
+    about = machine()
+    planned = sum(answer["outcome"] == "planned" for answer in reference)
     lines = [
         "# The same answers under other conditions",
         "",
@@ -346,7 +351,8 @@ def main(argv: Sequence[str]) -> int:
         json.dump(library_answers(json.load(sys.stdin)), sys.stdout)
         return 0
     asked = requests(given.count, given.seed)
-    reference, made = by_library(asked, os.environ), []
+    reference = by_library(asked, os.environ)
+    made = []
     for condition in given.conditions or CONDITIONS:
         with CONDITIONS[condition]() as environment:
             for way in given.ways or ANSWERS_BY_WAY:

@@ -46,7 +46,8 @@ def find_certified_motion(problem: ThrowProblem, state: JointRelease, seed: int 
 
 
 def _vias(problem: ThrowProblem, state: JointRelease, seed: int) -> list[Vector]:
-    rng, limits = np.random.default_rng(seed), problem.limits
+    rng = np.random.default_rng(seed)
+    limits = problem.limits
     share = rng.uniform(0.0, 1.0, (VIAS, 1))
     near = problem.start + share * (state.q - problem.start) + rng.uniform(-VIA_SPREAD, VIA_SPREAD, (VIAS, 6))
     return list(np.clip(near, limits.q_lower, limits.q_upper))

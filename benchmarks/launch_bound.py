@@ -47,7 +47,8 @@ def state_bound(problem: ThrowProblem, q: Vector, qd: Vector, enough: float = ma
         qd: Joint velocities at the release (6,) [rad/s].
         enough: Stops early once the bound exceeds this [s].
     """
-    limits, slowest = problem.limits, 0.0
+    limits = problem.limits
+    slowest = 0.0
     for i in range(6):
         maxima = float(limits.qd_max[i]), float(limits.qdd_max[i]), float(limits.jerk_max[i])
         slowest = max(slowest, joint_bound(float(q[i] - problem.start[i]), float(qd[i]), *maxima))
@@ -92,12 +93,17 @@ def _valley(function: Callable[[float], float], low: float, high: float) -> floa
 
 def _minimum_time(distance: float, velocity: float, acceleration: float, maxima: tuple[float, float, float]) -> float:
     request = ruckig.InputParameter(1)
-    request.current_position, request.current_velocity, request.current_acceleration = [0.0], [0.0], [0.0]
-    request.target_position, request.target_velocity = [distance], [velocity]
+    request.current_position = [0.0]
+    request.current_velocity = [0.0]
+    request.current_acceleration = [0.0]
+    request.target_position = [distance]
+    request.target_velocity = [velocity]
     request.target_acceleration = [acceleration]
     v_max, a_max, j_max = maxima
     # Ruckig rejects a final velocity above the limit.
-    request.max_velocity, request.max_acceleration, request.max_jerk = [max(v_max, abs(velocity))], [a_max], [j_max]
+    request.max_velocity = [max(v_max, abs(velocity))]
+    request.max_acceleration = [a_max]
+    request.max_jerk = [j_max]
     motion = ruckig.Trajectory(1)
     try:
         result = ruckig.Ruckig(1).calculate(request, motion)

@@ -35,13 +35,16 @@ from store import Store
 ROOT = Path(__file__).parents[1]
 CELL = "ur5e-sim"
 REQUEST = {"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}, "backend": "ruckig"}
-CLIENTS, WORKERS, LISTENERS = 50, 2, 200
+CLIENTS = 50
+WORKERS = 2
+LISTENERS = 200
 HEALTH_S = 0.05  # [s] between two requests for /healthz
 EVENT_S = 0.04  # [s] between two telemetry events: 25 Hz, as the executor writes them
 READY_S = 600.0  # [s] planner processes of lowest priority load and warm up on a busy machine
 END_S = 300.0  # [s] beyond a load for its last answers
 PAUSE_S = 0.2  # [s] of a client after a connection that failed
-NO_ANSWER, LATER = "no answer", " after the end"
+NO_ANSWER = "no answer"
+LATER = " after the end"
 
 
 def main(argv: Sequence[str]) -> int:
@@ -70,7 +73,8 @@ def planner_alone(seconds: float) -> float:
 
 
 def _plans_within(job: PlanningJob, seconds: float) -> int:
-    end, count = time.monotonic() + seconds, 0
+    end = time.monotonic() + seconds
+    count = 0
     while True:
         solve(job)
         if time.monotonic() > end:  # this one was not made within the load
@@ -146,7 +150,8 @@ def _kind(response: httpx2.Response) -> str:
 @asynccontextmanager
 async def _health_reader() -> AsyncIterator[Callable[[int, float], Coroutine[Any, Any, list[float]]]]:
     """Yields a function that returns how long each request for /healthz took [s], as a process of its own sees it."""
-    loop, context = asyncio.get_running_loop(), multiprocessing.get_context("spawn")
+    loop = asyncio.get_running_loop()
+    context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(1, context) as pool:  # not behind fifty clients in one event loop: it would measure them
 
         async def health_times(port: int, seconds: float) -> list[float]:
@@ -157,7 +162,8 @@ async def _health_reader() -> AsyncIterator[Callable[[int, float], Coroutine[Any
 
 
 def _health_times(port: int, seconds: float) -> list[float]:
-    times, end = [], time.monotonic() + seconds
+    times = []
+    end = time.monotonic() + seconds
     with httpx2.Client(base_url=f"http://127.0.0.1:{port}", timeout=60.0) as http:
         while time.monotonic() < end:
             began = time.perf_counter()
@@ -187,7 +193,8 @@ async def listeners(port: int, url: str, seconds: float) -> dict[str, Any]:
 
 def _write(url: str, execution_id: str, seconds: float) -> None:
     """Writes telemetry as the executor does, then ends the execution."""
-    store, end = Store.open(url), time.monotonic() + seconds
+    store = Store.open(url)
+    end = time.monotonic() + seconds
     while time.monotonic() < end:
         data = {
             "written_at": time.time(),
@@ -219,7 +226,8 @@ async def _listen(port: int, execution_id: str, delays: list[float]) -> bool:
 def page(seconds: float, alone: float, planning: dict[str, Any], listening: dict[str, Any]) -> str:
     """Returns the page."""
     statuses = ", ".join(f"{count} × {kind}" for kind, count in sorted(planning["statuses"].items()))
-    delays, share = listening["delays"], planning["rate"] / alone
+    delays = listening["delays"]
+    share = planning["rate"] / alone
     load = f"{os.getloadavg()[0]:.1f}"
     machine = f"{os.cpu_count()} cores, Python {platform.python_version()}, SQLite"
     shared = f"service, {WORKERS} planner processes and clients share them. Load average at the end: {load}."

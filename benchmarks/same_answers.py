@@ -45,7 +45,8 @@ def cells() -> dict[str, Cell]:
     """Returns the shipped cells, and variants that make every kind of surroundings count."""
     made = {name: load_cell(CELLS / f"{name}.toml") for name in SHIPPED}
     here = made["ur5e-sim"]
-    around, up = here.surroundings, here.X_WB.copy()
+    around = here.surroundings
+    up = here.X_WB.copy()
     wall = Box(np.array([0.75, -1.0, 0.0]), np.array([0.8, 1.0, 0.9]))
     room = Box(np.array([-0.9, -0.9, 0.1]), np.array([0.9, 0.9, 1.5]))
     up[2, 3] += 0.4
@@ -58,7 +59,8 @@ def cells() -> dict[str, Cell]:
 
 def requests() -> list[tuple[str, Request]]:
     """Returns (cell, request) pairs of every kind of release, back end and refusal; always the same."""
-    rng, known = np.random.default_rng(SEED), cells()
+    rng = np.random.default_rng(SEED)
+    known = cells()
     return [(name, request) for name, cell in known.items() for request in _of_cell(name, cell, rng)]
 
 
@@ -103,7 +105,8 @@ def _refused(joint: Request, pose: Request, rng: np.random.Generator) -> Iterato
 
 
 def _state(cell: Cell, rng: np.random.Generator) -> tuple[Vector, Vector]:
-    lower, upper = cell.limits.q_lower, cell.limits.q_upper
+    lower = cell.limits.q_lower
+    upper = cell.limits.q_upper
     q = np.clip(cell.home + rng.uniform(-SPREAD_RAD, SPREAD_RAD, 6), lower, upper)
     return q, rng.uniform(-SPEED_SHARE, SPEED_SHARE, 6) * cell.limits.qd_max
 
@@ -115,8 +118,10 @@ def _start(cell: Cell, rng: np.random.Generator) -> list[float]:
 def _tool_releases(cell: Cell, q: Vector, qd: Vector) -> tuple[Request, Request]:
     X_WT = cell.X_WB @ forward(cell.robot, q, cell.tool.X_FT)
     V_BT = jacobian(cell.robot, q, cell.tool.X_FT) @ qd
-    R_WB, p_WT = cell.X_WB[:3, :3], X_WT[:3, 3].tolist()
-    linear, angular = (R_WB @ V_BT[:3]).tolist(), (R_WB @ V_BT[3:]).tolist()
+    R_WB = cell.X_WB[:3, :3]
+    p_WT = X_WT[:3, 3].tolist()
+    linear = (R_WB @ V_BT[:3]).tolist()
+    angular = (R_WB @ V_BT[3:]).tolist()
     pose = {"position": p_WT, "rotation_vector": _rotation_vector(X_WT[:3, :3]).tolist()}
     twist = {"linear": linear, "angular": angular}
     return {"kind": "pose", "pose": pose, "twist": twist}, {"kind": "point", "position": p_WT, "velocity": linear}
@@ -130,7 +135,8 @@ def _rotation_vector(R: Vector) -> Vector:
 
 def _target(cell: Cell, rng: np.random.Generator) -> Request:
     reach = float(abs(cell.robot.a[1]) + abs(cell.robot.a[2]))
-    away, angle = reach * rng.uniform(1.1, 1.7), rng.uniform(-np.pi, np.pi)
+    away = reach * rng.uniform(1.1, 1.7)
+    angle = rng.uniform(-np.pi, np.pi)
     base = cell.X_WB[:3, 3]
     position = [base[0] + away * np.cos(angle), base[1] + away * np.sin(angle), cell.surroundings.floor_z_m]
     return {"kind": "target", "position": [float(x) for x in position]}
@@ -168,7 +174,9 @@ def _nearest(error: Infeasible) -> Any:
 
 def record(file: Path, every: int) -> None:
     """Writes the answers to the requests, or to one of `every` so many."""
-    known, rows, samples = cells(), {}, {}
+    known = cells()
+    rows = {}
+    samples = {}
     for i, (name, request) in list(enumerate(requests()))[::every]:
         row, motion = answer(known[name], request)
         rows[i] = {"cell": name, "request": request, **row}
@@ -179,10 +187,13 @@ def record(file: Path, every: int) -> None:
 
 def compare(before: Path, after: Path) -> int:
     """Prints every answer to a request of both records that differs; returns how many there are."""
-    one, other = np.load(before), np.load(after)
-    rows, others = json.loads(str(one["rows"])), json.loads(str(other["rows"]))
+    one = np.load(before)
+    other = np.load(after)
+    rows = json.loads(str(one["rows"]))
+    others = json.loads(str(other["rows"]))
     pairs = [(int(i), rows[i], others[i]) for i in rows if i in others]
-    found, to_the_bit = 0, 0
+    found = 0
+    to_the_bit = 0
     for i, was, now in pairs:
         reasons = list(_differences(was, now, one[f"samples_{i}"], other[f"samples_{i}"]))
         to_the_bit += not reasons and was.get("sha256") == now.get("sha256")

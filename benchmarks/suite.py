@@ -70,7 +70,8 @@ def run(options: BenchmarkOptions) -> None:
     gc.collect()
     gc.freeze()  # as in the service's planner processes
     about = machine() | {"command": " ".join(["python -m benchmarks", *options.arguments])}
-    results, runner = ResultFile(options.rows / "rows.jsonl", options.resume), Runner()
+    results = ResultFile(options.rows / "rows.jsonl", options.resume)
+    runner = Runner()
     tasks = {
         name: build(name, options.count or {**QUICK_SETS, **PAIR_SETS}[name], options.seed) for name in options.sets
     }

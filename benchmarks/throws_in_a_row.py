@@ -36,7 +36,9 @@ TOLERANCE_M = 0.01  # [m] of a throw with a release window
 
 def run(tasks: Sequence[Task], from_ends: bool, rng: np.random.Generator) -> tuple[Counter[str], list[float]]:
     """Returns how often each result came of throws in a row, and how long each search for an approach took [s]."""
-    now, results, times = tasks[0].problem.cell.home, Counter[str](), []
+    now = tasks[0].problem.cell.home
+    results = Counter[str]()
+    times = []
     for task in tasks:
         problem = replace(task.problem, start=now if from_ends else task.problem.start)
         answer = _answer(problem)
@@ -79,7 +81,8 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("--window", type=float, default=0.0, help="release window [s]")
     parser.add_argument("--from-ends", action="store_true", help="start each throw where the one before ended")
     given = parser.parse_args(argv)
-    tasks, missing = build("target", given.throws * len(ARMS), given.seed), 0
+    tasks = build("target", given.throws * len(ARMS), given.seed)
+    missing = 0
     for arm in ARMS:
         own = [task for task in tasks if task.problem.cell.name == arm]
         if given.window:

@@ -56,7 +56,11 @@ def _asked(task: Task, robust: bool) -> Task:
 
 
 def _run(name: str, tasks: list[Task], verbose: bool) -> None:
-    answered, unsound, ms, open_ms, release_s = Counter(), Counter(), [], [], []
+    answered = Counter()
+    unsound = Counter()
+    ms = []
+    open_ms = []
+    release_s = []
     backends: Counter[str] = Counter()
     for task, open_task in zip(tasks, open_tasks(tasks), strict=True):
         _, duration = _timed(open_task.problem)

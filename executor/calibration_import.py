@@ -60,7 +60,8 @@ def import_calibration(cell_path: Path) -> ImportedCalibration:
             file cannot be written.
     """
     try:
-        cell, named = cell_of(read_source(cell_path), published=True), calibration_path(cell_path)
+        cell = cell_of(read_source(cell_path), published=True)
+        named = calibration_path(cell_path)
     except CellError as error:
         raise ImportFailed(f"{cell_path}: {error}") from error
     info = _told_by(cell)

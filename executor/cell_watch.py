@@ -21,7 +21,8 @@ class CellWatch:
     """
 
     def __init__(self, cell: Cell, path: Path) -> None:
-        self.sha256, self.path = cell.sha256, path
+        self.sha256 = cell.sha256
+        self.path = path
         self.fault: dict[str, Any] | None = None
         self._seen: tuple[Signature | None, Signature | None] = (None, None)
         self._calibration: Path | None = None
@@ -32,7 +33,8 @@ class CellWatch:
         seen = self._signatures()
         if self._looked and seen == self._seen:
             return None
-        self._seen, self._looked = seen, True
+        self._seen = seen
+        self._looked = True
         try:
             cell = open_cell(self.path)
         except CellError as error:

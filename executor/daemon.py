@@ -43,7 +43,10 @@ class Heartbeat(threading.Thread):
         self, session: RobotSession, store: Store, journal: Journal, watch: CellWatch, executor_id: str
     ) -> None:
         super().__init__(name="heartbeat", daemon=True)
-        self.session, self.store, self.journal, self.executor_id = session, store, journal, executor_id
+        self.session = session
+        self.store = store
+        self.journal = journal
+        self.executor_id = executor_id
         self.watch = watch
         self.idle = True  # the dashboard is queried only while nothing moves
         self._refusals: list[str] = []
@@ -58,7 +61,8 @@ class Heartbeat(threading.Thread):
 
     def beat(self) -> None:
         """Reports once, and clears an acknowledged fault; an unavailable database is tried again at the next beat."""
-        session, cell = self.session, self.session.cell
+        cell = self.session.cell
+        session = self.session
         if self.idle:
             self._refusals, self._warnings = session_refusals(session), session_warnings(session)
         try:
@@ -67,7 +71,8 @@ class Heartbeat(threading.Thread):
                 self.store.clear_acknowledge(cell.name)
             findings = robot_document(session.monitor.fresh(), self._refusals, self._warnings)
             robot = {**findings, "cell_sha256": cell.sha256}
-            fault, read_only = self.journal.fault() or self.watch.fault, session.settings.read_only
+            fault = self.journal.fault() or self.watch.fault
+            read_only = session.settings.read_only
             self.store.record_heartbeat(cell.name, self.executor_id, cell.link.kind, robot, fault, read_only)
         except StoreUnavailable:
             return
@@ -82,7 +87,9 @@ class Daemon:
     """The executor of one cell."""
 
     def __init__(self, session: RobotSession, store: Store, journal: Journal) -> None:
-        self.session, self.store, self.journal = session, store, journal
+        self.session = session
+        self.store = store
+        self.journal = journal
         self.cell = session.cell.name
         self.executor_id = new_id()
         self._store_paused_until = 0.0
@@ -224,7 +231,8 @@ class Daemon:
 
     def _watch(self, execution: Execution, ended: threading.Event) -> None:
         """Publishes states and telemetry, and passes on requests to abort, until the run ends."""
-        run, row = execution.run, execution.row
+        run = execution.run
+        row = execution.row
         assert run is not None
         published = 1  # the claim was published as `preparing`
         while not run.wait(TELEMETRY_S):

@@ -26,7 +26,8 @@ from store import Store, StoreError, StoreUnavailable
 DURATION_S = 10.0  # [s] of wake-ups
 LINK_S = 5.0  # [s] of packages
 LATE_S = 1e-3  # [s] a wake-up later than half an e-Series tick may miss it
-GOOD_SHARE, BAD_SHARE = 0.95, 0.90  # [-] of ticks in time; source: libfranka's communication_test
+GOOD_SHARE = 0.95
+BAD_SHARE = 0.90  # [-] of ticks in time; source: libfranka's communication_test
 GAP_MAX_S = 0.020  # [s] a gap after which the stream gives up as late
 GAP_WARNING_S = GAP_MAX_S / 2.0  # [s] half of it: ten seconds have not seen the longest
 STAT = Path("/proc/stat")
@@ -50,7 +51,8 @@ class DoctorFinding:
 def examine(cell: Cell, duration_s: float = DURATION_S) -> list[DoctorFinding]:
     """Returns the findings about this machine and the link to the cell's controller."""
     dt = 1.0 / cell.robot.sample_rate_hz
-    before, began = stolen_s(), time.monotonic()
+    before = stolen_s()
+    began = time.monotonic()
     late = measure_wakeups(dt, duration_s)
     stolen = (stolen_s() - before) / (time.monotonic() - began) / (os.cpu_count() or 1)
     sleep = grade_sleep(realtime.is_virtual(), realtime.may_set_latency(), stolen)
@@ -203,7 +205,8 @@ def _kinematics(cell: Cell) -> DoctorFinding:
 
 def grade_kinematics(cell: Cell, info: KinematicsInfo | None) -> DoctorFinding:
     """Returns the finding about the cell's calibration and what the controller tells of its arm."""
-    name, advice = "kinematics", "fling cell kinematics --from-robot reads the controller's own"
+    name = "kinematics"
+    advice = "fling cell kinematics --from-robot reads the controller's own"
     if reasons := kinematics_refusals(cell, info):
         return DoctorFinding(name, "bad", reasons[0], advice)
     if cell.calibration is not None:

@@ -51,7 +51,8 @@ class Execution:
         Raises:
             ExecutionRefused: with every reason.
         """
-        session, cell = self.session, self.session.cell
+        cell = self.session.cell
+        session = self.session
         self.problem, self.trajectory, self.aim_shift = verify_plan(document, cell, self.profile)
         if reasons := session_refusals(session):
             raise ExecutionRefused("; ".join(reasons))
@@ -88,8 +89,10 @@ class Execution:
         Raises:
             ExecutionRefused: there is none; with what is too close, and how to jog the arm.
         """
-        cell, now = self.problem.cell_with_bin, np.array(state.q)
-        goal, carried = self.trajectory.q[0], True
+        cell = self.problem.cell_with_bin
+        now = np.array(state.q)
+        goal = self.trajectory.q[0]
+        carried = True
         approach, failures = find_approach(cell, now, goal, pace)
         if approach is None and gripper_is_open(cell, state):
             carried = False
@@ -121,10 +124,12 @@ class Execution:
 
     def states(self) -> list[str]:
         """Returns the public states entered so far, in order; an early end skips those that it came before."""
-        run, entered = self.run, ["preparing"]
+        run = self.run
+        entered = ["preparing"]
         if run is None:
             return entered
-        state, row_count = run.state, run.row_count
+        state = run.state
+        row_count = run.row_count
         furthest = run.furthest  # read last: a stream notes that it was entered before it brakes
         if furthest < shm.APPROACHING:
             return entered
@@ -142,7 +147,8 @@ class Execution:
         if self.row.dry_run:
             ended = replace(ended, output_sent_s=None)  # its time came, and nothing was switched
         outcome, reason = self._outcome(ended)
-        telemetry, landing = records.Telemetry(ended.rows), None if outcome == "held" else self._landing()
+        telemetry = records.Telemetry(ended.rows)
+        landing = None if outcome == "held" else self._landing()
         timing = self._timing(telemetry)
         known = self._known() if self.row.mode == "speedj" else None
         numbers = records.metrics(self.problem, self.trajectory, ended, landing, timing, self.aim_shift, known)
@@ -152,7 +158,8 @@ class Execution:
         if outcome == "held":
             reason = "; ".join([reason, *records.timing_advice(self.problem, numbers)])
         self.note(f"{outcome}: {reason}" if reason else outcome)
-        mcap, samples = self._recording(telemetry, outcome), records.to_samples(telemetry)
+        mcap = self._recording(telemetry, outcome)
+        samples = records.to_samples(telemetry)
         observed = None if landing is None else landing.observed
         return records.ExecutionResult(
             self.row.id, outcome, reason, numbers, mcap, samples, self._observation(observed)
@@ -173,7 +180,8 @@ class Execution:
 
     def _recording(self, telemetry: records.Telemetry, outcome: str) -> bytes:
         """Returns the run as MCAP."""
-        row, cell = self.row, self.session.cell
+        row = self.row
+        cell = self.session.cell
         age_s = time.monotonic() - telemetry.scalar("host_s")[0] if len(telemetry) else 0.0
         about = {"execution": row.id, "plan": row.plan_id, "cell": cell.name, "cell_sha256": cell.sha256}
         about |= {"outcome": outcome, "request_id": row.request_id or ""}
@@ -186,7 +194,8 @@ class Execution:
         """
         if ended.in_order or ended.outcome in ("protective_stop", "emergency_stop", "refused"):
             return ended.outcome, ended.reason
-        monitor, began_at = self.session.monitor, time.monotonic()
+        monitor = self.session.monitor
+        began_at = time.monotonic()
         while monitor.stop_seen is None and not self._has_looked(began_at):
             time.sleep(POLL_S)
         stop = monitor.stop_seen
@@ -199,7 +208,8 @@ class Execution:
 
     def _has_looked(self, began_at: float) -> bool:
         """Returns whether the monitor has seen the controller long enough after a fault; gives up without it."""
-        waited_s, state = time.monotonic() - began_at, self.session.monitor.state
+        waited_s = time.monotonic() - began_at
+        state = self.session.monitor.state
         seen_s = 0.0 if state is None else state.seen_at - began_at
         return seen_s > SAFETY_WAIT_S or waited_s > MONITOR_WAIT_S
 

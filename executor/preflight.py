@@ -38,7 +38,8 @@ ROBOT_MODES = {
 }
 REST_RAD_S = 0.01  # [rad/s] an arm this slow counts as at rest; above the noise of a measured joint speed
 PAYLOAD_KG = 0.05  # [kg] accepted difference of the controller's payload from the tool, or tool and object
-TCP_M, TCP_RAD = 1e-3, 5e-3  # [m, rad] accepted difference of its tool centre point: a millimetre at the object
+TCP_M = 1e-3
+TCP_RAD = 5e-3  # [m, rad] accepted difference of its tool centre point: a millimetre at the object
 KINEMATICS_M = 1e-4  # [m] accepted difference of the controller's arm from the cell's, at its worst posture
 SPEED = 1e-3  # [-] accepted difference of the speed slider from 1: rounding only
 
@@ -137,7 +138,8 @@ def kinematics_refusals(cell: Cell, info: KinematicsInfo | None) -> list[str]:
     """
     if cell.calibration is None:
         return []
-    file, known_as = cell.calibration.name, cell.calibration.hash or "no hash"
+    file = cell.calibration.name
+    known_as = cell.calibration.hash or "no hash"
     if info is None:
         return [f"kinematic_calibration: the controller at {cell.link.host} does not tell its arm's kinematics"]
     apart = difference_from(cell, info)
@@ -196,7 +198,8 @@ def _condition(state: RobotState) -> Iterator[str]:
 
 
 def _tool(cell: Cell, state: RobotState) -> Iterator[str]:
-    lightest, heaviest = cell.tool.mass_kg, cell.tool.mass_kg + cell.object.mass_kg
+    lightest = cell.tool.mass_kg
+    heaviest = cell.tool.mass_kg + cell.object.mass_kg
     if state.payload_kg is not None and not lightest - PAYLOAD_KG <= state.payload_kg <= heaviest + PAYLOAD_KG:
         yield (
             f"the controller is set to a payload of {state.payload_kg:.2f} kg; "

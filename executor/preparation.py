@@ -27,7 +27,8 @@ Vector = NDArray[np.float64]
 LEAD_IN_S = 0.020  # [s] at rest before the plan begins: the stream is running smoothly by then
 SETTLE_S = 0.060  # [s] at rest after it: the measured motion, one lag behind, comes to its end
 TRACKING_MAX_RAD = 0.05  # [rad] 20 times the error of a gap of 10 ms at 15 rad/s^2
-LATENESS_MAX_S, LATENESS_STEP_S = 0.1, 0.002  # [s] of the table of landings of an arm that is late, or early
+LATENESS_MAX_S = 0.1
+LATENESS_STEP_S = 0.002  # [s] of the table of landings of an arm that is late, or early
 DIFFERENCE = 1e-5  # [rad, rad/s] step of the central differences of the landing
 NOWHERE_M = 1e3  # [m] shift where the object never lands
 APPROACH_BRAKE_EVERY = 5  # [rows] at 1 rad/s and 500 Hz 1 cm of motion; saves a second of preparation
@@ -63,7 +64,8 @@ def sample_rows(cell: Cell, trajectory: Trajectory, throws: bool) -> StreamRows:
     Rows are on the plan's clock, on which the motion is measured; a row is sent one lag earlier, and so is the
     gripper's command: at release - delay - lag, the plan's `command_time_s` (docs/conventions.md, Time).
     """
-    dt, lag = trajectory.dt, cell.timing.lag_s
+    dt = trajectory.dt
+    lag = cell.timing.lag_s
     opens = trajectory.release_time_s - cell.gripper.delay_s  # plan time at which the output must physically change
     origin = opens if throws else 0.0
     first = origin - math.ceil((origin - min(origin, 0.0) + lag + LEAD_IN_S) / dt) * dt
@@ -71,7 +73,8 @@ def sample_rows(cell: Cell, trajectory: Trajectory, throws: bool) -> StreamRows:
     clock = first + np.arange(count) * dt
     q, qd, qdd = trajectory.at(clock)
     still = (clock <= 0.0) | (clock >= trajectory.duration_s)
-    qd[still], qdd[still] = 0.0, 0.0
+    qd[still] = 0.0
+    qdd[still] = 0.0
     reference_q, reference_qd, _ = trajectory.at(clock - lag)
     release_row = round((trajectory.release_time_s - first) / dt)
     output_row = round((opens - first) / dt) if throws else -1
@@ -97,10 +100,12 @@ def prepare_job(
         settings: of the executor.
         landing: where the object is to land; None: it is let go wherever it lands.
     """
-    cell, dt = problem.cell, 1.0 / problem.cell.robot.sample_rate_hz
+    dt = 1.0 / problem.cell.robot.sample_rate_hz
+    cell = problem.cell
     rows, plan_brakes = _sample(problem, trajectory)
     acceleration = settings.approach_pace**2 * APPROACH_ACCELERATION
-    deceleration, approach_rows = acceleration, None
+    deceleration = acceleration
+    approach_rows = None
     if approach.is_straight and approach.trajectory is not None:
         deceleration = line_stop(cell, approach.trajectory.q, approach.trajectory.qd, acceleration)
     elif approach.problem is not None and approach.trajectory is not None:
@@ -142,7 +147,8 @@ def expected_landing(
     when = np.clip(trajectory.release_time_s - lateness, 0.0, trajectory.duration_s)
     points = window_landing_points(problem, trajectory, when - trajectory.release_time_s)[:, :2]
     k = trajectory.release_index
-    q, qd = trajectory.q[k], trajectory.qd[k]
+    q = trajectory.q[k]
+    qd = trajectory.qd[k]
     nominal = _landings(problem, q[None], qd[None])[0]
     by_q, by_qd = _landing_derivatives(problem, q, qd)
     shift = np.zeros(2)
@@ -163,7 +169,8 @@ def expected_landing(
 
 def _landing_derivatives(problem: ThrowProblem, q: Vector, qd: Vector) -> tuple[Vector, Vector]:
     """Returns the landing's derivatives (2, 6) by joint positions [m/rad] and joint velocities [m s/rad]."""
-    steps, n = DIFFERENCE * np.eye(6), np.zeros((6, 6))
+    steps = DIFFERENCE * np.eye(6)
+    n = np.zeros((6, 6))
     off_q = np.concatenate([steps, -steps, n, n])
     off_qd = np.concatenate([n, n, steps, -steps])
     points = np.nan_to_num(_landings(problem, q + off_q, qd + off_qd)).reshape(4, 6, 2)

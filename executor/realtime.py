@@ -25,11 +25,13 @@ ANY_CORE = -1
 STREAM_PRIORITY = 50  # of SCHED_FIFO; below the kernel's interrupt threads
 DAEMON_PRIORITY = 10  # of SCHED_FIFO; above ordinary processes, below the stream
 
-MCL_CURRENT, MCL_FUTURE = 1, 2  # source: linux/mman.h
+MCL_CURRENT = 1
+MCL_FUTURE = 2  # source: linux/mman.h
 PR_SET_PDEATHSIG = 1  # source: linux/prctl.h
 PR_SET_TIMERSLACK = 29  # source: linux/prctl.h
 LATENCY = Path("/dev/cpu_dma_latency")  # source: Documentation/power/pm_qos_interface.rst
-PROCESSORS, QUOTA = Path("/proc/cpuinfo"), Path("/sys/fs/cgroup/cpu.max")
+PROCESSORS = Path("/proc/cpuinfo")
+QUOTA = Path("/sys/fs/cgroup/cpu.max")
 
 
 # Scheduling

@@ -10,8 +10,10 @@ from executor import realtime
 from planner.cell_folder import default_cells_folder
 from store import default_database_url
 
-WATCHDOG_MIN_HZ, WATCHDOG_MAX_HZ = 10.0, 50.0  # [Hz] the arm moves on for 100 ms; a delay of 20 ms trips it
-PACE_MIN, PACE_MAX = 0.1, 2.0  # [-] range of an approach; above it is a throw
+WATCHDOG_MIN_HZ = 10.0
+WATCHDOG_MAX_HZ = 50.0  # [Hz] the arm moves on for 100 ms; a delay of 20 ms trips it
+PACE_MIN = 0.1
+PACE_MAX = 2.0  # [-] range of an approach; above it is a throw
 SWITCH = {"on": True, "off": False}
 
 

@@ -21,9 +21,13 @@ STARTING, APPROACHING, STREAMING, BRAKING, STOPPING, DONE, FAULT = range(7)
 
 # Header fields. The streaming process writes 0 to 11, the daemon 16 and 17.
 STATE, PULSE, ROWS, OUTCOME, MISSED, REALTIME, TEXT_LENGTH = range(7)
-OUTPUT_SENT_S, OUTPUT_LATE_S, TIMESTAMP_AT_ZERO, IN_CALL = 7, 8, 9, 10
+OUTPUT_SENT_S = 7
+OUTPUT_LATE_S = 8
+TIMESTAMP_AT_ZERO = 9
+IN_CALL = 10
 FURTHEST = 11  # the last of APPROACHING and STREAMING that was entered; 0 before
-ABORT, DAEMON_PULSE = 16, 17
+ABORT = 16
+DAEMON_PULSE = 17
 
 # Columns of a telemetry row: the scalars, then the vectors of six.
 SCALARS = (
@@ -51,7 +55,8 @@ class SharedMemory:
     """
 
     def __init__(self, fd: int, capacity: int) -> None:
-        self.fd, self.capacity = fd, capacity
+        self.fd = fd
+        self.capacity = capacity
         self.memory = mmap.mmap(fd, HEADER_BYTES + capacity * ROW.size)
         self.fields = memoryview(self.memory)[:TEXT_AT].cast("d")
 

@@ -56,7 +56,9 @@ class ExpectedLanding:
         last = len(self.by_lateness) - 1
         at = min(max((late_s - self.late_from_s) / self.late_step_s, 0.0), float(last))
         i = min(int(at), last - 1)
-        share, before, after = at - i, self.by_lateness[i], self.by_lateness[i + 1]
+        share = at - i
+        before = self.by_lateness[i]
+        after = self.by_lateness[i + 1]
         return [(1.0 - share) * a + share * b for a, b in zip(before, after, strict=True)]
 
 
@@ -147,7 +149,8 @@ class StreamJob(JobRows):
     def read(cls, fd: int) -> StreamJob:
         """Returns the job behind an inherited descriptor."""
         fields = json.loads(os.pread(fd, os.fstat(fd).st_size, 0))
-        approach, landing = fields.pop("approach"), fields.pop("landing")
+        approach = fields.pop("approach")
+        landing = fields.pop("landing")
         return cls(
             **fields,
             approach=None if approach is None else JobRows(**approach),

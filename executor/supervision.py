@@ -101,7 +101,8 @@ class StreamRun:
             log: file for the output of the process.
             keep_awake: keep the stream's processor from sleeping meanwhile.
         """
-        self.job, self.log = job, log
+        self.job = job
+        self.log = log
         self.memory = SharedMemory.create(len(job.q) + SPARE_ROWS)
         self.memory.fields[shm.OUTPUT_SENT_S] = np.nan
         self.dashboard = DashboardClient(job.host)
@@ -172,7 +173,8 @@ class StreamRun:
             self.result = self._result(failure)
 
     def _spawn(self) -> None:
-        job_fd, memory = self.job.write(), self.memory
+        job_fd = self.job.write()
+        memory = self.memory
         memory.fields[shm.DAEMON_PULSE] = memory.fields[shm.PULSE] = time.monotonic()
         pulse = threading.get_native_id()  # this thread writes the pulse: the child checks whether it is frozen
         command = [sys.executable, "-P", "-m", "executor.streaming", *map(str, (job_fd, memory.fd, os.getpid(), pulse))]
@@ -181,16 +183,19 @@ class StreamRun:
 
     def _watch(self) -> str:
         """Returns a reason once the process has ended, hangs or is frozen; empty if it ended in order."""
-        child, fields = self._child, self.memory.fields
+        child = self._child
+        fields = self.memory.fields
         assert child is not None
-        since, state = time.monotonic(), shm.STARTING
+        since = time.monotonic()
+        state = shm.STARTING
         while not child.ends_within(PERIOD_S):
             now = time.monotonic()
             fields[shm.DAEMON_PULSE] = now
             self.programs.poll()
             self.gripper.drain()
             if self.state != state:
-                since, state = now, self.state
+                since = now
+                state = self.state
             if state == shm.FAULT:
                 return "fault"
             if child.is_frozen():
@@ -221,7 +226,8 @@ class StreamRun:
 
     def _hold_object(self) -> None:
         """Takes the gripper's command back where the object has not left: the arm stops, and would drop it."""
-        job, row = self.job, self.latest_row()
+        job = self.job
+        row = self.latest_row()
         if row is None or np.isnan(self.memory.fields[shm.OUTPUT_SENT_S]):
             return
         clock = row[shm.SCALARS.index("clock_s")] + time.monotonic() - row[shm.SCALARS.index("host_s")]
@@ -236,7 +242,8 @@ class StreamRun:
         return "link_lost" if in_library else "executor_lost"
 
     def _result(self, failure: str) -> RunResult:
-        memory, fields = self.memory, self.memory.fields
+        fields = self.memory.fields
+        memory = self.memory
         outcome, reason = self._verdict(failure)
         sent = float(fields[shm.OUTPUT_SENT_S])
         return RunResult(

@@ -52,7 +52,8 @@ class Client:
     refusal: type[Exception] = ServiceRefusal  # what the calls raise
 
     def __init__(self, url: str | None = None, token: str | None = None) -> None:
-        url, token = url or os.environ.get("FLING_URL") or DEFAULT_URL, token or os.environ.get("FLING_TOKEN")
+        url = url or os.environ.get("FLING_URL") or DEFAULT_URL
+        token = token or os.environ.get("FLING_TOKEN")
         headers = {"Authorization": f"Bearer {token}"} if token else {}
         self._http = httpx2.Client(base_url=url, headers=headers, timeout=TIMEOUT_S, trust_env=False)
 
@@ -88,14 +89,16 @@ class Client:
         Raises:
             ServiceRefusal: the service stays away; the refusal names the execution.
         """
-        last_id, away_since = 0, None
+        last_id = 0
+        away_since = None
         while True:
             try:
                 for event_id, kind, data in self._events(execution_id, last_id):
                     last_id = event_id
                     if on_event is not None:
                         on_event(kind, data)
-                found, away_since = self.get(f"/executions/{execution_id}"), None
+                found = self.get(f"/executions/{execution_id}")
+                away_since = None
                 if found["outcome"] is not None:
                     return found
             except self.refusal as error:
@@ -134,7 +137,9 @@ class Client:
 
     def _events(self, execution_id: str, after_id: int = 0) -> Iterator[tuple[int, str, dict[str, Any]]]:
         """Yields (id, kind, data) of every event after `after_id`."""
-        id, kind, headers = after_id, "message", {"Last-Event-ID": str(after_id), **trace_context()}
+        id = after_id
+        kind = "message"
+        headers = {"Last-Event-ID": str(after_id), **trace_context()}
         try:
             with self._http.stream("GET", f"/executions/{execution_id}/events", headers=headers) as response:
                 self._check(response)

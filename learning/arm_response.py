@@ -52,7 +52,8 @@ class CommandedMotion:
             return self
         slope = first_order_s / self.step_s
         decay = math.exp(-1.0 / slope)
-        first, second = 1.0 - slope + slope * decay, slope - decay - slope * decay
+        first = 1.0 - slope + slope * decay
+        second = slope - decay - slope * decay
         length = min(len(self.velocity), 2 + math.ceil(-math.log(RESPONSE_END) * slope))
         response = np.concatenate([[first], (second + decay * first) * decay ** np.arange(length - 1.0)])
         rest = self.velocity[0]  # whatever moved before the recording had settled
@@ -83,7 +84,8 @@ def ramped(times: Array, command: Array, acceleration: float) -> Array:
     """Returns the velocities (m, n) [rad/s] that a ramp on the leading axis reaches of commands (m, n)."""
     if np.abs(np.diff(command, axis=0)).max(initial=0.0) <= acceleration * np.diff(times).min():
         return command
-    reached, rows = command[0], [command[0]]
+    reached = command[0]
+    rows = [command[0]]
     for wanted, most in zip(command[1:], acceleration * np.diff(times), strict=True):
         change = wanted - reached
         largest = np.abs(change).max()

@@ -110,17 +110,20 @@ def _evidence(store: Store, cell: Cell, arm: StreamedArm, row: ExecutionRow) -> 
     if row.outcome != "completed" and not (columns and columns["clock"][-1] >= trajectory.duration_s):
         raise _Unusable(f"its outcome is {row.outcome}, and its recording ends before the motion")
     off = _deviations(columns, trajectory) if columns else None
-    reported, target = store.landings(row.id), aimed_problem(problem, -aim_shift(document))
+    reported = store.landings(row.id)
+    target = aimed_problem(problem, -aim_shift(document))
     landings = [] if _in_the_way(numbers) else reported
     observed = outcome = unused = deviation = None
     if landings:
-        table, lead = throw_table(problem, trajectory, off), trajectory.release_time_s - float(sent)
+        table = throw_table(problem, trajectory, off)
+        lead = trajectory.release_time_s - float(sent)
         observed, outcome = _seen(table, lead, target.release, landings, is_recorded=bool(columns))
     if reported and observed is None and outcome is None:
         unused = f"the object landed on {numbers['landed_on']}" if _in_the_way(numbers) else WITHOUT_TARGET
     if off is not None and row.outcome == "completed":  # lost ticks say nothing of gains
         deviation = off[1][len(off[1]) // 2] - _expected(arm, trajectory, numbers)
-    ids, landing = tuple(x.id for x in landings), _planned_landing(target, trajectory)
+    ids = tuple(x.id for x in landings)
+    landing = _planned_landing(target, trajectory)
     qd = trajectory.qd[trajectory.release_index]
     return ThrowEvidence(row.id, ids, landing, qd, deviation, observed, outcome, unused)
 
@@ -129,7 +132,8 @@ def _seen(
     table: ThrowTable, lead_s: float, release: Release, landings: Sequence[LandingRow], is_recorded: bool
 ) -> tuple[ObservedThrow | None, TargetOutcome | None]:
     """Returns what the reported landings say: a position, else whether the throw hit; None twice where neither."""
-    std, position = SPEED_STD_RAD_S if is_recorded else UNRECORDED_RAD_S, _position(landings)
+    std = SPEED_STD_RAD_S if is_recorded else UNRECORDED_RAD_S
+    position = _position(landings)
     if position is not None:
         return ObservedThrow(table, lead_s, *position, np.full(6, std**2)), None
     return None, _outcome(table, lead_s, release, landings, std)
@@ -217,6 +221,7 @@ def _position(landings: Sequence[LandingRow]) -> tuple[Array, float] | None:
     ]
     if not seen:
         return None
-    points, std = np.array([x for x, _ in seen], float), np.array([s for _, s in seen])
+    points = np.array([x for x, _ in seen], float)
+    std = np.array([s for _, s in seen])
     weight = 1.0 / std**2
     return weight @ points / weight.sum(), float(1.0 / np.sqrt(weight.sum()))

@@ -62,8 +62,10 @@ def learn_joint_speeds(planned_qd: Array, deviations: Array) -> JointSpeeds:
         planned_qd: planned joint speeds at the release (n, 6) [rad/s].
         deviations: measured less planned (n, 6) [rad/s].
     """
-    shape, scale = SCATTER_SHAPE, (SCATTER_SHAPE - 1.0) * SCATTER_RAD_S**2
-    x, y = np.reshape(planned_qd, (-1, 6)), np.reshape(deviations, (-1, 6))
+    shape = SCATTER_SHAPE
+    scale = (SCATTER_SHAPE - 1.0) * SCATTER_RAD_S**2
+    x = np.reshape(planned_qd, (-1, 6))
+    y = np.reshape(deviations, (-1, 6))
     precision = (SCATTER_RAD_S / GAIN_STD) ** 2 + (x * x).sum(axis=0)  # in units of the scatter's own precision
     gain = (x * y).sum(axis=0) / precision
     shape += 0.5 * y.size

@@ -73,7 +73,8 @@ def forecast(
         parameters: samples of what stays the same from throw to throw.
         repeats: throws of each.
     """
-    rng, size = np.random.default_rng(SEED), (parameters, repeats)
+    rng = np.random.default_rng(SEED)
+    size = (parameters, repeats)
     states, jitters, scatters = posterior.drawn(rng, parameters)
     late = states[:, None, LEAD] - lead_s + jitters[:, None] * rng.standard_normal(size)
     clings = rng.random(size) < rng.beta(posterior.cling_alpha, posterior.cling_beta, (parameters, 1))

@@ -103,7 +103,8 @@ def estimate_profile(store: Store, cell: Cell) -> dict[str, Any]:
 
 def knowledge_of(document: Mapping[str, Any]) -> CellKnowledge:
     """Returns the knowledge that a profile's document holds."""
-    mixture, speeds = document["mixture"], document["joint_speeds"]
+    mixture = document["mixture"]
+    speeds = document["joint_speeds"]
     release = ReleasePosterior(
         weight=np.array(mixture["weight"], float),
         mean=np.array(mixture["mean"], float),
@@ -159,7 +160,8 @@ def is_drag_learnt(drag_coefficient_std: float) -> bool:
 def _numbers(cell: Cell, known: CellKnowledge, timing: Mapping[str, Any] | None) -> dict[str, Any]:
     """Returns the numbers of a profile that people read, each with its standard deviation."""
     release = known.release
-    state, std = release.state, np.sqrt(np.diag(release.state_covariance))
+    state = release.state
+    std = np.sqrt(np.diag(release.state_covariance))
     jitter_std = math.sqrt(float(release.weight @ (release.jitter_s - release.jitter) ** 2))
     seen = is_drag_learnt(float(std[DRAG]))
     return {
@@ -187,10 +189,12 @@ def _numbers(cell: Cell, known: CellKnowledge, timing: Mapping[str, Any] | None)
 
 def _landings(throws: Sequence[ThrowEvidence], release: ReleasePosterior) -> dict[str, Any]:
     """Returns where each throw was to land, did, and would be expected to by what was learnt, with median distances."""
-    rows, distances = [], []
+    rows = []
+    distances = []
     for throw in throws:
         if throw.observed is not None and np.isfinite(throw.landing).all():
-            seen, expected = throw.observed.landing, release.expected_landing(throw.observed)
+            seen = throw.observed.landing
+            expected = release.expected_landing(throw.observed)
             points = {"planned": throw.landing.tolist(), "observed": seen.tolist(), "expected": expected.tolist()}
             rows.append({"execution_id": throw.execution_id, **points})
             distances.append([np.linalg.norm(seen - throw.landing), np.linalg.norm(seen - expected)])
@@ -211,7 +215,8 @@ def _evidence_document(
 
 
 def _posterior(known: CellKnowledge) -> dict[str, Any]:
-    release, speeds = known.release, known.speeds
+    release = known.release
+    speeds = known.speeds
     names = ("weight", "mean", "covariance", "jitter_s", "scatter_rad_s")
     mixture = {name: getattr(release, name).tolist() for name in names}
     mixture |= {"cling_alpha": release.cling_alpha, "cling_beta": release.cling_beta}

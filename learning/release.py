@@ -18,7 +18,11 @@ from learning.throws import Circumstances, Throws, ThrowTable
 from planner.arrays import Array
 
 STATE = ("lead_s", "speed_factor", "offset_x_m", "offset_y_m", "drag_coefficient", "turn_rad")
-LEAD, FACTOR, OFFSET, DRAG, TURN = 0, 1, slice(2, 4), 4, 5
+LEAD = 0
+FACTOR = 1
+OFFSET = slice(2, 4)
+DRAG = 4
+TURN = 5
 
 # [s, -, m, m, -, rad] standard deviations of the prior. Sources: a gripper's published delay is off by 20 ms (RTDE
 # guide's tool outputs, WSG50 and Robotiq measurements: 40 to 50 ms, 32 ms read with 10 ms steps); the speed of an
@@ -33,9 +37,11 @@ SCATTERS_RAD_S = np.array([0.003, 0.012, 0.025, 0.05])  # [rad/s] grid of joint-
 SCATTER_STD_RAD_S = 0.010  # [rad/s] of their half-normal prior; source: half of a real UR5's residual at the release
 DRIFT_S = 0.0001  # [s] standard deviation of the delay's random walk from throw to throw: 1 ms in 100 throws
 
-OUTLIER_SHARE, OUTLIER_STD_M = 0.05, 0.15  # [-, m] mistaken observations; source: contract, camera of a truth file
+OUTLIER_SHARE = 0.05
+OUTLIER_STD_M = 0.15  # [-, m] mistaken observations; source: contract, camera of a truth file
 CLING_SHARE = 0.03  # [-] of throws in which the object leaves slower
-CLING_LOSS, CLING_LOSS_STD = 0.05, 0.02  # [-] of its speed: some per cent, as of an object that sticks to a finger
+CLING_LOSS = 0.05
+CLING_LOSS_STD = 0.02  # [-] of its speed: some per cent, as of an object that sticks to a finger
 
 ITERATIONS = 12
 TEMPERING_M = (0.05, 0.02, 0.006, 0.002)  # [m] added to every standard deviation in the first iterations
@@ -144,16 +150,22 @@ def learn_release(throws: Sequence[ObservedThrow], prior: Array) -> ReleasePoste
     if throws:
         fit = _Fit(throws, prior, jitter, scatter)
         fit.run()
-        evidence, z, covariance, clings = fit.evidence(), fit.z, fit.covariance(), fit.clings()
+        evidence = fit.evidence()
+        z = fit.z
+        covariance = fit.covariance()
+        clings = fit.clings()
     else:
-        z, covariance = np.zeros((len(jitter), 6)), np.tile(np.eye(6), (len(jitter), 1, 1))
-        evidence, clings = np.zeros(len(jitter)), np.zeros(len(jitter))
+        z = np.zeros((len(jitter), 6))
+        covariance = np.tile(np.eye(6), (len(jitter), 1, 1))
+        evidence = np.zeros(len(jitter))
+        clings = np.zeros(len(jitter))
     log_weight = log_prior + evidence
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
     share = float(weight @ clings)
     kept = weight > WEIGHT_MIN
-    alpha, beta = 1.0 + share, 1.0 / CLING_SHARE - 1.0 + len(throws) - share
+    alpha = 1.0 + share
+    beta = 1.0 / CLING_SHARE - 1.0 + len(throws) - share
     scaled = covariance[kept] * PRIOR_STD[:, None] * PRIOR_STD
     mean = prior + PRIOR_STD * z[kept]
     return ReleasePosterior(weight[kept] / weight[kept].sum(), mean, scaled, jitter[kept], scatter[kept], alpha, beta)
@@ -168,7 +180,9 @@ class _Fit:
         self.seen = np.stack([throw.landing for throw in throws])
         self.noise = np.array([throw.std_m for throw in throws]) ** 2
         self.speed = np.stack([throw.speed_variance for throw in throws])
-        self.prior, self.jitter, self.scatter = prior, jitter, scatter
+        self.prior = prior
+        self.jitter = jitter
+        self.scatter = scatter
         self.age = np.arange(len(throws))[::-1]
         self.z = np.zeros((len(jitter), len(STATE)))
         self.late = np.zeros((len(jitter), len(throws)))  # each throw's own part of the jitter [s]
@@ -223,7 +237,8 @@ class _Fit:
             H[..., k] = (self._landings(moved) - landing) / STEPS[k]
         H[..., 0, 2] = H[..., 1, 3] = 1.0
         H[..., DRAG] = self.throws.by_drag_at(c.late_s)
-        self.by_lead, by_factor = H[..., LEAD], H[..., FACTOR]
+        self.by_lead = H[..., LEAD]
+        by_factor = H[..., FACTOR]
         self.residual = self.seen - landing + self.by_lead * self.late[..., None]
         Q = self.throws.by_joint_speed(c.late_s, c.factor)
         speed = self.speed + self.scatter[:, None, None] ** 2
@@ -254,7 +269,8 @@ class _Fit:
         ]
         self.log_density = np.logaddexp.reduce(log, axis=0)
         weights = [np.exp(x - self.log_density) for x in log]
-        self.cling_weight, self.S_inverse = weights[2], inverses[0]
+        self.cling_weight = weights[2]
+        self.S_inverse = inverses[0]
         each = zip(weights, inverses, strict=True)
         self.W = np.sum([w[..., None, None] * inverse for w, inverse in each], axis=0)
         pulls = zip(weights, inverses, rests, strict=True)
@@ -262,7 +278,10 @@ class _Fit:
 
     def _best_start(self) -> float:
         """Returns the lead about the prior's from which the throws are likeliest [s], the rest of the state linear."""
-        z, jitter, scatter, late = self.z, self.jitter, self.scatter, self.late
+        z = self.z
+        jitter = self.jitter
+        scatter = self.scatter
+        late = self.late
         n = len(SCAN_S)
         self.z, self.late = np.zeros((n, len(STATE))), np.zeros((n, len(self.lead)))
         self.z[:, LEAD] = SCAN_S / PRIOR_STD[LEAD]
@@ -273,7 +292,10 @@ class _Fit:
         self.z = self.z + np.clip(step, -2.0, 2.0)
         self._linearise(TEMPERING_M[1])
         best = float(SCAN_S[np.argmax(self.evidence())])
-        self.z, self.jitter, self.scatter, self.late = z, jitter, scatter, late
+        self.z = z
+        self.jitter = jitter
+        self.scatter = scatter
+        self.late = late
         return best
 
 
@@ -283,7 +305,9 @@ def _outer(x: Array) -> Array:
 
 def _inverse(S: Array) -> Array:
     """Returns the inverses of symmetric matrices (…, 2, 2)."""
-    a, b, d = S[..., 0, 0], S[..., 0, 1], S[..., 1, 1]
+    a = S[..., 0, 0]
+    b = S[..., 0, 1]
+    d = S[..., 1, 1]
     det = a * d - b * b
     return np.stack([np.stack([d, -b], -1), np.stack([-b, a], -1)], -2) / det[..., None, None]
 

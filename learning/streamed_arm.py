@@ -42,13 +42,16 @@ class StreamedArm:
         t = np.asarray(dt * np.arange(-lead, math.ceil((trajectory.duration_s + AFTER_S) / dt)), float)
         q_plan, qd_plan = _standing(trajectory, t)
         sent = _standing(trajectory, t + assumed_lag_s)[1].copy()
-        q, qd = np.empty_like(q_plan), np.zeros_like(qd_plan)
+        q = np.empty_like(q_plan)
+        qd = np.zeros_like(qd_plan)
         back = max(self.lag_s / dt, 1.0)  # what is sent in a tick moves nothing before the next
-        whole, share = int(back), back - int(back)
+        whole = int(back)
+        share = back - int(back)
         q[0] = q_plan[0]
         for k in range(len(t)):
             if k > 0:
-                late, later = sent[max(k - whole, 0)], sent[max(k - whole - 1, 0)]
+                late = sent[max(k - whole, 0)]
+                later = sent[max(k - whole - 1, 0)]
                 qd[k] = self.gain * ((1.0 - share) * late + share * later)
                 q[k] = q[k - 1] + 0.5 * dt * (qd[k - 1] + qd[k])
             sent[k] += np.clip(FEEDBACK_GAIN * (q_plan[k] - q[k]), -FEEDBACK_MAX, FEEDBACK_MAX)

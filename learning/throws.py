@@ -76,7 +76,8 @@ def throw_table(problem: ThrowProblem, trajectory: Trajectory, off: tuple[Array,
     cell = problem.cell
     q, qd, _ = trajectory.at(table_times(trajectory.release_time_s))
     if off is not None:
-        q, qd = q + off[0], qd + off[1]
+        q = q + off[0]
+        qd = qd + off[1]
     p = tool_pose(cell, q)[:, :3, 3]
     J = cell.X_WB[:3, :3] @ jacobian(cell.robot, q, cell.tool.X_FT)[:, :3]
     v = (J @ qd[..., None])[..., 0]
@@ -86,7 +87,8 @@ def throw_table(problem: ThrowProblem, trajectory: Trajectory, off: tuple[Array,
 
 def _effect_of_drag(problem: ThrowProblem, p: Array, v: Array) -> Array:
     """Returns the change of the landing point by the drag coefficient (m, 2) [m] of flights from p, v (m, 3)."""
-    rows, thing = np.arange(len(p)), problem.cell.object
+    rows = np.arange(len(p))
+    thing = problem.cell.object
     flown = rows[::DRAG_ROWS]
     air = (0.0, drag_constant(thing.mass_kg, thing.radius_m, DRAG_STEP))
     without, braked = (landing_points(p[flown], v[flown], problem.plane_z, problem.gravity, k)[:, :2] for k in air)
@@ -146,7 +148,8 @@ class Throws:
     def by_joint_speed(self, late_s: Array, factor: Array) -> Array:
         """Returns the landing's derivatives by the joint velocities (…, n, 2, 6) [m s] at a release time."""
         i, share = self._rows(late_s)
-        i, at = np.where(share > 0.5, i + 1, i), np.arange(len(self))
+        i = np.where(share > 0.5, i + 1, i)
+        at = np.arange(len(self))
         v = np.asarray(factor)[..., None] * self.v[at, i]
         J = np.asarray(factor)[..., None, None] * self.J[at, i]
         height = self.p[at, i][..., 2] - self.height
@@ -174,6 +177,8 @@ def _between(a: Array, b: Array, share: Array) -> Array:
 
 def _turned(flat: Array, angle: Array) -> Array:
     """Returns vectors (…, 2) turned by angles (…) [rad]."""
-    c, s = np.cos(angle), np.sin(angle)
-    x, y = flat[..., 0], flat[..., 1]
+    c = np.cos(angle)
+    s = np.sin(angle)
+    x = flat[..., 0]
+    y = flat[..., 1]
     return np.stack([c * x - s * y, s * x + c * y], axis=-1)

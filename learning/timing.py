@@ -121,7 +121,8 @@ def estimate_timing(recording: MotionRecording, ramp_rad_s2: float | None = None
 
 def weighted_mean(values: Sequence[float], stds: Sequence[float]) -> tuple[float, float]:
     """Returns the mean of values with standard errors, and its own; a spread beyond theirs widens it."""
-    x, weights = np.array(values), 1.0 / np.maximum(np.array(stds), 1e-6) ** 2
+    x = np.array(values)
+    weights = 1.0 / np.maximum(np.array(stds), 1e-6) ** 2
     mean = float(weights @ x / weights.sum())
     spread = float(weights @ (x - mean) ** 2) / max(len(x) - 1, 1)
     return mean, math.sqrt(max(1.0, spread) / float(weights.sum()))
@@ -153,7 +154,8 @@ def _lag_spread_by_ramp(recording: MotionRecording, ramp: float, fits: dict[int,
 
     The ramp's own, of its logarithm, is that of the curvature of its likelihood; the lag is fitted again on both sides.
     """
-    at, moving = math.log(ramp), list(fits)
+    at = math.log(ramp)
+    moving = list(fits)
     low, here, high = (_least_misfit(recording, math.exp(at + x)) for x in (-RAMP_DIFFERENCE, 0.0, RAMP_DIFFERENCE))
     independent = sum(_independent_rows(fit.residual, recording.time_s) for fit in fits.values())
     curvature = 0.5 * independent * (low + high - 2.0 * here) / (here * RAMP_DIFFERENCE**2)
@@ -165,7 +167,8 @@ def _lag_spread_by_ramp(recording: MotionRecording, ramp: float, fits: dict[int,
 def _independent_rows(residual: Array, times: Array) -> float:
     """Returns how many of a joint's residuals count as independent, by their autocorrelation (Bartlett's weights)."""
     span = max(1, round(CORRELATION_S / float(np.median(np.diff(times)))))
-    power, inflation = float(residual @ residual), 1.0
+    power = float(residual @ residual)
+    inflation = 1.0
     for k in range(1, min(span, len(residual) - 1)):
         inflation += 2.0 * (1.0 - k / span) * float(residual[k:] @ residual[:-k]) / power
     return len(residual) / max(inflation, 1.0)
@@ -185,8 +188,10 @@ def _gauss_newton(
     motion: CommandedMotion, times: Array, measured: Array, theta: Array, free_first_order: bool
 ) -> tuple[Array, Array, Array, Array]:
     """Returns theta (3,), residual (k,), Jacobian (k, 3) and prediction (k,) of one joint."""
-    prior, mean = _prior_weights(SENSOR_STD_RAD_S), np.array([0.0, 0.0, 1.0])
-    shapes, fixed = partial(_shapes, motion, times), motion.filtered(theta[1])
+    prior = _prior_weights(SENSOR_STD_RAD_S)
+    mean = np.array([0.0, 0.0, 1.0])
+    shapes = partial(_shapes, motion, times)
+    fixed = motion.filtered(theta[1])
     for _ in range(ITERATIONS):
         predicted, jacobian = shapes(theta, None if free_first_order else fixed)
         residual = measured - predicted
@@ -279,7 +284,8 @@ def _misfit(motion: CommandedMotion, recording: MotionRecording, lag_s: float) -
     weight = (SENSOR_STD_RAD_S / GAIN_STD) ** 2
     gain = ((shape * recording.measured).sum(axis=0) + weight) / ((shape * shape).sum(axis=0) + weight)
     gain = np.clip(gain, 1.0 - 3.0 * GAIN_STD, 1.0 + 3.0 * GAIN_STD)
-    residual, slope = recording.measured - gain * shape, gain * rate
+    residual = recording.measured - gain * shape
+    slope = gain * rate
     return float(np.sum(residual**2)), -float(np.sum(residual * slope) / max(np.sum(slope**2), 1e-12))
 
 
@@ -306,9 +312,11 @@ def _shown_ramp(recording: MotionRecording) -> float:
 def _least_misfit(recording: MotionRecording, acceleration: float) -> float:
     """Returns the least sum of squared residuals over lag and first-order part, behind a ramp."""
     motion = commanded_motion(recording, acceleration)
-    start, errors = _first_lag(motion, recording), []
+    start = _first_lag(motion, recording)
+    errors = []
     for tau in RAMP_FIRST_ORDERS_S:
-        behind, delay = motion.filtered(tau), max(start - tau, 0.0)
+        behind = motion.filtered(tau)
+        delay = max(start - tau, 0.0)
         for _ in range(RAMP_ITERATIONS):
             error, step = _misfit(behind, recording, delay)
             delay = min(max(delay + step, 0.0), LAG_MAX_S)
@@ -318,15 +326,21 @@ def _least_misfit(recording: MotionRecording, acceleration: float) -> float:
 
 def _golden_section(function: Callable[[float], float], low: float, high: float) -> tuple[float, float]:
     """Returns the place and the value of a function's least value between `low` and `high`."""
-    a, b = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
-    fa, fb = function(a), function(b)
+    a = high - GOLDEN * (high - low)
+    b = low + GOLDEN * (high - low)
+    fa = function(a)
+    fb = function(b)
     for _ in range(RAMP_REFINEMENTS):
         if fa < fb:
-            high, b, fb = b, a, fa
+            high = b
+            b = a
+            fb = fa
             a = high - GOLDEN * (high - low)
             fa = function(a)
         else:
-            low, a, fa = a, b, fb
+            low = a
+            a = b
+            fa = fb
             b = low + GOLDEN * (high - low)
             fb = function(b)
     return (a, fa) if fa < fb else (b, fb)

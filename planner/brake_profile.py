@@ -28,7 +28,8 @@ def brake_weights(u: float) -> Weights:
     r = RAMP
     fade, fade1, fade2 = _fading(u)
     trapezoid, trapezoid1, trapezoid2 = _trapezoid(u)
-    weight, share = 1.0 / (1.0 - r), 0.5 * r / (1.0 - r)
+    weight = 1.0 / (1.0 - r)
+    share = 0.5 * r / (1.0 - r)
     return (
         u - weight * trapezoid2,
         fade2 - share * trapezoid2,

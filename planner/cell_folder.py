@@ -44,7 +44,8 @@ def check_home(cell: Cell) -> None:
 
 def home_faults(cell: Cell) -> list[CellError]:
     """Returns what a standstill at home violates, a fault for each check."""
-    rest, zero = np.tile(cell.home, (2, 1)), np.zeros((2, 6))
+    rest = np.tile(cell.home, (2, 1))
+    zero = np.zeros((2, 6))
     problem = ThrowProblem(cell, cell.home, JointRelease(cell.home, np.zeros(6)), cell.limits)
     standing = Trajectory(cell.robot.sample_rate_hz, rest, zero, zero, release_index=1)
     found = []

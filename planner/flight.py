@@ -71,7 +71,8 @@ def time_of_flight(height: ArrayLike, v_z: ArrayLike, gravity: float) -> Array:
         v_z: upward velocity at the release (...,) [m/s].
         gravity: [m/s^2].
     """
-    height, v_z = np.asarray(height, float), np.asarray(v_z, float)
+    height = np.asarray(height, float)
+    v_z = np.asarray(v_z, float)
     square = v_z**2 + 2.0 * gravity * height
     with np.errstate(invalid="ignore"):
         t = (v_z + np.sqrt(square)) / gravity
@@ -88,7 +89,8 @@ def landing_points(p: ArrayLike, v: ArrayLike, plane_z: float, gravity: float, d
         gravity: [m/s^2].
         drag: k of `drag_constant` [1/m].
     """
-    p, v = np.asarray(p, float), np.asarray(v, float)
+    p = np.asarray(p, float)
+    v = np.asarray(v, float)
     if drag > 0.0:
         return landing_states(p, v, plane_z, gravity, drag).p
     return _landed(p, v, time_of_flight(p[..., 2] - plane_z, v[..., 2], gravity), plane_z)
@@ -111,7 +113,8 @@ def landing_states(p: ArrayLike, v: ArrayLike, plane_z: float, gravity: float, d
         gravity: [m/s^2].
         drag: k of `drag_constant` [1/m].
     """
-    p, v = np.asarray(p, float), np.asarray(v, float)
+    p = np.asarray(p, float)
+    v = np.asarray(v, float)
     if drag > 0.0:
         return _landing_states_with_drag(np.concatenate([p, v], axis=1), plane_z, gravity, drag)
     t = time_of_flight(p[:, 2] - plane_z, v[:, 2], gravity)
@@ -129,17 +132,21 @@ def fly(p: ArrayLike, v: ArrayLike, plane_z: float, gravity: float, drag: float 
         gravity: [m/s^2].
         drag: k of `drag_constant` [1/m].
     """
-    p, v = np.asarray(p, float), np.asarray(v, float)
+    p = np.asarray(p, float)
+    v = np.asarray(v, float)
     speed = float(np.linalg.norm(v))
     if drag > 0.0:
         return _fly_with_drag(p, v, plane_z, gravity, drag)
-    height, upward = float(p[2]), float(v[2])
+    height = float(p[2])
+    upward = float(v[2])
     square = upward**2 + 2.0 * gravity * (height - plane_z)
     t = (upward + math.sqrt(square)) / gravity if square >= 0.0 else math.nan
     if not t >= 0.0:
         return None
-    landing, velocity = p + v * t, v.copy()
-    landing[2], velocity[2] = plane_z, upward - gravity * t
+    landing = p + v * t
+    velocity = v.copy()
+    landing[2] = plane_z
+    velocity[2] = upward - gravity * t
     return Flight(landing, velocity, t, height + max(upward, 0.0) ** 2 / (2.0 * gravity), speed)
 
 
@@ -158,7 +165,8 @@ def touchdown_s(
 
 def path(p: ArrayLike, v: ArrayLike, times: ArrayLike, gravity: float, drag: float = 0.0) -> Array:
     """Returns the object's positions (n, 3) [m] at increasing `times` (n,) [s] after the release."""
-    p, v = np.asarray(p, float), np.asarray(v, float)
+    p = np.asarray(p, float)
+    v = np.asarray(v, float)
     times = np.asarray(times, float)
     if drag <= 0.0:
         return p + v * times[:, None] - np.array([0.0, 0.0, 0.5 * gravity]) * times[:, None] ** 2
@@ -191,7 +199,9 @@ def positions_after(p: ArrayLike, v: ArrayLike, times: ArrayLike, gravity: float
         gravity: [m/s^2].
         drag: k of `drag_constant` [1/m].
     """
-    p, v, times = np.asarray(p, float), np.asarray(v, float), np.asarray(times, float)[:, None]
+    p = np.asarray(p, float)
+    v = np.asarray(v, float)
+    times = np.asarray(times, float)[:, None]
     if drag <= 0.0 or times.size == 0:
         return p + v * times - np.array([0.0, 0.0, 0.5 * gravity]) * times**2
     steps = np.array([max(1, math.ceil(float(np.max(times)) / STEP_S))])
@@ -220,7 +230,8 @@ def landing_sensitivity(
     if flight is None or flight.landing_velocity[2] >= 0.0:
         return None
     if drag > 0.0:
-        p, v = np.asarray(p, float), np.asarray(v, float)
+        p = np.asarray(p, float)
+        v = np.asarray(v, float)
         both = _derivative(lambda s: landing_points([p + s[:3]], [v + s[3:]], plane_z, gravity, drag)[0], 6)
         return None if np.isnan(both).any() else (both[:, :3], both[:, 3:])
     w = flight.landing_velocity
@@ -266,7 +277,8 @@ def launch_velocity(p: ArrayLike, target: ArrayLike, time_s: ArrayLike, gravity:
     v = (target - p) / t + np.array([0.0, 0.0, 0.5 * gravity]) * t
     if drag <= 0.0:
         return v
-    shape, (p, target, t, v) = v.shape, (np.atleast_2d(each) for each in (p, target, t, v))
+    shape = v.shape
+    (p, target, t, v) = (np.atleast_2d(each) for each in (p, target, t, v))
     rows = np.nonzero(missed := np.full(v.shape[:-1], np.inf))  # those that have neither converged nor diverged
 
     def reached(change: Array) -> Array:
@@ -365,8 +377,12 @@ def _landing_states_with_drag(state: Array, plane_z: float, gravity: float, drag
 @twin_of(Kernel.drag_landings, lambda: (_example_states(), 0.1, (STEP_S, FLIGHT_MAX_S), (9.81, 0.1)))
 def _drag_landings(state: Array, plane_z: float, step: tuple[float, float], air: tuple[float, float]) -> Array:
     """Returns state at the landing, time and apex (n, 8) of flights from states (n, 6); NaN where they miss it."""
-    (h, longest), flying, t = step, np.arange(len(state)), 0.0
-    before, found, apex = np.full(state.shape, np.nan), np.full((len(state), 8), np.nan), state[:, 2].copy()
+    (h, longest) = step
+    flying = np.arange(len(state))
+    t = 0.0
+    before = np.full(state.shape, np.nan)
+    found = np.full((len(state), 8), np.nan)
+    apex = state[:, 2].copy()
     while len(flying) and t < longest:
         following = _step(state, h, *air)
         tops = (state[:, 5] > 0.0) & (following[:, 5] <= 0.0)
@@ -374,23 +390,29 @@ def _drag_landings(state: Array, plane_z: float, step: tuple[float, float], air:
         apex[flying[tops]] = highest[:, 2]
         below = (following[:, 5] < 0.0) & (following[:, 2] < plane_z)
         lands = below & (state[:, 2] >= plane_z)
-        before[flying[lands]], found[flying[lands], 6] = state[lands], t
-        state, flying, t = following[~below], flying[~below], t + h
+        before[flying[lands]] = state[lands]
+        found[flying[lands], 6] = t
+        state = following[~below]
+        flying = flying[~below]
+        t = t + h
     rest = _crossing(before, *air, 2, plane_z)
     found[:, :6] = _step(before, rest[:, None], *air)
     found[:, 6] += rest
     landed = ~np.isnan(found[:, 6])
-    found[landed, 2], found[landed, 7] = plane_z, apex[landed]
+    found[landed, 7] = apex[landed]
+    found[landed, 2] = plane_z
     return found
 
 
 def _crossing(state: Array, gravity: float, drag: float, index: int, level: float) -> Array:
     """Returns the times (...,) [s] within one step at which component `index` falls through `level`, by bisection."""
-    low, high = np.zeros(state.shape[:-1]), np.full(state.shape[:-1], STEP_S)
+    low = np.zeros(state.shape[:-1])
+    high = np.full(state.shape[:-1], STEP_S)
     for _ in range(50):
         middle = 0.5 * (low + high)
         above = _step(state, middle[..., None], gravity, drag)[..., index] > level
-        low, high = np.where(above, middle, low), np.where(above, high, middle)
+        low = np.where(above, middle, low)
+        high = np.where(above, high, middle)
     return 0.5 * (low + high)
 
 

@@ -36,7 +36,8 @@ def plan_document(plan: Plan, request: Mapping[str, Any], plan_id: str, created_
         plan_id: its identifier.
         created_at: its time of creation, ISO 8601.
     """
-    trajectory, cell = plan.trajectory, plan.problem.cell
+    trajectory = plan.trajectory
+    cell = plan.problem.cell
     return {
         "id": plan_id,
         "created_at": created_at,
@@ -105,7 +106,8 @@ def _flight(problem: ThrowProblem, trajectory: Trajectory) -> dict[str, Any] | N
     flight = release_flight(problem, trajectory)
     if flight is None:
         return None
-    w, drift = problem.planned_window_s, _landing_drift(problem, trajectory)
+    w = problem.planned_window_s
+    drift = _landing_drift(problem, trajectory)
     delays = np.array((-w, -w / 2, 0.0, w / 2, w) if w > 0.0 else WINDOW_DELAYS_S)
     delays = delays[(delays >= -trajectory.release_time_s)]
     errors = landing_errors(problem, trajectory, delays)
@@ -139,7 +141,8 @@ def _landing_shift(problem: ThrowProblem, trajectory: Trajectory, landing_point:
 
 def _object_path(problem: ThrowProblem, trajectory: Trajectory, flight: Flight) -> list[list[float]]:
     """Returns the object's positions every 20 ms from the release to the landing [m]."""
-    k, T = trajectory.release_index, flight.time_of_flight_s
+    k = trajectory.release_index
+    T = flight.time_of_flight_s
     state = tool_state(problem.cell, trajectory.q[k], trajectory.qd[k])
     times = np.append(np.arange(0.0, T, PATH_STEP_S), T)
     leaves = problem.release_speed_factor * state.v_WT
@@ -147,7 +150,8 @@ def _object_path(problem: ThrowProblem, trajectory: Trajectory, flight: Flight) 
 
 
 def _landing_drift(problem: ThrowProblem, trajectory: Trajectory) -> Array:
-    k, cell = trajectory.release_index, problem.cell
+    k = trajectory.release_index
+    cell = problem.cell
     X_WT, V_WT = tool_state(problem.cell, trajectory.q[k], trajectory.qd[k])
     a_BT = tcp_acceleration(cell.robot, trajectory.q[k], trajectory.qd[k], trajectory.qdd[k], cell.tool.X_FT)[:3]
     a_WT = cell.X_WB[:3, :3] @ a_BT

@@ -54,7 +54,8 @@ def promised_tolerance(document: Mapping[str, Any], problem: ThrowProblem) -> fl
         document: the plan.
         problem: read from it.
     """
-    release, stated = problem.release, document["request"].get("landing_tolerance_m")
+    release = problem.release
+    stated = document["request"].get("landing_tolerance_m")
     if not isinstance(release, TargetRelease) or not (problem.is_robust or stated or release.opening is not None):
         return None
     return problem.landing_tolerance_m or None
@@ -81,7 +82,8 @@ def _as_the_flight_says(cell: Cell, flight: Mapping[str, Any]) -> Cell:
     drag = float(flight.get("drag_coefficient", cell.object.drag_coefficient))
     if (factor, drag) == (cell.gripper.release_speed_factor, cell.object.drag_coefficient):
         return cell
-    gripper, thing = replace(cell.gripper, release_speed_factor=factor), replace(cell.object, drag_coefficient=drag)
+    gripper = replace(cell.gripper, release_speed_factor=factor)
+    thing = replace(cell.object, drag_coefficient=drag)
     return replace(cell, gripper=gripper, object=thing)
 
 
@@ -90,6 +92,7 @@ def _window(document: Mapping[str, Any]) -> dict[str, float]:
 
     Plans of version 0.1 do not state it: those without one in their request had none.
     """
-    flight, request = document.get("flight") or {}, document["request"]
+    flight = document.get("flight") or {}
+    request = document["request"]
     names = ("release_window_s", "landing_tolerance_m")
     return {name: float(flight.get(name, request.get(name)) or 0.0) for name in names}

@@ -169,7 +169,8 @@ def _found_or_logged(search: PlanningSearch, find: Callable[[ThrowProblem], list
     Raises:
         Infeasible: there are none.
     """
-    problem, begun_s = search.problem, time.perf_counter()
+    problem = search.problem
+    begun_s = time.perf_counter()
     try:
         return find(problem)
     except Infeasible as refusal:

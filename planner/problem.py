@@ -122,11 +122,13 @@ class ThrowProblem:
     aim_shift: Array = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
-        errors, release = _start_errors(self.start, self.limits), self.release
+        errors = _start_errors(self.start, self.limits)
+        release = self.release
         if isinstance(release, TargetRelease) and release.min_elevation_rad > release.max_elevation_rad:
             errors.append(FieldError("release.min_elevation_rad", "is above max_elevation_rad"))
         if isinstance(release, TargetRelease) and release.opening is not None:
-            inner, thick = release.opening.radius_m, self.cell.object.radius_m
+            inner = release.opening.radius_m
+            thick = self.cell.object.radius_m
             if inner <= thick:
                 reason = f"{inner:g} m is not above the object's radius of {thick:g} m: it cannot enter"
                 errors.append(FieldError("release.opening.radius_m", reason))
@@ -153,11 +155,13 @@ class ThrowProblem:
             q: positions of a motion from the start [rad].
             names: of the capsules, as in a certificate's check.
         """
-        robot, capsules = self.cell.robot, self.cell.tool.capsules
+        robot = self.cell.robot
+        capsules = self.cell.tool.capsules
         of_both = [each for each in barriers(robot, capsules) if set(each.names) == set(names.split(", "))]
         if not of_both:
             return -math.inf
-        joints, (lower, upper) = [each.joint for each in of_both], passable(robot, capsules, self.start)
+        joints = [each.joint for each in of_both]
+        (lower, upper) = passable(robot, capsules, self.start)
         return float(np.maximum(lower - q, q - upper)[:, joints].max())
 
     @cached_property
@@ -169,8 +173,10 @@ class ThrowProblem:
         release = self.release
         if not isinstance(release, TargetRelease) or release.opening is None:
             return self.cell
-        radius, rim = release.opening.radius_m, release.opening.rim_height_m
-        aside, top = np.array([radius, radius, 0.0]), np.array([radius, radius, rim])
+        radius = release.opening.radius_m
+        rim = release.opening.rim_height_m
+        aside = np.array([radius, radius, 0.0])
+        top = np.array([radius, radius, rim])
         stands = release.p_W - self.aim_shift
         return _cell_with_block(self.cell, (*(stands - aside),), (*(stands + top),))
 
@@ -274,7 +280,8 @@ class ThrowProblem:
 @lru_cache(maxsize=BINS_KEPT)
 def _cell_with_block(cell: Cell, lower: tuple[float, ...], upper: tuple[float, ...]) -> Cell:
     """Returns the cell with one more keep-out box; the same one for the same bin, as caches know cells by identity."""
-    block, around = Box(np.array(lower), np.array(upper), "bin"), cell.surroundings
+    block = Box(np.array(lower), np.array(upper), "bin")
+    around = cell.surroundings
     return replace(cell, surroundings=replace(around, keep_out=(*around.keep_out, block)))
 
 

@@ -258,7 +258,8 @@ def _default_tolerance(release: TargetRelease, cell: Cell) -> float:
 
 def _limits(request: _Fields, own: Limits) -> Limits:
     """Returns the cell's `own` limits, tightened by the request."""
-    limits, changed = request.nested("limits"), {}
+    limits = request.nested("limits")
+    changed = {}
     limits.refuse_unknown(LIMIT_FIELDS)
     for key, (attribute, unit) in LIMIT_FIELDS.items():
         if limits.get(key) is not None:
@@ -284,7 +285,8 @@ def _tightened(limits: _Fields, key: str, own: Array, unit: str) -> Array:
 
 
 def _singularity_distance(request: _Fields, own: float) -> float:
-    key, value = "singularity_distance_min", request.get("singularity_distance_min")
+    key = "singularity_distance_min"
+    value = request.get("singularity_distance_min")
     if isinstance(value, bool) or not isinstance(value, Number) or not -NUMBER_MAX <= value <= 1.0:
         request.refuse(key, f"{value} must be a number up to 1")
         return own
@@ -307,7 +309,8 @@ def _release(request: _Fields, cell: Cell) -> Release | None:
         case "pose":
             return _pose_release(release, X_WR)
         case "point":
-            p_RT, v_RT = release.vector("position", 3), release.vector("velocity", 3)
+            p_RT = release.vector("position", 3)
+            v_RT = release.vector("velocity", 3)
             return PointRelease(_move(X_WR, p_RT), _turn(X_WR, v_RT))
         case "joint":
             return JointRelease(release.vector("positions", 6), release.vector("velocities", 6))
@@ -319,11 +322,13 @@ def _release(request: _Fields, cell: Cell) -> Release | None:
 
 
 def _pose_release(release: _Fields, X_WR: Array) -> PoseRelease:
-    given, twist = release.nested("pose"), release.nested("twist")
+    given = release.nested("pose")
+    twist = release.nested("twist")
     given.refuse_unknown(("position", "quaternion", "rotation_vector"))
     twist.refuse_unknown(("linear", "angular"))
     p_RT = given.vector("position", 3)
-    v_RT, w_RT = twist.vector("linear", 3), twist.vector("angular", 3)
+    v_RT = twist.vector("linear", 3)
+    w_RT = twist.vector("angular", 3)
     X_RT = pose(p_RT, _rotation(release, given))
     return PoseRelease(X_WR @ X_RT, np.concatenate([_turn(X_WR, v_RT), _turn(X_WR, w_RT)]))
 
@@ -361,7 +366,8 @@ def _of_quaternion(given: _Fields) -> Array:
 
 
 def _target_release(release: _Fields, X_WR: Array) -> TargetRelease:
-    half, free = np.pi / 2, release.get("release_position") is None
+    half = np.pi / 2
+    free = release.get("release_position") is None
     return TargetRelease(
         p_W=_move(X_WR, release.vector("position", 3)),
         max_speed_m_s=release.number("max_release_speed_m_s", np.inf, SPEED_MIN_M_S),

@@ -20,7 +20,9 @@ def skew(v: ArrayLike) -> Array:
     """Returns the matrix (..., 3, 3) of the cross product with v (..., 3)."""
     v = np.asarray(v, dtype=np.float64)
     matrix = np.zeros((*v.shape, 3))
-    matrix[..., 0, 1], matrix[..., 0, 2], matrix[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    matrix[..., 0, 1] = -v[..., 2]
+    matrix[..., 0, 2] = v[..., 1]
+    matrix[..., 1, 2] = -v[..., 0]
     return matrix - np.swapaxes(matrix, -1, -2)
 
 
@@ -46,7 +48,8 @@ def beyond_full_turn(vector: ArrayLike) -> str | None:
 def matrix_to_rotation_vector(R: ArrayLike) -> Array:
     """Returns the rotation vector (..., 3) [rad] of a rotation matrix (..., 3, 3); its length is at most pi."""
     quaternion = matrix_to_quaternion(R)
-    vector, w = quaternion[..., :3], quaternion[..., 3:]
+    vector = quaternion[..., :3]
+    w = quaternion[..., 3:]
     sine = np.linalg.norm(vector, axis=-1, keepdims=True)
     angle = 2.0 * np.arctan2(sine, w)
     # 2 is the limit of angle/sine at no rotation
@@ -79,9 +82,15 @@ def matrix_to_quaternion(R: ArrayLike) -> Array:
     Source: Shepperd's method: of the four formulas, the one with the largest divisor.
     """
     R = np.asarray(R, dtype=np.float64)
-    xx, yy, zz = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
-    xy, xz, yz = R[..., 0, 1] + R[..., 1, 0], R[..., 0, 2] + R[..., 2, 0], R[..., 1, 2] + R[..., 2, 1]
-    wx, wy, wz = R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]
+    xx = R[..., 0, 0]
+    yy = R[..., 1, 1]
+    zz = R[..., 2, 2]
+    xy = R[..., 0, 1] + R[..., 1, 0]
+    xz = R[..., 0, 2] + R[..., 2, 0]
+    yz = R[..., 1, 2] + R[..., 2, 1]
+    wx = R[..., 2, 1] - R[..., 1, 2]
+    wy = R[..., 0, 2] - R[..., 2, 0]
+    wz = R[..., 1, 0] - R[..., 0, 1]
     # 4 q q^T: each row is the quaternion times one of its entries
     outer = np.stack(
         [
@@ -115,9 +124,12 @@ def rotation_vector_rate(vector: ArrayLike) -> Array:
 
 def pose(position: ArrayLike, R: ArrayLike) -> Array:
     """Returns the homogeneous pose (..., 4, 4) of a position (..., 3) [m] and a rotation matrix (..., 3, 3)."""
-    position, R = np.asarray(position, dtype=np.float64), np.asarray(R, dtype=np.float64)
+    position = np.asarray(position, dtype=np.float64)
+    R = np.asarray(R, dtype=np.float64)
     X = np.zeros((*np.broadcast_shapes(position.shape[:-1], R.shape[:-2]), 4, 4))
-    X[..., :3, :3], X[..., :3, 3], X[..., 3, 3] = R, position, 1.0
+    X[..., :3, :3] = R
+    X[..., :3, 3] = position
+    X[..., 3, 3] = 1.0
     return X
 
 

@@ -64,7 +64,8 @@ class ExecutionRepository(Repository):
             KeyTaken: `key` is bound to another execution.
             UnknownPlan, UnknownExperiment: There is no such plan, or experiment.
         """
-        id, now = new_id(), time.time()
+        id = new_id()
+        now = time.time()
         row = {"id": id, "plan_id": plan_id, "cell": cell, "mode": mode, "dry_run": dry_run}
         row |= {"experiment_id": experiment_id, "request_id": audit and audit.request_id}
         with writing(self._engine) as connection:
@@ -229,7 +230,8 @@ def _abort_unclaimed(connection: Connection, id: str, now: float) -> None:
 def _finish(
     connection: Connection, id: str, outcome: str, reason: str | None, metrics: Mapping[str, Any] | None
 ) -> bool:
-    now, metrics = time.time(), None if metrics is None else dict(metrics)
+    now = time.time()
+    metrics = None if metrics is None else dict(metrics)
     result = {"state": "finished", "outcome": outcome, "reason": reason, "metrics": metrics}
     unfinished = update(executions).where(executions.c.id == id, UNFINISHED)
     if not connection.execute(unfinished.values(**result, finished_at=now)).rowcount:

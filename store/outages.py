@@ -9,7 +9,11 @@ import threading
 import time
 from typing import Any
 
-DISK_FULL, LOCKED, READ_ONLY, CORRUPT, UNREACHABLE = "disk_full", "locked", "read_only", "corrupt", "unreachable"
+DISK_FULL = "disk_full"
+LOCKED = "locked"
+READ_ONLY = "read_only"
+CORRUPT = "corrupt"
+UNREACHABLE = "unreachable"
 WORDS = {
     DISK_FULL: "the disk of the database is full",
     LOCKED: "the database is locked by another process",
@@ -73,8 +77,10 @@ class OutageLog:
         with self._lock:
             is_new = kind != self.kind
             if self.kind is None:
-                self._began_at, self._failures = now, 0
-            self.kind, self._failures = kind, self._failures + 1
+                self._began_at = now
+                self._failures = 0
+            self.kind = kind
+            self._failures = self._failures + 1
             if not is_new and now - self._logged_at < REPEAT_S:
                 return
             self._logged_at = now

@@ -89,7 +89,8 @@ class RetentionRepository(Repository):
         self, table: Any, where: ColumnElement[bool], count: int | None, days: float | None, young_s: float
     ) -> ColumnElement[bool] | None:
         """Returns the condition of what is too old or too much; None where everything is kept."""
-        now, bounds = time.time(), []
+        now = time.time()
+        bounds = []
         if days is not None:
             bounds.append(table.c.created_at < now - days * DAY_S)
         if count is not None:

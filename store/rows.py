@@ -265,7 +265,8 @@ class BatchRow:
         """Results per second since it was taken up [1/s]; None while nobody plans it, or nothing is known."""
         if self.state != "running" or self.started_at is None or self.heartbeat_at is None:
             return None
-        new, duration_s = self.done - self.started_done, self.heartbeat_at - self.started_at
+        new = self.done - self.started_done
+        duration_s = self.heartbeat_at - self.started_at
         return new / duration_s if new > 0 and duration_s > 0.0 else None
 
 

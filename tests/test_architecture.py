@@ -287,7 +287,8 @@ def imports(file: Path) -> Iterator[tuple[str, tuple[str, ...]]]:
 
 @pytest.mark.parametrize("face", FACES)
 def test_a_package_is_entered_by_its_face(root: Path, face: str):
-    public, found = public_names(face, root), []
+    public = public_names(face, root)
+    found = []
     assert public
     for file in sources(root):
         module = module_name(file, root)

@@ -158,7 +158,8 @@ class _ProgressBar:
     """A progress bar on standard error, where a person reads it; its block gets the function that moves it."""
 
     def __init__(self, total: int, done: int, is_silent: bool) -> None:
-        label, hidden = f"{total} plans", is_silent or not sys.stderr.isatty()
+        label = f"{total} plans"
+        hidden = is_silent or not sys.stderr.isatty()
         self._bar: Any = click.progressbar(length=total, label=label, file=sys.stderr, hidden=hidden, show_pos=True)
         self._done = done
 

@@ -129,13 +129,16 @@ def _soonest_plans(client: ServiceClient, cell: dict[str, Any], count: int) -> I
 
     from planner.robots import robot
 
-    reach, found = float(np.abs(robot(cell["robot"]).a[1:3]).sum()), 0
-    base, floor = cell["base_in_world"]["position_m"], cell["surroundings"]["floor_z_m"]
+    reach = float(np.abs(robot(cell["robot"]).a[1:3]).sum())
+    found = 0
+    base = cell["base_in_world"]["position_m"]
+    floor = cell["surroundings"]["floor_z_m"]
     for i in range(TRIES * count):
         if found == count:
             return
         share = (i * 0.618034) % 1.0  # golden ratio: distances as evenly spread as directions
-        distance, angle = reach * (REACHES[0] + share * (REACHES[1] - REACHES[0])), i * TURN_RAD
+        distance = reach * (REACHES[0] + share * (REACHES[1] - REACHES[0]))
+        angle = i * TURN_RAD
         target = [base[0] + distance * math.cos(angle), base[1] + distance * math.sin(angle), floor]
         request = {"cell": cell["name"], "release": {"kind": "target", "position": target}, "release_window_s": 0.0}
         try:
@@ -300,7 +303,8 @@ def _lag_change_text(found: dict[str, Any]) -> list[str]:
     """Returns what the measured lag changes: by how much a joint was behind its plan, and is then."""
     if "assumed_lag_s" not in found:
         return []
-    before, after = abs(found["lag_s"] - found["assumed_lag_s"]), found["lag_std_s"]
+    before = abs(found["lag_s"] - found["assumed_lag_s"])
+    after = found["lag_std_s"]
     return [
         f"a joint at 1 rad/s was {1e3 * before:.2f} mrad off its plan, and is within {1e3 * after:.2f} with this lag"
     ]

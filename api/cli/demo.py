@@ -87,7 +87,8 @@ def _throw(folder: Path, cell: str) -> tuple[float, list[float]]:
     from api.cli.support.client import ServiceClient, ServiceError
     from api.cli.support.processes import ChildFailed, ChildProcesses, start_all
 
-    port, log = _free_port(), folder / "log.txt"
+    port = _free_port()
+    log = folder / "log.txt"
     url = f"http://127.0.0.1:{port}"
     environment = {
         "FLING_DATABASE_URL": f"sqlite:///{folder / 'fling.db'}",

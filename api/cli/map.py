@@ -73,7 +73,10 @@ class _MapCommand:
         from api import fling_version
         from batch.maps import begin_map
 
-        self.store, self.source, self.out, self.as_json = store, source, out, as_json
+        self.store = store
+        self.source = source
+        self.out = out
+        self.as_json = as_json
         self.row: MapRow = begin_map(store, source, request, fling_version(), "command")
 
     def run(self, workers: int | None, ray_address: str | None) -> str:
@@ -159,7 +162,8 @@ def _cell(name: str | None, cells: Path | None) -> tuple[Any, CellSource]:
     from api.settings import read_settings
 
     settings = read_settings(cells=cells)
-    repository, name = CellRepository(settings.cells), name or settings.default_cell
+    repository = CellRepository(settings.cells)
+    name = name or settings.default_cell
     source = repository.source(name)
     if source is None or repository.cell(name) is None:
         raise click.ClickException(repository.without(name))

@@ -78,7 +78,8 @@ def _plan(body: Any, cells: Path | None, cell: str | None) -> Planned:
     from store import new_id
 
     settings = parse_settings()
-    repository, name = CellRepository(cells or settings.cells), body.cell or cell or settings.default_cell
+    repository = CellRepository(cells or settings.cells)
+    name = body.cell or cell or settings.default_cell
     if body.start is not None and body.start.current:
         raise invalid_field("start.current", "needs a service with an executor")
     source = repository.source(name)

@@ -48,7 +48,8 @@ def report(
     if len(asked) + (file is not None) != 1:
         raise click.UsageError("name one of PLAN, --plan, --execution, --experiment")
     if file is not None:
-        content, target = _of_file(file, cells), output or file.with_suffix(".html")
+        content = _of_file(file, cells)
+        target = output or file.with_suffix(".html")
     else:
         from api.cli.support.client import ServiceClient
 
@@ -105,7 +106,8 @@ def _of_plan(client: ServiceClient, id: str, **more: Any) -> ReportContent:
     model = client.get(f"/cells/{plan['cell']}/model")
     if model["sha256"] != plan["cell_sha256"]:
         return ReportContent(plan, **more)
-    curves, picture = client.get(f"/plans/{plan['id']}/curves"), client.text(f"/plans/{plan['id']}/picture.svg")
+    curves = client.get(f"/plans/{plan['id']}/curves")
+    picture = client.text(f"/plans/{plan['id']}/picture.svg")
     return ReportContent(plan, picture, model, curves, **more)
 
 

@@ -51,7 +51,8 @@ def up(cell: str | None, port: int | None, patience: float | None, truth: Path |
 
     require_streaming_client()
     settings = read_settings(default_cell=cell, port=port)
-    name, number = cell or settings.default_cell, port or settings.port
+    name = cell or settings.default_cell
+    number = port or settings.port
     address = _prepare(settings.cells, name, settings.database_url)
     simulated = address.kind == "sim"
     require_free(settings.host, [number], "the service", "or choose another port: --port")

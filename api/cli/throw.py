@@ -76,7 +76,8 @@ def throw(
     request |= {"landing_tolerance_m": tolerance} if tolerance is not None else {}
     request |= {"min_hit_probability": odds} if odds is not None else {}
     places = [position] if targets is None else read_targets(targets)
-    requests, step = [{**request, "release": _target(place, bin)} for place in places], load_step(load)
+    requests = [{**request, "release": _target(place, bin)} for place in places]
+    step = load_step(load)
     with ServiceClient(service_url(url), token) as client:
         if targets is None and repeat is None:
             _one_throw(client, requests[0], mode, dry_run, as_json)

@@ -272,7 +272,8 @@ async def _on_error(request: Request, error: Exception) -> Response:
 
 def _allowed_methods(request: Request) -> list[str]:
     """Returns the methods of every route at the address of a request; the framework names those of the first alone."""
-    routes, found = request.app.router.routes, []
+    routes = request.app.router.routes
+    found = []
     for method in METHODS:
         scope = {**request.scope, "method": "GET" if method == "HEAD" else method}  # HEAD is answered by GET
         if any(route.matches(scope)[0] is Match.FULL for route in routes):

@@ -69,7 +69,8 @@ class SecurityMiddleware:
 
 def _limited(receive: Receive) -> Receive:
     """Returns a `receive` that rejects a body that is too large or takes too long."""
-    received, due_at = 0, asyncio.get_running_loop().time() + BODY_S
+    received = 0
+    due_at = asyncio.get_running_loop().time() + BODY_S
 
     async def limited() -> Message:
         nonlocal received, due_at

@@ -83,7 +83,8 @@ class RequestLogMiddleware:
     """
 
     def __init__(self, app: ASGIApp, record: Callable[[RequestRecord], Awaitable[None]]) -> None:
-        self.app, self.record = app, record
+        self.app = app
+        self.record = record
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Gives a request its id, passes it on, and records it."""
@@ -92,7 +93,8 @@ class RequestLogMiddleware:
             return
         state = scope.setdefault("state", {})
         state["request_id"] = id = _request_id(scope)
-        status, began_at = UNFINISHED, time.perf_counter()
+        status = UNFINISHED
+        began_at = time.perf_counter()
 
         async def send_with_id(message: Message) -> None:
             nonlocal status
@@ -119,8 +121,10 @@ def _request_id(scope: Scope) -> str:
 
 
 def _record(scope: Scope, state: MutableMapping[str, Any], status: int, duration_s: float) -> RequestRecord:
-    route, problem = getattr(scope.get("route"), "path", None), state.get("problem")
+    route = getattr(scope.get("route"), "path", None)
+    problem = state.get("problem")
     name, detail = (problem.name, problem.detail) if problem is not None else (None, None)
-    client, token = client_address(scope), state.get("caller")
+    client = client_address(scope)
+    token = state.get("caller")
     place = (scope["method"], scope["path"], route)
     return RequestRecord(state["request_id"], client, token, *place, status, duration_s, name, detail)

@@ -119,7 +119,10 @@ def read_tokens(path: Path) -> tuple[StoredToken, ...]:
 
 
 def _stored(entry: dict[str, object]) -> StoredToken:
-    name, digest, scopes, ends = entry["name"], entry["sha256"], entry["scopes"], entry.get("expires_at")
+    name = entry["name"]
+    digest = entry["sha256"]
+    scopes = entry["scopes"]
+    ends = entry.get("expires_at")
     if not isinstance(digest, str) or not re.fullmatch(r"[0-9a-f]{64}", digest):
         raise ValueError(f"the token {name!r} has no SHA-256")
     if not isinstance(scopes, list) or not set(scopes) <= set(SCOPES):

@@ -19,7 +19,8 @@ class TracingMiddleware:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        method, status = scope["method"], 0
+        method = scope["method"]
+        status = 0
 
         async def noting(message: Message) -> None:
             nonlocal status
@@ -30,7 +31,8 @@ class TracingMiddleware:
         about = {"http__request__method": method, "url__path": scope["path"]}
         with tracing.traced(method, "server", Headers(scope=scope), **about) as span:
             await self.app(scope, receive, noting)
-            state, route = scope.get("state", {}), getattr(scope.get("route"), "path", None)
+            state = scope.get("state", {})
+            route = getattr(scope.get("route"), "path", None)
             if route is not None:
                 span.rename(f"{method} {route}")
             span.set(http__route=route, http__response__status_code=status, fling__request_id=state.get("request_id"))

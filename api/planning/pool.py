@@ -77,7 +77,8 @@ class PlannerPool:
         functions: WorkerFunctions | None = None,
         grace_s: float = GRACE_S,
     ) -> None:
-        self._count, self._capacity = count, count + queue
+        self._count = count
+        self._capacity = count + queue
         self._warm_up_job, self._grace_s, self._functions = warm_up, grace_s, functions or WorkerFunctions()
         self._free = asyncio.Semaphore(count)
         self._executor: ProcessPoolExecutor | None = None
@@ -146,7 +147,8 @@ class PlannerPool:
         Raises:
             ClientGone: The client left before.
         """
-        turn, left = asyncio.ensure_future(self._free.acquire()), asyncio.ensure_future(gone.wait())
+        turn = asyncio.ensure_future(self._free.acquire())
+        left = asyncio.ensure_future(gone.wait())
         taken = False
         try:
             await asyncio.wait((turn, left), return_when=asyncio.FIRST_COMPLETED)
@@ -182,15 +184,18 @@ class PlannerPool:
 
     async def _use(self, executor: ProcessPoolExecutor) -> ProcessPoolExecutor:
         """Returns these processes once they are loaded; they are used from now on."""
-        loop, loaded = asyncio.get_running_loop(), False
+        loop = asyncio.get_running_loop()
+        loaded = False
         try:
             loading = [loop.run_in_executor(executor, self._functions.has_compiled_solvers) for _ in range(self._count)]
             self._watch(executor)
-            self.is_compiled, loaded = all(await asyncio.gather(*loading)), True
+            self.is_compiled = all(await asyncio.gather(*loading))
+            loaded = True
         finally:
             if not loaded:
                 self._discard(executor)
-        self._executor, self.is_warm = executor, True
+        self._executor = executor
+        self.is_warm = True
         return executor
 
     def _watch(self, executor: ProcessPoolExecutor) -> None:

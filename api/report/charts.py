@@ -7,7 +7,11 @@ from typing import Any
 
 import numpy as np
 
-WIDTH, HEIGHT, LEFT, RIGHT, EDGE = 900, 220, 60, 110, 22  # [px] of one chart and its margins
+WIDTH = 900
+HEIGHT = 220
+LEFT = 60
+RIGHT = 110
+EDGE = 22  # [px] of one chart and its margins
 CHARTS = (
     ("positions", "Joint positions [rad]"),
     ("velocities", "Joint velocities [rad/s]"),
@@ -19,7 +23,8 @@ COLOURS = ("#0b6bcb", "#e07b00", "#1a7f37", "#c62828", "#7a4fbf", "#0097a7")
 def joint_charts(plan: Mapping[str, Any]) -> str:
     """Returns charts of positions, velocities and accelerations of a plan's joints as HTML."""
     trajectory = plan["trajectory"]
-    times, names = trajectory["time_from_start"], trajectory["joint_names"]
+    times = trajectory["time_from_start"]
+    names = trajectory["joint_names"]
     charts = (
         f"<h2>{title}</h2>{_chart(times, trajectory[name], names, plan['release_time_s'])}" for name, title in CHARTS
     )
@@ -28,8 +33,10 @@ def joint_charts(plan: Mapping[str, Any]) -> str:
 
 def _chart(times: Sequence[float], values: Sequence[Sequence[float]], names: Sequence[str], release_s: float) -> str:
     """Returns a chart of all joints over time, with the release marked."""
-    t, y = np.asarray(times), np.asarray(values)
-    low, high = float(y.min()), float(y.max())
+    t = np.asarray(times)
+    y = np.asarray(values)
+    low = float(y.min())
+    high = float(y.max())
     x_of = LEFT + (WIDTH - LEFT - RIGHT) * t / max(float(t[-1]), 1e-9)
     y_of = EDGE + (HEIGHT - 2 * EDGE) * (high - y) / max(high - low, 1e-9)
     lines = [_axis(low, high, float(t[-1])), _release_line(LEFT + (WIDTH - LEFT - RIGHT) * release_s / float(t[-1]))]

@@ -18,7 +18,8 @@ KEY_METRICS = (  # of an execution: key, label, factor, unit
 
 def plan_section(plan: Mapping[str, Any]) -> str:
     """Returns when, how and with which release and flight the plan was made."""
-    solver, flight = plan["solver"], plan["flight"]
+    solver = plan["solver"]
+    flight = plan["flight"]
     facts = [
         ("planned", plan["created_at"]),
         ("cell", f"{plan['cell']} (sha256 {plan['cell_sha256'][:12]}…)"),
@@ -41,7 +42,8 @@ def _release_facts(flight: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Returns what the plan holds for a release that is not on time; plans of version 0.1 do not state it."""
     facts = []
     if flight.get("release_window_s"):
-        window_ms, tolerance_mm = 1000 * flight["release_window_s"], 1000 * flight["landing_tolerance_m"]
+        window_ms = 1000 * flight["release_window_s"]
+        tolerance_mm = 1000 * flight["landing_tolerance_m"]
         facts.append(("release window", f"± {window_ms:.3g} ms: lands within {tolerance_mm:.3g} mm"))
     for when, shift in flight.get("landing_shift_10ms_m", {}).items():
         moved = "it may never land" if shift is None else f"the landing moves by {1000 * shift:.0f} mm"

@@ -7,7 +7,9 @@ from typing import Any
 
 from api.report.standalone import TEXT, standalone_svg
 
-WIDTH, HEIGHT, EDGE = 520, 280, 48  # [px] of the picture, and its margin
+WIDTH = 520
+HEIGHT = 280
+EDGE = 48  # [px] of the picture, and its margin
 ROOM_S = 0.002  # [s] about the lags shown: a difference below a millisecond looks small, as it is
 SIGMAS = 2.0  # [-] standard errors to each side of a run
 RUN = 'class="run" stroke="#36c" stroke-width="2" fill="#36c"'
@@ -24,7 +26,8 @@ def lags_svg(runs: Sequence[Mapping[str, Any]], pooled_s: float, assumed_s: floa
         assumed_s: lag that plans assume [s].
     """
     ends = [run["lag_s"] + side * SIGMAS * run["lag_std_s"] for run in runs for side in (-1.0, 1.0)]
-    low, high = min([*ends, assumed_s]) - ROOM_S, max([*ends, assumed_s]) + ROOM_S
+    low = min([*ends, assumed_s]) - ROOM_S
+    high = max([*ends, assumed_s]) + ROOM_S
 
     def y(lag_s: float) -> float:
         return EDGE + (HEIGHT - 2 * EDGE) * (high - lag_s) / (high - low)
@@ -33,7 +36,8 @@ def lags_svg(runs: Sequence[Mapping[str, Any]], pooled_s: float, assumed_s: floa
              _line(POOLED, y(pooled_s), f"measured {1e3 * pooled_s:.1f} ms", above=assumed_s < pooled_s)]  # fmt: skip
     dots = []
     for i, run in enumerate(runs):
-        x, spread = EDGE + (WIDTH - 2 * EDGE) * (i + 0.5) / len(runs), SIGMAS * run["lag_std_s"]
+        x = EDGE + (WIDTH - 2 * EDGE) * (i + 0.5) / len(runs)
+        spread = SIGMAS * run["lag_std_s"]
         dots.append(f'<path {RUN} d="M{x:.1f} {y(run["lag_s"] - spread):.1f}V{y(run["lag_s"] + spread):.1f}"/>')
         dots.append(f'<circle {RUN} cx="{x:.1f}" cy="{y(run["lag_s"]):.1f}" r="4"/>')
     words = f"lag of {len(runs)} motions, oldest on the left, two standard errors"

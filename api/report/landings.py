@@ -7,7 +7,8 @@ from typing import Any
 
 from api.report.standalone import TEXT, standalone_svg
 
-SIZE, EDGE = 420, 40  # [px] side of the square picture, and its margin
+SIZE = 420
+EDGE = 40  # [px] side of the square picture, and its margin
 RANGE_MIN_M = 0.02  # [m] a picture never shows less than this about the target
 RINGS = 2  # circles about the target, the outer one at the range
 RING = 'class="ring" fill="none" stroke="#999"'
@@ -39,7 +40,8 @@ def _less(a: Sequence[float], b: Sequence[float]) -> Point:
 def _picture(groups: Sequence[tuple[str, Sequence[Point]]], text: str) -> str:
     """Returns groups of points [m] about a cross, each with the style of its dots."""
     reach = max([RANGE_MIN_M, *(max(abs(x), abs(y)) for _, points in groups for x, y in points)])
-    centre, scale = SIZE / 2.0, (SIZE / 2.0 - EDGE) / reach
+    centre = SIZE / 2.0
+    scale = (SIZE / 2.0 - EDGE) / reach
     rings = [_ring(centre, scale, reach * (i + 1) / RINGS) for i in range(RINGS)]
     dots = [
         f'<circle {style} cx="{centre + scale * x:.1f}" cy="{centre - scale * y:.1f}"/>'

@@ -52,7 +52,8 @@ class ReportContent:
 
 def report_html(content: ReportContent) -> str:
     """Returns the report as HTML."""
-    plan, title = content.plan, html.escape(_title(content))
+    plan = content.plan
+    title = html.escape(_title(content))
     request = html.escape(json.dumps(plan["request"], indent=2))
     parts = (
         f"<header><h1>{title}</h1><p>{html.escape(_subtitle(plan))}</p></header>",

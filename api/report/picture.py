@@ -18,7 +18,9 @@ from planner.problem import Opening, TargetRelease, ThrowProblem
 
 Vector = NDArray[np.float64]
 
-WIDTH, HEIGHT, EDGE = 460, 340, 28  # [px] size of one view, and its margin
+WIDTH = 460
+HEIGHT = 340
+EDGE = 28  # [px] size of one view, and its margin
 FLIGHT_POINTS = 60
 BIN_POINTS = 41
 ARM_STYLES = ("arm start", "arm release", "arm end")
@@ -88,7 +90,8 @@ def _flight(plan: Mapping[str, Any], problem: ThrowProblem) -> Vector:
     if plan["flight"] is None:
         return np.zeros((0, 3))
     release = plan["release"]
-    p, v = np.array(release["pose"]["position"]), np.array(release["twist"]["linear"])
+    p = np.array(release["pose"]["position"])
+    v = np.array(release["twist"]["linear"])
     leaves = problem.release_speed_factor * v
     times = np.linspace(0.0, plan["flight"]["time_of_flight_s"], FLIGHT_POINTS)
     return flight_path(p, leaves, times, problem.gravity, problem.drag)
@@ -108,7 +111,8 @@ def _bin_lines(scene: PlanScene, side: Vector) -> list[Vector]:
         return []
     angles = np.linspace(0.0, 2.0 * np.pi, BIN_POINTS)
     around = np.stack([np.cos(angles), np.sin(angles), np.zeros(BIN_POINTS)], axis=1)
-    across, up = scene.opening.radius_m * np.append(side, 0.0), np.array([0.0, 0.0, scene.opening.rim_height_m])
+    across = scene.opening.radius_m * np.append(side, 0.0)
+    up = np.array([0.0, 0.0, scene.opening.rim_height_m])
     walls = [scene.target + np.array([edge, edge + up]) for edge in (across, -across)]
     return [scene.target + scene.opening.radius_m * around, *walls]
 
@@ -140,7 +144,8 @@ def _view(name: str, left: float, scene: PlanScene, project: Any, bin: list[Vect
 
 def _scale(points: Vector, left: float) -> Any:
     """Returns the map from metres to pixels that fits `points` into the view, with equal scales of both axes."""
-    low, high = points.min(0), points.max(0)
+    low = points.min(0)
+    high = points.max(0)
     scale = min((WIDTH - 2 * EDGE) / max(high[0] - low[0], 0.1), (HEIGHT - 2 * EDGE) / max(high[1] - low[1], 0.1))
     middle = (low + high) / 2
 
@@ -154,7 +159,9 @@ def _scale(points: Vector, left: float) -> Any:
 def _ruler(to_pixels: Any, points: Vector, left: float) -> str:
     low = points.min(0)
     ends = to_pixels(np.array([[low[0], low[1]], [low[0] + 0.5, low[1]]]))
-    length, x, y = float(ends[1, 0] - ends[0, 0]), left + EDGE, HEIGHT - 10
+    length = float(ends[1, 0] - ends[0, 0])
+    x = left + EDGE
+    y = HEIGHT - 10
     return (
         f'<line class="ruler" x1="{x}" x2="{x + length:.1f}" y1="{y}" y2="{y}"/>'
         f'<text class="label" x="{x + length + 6:.1f}" y="{y + 4}">0.5 m</text>'

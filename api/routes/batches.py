@@ -69,7 +69,8 @@ async def make_batch(body: BatchBody, service: ServiceDep, caller: PlanCaller, k
     """
 
     def create() -> BatchRow:
-        store, settings = service.store, service.settings
+        store = service.store
+        settings = service.settings
         existing = None if key is None else store.resource_of_key(key)
         if existing is None:
             asked = batch_specification(body, store, service.cells, settings.default_cell, SIZE_MAX)
@@ -173,7 +174,8 @@ def find_batch(service: Service, id: str) -> BatchRow:
 async def _events(request: Request, store: Store, id: str, after: int) -> AsyncIterator[bytes]:
     """Yields the progress whenever it changes, up to the end of the batch or of the service."""
     yield b"retry: 500\n\n"
-    last, sent_at = after, time.monotonic()
+    last = after
+    sent_at = time.monotonic()
     while not request.app.state.is_draining:
         try:
             row = await run_in_threadpool(store.batch, id)
@@ -182,7 +184,8 @@ async def _events(request: Request, store: Store, id: str, after: int) -> AsyncI
         if row is not None:
             event_id = row.done + 1 + (row.total + 1 if row.state == "finished" else 0)
             if event_id > last or row.state == "finished":
-                last, sent_at = event_id, time.monotonic()
+                last = event_id
+                sent_at = time.monotonic()
                 yield f"id: {event_id}\nevent: progress\ndata: ".encode() + orjson.dumps(batch_document(row)) + b"\n\n"
             if row.state == "finished":
                 return
@@ -217,7 +220,8 @@ def _table(store: Store, id: str, media: str) -> FileResponse:
     """
     handle, name = tempfile.mkstemp(suffix=TABLES[media], prefix="fling-batch-")
     os.close(handle)
-    path, grid = Path(name), _grid(store, id)
+    path = Path(name)
+    grid = _grid(store, id)
     try:
         write_table(path, ((row, _parameters(grid, row.number)) for row in store.all_batch_results(id)))
     except ParquetMissing as error:

@@ -130,7 +130,8 @@ def find_experiment(service: Service, id: str) -> ExperimentRow:
 
 def _throws(service: Service, row: ExperimentRow) -> list[dict[str, Any]]:
     store = service.store
-    executions, landings = store.executions_of_experiment(row.id), store.landings_of_experiment(row.id)
+    executions = store.executions_of_experiment(row.id)
+    landings = store.landings_of_experiment(row.id)
     return throws_of(executions, landings, store.plans_of_experiment(row.id))
 
 
@@ -172,7 +173,8 @@ def _parquet(throws: Sequence[dict[str, Any]]) -> bytes:
         import pyarrow.parquet
     except ImportError:
         raise invalid_field("accept", f"{PARQUET} needs pyarrow: pip install 'fling-robotics[parquet]'") from None
-    text, number = pyarrow.string(), pyarrow.float64()
+    text = pyarrow.string()
+    number = pyarrow.float64()
     types = [*[text] * 4, *[number] * 7, pyarrow.list_(text)]
     columns = zip(*_table(throws), strict=True) if throws else [[]] * len(COLUMNS)
     arrays = [pyarrow.array(list(column), kind) for column, kind in zip(columns, types, strict=True)]

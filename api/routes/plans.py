@@ -213,7 +213,8 @@ async def _solve_and_store(asked: _Asked) -> str:
 
 
 async def _solve(job: PlanningJob, asked: _Asked) -> Planned:
-    service, limit_s = asked.service, asked.body.time_limit_s or TIME_LIMIT_S
+    service = asked.service
+    limit_s = asked.body.time_limit_s or TIME_LIMIT_S
     started_at = time.perf_counter()
     with tracing.traced("plan", fling__cell=job.cell.name, fling__plan_id=job.plan_id) as span:
         try:
@@ -252,7 +253,8 @@ def _planning_job(body: PlanRequest, service: Service, request_id: str, stored: 
     version = service.note_cell_version(source)
     adopted = service.store.profile_in_use(name, source.sha256)
     profile = None if adopted is None else (adopted.id, adopted.document)
-    plan_id, at = new_id() if stored else None, iso_time(time.time()) or ""
+    plan_id = new_id() if stored else None
+    at = iso_time(time.time()) or ""
     return PlanningJob(plan_id, at, source, request, profile, request_id, version)
 
 
@@ -269,7 +271,8 @@ def _store_plan(service: Service, job: PlanningJob, planned: Planned, key: Idemp
     """Stores the plan and returns its id; the first one's id if the same request arrived twice at once."""
     assert job.plan_id is not None  # as of every job that is to be stored
     try:
-        cell, made = job.cell, (planned.backend, planned.summary, planned.samples)
+        cell = job.cell
+        made = (planned.backend, planned.summary, planned.samples)
         service.store.add_plan(job.plan_id, time.time(), cell.name, cell.sha256, *made, key, job.request_id)
     except KeyTaken as taken:
         return taken.resource_of(key)

@@ -89,7 +89,8 @@ def _drag(cell: Cell) -> float:
 
 def _gripper(cell: Cell) -> dict[str, Any]:
     gripper = cell.gripper
-    direction, hold = gripper.opening_direction, gripper.hold_acceleration_m_s2
+    direction = gripper.opening_direction
+    hold = gripper.hold_acceleration_m_s2
     return {
         "delay_s": gripper.delay_s,
         "jitter_s": gripper.jitter_s,

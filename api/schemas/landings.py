@@ -29,7 +29,8 @@ class LandingRequest(RequestModel):
 
     @model_validator(mode="after")
     def _one_of_two(self) -> LandingRequest:
-        place, judged = (self.position, self.std_m), (self.result, self.radius_m)
+        place = (self.position, self.std_m)
+        judged = (self.result, self.radius_m)
         if (None in place or judged != (None, None)) and (None in judged or place != (None, None)):
             raise ValueError("give either position and std_m, or result and radius_m")
         return self

@@ -34,11 +34,15 @@ def plan_aimed(problem: ThrowProblem, known: CellKnowledge | None, hints: Search
     found = plan(problem, hints)
     if known is None or not isinstance(problem.release, TargetRelease):
         return found
-    best, least, shift, further = found, np.inf, np.zeros(3), replace(hints, offers_nearest=False)
+    best = found
+    least = np.inf
+    shift = np.zeros(3)
+    further = replace(hints, offers_nearest=False)
     for remaining in range(AIM_ROUNDS, 0, -1):
         miss = _predicted(found, known).center - problem.release.p_W[:2]
         if float(np.linalg.norm(miss)) < least:
-            best, least = found, float(np.linalg.norm(miss))
+            best = found
+            least = float(np.linalg.norm(miss))
         if least < AIM_M or remaining == 1:
             break
         shift = shift - np.append(miss, 0.0)
@@ -73,12 +77,14 @@ def learnt_fields(problem: ThrowProblem, found: Plan, known: CellKnowledge, prof
         profile_id: of the profile that it comes from; None: of the cell file.
     """
     fields: dict[str, Any] = {"profile": profile_id, "aim": None, "hit_probability": None, "landing_ellipse": None}
-    release, aimed = problem.release, found.problem.release
+    aimed = found.problem.release
+    release = problem.release
     if not isinstance(release, TargetRelease) or not isinstance(aimed, TargetRelease):
         return fields
     if profile_id is not None:
         fields["aim"] = {"position": aimed.p_W.tolist(), "shift_m": (aimed.p_W - release.p_W).tolist()}
-    guess, radius = _predicted(found, known), hit_radius_m(problem)
+    guess = _predicted(found, known)
+    radius = hit_radius_m(problem)
     interval = list(guess.hit_interval(release.p_W[:2], radius))
     value = hit_probability(problem, guess)
     fields["hit_probability"] = {"value": value, "interval": interval, "profile": profile_id, "radius_m": radius}
@@ -97,7 +103,8 @@ def hit_radius_m(problem: ThrowProblem) -> float:
 
     The room of the opening about the object, else the landing tolerance, else the object's radius.
     """
-    release, thick = problem.release, problem.cell.object.radius_m
+    release = problem.release
+    thick = problem.cell.object.radius_m
     if isinstance(release, TargetRelease) and release.opening is not None:
         return release.opening.radius_m - thick
     return problem.landing_tolerance_m or thick

@@ -63,7 +63,9 @@ class _OddsSearch:
     """The plans that were tried for a hit probability: the best of them, the last one, and what ended their kind."""
 
     def __init__(self, problem: ThrowProblem, least: float, known: CellKnowledge, is_learnt: bool) -> None:
-        self.problem, self.least, self.known = problem, least, known
+        self.problem = problem
+        self.least = least
+        self.known = known
         self.aims_with = known if is_learnt else None
         self.until = time.perf_counter() + problem.time_limit_s
         self.is_late = False

@@ -112,7 +112,8 @@ def solve(job: PlanningJob) -> Planned:
     problem = problem_from_request(job.request, cell_with_profile(cell, learnt))
     check_limits(problem)
     known = prior_knowledge(cell) if learnt is None else knowledge_of(learnt)
-    is_learnt, least = learnt is not None, float(job.request.get("min_hit_probability") or 0.0)
+    is_learnt = learnt is not None
+    least = float(job.request.get("min_hit_probability") or 0.0)
     if least > 0.0:
         found = plan_for_odds(problem, least, known, is_learnt)
     else:

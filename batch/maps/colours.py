@@ -24,7 +24,8 @@ STOPS = np.array(
     dtype=float,
 )  # fmt: skip
 UNKNOWN = (255, 255, 255)
-PROVEN_GREYS, FOUND_GREYS = (70, 120), (160, 215)  # [0 to 255] darkest and brightest of the reasons
+PROVEN_GREYS = (70, 120)
+FOUND_GREYS = (160, 215)  # [0 to 255] darkest and brightest of the reasons
 LATEST_SHARE = 99.0  # [percent] of the release times are within the scale; a few late ones would flatten it
 
 

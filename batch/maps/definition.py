@@ -82,7 +82,8 @@ class MapDefinition:
 
     def level(self, index: int) -> list[int]:
         """Returns the numbers of the landing cells that a level adds to those before it, ascending."""
-        stride, before = self.strides[index], self.strides[index - 1] if index else 0
+        stride = self.strides[index]
+        before = self.strides[index - 1] if index else 0
         return [
             self.number(GridPlace(k, j, i))
             for k, j, i in self._lattice(stride)
@@ -101,7 +102,8 @@ class MapDefinition:
 
     def neighbours(self, number: int) -> list[int]:
         """Returns the numbers of the landing cells around one, the nearest first: 8 in a plane, 26 in a volume."""
-        here, found = self.place(number), []
+        here = self.place(number)
+        found = []
         for dk, dj, di in _STEPS:
             there = GridPlace(here.k + dk, here.j + dj, here.i + di)
             if all(0 <= x < n for x, n in zip(there, (len(self.planes_z_m), *self.shape), strict=True)):
@@ -158,7 +160,8 @@ def landing_grid(
     """
     _check(extent_m, resolution_m, volume_z_m)
     x0, x1, y0, y1 = extent_m
-    low, high = volume_z_m[0], volume_z_m[-1]
+    low = volume_z_m[0]
+    high = volume_z_m[-1]
     columns, rows = (_parts(length, resolution_m) for length in (x1 - x0, y1 - y0))
     levels = 1 if low == high else _parts(high - low, resolution_m) + 1
     count = levels * rows * columns
@@ -171,7 +174,8 @@ def landing_grid(
 
 
 def _check(extent_m: Sequence[float], resolution_m: float, volume_z_m: Sequence[float]) -> None:
-    errors, (least, most) = [], RESOLUTION_RANGE_M
+    errors = []
+    (least, most) = RESOLUTION_RANGE_M
     if not least <= resolution_m <= most:
         errors.append(FieldError("resolution_m", f"{resolution_m:g} m is not between {least:g} m and {most:g} m"))
     for name, low, high in (("x", *extent_m[:2]), ("y", *extent_m[2:])):

@@ -18,7 +18,8 @@ def map_head(table: MapTable, void: str | None = None, plane: int = 0) -> dict[s
         void: why it does not hold any more; None where it does.
         plane: index of the plane.
     """
-    row, definition = table.row, table.definition
+    row = table.row
+    definition = table.definition
     return {
         "id": row.id,
         "cell": row.cell,

@@ -74,7 +74,9 @@ class _MapWork:
     """One process's work on a map: what is known, and what is not stored yet."""
 
     def __init__(self, store: Store, row: MapRow, inputs: MapInputs) -> None:
-        self.store, self.row, self.inputs = store, row, inputs
+        self.store = store
+        self.row = row
+        self.inputs = inputs
         self.definition: MapDefinition = definition_from(row.definition)
         self.known = {each.number: each for each in store.landing_cells(row.id)}
         self.unanswered: set[int] = set()
@@ -85,7 +87,8 @@ class _MapWork:
 
     def do(self, step: Step, plan_all: PlanAll, report: ProgressReport) -> None:
         """Plans the landing cells of a step; ends early where somebody cancels."""
-        numbers, answers = step.numbers, []
+        numbers = step.numbers
+        answers = []
         with closing(plan_all(self._job(number, step.round) for number in numbers)) as results:  # type: ignore[type-var]
             for result in results:
                 answers.append(self._answer(numbers[result.number], step.round, result))
@@ -135,7 +138,8 @@ class _MapWork:
         return row
 
     def _planned(self, number: int, round: int, planned: Planned) -> LandingCellRow | None:
-        id, source = plan_id_of(self.row.id, number, round), self.inputs.source
+        id = plan_id_of(self.row.id, number, round)
+        source = self.inputs.source
         row = planned_row(self.row.id, number, round, id, planned)
         if row is not None:
             made = planned.backend, planned.summary, None, planned.samples

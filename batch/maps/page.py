@@ -72,7 +72,8 @@ def _rounded(rows: list[list[Any]]) -> list[list[Any]]:
 
 def _table(table: MapTable) -> str:
     """Returns how many landing cells there are of each kind, and what their plans are like."""
-    times, shifts = table.measures["release_time_s"], table.landing_shift_m
+    times = table.measures["release_time_s"]
+    shifts = table.landing_shift_m
     rows = [("planned and certified", str(table.count_of(LandingState.YES)))]
     rows += [(entry.words.rpartition(":")[0], str(entry.count)) for entry in map_colours(table).greys]
     rows += [("not planned yet", str(table.count_of(LandingState.UNKNOWN)))]

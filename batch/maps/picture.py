@@ -15,12 +15,19 @@ from batch.maps.landing_cells import LandingState
 from batch.maps.table import MapTable
 from batch.maps.zarr_file import OutputUnavailable
 
-PLOT_PX, SMALL_PX = 720, 300  # [px] longer side of a plane by itself, and of one of many
+PLOT_PX = 720
+SMALL_PX = 300  # [px] longer side of a plane by itself, and of one of many
 COLUMNS = 4  # planes beside each other
-TOP, LEFT, BETWEEN, LEGEND = 92, 70, 34, 330  # [px] room for the title, the numbers beside, between planes, the legend
-SCALE_PX, SWATCH_PX = (22, 260), 16  # [px] of the scale of colours, and of a grey in the legend
-FONT, SMALL_FONT = 20, 15  # [px]
-INK, VOID_INK = (20, 20, 20), (190, 20, 20)
+TOP = 92
+LEFT = 70
+BETWEEN = 34
+LEGEND = 330  # [px] room for the title, the numbers beside, between planes, the legend
+SCALE_PX = (22, 260)
+SWATCH_PX = 16  # [px] of the scale of colours, and of a grey in the legend
+FONT = 20
+SMALL_FONT = 15  # [px]
+INK = (20, 20, 20)
+VOID_INK = (190, 20, 20)
 TICKS = 6  # numbers along an axis, about
 LEGEND_MAX = 14  # greys in the legend
 
@@ -65,7 +72,8 @@ def map_picture(table: MapTable, void: str | None = None, base_m: tuple[float, f
         from PIL import Image, ImageDraw, ImageFont
     except ImportError:
         raise OutputUnavailable("Pillow") from None
-    colours, boxes = map_colours(table), _boxes(table)
+    colours = map_colours(table)
+    boxes = _boxes(table)
     rows, columns = table.definition.shape
     side = boxes[0].cell_px
     width = round(max(box.left for box in boxes) + columns * side) + LEGEND
@@ -90,8 +98,10 @@ def map_picture(table: MapTable, void: str | None = None, base_m: tuple[float, f
 
 def title_lines(table: MapTable, void: str | None) -> tuple[str, str]:
     """Returns what a map is of, and what it was made with, in a line each."""
-    definition, row = table.definition, table.row
-    low, high = definition.planes_z_m[0], definition.planes_z_m[-1]
+    definition = table.definition
+    row = table.row
+    low = definition.planes_z_m[0]
+    high = definition.planes_z_m[-1]
     where = f"z = {low:g} m" if low == high else f"z = {low:g} to {high:g} m"
     kind = "robust" if definition.robust else "soonest"
     profile = "the cell file's own numbers" if definition.profile is None else f"profile {definition.profile[:8]}"
@@ -107,7 +117,8 @@ def _boxes(table: MapTable) -> list[PlaneBox]:
     count = len(table.definition.planes_z_m)
     side = (PLOT_PX if count == 1 else SMALL_PX) / max(rows, columns)
     side = max(1.0, math.floor(side)) if side >= 1.0 else side
-    step_x, step_y = round(columns * side) + LEFT + BETWEEN, round(rows * side) + BETWEEN + 40
+    step_x = round(columns * side) + LEFT + BETWEEN
+    step_y = round(rows * side) + BETWEEN + 40
     return [PlaneBox(LEFT + k % COLUMNS * step_x, TOP + 24 + k // COLUMNS * step_y, side) for k in range(count)]
 
 
@@ -129,8 +140,10 @@ class _Sheet:
 
     def axes(self, table: MapTable, box: PlaneBox, size: tuple[int, int], k: int) -> None:
         """Draws a frame, numbers in metres along both axes, and the height of one of many planes."""
-        resolution, (x0, y0) = table.definition.resolution_m, table.definition.origin_m
-        right, bottom = box.left + size[0], box.top + size[1]
+        resolution = table.definition.resolution_m
+        (x0, y0) = table.definition.origin_m
+        right = box.left + size[0]
+        bottom = box.top + size[1]
         self.draw.rectangle((box.left - 1, box.top - 1, right, bottom), outline=INK)
         for value in _ticks(x0, size[0] / box.cell_px * resolution):
             at = box.left + (value - x0 + resolution / 2) / resolution * box.cell_px
@@ -148,10 +161,12 @@ class _Sheet:
 
     def base(self, table: MapTable, box: PlaneBox, size: tuple[int, int], base_m: tuple[float, float]) -> None:
         """Marks where the arm stands, where that is on the map."""
-        resolution, origin = table.definition.resolution_m, table.definition.origin_m
+        resolution = table.definition.resolution_m
+        origin = table.definition.origin_m
         x, y = ((at - x0 + resolution / 2) / resolution * box.cell_px for at, x0 in zip(base_m, origin, strict=True))
         if 0.0 <= x <= size[0] and 0.0 <= y <= size[1]:
-            x, y = box.left + x, box.top + size[1] - y
+            x = box.left + x
+            y = box.top + size[1] - y
             self.draw.ellipse((x - 6, y - 6, x + 6, y + 6), outline=(255, 255, 255), fill=INK, width=2)
 
     def legend(self, colours: MapColours, left: int) -> None:

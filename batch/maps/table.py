@@ -61,7 +61,8 @@ class MapTable:
     @property
     def centres_m(self) -> tuple[Array, Array]:
         """Centres of the landing cells along x, and along y [m]."""
-        first, last = self.definition.target(0), self.definition.target(self.definition.count - 1)
+        first = self.definition.target(0)
+        last = self.definition.target(self.definition.count - 1)
         rows, columns = self.definition.shape
         return np.linspace(first[0], last[0], columns), np.linspace(first[1], last[1], rows)
 

@@ -29,7 +29,8 @@ class LocalEngine:
 
     def __init__(self, count: int, warm_up: PlanningJob | None, work: Work) -> None:
         self.count = count
-        self._warm_up, self._work = warm_up, work
+        self._warm_up = warm_up
+        self._work = work
         self._processes: dict[int, BaseProcess] = {}
         self._pipes: dict[int, Connection] = {}
         for worker in range(count):
@@ -68,7 +69,8 @@ class LocalEngine:
         process = CONTEXT.Process(target=_do_chunks, args=(theirs, self._warm_up, self._work), daemon=True)
         process.start()
         theirs.close()  # so that the pipe ends with the process
-        self._processes[worker], self._pipes[worker] = process, ours
+        self._processes[worker] = process
+        self._pipes[worker] = ours
 
     def _end(self, worker: int) -> None:
         process = self._processes.pop(worker)

@@ -70,7 +70,8 @@ class PlanningPool:
     """
 
     def __init__(self, engine: Engine, grace_s: float = GRACE_S) -> None:
-        self._engine, self._grace_s = engine, grace_s
+        self._engine = engine
+        self._grace_s = grace_s
         self._ready: set[int] = set()
         self._start_failures = 0
         self.workers = engine.count

@@ -54,7 +54,8 @@ class RayEngine:
     def __init__(self, address: str, count: int | None, warm_up: PlanningJob | None, work: Work) -> None:
         self._ray = _connect(address)
         self.count = count or max(1, int(self._ray.cluster_resources().get("CPU", 1)))
-        self._warm_up, self._work = warm_up, work
+        self._warm_up = warm_up
+        self._work = work
         options = {"num_cpus": 1, "max_restarts": 0, "max_task_retries": 0}
         self._kind: Any = self._ray.remote(**options)(RayPlanner)
         self._actors: dict[int, Any] = {}

@@ -45,9 +45,11 @@ def answer(number: int, job: PlanningJob, work: Work) -> JobResult:
     """Returns the result of one job, in the process of a worker."""
     began = time.perf_counter()
     try:
-        planned, refusal = work.solve(job), None
+        planned = work.solve(job)
+        refusal = None
     except PlannerError as error:
-        planned, refusal = None, refusal_of(error)
+        planned = None
+        refusal = refusal_of(error)
     return JobResult(number, planned, refusal, time.perf_counter() - began)
 
 

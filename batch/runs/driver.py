@@ -67,11 +67,14 @@ class BatchDriver:
         work: Work = PLANNING,
     ) -> None:
         assert row.driver_id is not None  # it has just been claimed
-        self._store, self._row = store, row
+        self._store = store
+        self._row = row
         self._specification = BatchSpecification.stored(store, row.id)
         self._sources = {name: self._source(name, use) for name, use in self._specification.cells.items()}
         self._profiles = {name: self._profile(use) for name, use in self._specification.cells.items()}
-        self._workers, self._ray_address, self._work = workers, ray_address, work
+        self._workers = workers
+        self._ray_address = ray_address
+        self._work = work
         self._on_progress = on_progress
         self._is_stopped = False
         self._given: dict[int, str] = {}  # problem of each job in the pool
@@ -157,7 +160,8 @@ class BatchDriver:
 
     def _job(self, request: Any, source: CellSource, sha256: str) -> PlanningJob:
         version = self._specification.cells[source.name].version
-        id, at = plan_id(self._row.id, sha256), datetime.now(UTC).isoformat(timespec="milliseconds")
+        id = plan_id(self._row.id, sha256)
+        at = datetime.now(UTC).isoformat(timespec="milliseconds")
         at = at.replace("+00:00", "Z")
         return PlanningJob(id, at, source, request, self._profiles[source.name], self._row.request_id, version)
 
@@ -168,8 +172,10 @@ class BatchDriver:
         if result.planned is None:
             refusal = result.refusal or {}
             return BatchResultRow(**head, outcome=refusal["name"], refusal=refusal), None
-        made, plan = result.planned, orjson.loads(result.planned.summary)
-        id, flight = plan_id(self._row.id, sha256), plan["flight"] or {}
+        made = result.planned
+        plan = orjson.loads(result.planned.summary)
+        id = plan_id(self._row.id, sha256)
+        flight = plan["flight"] or {}
         row = BatchResultRow(
             **head,
             outcome="planned",

@@ -17,7 +17,8 @@ from planner.errors import FieldError, InvalidProblem
 AXIS_MAX = 1_000_000  # values of one axis; more are a typing error in its step
 STEP_SLACK = 1e-9  # [-] of a step by which the last value may miss `to`: 0.1 is no binary number
 DIGITS = 12  # decimal places of a value: 0.1 + 2 * 0.1 is 0.3
-NAME, INDEX = r"[A-Za-z_][A-Za-z0-9_]*", r"\[\d{1,3}\]"
+NAME = r"[A-Za-z_][A-Za-z0-9_]*"
+INDEX = r"\[\d{1,3}\]"
 PATH = re.compile(rf"{NAME}(\.{NAME}|{INDEX})*")
 PART = re.compile(rf"({NAME})|\[(\d+)\]")
 
@@ -57,7 +58,8 @@ def axes_of(grid: Mapping[str, Any], template: Mapping[str, Any]) -> tuple[Axis,
 
 def request_at(template: Mapping[str, Any], axes: Sequence[Axis], number: int) -> dict[str, Any]:
     """Returns the request of a grid with this number, counted from 0."""
-    request, values = dict(template), values_at(axes, number)
+    request = dict(template)
+    values = values_at(axes, number)
     for axis in axes:
         request = _with(request, axis.keys, values[axis.path])
     return request
@@ -107,7 +109,8 @@ def _is_number(value: Any) -> bool:
 
 def _with(at: Any, keys: Sequence[str | int], value: Any) -> Any:
     """Returns a copy with the field at the end of a path set; names that are absent on the way become objects."""
-    key, rest = keys[0], keys[1:]
+    key = keys[0]
+    rest = keys[1:]
     if isinstance(key, int):
         if not isinstance(at, list) or key >= len(at):
             raise ValueError(f"the template has no element {key} there")

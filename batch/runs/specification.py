@@ -41,7 +41,9 @@ class BatchRequests:
         template: Mapping[str, Any] | None = None,
         grid: Mapping[str, Any] | None = None,
     ) -> None:
-        self.requests, self.template, self.grid = requests, template, grid
+        self.requests = requests
+        self.template = template
+        self.grid = grid
         self._axes = axes_of(grid or {}, template or {})
         self._numeric = {axis.path for axis in self._axes if is_numeric(axis)}
         self._count = prod(len(axis.values) for axis in self._axes) if requests is None else len(requests)

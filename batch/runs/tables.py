@@ -15,7 +15,9 @@ from store import BatchResultRow
 
 PARQUET = "application/vnd.apache.parquet"
 ADVICE = "needs pyarrow: pip install 'fling-robotics[parquet]'"
-TEXT, INTEGER, NUMBER = "string", "int64", "float64"
+TEXT = "string"
+INTEGER = "int64"
+NUMBER = "float64"
 COLUMNS = {
     "number": INTEGER,
     "outcome": TEXT,

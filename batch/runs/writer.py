@@ -37,7 +37,9 @@ class ResultWriter:
 
     def __init__(self, store: Store, row: BatchRow, on_progress: Callable[[BatchRow], None]) -> None:
         assert row.driver_id is not None  # as of every batch that is claimed
-        self._store, self._id, self._driver_id = store, row.id, row.driver_id
+        self._store = store
+        self._id = row.id
+        self._driver_id = row.driver_id
         self._on_progress = on_progress
         self._line: queue.Queue[Written | None] = queue.Queue(LINE)
         self._thread = threading.Thread(target=self._run, name="result writer", daemon=True)
@@ -75,7 +77,9 @@ class ResultWriter:
 
     def _write_all(self) -> None:
         group: list[Written] = []
-        until, beat_at, ended = time.monotonic() + FLUSH_S, time.monotonic(), False
+        until = time.monotonic() + FLUSH_S
+        beat_at = time.monotonic()
+        ended = False
         while not ended:
             try:
                 one = self._line.get(timeout=max(0.0, until - time.monotonic()))
@@ -87,11 +91,14 @@ class ResultWriter:
             is_due = ended or len(group) >= GROUP or time.monotonic() >= until
             if (group and is_due) or time.monotonic() - beat_at >= BEAT_S:
                 self._write(group)
-                group, beat_at, until = [], time.monotonic(), time.monotonic() + FLUSH_S
+                group = []
+                beat_at = time.monotonic()
+                until = time.monotonic() + FLUSH_S
 
     def _write(self, group: list[Written]) -> None:
         """Writes a group, however long the database is away; nothing once the batch is lost."""
-        results, plans = [result for result, _ in group], [plan for _, plan in group if plan is not None]
+        results = [result for result, _ in group]
+        plans = [plan for _, plan in group if plan is not None]
         while self.loss is None:
             try:
                 if group:

@@ -95,7 +95,8 @@ def motion_faults(problem: ThrowProblem, motion: Trajectory, smooth: bool = Fals
 
 def _limits(problem: ThrowProblem, motion: Trajectory, dense: DenseSamples) -> list[AuditFault]:
     limits = problem.limits
-    q, qd = np.concatenate([dense.q, motion.q]), np.concatenate([dense.qd, motion.qd])
+    q = np.concatenate([dense.q, motion.q])
+    qd = np.concatenate([dense.qd, motion.qd])
     rows = (
         ("joint_velocity", "velocity", np.abs(qd).max(axis=0), limits.qd_max, 0.0, "rad/s"),
         ("joint_acceleration", "acceleration", np.abs(dense.qdd).max(axis=0), limits.qdd_max, 0.0, "rad/s^2"),
@@ -115,7 +116,9 @@ def _limits(problem: ThrowProblem, motion: Trajectory, dense: DenseSamples) -> l
 
 
 def _torques(problem: ThrowProblem, motion: Trajectory, dense: DenseSamples) -> list[AuditFault]:
-    found, cell, worst = [], problem.cell, np.zeros(6)
+    found = []
+    cell = problem.cell
+    worst = np.zeros(6)
     gone_from, held_until = object_times(problem, motion)
     for rows, with_object in ((dense.t <= held_until, True), (dense.t >= gone_from, False)):
         states = [x[rows][:: dense.every(TORQUE_S)] for x in (dense.q, dense.qd, dense.qdd)]
@@ -140,17 +143,21 @@ def _space(problem: ThrowProblem, motion: Trajectory, dense: DenseSamples) -> li
 
 def _release(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
     """Returns the faults of the release state."""
-    cell, k, release = problem.cell, motion.release_index, problem.release
+    cell = problem.cell
+    k = motion.release_index
+    release = problem.release
     model = arm_model(cell, True)
     poses, v = poses_and_velocity(cell, model, model.createData(), motion.q[k], motion.qd[k])
-    p, found = poses[6].act(cell.tool.X_FT[:3, 3]), []
+    p = poses[6].act(cell.tool.X_FT[:3, 3])
+    found = []
     if isinstance(release, JointRelease):
         off = max(np.abs(motion.q[k] - release.q).max(), np.abs(motion.qd[k] - release.qd).max())
         return over("release_velocity", "another joint state at the release", float(off), 0.0, SPEED_SLACK)
     if isinstance(release, PoseRelease | PointRelease):
         place = release.X_WT[:3, 3] if isinstance(release, PoseRelease) else release.p_WT
         velocity = release.V_WT[:3] if isinstance(release, PoseRelease) else release.v_WT
-        apart, too_fast = float(np.linalg.norm(p - place)), float(np.linalg.norm(v - velocity))
+        apart = float(np.linalg.norm(p - place))
+        too_fast = float(np.linalg.norm(v - velocity))
         found += over("release_position", "another place of release", apart, 0.0, 2.0 * LENGTH_SLACK_M, "m")
         found += over("release_velocity", "another velocity of release", too_fast, 0.0, 2.0 * SPEED_SLACK, "m/s")
     if isinstance(release, PoseRelease):
@@ -159,7 +166,8 @@ def _release(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
 
 
 def _orientation(release: PoseRelease, problem: ThrowProblem, motion: Trajectory, model: pin.Model) -> list[AuditFault]:
-    k, data = motion.release_index, model.createData()
+    k = motion.release_index
+    data = model.createData()
     pin.forwardKinematics(model, data, motion.q[k], motion.qd[k])
     R_WT = (
         data.oMi[6].rotation @ dh_frames_in_urdf(problem.cell.robot.name)[5].rotation @ problem.cell.tool.X_FT[:3, :3]

@@ -53,8 +53,11 @@ class SpatialExtremes:
 
     def faults(self, problem: ThrowProblem) -> list[AuditFault]:
         """Returns the violated limits."""
-        limits, clearance, slack = problem.limits, problem.cell.surroundings.clearance_m, LENGTH_SLACK_M
-        least, fast = limits.singularity_distance_min, limits.tcp_speed_max
+        limits = problem.limits
+        clearance = problem.cell.surroundings.clearance_m
+        slack = LENGTH_SLACK_M
+        least = limits.singularity_distance_min
+        fast = limits.tcp_speed_max
         return [
             *over("tcp_speed", "tool speed", self.speed, fast, fast * LIMIT_SLACK, "m/s"),
             *under("floor", "floor", self.floor, clearance, slack, "m"),
@@ -75,13 +78,16 @@ def spatial_faults(problem: ThrowProblem, q: Vector, qd: Vector, t: Vector, held
         t: Times (n,) [s].
         held_until_s: Time until which the object may be held, the end of the release window [s].
     """
-    cell, worst = problem.cell, SpatialExtremes()
+    cell = problem.cell
+    worst = SpatialExtremes()
     release_s = held_until_s - (problem.release_window_s if problem.is_robust else 0.0)
-    model, obstacles = arm_model(cell, False), _obstacles(problem)
+    model = arm_model(cell, False)
+    obstacles = _obstacles(problem)
     data = model.createData()
     for i in range(len(t)):
         poses, v = poses_and_velocity(cell, model, data, q[i], qd[i])
-        places, held = [_coal(poses[shape.frame] * shape.placement) for shape in _all(cell)], bool(t[i] <= held_until_s)
+        places = [_coal(poses[shape.frame] * shape.placement) for shape in _all(cell)]
+        held = bool(t[i] <= held_until_s)
         worst.speed = max(worst.speed, float(np.linalg.norm(v)))
         worst.floor = min(worst.floor, _height(cell, poses, held))
         pairs = [pair for pair in _pairs(cell) if held or pair[1] < len(shapes(cell))]
@@ -101,7 +107,8 @@ def _outside(cell: Cell, poses: list[pin.SE3]) -> float:
 
 def _singularity_distance(data: pin.Data) -> float:
     """Returns the smallest of the three distances of docs/conventions.md, from axes and origins of the joints."""
-    axis, origin = [data.oMi[i].rotation[:, 2] for i in range(1, 7)], [data.oMi[i].translation for i in range(1, 7)]
+    axis = [data.oMi[i].rotation[:, 2] for i in range(1, 7)]
+    origin = [data.oMi[i].translation for i in range(1, 7)]
     wrist = np.linalg.norm(np.cross(axis[3], axis[5]))
     upper, fore = (origin[i + 1] - origin[i] for i in (1, 2))
     upper, fore = (link - axis[1] * (axis[1] @ link) for link in (upper, fore))  # in the arm's plane
@@ -113,7 +120,8 @@ def _singularity_distance(data: pin.Data) -> float:
 
 def _box_gap(cell: Cell, obstacles: list[Obstacle], places: list[coal.Transform3s], held: bool) -> float:
     """Returns the smallest distance of arm, tool and held object from keep-out boxes and bin [m]."""
-    least, count = np.inf, len(shapes(cell)) + held
+    least = np.inf
+    count = len(shapes(cell)) + held
     for box, place in obstacles:
         for shape, own in list(zip(_all(cell), places, strict=True))[:count]:
             if shape.frame > 0:
@@ -154,7 +162,8 @@ def shapes(cell: Cell) -> list[BodyShape]:
         along = c.p1 - c.p0
         length = float(np.linalg.norm(along))
         turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), along / length if length else np.eye(3)[2])
-        placement, ends = pin.SE3(turn.matrix(), 0.5 * (c.p0 + c.p1)), np.array([c.p0, c.p1])
+        placement = pin.SE3(turn.matrix(), 0.5 * (c.p0 + c.p1))
+        ends = np.array([c.p0, c.p1])
         rows.append(BodyShape(c.name, c.frame, placement, coal.Capsule(c.radius_m, length), c.radius_m, ends))
     return rows
 
@@ -162,7 +171,8 @@ def shapes(cell: Cell) -> list[BodyShape]:
 @cache
 def _all(cell: Cell) -> list[BodyShape]:
     """Returns the bodies of arm and tool, and the held object last."""
-    p_FT, radius = cell.tool.X_FT[:3, 3], cell.object.radius_m
+    p_FT = cell.tool.X_FT[:3, 3]
+    radius = cell.object.radius_m
     held = BodyShape("object", 6, pin.SE3(np.eye(3), p_FT), coal.Sphere(radius), radius, np.array([p_FT, p_FT]))
     return [*shapes(cell), held]
 
@@ -196,11 +206,9 @@ def _apart(robot: Robot, bodies: tuple[_Solid, ...]) -> tuple[tuple[int, int], .
 
     The object is beside what grips it: the tool, and wrists that it touches in some posture without being apart.
     """
-    rng, model, X_frames = (
-        np.random.default_rng(0),
-        pinocchio_arm(robot.name, exact=True),
-        dh_frames_in_urdf(robot.name),
-    )
+    rng = np.random.default_rng(0)
+    model = pinocchio_arm(robot.name, exact=True)
+    X_frames = dh_frames_in_urdf(robot.name)
     data = model.createData()
     solids = [coal.Capsule(b.radius_m, b.length_m) if b.length_m else coal.Sphere(b.radius_m) for b in bodies]
     fixed = [pin.SE3(np.vstack([np.reshape(b.placement, (3, 4)), [0.0, 0.0, 0.0, 1.0]])) for b in bodies]
@@ -229,7 +237,8 @@ def _coal(X: pin.SE3) -> coal.Transform3s:
 
 
 def _distance(cell: Cell, places: list[coal.Transform3s], i: int, j: int) -> float:
-    one, other = _all(cell)[i].solid, _all(cell)[j].solid
+    one = _all(cell)[i].solid
+    other = _all(cell)[j].solid
     return coal.distance(one, places[i], other, places[j], _REQUEST, coal.DistanceResult())
 
 

@@ -57,7 +57,8 @@ def drag_constant(problem: ThrowProblem) -> float:
 
 def integrate(p: Vector, v: Vector, plane_z: float, radius: float, gravity: float, drag: float) -> Paths:
     """Returns the flights from positions and velocities (m, 3) until every one is below the plane z = `plane_z`."""
-    state, rows = np.concatenate([p, v], axis=1), [p]
+    state = np.concatenate([p, v], axis=1)
+    rows = [p]
 
     def rate(s: Vector) -> Vector:
         w = s[:, 3:]
@@ -94,8 +95,10 @@ def flight_faults(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]
 
 def clearance_faults(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
     """Returns what the object touches, and how it leaves the gripper, for the first faulty release in the window."""
-    delays, arm = _delays(problem), _Arm(problem, motion)
-    paths, in_grip = _paths(problem, motion, delays), _paths(problem, motion, delays, factor=1.0)
+    delays = _delays(problem)
+    arm = _Arm(problem, motion)
+    paths = _paths(problem, motion, delays)
+    in_grip = _paths(problem, motion, delays, factor=1.0)
     for i, delay in enumerate(delays):
         faults = [*_obstacles(problem, arm, delay, paths, i), *_way_out(problem, arm, delay, in_grip.x[:, i])]
         if faults:
@@ -138,7 +141,8 @@ def _paths(problem: ThrowProblem, motion: Trajectory, delays: Vector, factor: fl
 def _landings(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
     if not isinstance(problem.release, TargetRelease):
         return []
-    found, delays = [], _delays(problem)
+    found = []
+    delays = _delays(problem)
     for delay, missed in zip(delays, landing_errors(problem, motion, delays), strict=True):
         rule, allowed = ("landing", 0.0) if delay == 0.0 else ("landing_window", problem.landing_tolerance_m)
         found += over(rule, f"released {delay:+.4f} s late, lands at a distance", missed, allowed, LANDING_SLACK_M, "m")
@@ -151,8 +155,10 @@ def _obstacles(problem: ThrowProblem, arm: _Arm, delay: float, paths: Paths, i: 
     That is where it touches the floor or a box on which the target is, or where its centre passes the plane. From the
     one to the other it goes on over what it lies on: boxes that are higher count until then.
     """
-    around, radius = problem.cell.surroundings, problem.cell.object.radius_m
-    x, passing = paths.x[: paths.steps[i], i], paths.x[: paths.passed[i], i]
+    around = problem.cell.surroundings
+    radius = problem.cell.object.radius_m
+    passing = paths.x[: paths.passed[i], i]
+    x = paths.x[: paths.steps[i], i]
     contact = _first_contact(problem, passing)
     through = passing[:contact]
     gaps = [("the floor", float((x[:, 2] - radius).min()) - around.floor_z_m)]
@@ -183,7 +189,9 @@ def _lying(problem: ThrowProblem, x: Vector, box: Box) -> Vector:
 
 def _height_below_target(problem: ThrowProblem) -> float | None:
     """Returns the height of what the target is on [m], the highest less than the object's radius below; None in air."""
-    around, release, plane_z = problem.cell.surroundings, problem.release, problem.plane_z
+    around = problem.cell.surroundings
+    release = problem.release
+    plane_z = problem.plane_z
     found = [min(around.floor_z_m, plane_z)] if plane_z - problem.cell.object.radius_m < around.floor_z_m else []
     if isinstance(release, TargetRelease):
         tops = [float(box.upper[2]) for box in around.keep_out if _is_over(release.p_W[None], box)[0]]
@@ -196,7 +204,9 @@ def _first_contact(problem: ThrowProblem, x: Vector) -> int:
 
     Another box that is as high may be part of the same table.
     """
-    around, landed, radius = problem.cell.surroundings, np.zeros(len(x), bool), problem.cell.object.radius_m
+    around = problem.cell.surroundings
+    landed = np.zeros(len(x), bool)
+    radius = problem.cell.object.radius_m
     height = _height_below_target(problem)
     if height is None:
         return len(x)
@@ -223,7 +233,8 @@ def _from_box(x: Vector, box: Box) -> Vector:
 
 def _way_out(problem: ThrowProblem, arm: _Arm, delay: float, x: Vector) -> list[AuditFault]:
     """Returns whether the way of the object in the tool leaves the gripper's opening cone before the object is out."""
-    gripper, out_m = problem.cell.gripper, max(problem.cell.object.radius_m, OUT_M)
+    gripper = problem.cell.gripper
+    out_m = max(problem.cell.object.radius_m, OUT_M)
     if gripper.opening_direction is None or gripper.opening_cone_rad is None:
         return []
     for k, place in enumerate(x[1:], start=1):
@@ -248,13 +259,16 @@ def _since_clear(gaps: Vector) -> NDArray[np.bool_]:
 
 def _bin(problem: ThrowProblem, x: Vector, slack: float) -> list[AuditFault]:
     """Returns whether the sphere touches a bin's wall before its centre passes the mouth, or passes outside it."""
-    release, radius = problem.release, problem.cell.object.radius_m
+    release = problem.release
+    radius = problem.cell.object.radius_m
     if not isinstance(release, TargetRelease) or release.opening is None:
         return []
-    inner, rim = release.opening.radius_m, release.p_W[2] + release.opening.rim_height_m
+    inner = release.opening.radius_m
+    rim = release.p_W[2] + release.opening.rim_height_m
     falls = np.flatnonzero((x[:-1, 2] >= rim) & (x[1:, 2] < rim))
     last = int(falls[-1]) + 1 if len(falls) else len(x) - 1
-    before, off = x[: last + 1], np.linalg.norm(x[: last + 1, :2] - release.p_W[:2], axis=1)
+    before = x[: last + 1]
+    off = np.linalg.norm(x[: last + 1, :2] - release.p_W[:2], axis=1)
     gap = np.hypot(off - inner, np.maximum(before[:, 2] - rim, 0.0))
     inside = (before[:, 2] < release.p_W[2]) & (off > inner)  # below the bottom's height, outside: no wall there
     gap = np.where(inside, np.inf, gap).min() - radius
@@ -278,7 +292,8 @@ def _bin(problem: ThrowProblem, x: Vector, slack: float) -> list[AuditFault]:
 
 def _through_bottom(x: Vector, bottom: Vector, radius_m: float) -> list[AuditFault]:
     """Returns whether centres come up through a bin's bottom, within its wall."""
-    above, inside = x[:, 2] >= bottom[2], np.linalg.norm(x[:, :2] - bottom[:2], axis=1) < radius_m
+    above = x[:, 2] >= bottom[2]
+    inside = np.linalg.norm(x[:, :2] - bottom[:2], axis=1) < radius_m
     rises = np.flatnonzero(~above[:-1] & above[1:] & inside[:-1] & inside[1:])
     text = "comes up through the bin's bottom, from"
     return [AuditFault("bin_mouth", text, float(x[k, 2]), float(bottom[2]), "m") for k in rises[:1]]
@@ -288,7 +303,8 @@ class _Arm:
     """Pinocchio's arm along a motion; after its end it rests."""
 
     def __init__(self, problem: ThrowProblem, motion: Trajectory) -> None:
-        self._cell, self._motion = problem.cell, motion
+        self._cell = problem.cell
+        self._motion = motion
         self._spline = CubicHermiteSpline(motion.t, motion.q, motion.qd)
         self._model = arm_model(problem.cell, False)
         self._data = self._model.createData()
@@ -296,7 +312,8 @@ class _Arm:
     def at(self, t: float) -> tuple[list[pin.SE3], Vector]:
         """Returns the poses of base and DH frames, and the tool's velocity (3,) [m/s], at a time [s]."""
         inside = min(max(float(t), 0.0), self._motion.duration_s)
-        q, qd = self._spline(inside), self._spline(inside, 1)
+        q = self._spline(inside)
+        qd = self._spline(inside, 1)
         return poses_and_velocity(self._cell, self._model, self._data, q, qd)
 
     def tool(self, t: Vector) -> tuple[Vector, Vector]:

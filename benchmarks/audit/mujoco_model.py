@@ -42,7 +42,8 @@ def landing_point(p: Vector, v: Vector, plane_z: float, gravity: float) -> Vecto
     """
     model = _ball(gravity)
     data = mujoco.MjData(model)
-    data.qpos[:3], data.qvel[:3] = p, v
+    data.qpos[:3] = p
+    data.qvel[:3] = v
     before = np.array(p)
     for _ in range(round(FLIGHT_MAX_S / STEP_S)):
         mujoco.mj_step(model, data)
@@ -66,7 +67,8 @@ def inverse_dynamics(cell: Cell, with_object: bool, arm: pin.Model, q: Vector, q
         qdd: Joint accelerations (N, 6) [rad/s^2].
     """
     model = _arm(cell, with_object, arm)
-    data, rows = mujoco.MjData(model), []
+    data = mujoco.MjData(model)
+    rows = []
     for state in zip(q, qd, qdd, strict=True):
         data.qpos[:], data.qvel[:], data.qacc[:] = state
         mujoco.mj_inverse(model, data)
@@ -86,9 +88,11 @@ def _arm(cell: Cell, with_object: bool, arm: pin.Model) -> mujoco.MjModel:
 
 def _document(arm: pin.Model, gravity: float) -> str:
     """Returns the kinematic chain as MJCF: one body per joint, which turns about its own z axis."""
-    opening, closing = "", ""
+    opening = ""
+    closing = ""
     for i in range(1, 7):
-        X, body = arm.jointPlacements[i], arm.inertias[i]
+        X = arm.jointPlacements[i]
+        body = arm.inertias[i]
         turn = pin.Quaternion(X.rotation)
         opening += (
             f'<body pos="{_text(X.translation)}" quat="{_text([turn.w, turn.x, turn.y, turn.z])}">'

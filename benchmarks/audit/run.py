@@ -73,9 +73,11 @@ def tally(rows: Path) -> AuditResult:
 def drawn_tasks(count: int, seed: int, cells: int = 0) -> list[Task]:
     """Returns the problems with their back ends; kinds, and arms or `cells` random cells, take turns."""
     if cells > 0:
-        drawn, turns = random_cell_tasks(count, cells, seed), cells
+        drawn = random_cell_tasks(count, cells, seed)
+        turns = cells
     else:
-        drawn, turns = _named_tasks(count, seed), len(GROUPS)
+        drawn = _named_tasks(count, seed)
+        turns = len(GROUPS)
     return [
         _with_back_end(task, "ruckig" if i // turns % RUCKIG_EVERY == 0 else "auto") for i, task in enumerate(drawn)
     ]

@@ -19,7 +19,8 @@ STEP_S = 0.002  # [s] grid of speeds, momentum, power and stops
 DIFFERENCE_S = 1e-4  # [s] of the finite differences
 LIMIT_SLACK = 1e-4  # [-] of a limit: finite differences, and quarter turns rounded in the URDF
 # [-] by which the stop of the model is lengthened; source: docs/safety-limits.md
-STOP_TIME, STOP_DISTANCE = 1.85, 1.31
+STOP_TIME = 1.85
+STOP_DISTANCE = 1.31
 
 
 def object_times(problem: ThrowProblem, motion: Trajectory) -> tuple[float, float]:
@@ -49,7 +50,8 @@ def safety_faults(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]
     spline = CubicHermiteSpline(motion.t, motion.q, motion.qd)
     times = np.linspace(0.0, motion.duration_s, max(2, round(motion.duration_s / STEP_S) + 1))
     for with_object, rows in ((True, times <= held_until), (False, times >= gone_from)):
-        watch, states = _Watch(problem, with_object), zip(*(spline(times[rows], k) for k in (0, 1, 2)), strict=True)
+        watch = _Watch(problem, with_object)
+        states = zip(*(spline(times[rows], k) for k in (0, 1, 2)), strict=True)
         seen = [watch.values(*state) for state in states]
         if seen:
             values, fastest, drift, momentum = (np.array(column) for column in zip(*seen, strict=True))
@@ -73,7 +75,8 @@ class _Watch:
 
     def values(self, q: Vector, qd: Vector, qdd: Vector) -> tuple[Vector, float, Vector, Vector]:
         """Returns speeds of flange and elbow, momentum, power; the fastest point; drift; and mass matrix times qd."""
-        model, data = self._model, self._data
+        model = self._model
+        data = self._data
         power = abs(pin.rnea(model, data, q, qd, qdd) @ qd)
         drift = pin.nonLinearEffects(model, data, q, qd).copy()
         turning = np.array(pin.crba(model, data, q)) @ qd
@@ -102,11 +105,13 @@ def _stopping_times(drift: Vector, momentum: Vector, tau_max: Vector) -> Vector:
     def within(rate: Vector) -> NDArray[np.bool_]:
         return np.all(np.abs(drift - momentum * rate[:, None]) <= tau_max, axis=1)
 
-    low, high = np.zeros(len(drift)), np.full(len(drift), 1e4)
+    low = np.zeros(len(drift))
+    high = np.full(len(drift), 1e4)
     for _ in range(50):
         middle = 0.5 * (low + high)
         good = within(middle)
-        low, high = np.where(good, middle, low), np.where(good, high, middle)
+        low = np.where(good, middle, low)
+        high = np.where(good, high, middle)
     with np.errstate(divide="ignore"):
         return np.where(within(np.zeros(len(drift))), 1.0 / low, np.inf)
 
@@ -116,12 +121,15 @@ def grip_faults(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
 
     The acceleration is the second difference of the tool centre point, in the axes of the tool.
     """
-    limit, cell = problem.cell.gripper.hold_acceleration_m_s2, problem.cell
+    limit = problem.cell.gripper.hold_acceleration_m_s2
+    cell = problem.cell
     if limit is None:
         return []
     model = arm_model(cell, True)
-    data, spline = model.createData(), CubicHermiteSpline(motion.t, motion.q, motion.qd)
-    until, worst = min(object_times(problem, motion)[1], motion.duration_s), 0.0
+    data = model.createData()
+    spline = CubicHermiteSpline(motion.t, motion.q, motion.qd)
+    until = min(object_times(problem, motion)[1], motion.duration_s)
+    worst = 0.0
     for t in np.arange(DIFFERENCE_S, until - DIFFERENCE_S, STEP_S):
         velocities = []
         for time in (t - DIFFERENCE_S, t + DIFFERENCE_S, t):

@@ -16,7 +16,8 @@ from store import BatchResultRow, PlanRow, Store, new_id
 
 CELL = "ur5e-sim"
 ALONE_COUNT = 1000  # results of an engine alone
-SUMMARY_BYTES, SAMPLES_BYTES = 6_500, 50_000  # of a usual plan
+SUMMARY_BYTES = 6_500
+SAMPLES_BYTES = 50_000  # of a usual plan
 
 
 @dataclass(frozen=True)

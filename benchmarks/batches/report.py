@@ -26,7 +26,9 @@ def batches_report(count: int, cost_count: int, with_ray: bool) -> str:
         cost_count: requests of each measurement of costs.
         with_ray: whether Ray is measured too.
     """
-    about, asked, priced = machine(), batch_requests(count), batch_requests(cost_count, seed=1)
+    about = machine()
+    asked = batch_requests(count)
+    priced = batch_requests(cost_count, seed=1)
     costs, store = _costs(priced, None)
     engines = {"processes": costs}
     if with_ray:  # costs first: a run with kills may take long, and what else the machine does disturbs it less

@@ -56,7 +56,9 @@ def run_batch(
     url = f"sqlite:///{folder / 'fling.db'}"
     store = Store.open(url)
     id = _queue(store, requests)
-    memory, killed, waiting = [], [], list(kills)
+    memory = []
+    killed = []
+    waiting = list(kills)
     while (row := store.batch(id)) is not None and row.state != "finished":
         driver = _start(url, id, workers, ray)
         while driver.poll() is None:

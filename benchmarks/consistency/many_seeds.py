@@ -39,7 +39,8 @@ def soonest_release(problem: ThrowProblem, seed: int) -> float:
 
 def _states(problem: ThrowProblem, seed: int) -> list[Candidate]:
     """Returns the states; for a given pose all candidates, because it leaves nothing to draw."""
-    release, qd_max = problem.release, problem.limits.qd_max
+    release = problem.release
+    qd_max = problem.limits.qd_max
     if not isinstance(release, PointRelease | TargetRelease):
         return candidates(problem)[:SEEDS]
     found: list[Candidate] = []
@@ -65,7 +66,8 @@ def _postures(problem: ThrowProblem, rng: np.random.Generator) -> Iterator[Vecto
 
 def _at_point(problem: ThrowProblem, release: PointRelease, q: Vector) -> Vector | None:
     """Returns the posture closest to `q` with the same orientation and the tool at the point, None without one."""
-    cell, limits = problem.cell, problem.reachable
+    cell = problem.cell
+    limits = problem.reachable
     X_WT = tool_pose(cell, q)
     X_WT[:3, 3] = release.p_WT
     found = inverse(cell.robot, invert_pose(cell.X_WB) @ X_WT, cell.tool.X_FT, limits.q_lower, limits.q_upper).q
@@ -83,7 +85,8 @@ def _flight(problem: ThrowProblem, release: TargetRelease, q: Vector, i: int) ->
 def _optimised(problem: ThrowProblem, state: Candidate) -> float:
     """Returns the release time [s] of the certified motion next to a state; infinite without one."""
     try:
-        seed, options = Seed(state, ruckig_otg.initial_guess(problem, state)), SolveOptions()
+        seed = Seed(state, ruckig_otg.initial_guess(problem, state))
+        options = SolveOptions()
         for _ in range(ROUNDS):
             solution = casadi_nlp.solve(problem, seed, options)
             certificate = certify(problem, solution.trajectory)
@@ -92,7 +95,8 @@ def _optimised(problem: ThrowProblem, state: Candidate) -> float:
             wider = options.margins.widened(certificate.failures, solution)
             if wider is None:
                 break
-            seed, options = Seed(state, solution.trajectory), replace(options, margins=wider)
+            seed = Seed(state, solution.trajectory)
+            options = replace(options, margins=wider)
     except (SolverFailed, Infeasible):
         pass
     return np.inf

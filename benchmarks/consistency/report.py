@@ -25,7 +25,8 @@ def consistency_report(problems: int, searched: int, seed: int = 0) -> str:
         searched: problems of each set that are searched from many seeds; 0 to leave that out.
         seed: of the problems.
     """
-    where, tasks = machine(), boxed_tasks(problems, seed)
+    where = machine()
+    tasks = boxed_tasks(problems, seed)
     pairs = [pair for task in tasks for pair in pairs_of(task)]
     lines = [
         "# Consistent answers",
@@ -73,7 +74,8 @@ def _seed_table(groups: Sequence[tuple[str, list[Task]]], seed: int) -> list[str
         own_s, best_s, tick_s = found.T
         ratios = own_s / best_s
         p50, p90 = np.quantile(ratios, (0.5, 0.9))
-        late, by_ticks = ratios > LATE, own_s - best_s > (1.0 + TICK_SLACK) * tick_s
+        late = ratios > LATE
+        by_ticks = own_s - best_s > (1.0 + TICK_SLACK) * tick_s
         counts = f"{late.sum()} | {(late & by_ticks).sum()}"
         rows.append(f"| {name} | {len(ratios)} | {p50:.3f} | {p90:.3f} | {ratios.max():.3f} | {counts} |")
     return rows

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 from benchmarks.learning.reliability import Bin
 
-SIZE, EDGE = 360, 46  # [px]
+SIZE = 360
+EDGE = 46  # [px]
 
 
 def reliability_svg(bins: Sequence[Bin], title: str) -> str:

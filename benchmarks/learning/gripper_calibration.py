@@ -14,7 +14,8 @@ THROWS = 10
 RESET_AFTER = (2, 6)  # throws after which the next ones are planned with what is known by then
 ASSESSED_AFTER = (6, 10)
 NO_SHIFT = np.zeros(2)
-CAMERA_STD_M, SPEED_VARIANCE = 0.003, np.full(6, 0.005**2)  # [m], [rad^2/s^2]: what a user knows of the sensors
+CAMERA_STD_M = 0.003
+SPEED_VARIANCE = np.full(6, 0.005**2)  # [m], [rad^2/s^2]: what a user knows of the sensors
 DRAWS = 2000  # states from which a quantile is taken
 
 
@@ -45,7 +46,8 @@ def gripper_report(throws: list[PlannedThrow], seed: int, cells: int = 100) -> s
         within = np.mean([abs(r.delay_error_s) <= r.tolerance_s for r in some])
         jitter = 1e3 * np.sqrt(np.mean(np.square([r.jitter_error_s for r in some])))
         p50, p90, most = np.quantile(errors, (0.5, 0.9, 1.0))
-        covered, score = np.mean([r.is_covered for r in some]), np.sqrt(np.mean(np.square([r.score for r in some])))
+        covered = np.mean([r.is_covered for r in some])
+        score = np.sqrt(np.mean(np.square([r.score for r in some])))
         lines.append(
             f"| {n} | {within:.0%} | {p50:.2f}, {p90:.2f}, {most:.1f} | {jitter:.2f} | {covered:.0%} | {score:.2f} |"
         )
@@ -68,7 +70,8 @@ def calibrated_cells(throws: list[PlannedThrow], seed: int, cells: int) -> list[
 def _calibrate(
     rng: np.random.Generator, cell: HiddenCell, soonest: list[PlannedThrow], tables: list[ThrowTable]
 ) -> list[CalibrationResult]:
-    prior, lead = prior_state(cell.assumed_delay_s, 0.0), cell.assumed_delay_s
+    prior = prior_state(cell.assumed_delay_s, 0.0)
+    lead = cell.assumed_delay_s
     seen: list[ObservedThrow] = []
     results = []
     for n in range(1, THROWS + 1):

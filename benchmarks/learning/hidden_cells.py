@@ -120,7 +120,8 @@ def throw(
         late_s: release after the planned one [s].
         shift: by which the aim was moved (2,) [m].
     """
-    problem, trajectory = planned.problem, planned.trajectory
+    problem = planned.problem
+    trajectory = planned.trajectory
     q, qd, _ = trajectory.at(trajectory.release_time_s + late_s)
     nominal = trajectory.qd[trajectory.release_index]
     scatter = cell.noise_rad_s * rng.standard_normal(6)
@@ -130,7 +131,8 @@ def throw(
     v = cell.factor * slow * J @ (cell.gain * qd + scatter)
     k = drag_constant(station.object.mass_kg, station.object.radius_m, cell.drag)
     point = landing_points(tool_pose(station, q)[None, :3, 3], v[None], problem.plane_z, problem.gravity, k)[0, :2]
-    c, s = math.cos(cell.turn_rad), math.sin(cell.turn_rad)
+    c = math.cos(cell.turn_rad)
+    s = math.sin(cell.turn_rad)
     base = station.X_WB[:2, 3]
     landing = base + np.array([[c, -s], [s, c]]) @ (point - base) + cell.offset + shift
     seen = landing + 0.003 * rng.standard_normal(2)

@@ -7,7 +7,8 @@ import numpy as np
 from benchmarks.learning.recorded_arms import RecordedArm
 from learning import estimate_timing
 
-CELLS, RUNS = 20, 5
+CELLS = 20
+RUNS = 5
 GOAL_S = 0.001  # [s] error of a single run that the goal allows in 1 of 100
 RECORDINGS = {  # name: rate [Hz], speedj's acceleration [rad/s^2], white and correlated noise [rad/s]
     "e-Series, ideal arm": (500.0, np.inf, 5e-4, 0.0),
@@ -28,9 +29,13 @@ def timing_report(seed: int) -> str:
 
 def _line(name: str, seed: int) -> str:
     rate, ramp, white, correlated = RECORDINGS[name]
-    rng, errors, scores, gains = np.random.default_rng(seed), [], [], []
+    rng = np.random.default_rng(seed)
+    errors = []
+    scores = []
+    gains = []
     for _ in range(CELLS):
-        lag, gain = rng.uniform(0.005, 0.060), rng.uniform(0.96, 1.04, 6)
+        lag = rng.uniform(0.005, 0.060)
+        gain = rng.uniform(0.96, 1.04, 6)
         arm = RecordedArm(lag, min(rng.uniform(0.0, 0.010), lag), gain, ramp, white, correlated)
         for _ in range(RUNS):
             found = estimate_timing(arm.run(rng, rate))

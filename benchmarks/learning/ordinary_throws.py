@@ -166,7 +166,8 @@ def _odds(assessed: list[AssessedThrow]) -> list[str]:
     lines.append("|---|---|---|---|")
     for name, choice in (("all", {False, True}), ("well specified", {False}), ("misspecified", {True})):
         some = [t for t in assessed if t.misspecified in choice]
-        errors, scores = [], []
+        errors = []
+        scores = []
         for r in range(len(RADII_M)):
             predicted, hit = hits_of(some, r)
             errors.append(f"{calibration_error(predicted, hit):.3f}")

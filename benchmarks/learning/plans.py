@@ -40,9 +40,12 @@ def benchmark_cell() -> Cell:
 
 def planned_throws(count: int, windows_s: Sequence[float] = WINDOWS_S, backend: str = "auto") -> list[PlannedThrow]:
     """Returns `count` throws of each window at targets all around, planned by Fling; refused ones are left out."""
-    cell, rng, throws = benchmark_cell(), np.random.default_rng(TARGETS_SEED), []
+    cell = benchmark_cell()
+    rng = np.random.default_rng(TARGETS_SEED)
+    throws = []
     for _ in range(count):
-        distance, direction = rng.uniform(*DISTANCE_M), rng.uniform(-np.pi, np.pi)
+        distance = rng.uniform(*DISTANCE_M)
+        direction = rng.uniform(-np.pi, np.pi)
         target = [distance * np.cos(direction), distance * np.sin(direction), 0.0]
         for window in windows_s:
             request = {"cell": CELL, "release": {"kind": "target", "position": target}, "backend": backend}

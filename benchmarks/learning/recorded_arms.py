@@ -40,7 +40,8 @@ class RecordedArm:
 
     def _residual(self, rng: np.random.Generator, command: np.ndarray, dt: float) -> np.ndarray:
         """A disturbance correlated over 20 ms, in proportion to the speed."""
-        keep, rows = math.exp(-dt / 0.02), [np.zeros(6)]
+        keep = math.exp(-dt / 0.02)
+        rows = [np.zeros(6)]
         for _ in command[1:]:
             rows.append(keep * rows[-1] + math.sqrt(1.0 - keep**2) * rng.normal(0.0, self.correlated, 6))
         return np.array(rows) * np.abs(command) / max(np.abs(command).max(), 1e-9)
@@ -48,7 +49,8 @@ class RecordedArm:
 
 def launch_and_brake(rng: np.random.Generator, t: np.ndarray) -> np.ndarray:
     """Smooth commands (n, 6) [rad/s] from rest to a peak and back; the fastest joint reaches 2 to 3 rad/s."""
-    up, down = rng.uniform(0.35, 0.55), rng.uniform(0.3, 0.5)
+    up = rng.uniform(0.35, 0.55)
+    down = rng.uniform(0.3, 0.5)
     rise = 0.5 - 0.5 * np.cos(np.pi * np.clip((t - 0.1) / up, 0.0, 1.0))
     fall = 0.5 + 0.5 * np.cos(np.pi * np.clip((t - 0.1 - up) / down, 0.0, 1.0))
     peaks = rng.uniform(0.2, 1.0, 6) * rng.choice([-1.0, 1.0], 6)
@@ -57,7 +59,8 @@ def launch_and_brake(rng: np.random.Generator, t: np.ndarray) -> np.ndarray:
 
 def followed_commands(command: np.ndarray, most: float) -> np.ndarray:
     """What an arm reaches of the commands whose leading axis changes by `most` [rad/s] a tick at most."""
-    at, rows = np.zeros(6), []
+    at = np.zeros(6)
+    rows = []
     for wanted in command:
         change = wanted - at
         at = at + change * min(1.0, most / max(np.abs(change).max(), 1e-12))
@@ -67,7 +70,9 @@ def followed_commands(command: np.ndarray, most: float) -> np.ndarray:
 
 def trapezoidal_low_pass(signal: np.ndarray, time_constant: float) -> np.ndarray:
     """First-order low pass by the trapezoidal rule, every `STEP_S`."""
-    c, state, rows = STEP_S / (2.0 * time_constant), signal[0], [signal[0]]
+    c = STEP_S / (2.0 * time_constant)
+    state = signal[0]
+    rows = [signal[0]]
     for before, now in pairwise(signal):
         state = ((1.0 - c) * state + c * (before + now)) / (1.0 + c)
         rows.append(state)

@@ -50,7 +50,8 @@ def reliability_bins(predicted: np.ndarray, hit: np.ndarray, cell: np.ndarray, s
     Throws of one cell share its posterior's error. The band is that of a perfect forecast with the deviations of whole
     cells from their predictions resampled: mean prediction plus the resampled, centred deviation of the bin.
     """
-    rng, index = np.random.default_rng(seed), bin_index(predicted)
+    rng = np.random.default_rng(seed)
+    index = bin_index(predicted)
     names, of = np.unique(cell, return_inverse=True)
     found = []
     for i in range(BINS):

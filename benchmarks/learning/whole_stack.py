@@ -30,7 +30,8 @@ import fling
 from planner.cell_folder import default_cells_folder
 
 CELL = "ur5e-sim"
-HOST, PORT = "127.0.40.21", 8740
+HOST = "127.0.40.21"
+PORT = 8740
 HIT_M = 0.05  # [m] of a throw that counts as a hit in the tables
 TRIES = 4  # of a throw that a busy machine made late
 RELEASES = {"soonest": {"release_window_s": 0.0}, "default": {}}
@@ -61,8 +62,10 @@ class HiddenTruth:
 
 def drawn_truth(rng: np.random.Generator, disturbance: str = "none") -> HiddenTruth:
     """Returns a hidden cell: timing, gripper, release, object, base, arm and camera all differ from the cell file."""
-    lag, shape = 0.020 + rng.uniform(-0.008, 0.012), str(rng.choice(SHAPES))
-    delay, jitter = float(np.clip(0.040 + rng.normal(0.0, 0.020), 0.020, 0.120)), rng.uniform(0.0005, 0.006)
+    lag = 0.020 + rng.uniform(-0.008, 0.012)
+    shape = str(rng.choice(SHAPES))
+    delay = float(np.clip(0.040 + rng.normal(0.0, 0.020), 0.020, 0.120))
+    jitter = rng.uniform(0.0005, 0.006)
     gain = (1.0 + rng.uniform(-0.03, 0.03) + rng.uniform(-0.01, 0.01, 6)).round(4).tolist()
     lines = [
         f"seed = {rng.integers(1_000_000)}",
@@ -81,7 +84,8 @@ def drawn_truth(rng: np.random.Generator, disturbance: str = "none") -> HiddenTr
 def running_cell(truth: HiddenTruth) -> Iterator[Laboratory]:
     """Starts everything for a fresh cell with a hidden truth, and stops it."""
     with tempfile.TemporaryDirectory(prefix="fling-hidden-") as temporary:
-        folder, url = Path(temporary), f"http://127.0.0.1:{PORT}"
+        folder = Path(temporary)
+        url = f"http://127.0.0.1:{PORT}"
         text = (default_cells_folder() / f"{CELL}.toml").read_text()
         (folder / f"{CELL}.toml").write_text(re.sub(r'host\s*=\s*"[^"]*"', f'host = "{HOST}"', text))
         (folder / "truth.toml").write_text(truth.text)
@@ -150,9 +154,11 @@ class Laboratory:
 def thrown_row(lab: Laboratory, rng: np.random.Generator, kind: str, count: int, when: str) -> str:
     """Throws at `count` targets all around; returns a line of the table."""
     outcomes: Counter[str] = Counter()
-    misses, odds = [], []
+    misses = []
+    odds = []
     while sum(outcomes.values()) < count:
-        distance, angle = rng.uniform(1.0, 1.5), rng.uniform(-np.pi, np.pi)
+        distance = rng.uniform(1.0, 1.5)
+        angle = rng.uniform(-np.pi, np.pi)
         target = [distance * np.cos(angle), distance * np.sin(angle), 0.0]
         try:
             plan, done = lab.throw(target, RELEASES[kind])
@@ -173,7 +179,8 @@ def thrown_row(lab: Laboratory, rng: np.random.Generator, kind: str, count: int,
 
 def _odds_of_5_cm(plan: dict[str, Any]) -> float:
     """Returns the odds of 5 cm by the plan's landing ellipse: the plan's own are of its tolerance."""
-    rng, ellipse = np.random.default_rng(0), plan["landing_ellipse"]
+    rng = np.random.default_rng(0)
+    ellipse = plan["landing_ellipse"]
     points = rng.multivariate_normal(ellipse["center"], ellipse["covariance_m2"], 4000)
     return float((np.linalg.norm(points - plan["request"]["release"]["position"][:2], axis=1) <= HIT_M).mean())
 
@@ -181,7 +188,8 @@ def _odds_of_5_cm(plan: dict[str, Any]) -> float:
 def sitting(seed: int, count: int, disturbance: str) -> str:
     """Returns the table of one sitting: throws, calibration as docs/learning.md has it, throws."""
     rng = np.random.default_rng(seed)
-    truth, lines = drawn_truth(rng, disturbance), [*HEAD]
+    truth = drawn_truth(rng, disturbance)
+    lines = [*HEAD]
     with running_cell(truth) as lab:
         lines += _thrown_rows(lab, rng, count, "before")
         began = time.monotonic()
@@ -207,8 +215,10 @@ def grippers(seed: int, cells: range, throws: int) -> str:
         with running_cell(truth) as lab:
             lab.command("calibrate", "lag", "--cell", CELL, "--adopt", "--throws", "2")
             found = lab.command("calibrate", "gripper", "--cell", CELL, "--throws", str(throws))
-        true_lead, lead = truth.lag_s + truth.delay_s, found["lag_s"] + found["delay_s"]
-        off, allowed = abs(lead - true_lead), max(0.001, 2.0 * _jitter(truth) / throws**0.5)
+        true_lead = truth.lag_s + truth.delay_s
+        lead = found["lag_s"] + found["delay_s"]
+        off = abs(lead - true_lead)
+        allowed = max(0.001, 2.0 * _jitter(truth) / throws**0.5)
         real = f"{_ms(truth.delay_s)}, {_ms(_jitter(truth))} {truth.shape}"
         lines.append(f"| {i} | {real} | {_found_text(found)} | {_ms(off)} | {_ms(allowed)} |")
         print(lines[-1], flush=True)

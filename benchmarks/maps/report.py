@@ -68,7 +68,8 @@ def _run(task: MapTask, folder: Path, kill_at: tuple[float, ...] = ()) -> MapMea
 
 
 def _times(made: MapMeasurement, task: MapTask) -> str:
-    table, definition = made.table, made.table.definition
+    definition = made.table.definition
+    table = made.table
     rows, columns = definition.shape
     lines = [f"| {level:g} m | {at:.0f} s |" for level, at in made.levels_s]
     yes, proven, missing = (

@@ -58,7 +58,8 @@ def run_map(
     row = begin_map(store, source, request, version, "benchmark")
     total = map_table(row, []).definition.count
     levels: dict[float, float] = {}
-    kills, begun_s = [], time.monotonic()
+    kills = []
+    begun_s = time.monotonic()
     for share in [*kill_at, 2.0]:
         process = subprocess.Popen(
             [sys.executable, "-m", "batch.maps", row.id, "--workers", str(workers)],

@@ -63,8 +63,11 @@ class PlannedAgain:
 
 def certify_again(made: MapMeasurement, source: CellSource) -> Certified:
     """Returns how many of a map's plans are certified again, as they are stored."""
-    store, table, counts = Store.open(made.url), made.table, Counter[str]()
-    cell, ids = cell_of(source), table.plan_ids.ravel().tolist()
+    store = Store.open(made.url)
+    table = made.table
+    counts = Counter[str]()
+    cell = cell_of(source)
+    ids = table.plan_ids.ravel().tolist()
     times = table.measures["release_time_s"].ravel()
     for number, id in enumerate(ids):
         row = store.plan(id) if id else None
@@ -88,10 +91,12 @@ def plan_again(made: MapMeasurement, source: CellSource, sample: int, workers: i
         workers: number of planner processes.
         seed: of the draw.
     """
-    definition, state = made.table.definition, made.table.state.ravel()
+    definition = made.table.definition
+    state = made.table.state.ravel()
     numbers = random.Random(seed).sample(range(definition.count), min(sample, definition.count))
     refused = [n for n in range(definition.count) if state[n] == LandingState.NOT_FOUND]
-    counts, store = Counter[str](), Store.open(made.url)
+    counts = Counter[str]()
+    store = Store.open(made.url)
     with open_pool(workers) as pool:
         for result in pool.plan_all(PlanningJob(None, "", source, definition.request(n)) for n in numbers):
             number = numbers[result.number]
@@ -106,7 +111,8 @@ def plan_again(made: MapMeasurement, source: CellSource, sample: int, workers: i
 
 def trajectories_sha256(made: MapMeasurement) -> str:
     """Returns the hash of all trajectories of a map, in the order of its landing cells, as they are stored."""
-    store, digest = Store.open(made.url), hashlib.sha256()
+    store = Store.open(made.url)
+    digest = hashlib.sha256()
     for id in made.table.plan_ids.ravel().tolist():
         row = store.plan(id) if id else None
         digest.update(b"" if row is None else row.samples or b"")

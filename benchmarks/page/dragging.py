@@ -47,7 +47,8 @@ class RoundTrips:
 def round_trips(page: Page) -> RoundTrips:
     """Returns the round trips of the previews of a drag, from an open page of the service."""
     found = np.array(page.evaluate(DRAG, COUNT))
-    whole, planner = found[:, 0], found[:, 1]
+    whole = found[:, 0]
+    planner = found[:, 1]
     return RoundTrips(
         float(np.median(whole)),
         float(np.percentile(whole, 90)),

@@ -12,7 +12,8 @@ from typing import Any
 import psutil
 from playwright.sync_api import Page
 
-WIDTH, HEIGHT = 1440, 582  # [px] the scene of the page in a window of 1440 by 900
+WIDTH = 1440
+HEIGHT = 582  # [px] the scene of the page in a window of 1440 by 900
 SECONDS = 6.0  # [s] of scrubbing for one figure
 # Frames are counted while something swings to and fro from end to end, as a hand would move it.
 SWING = """const swing = (length, show) => new Promise((done) => {
@@ -88,7 +89,8 @@ def _processor_s() -> float:
     total = 0.0
     for process in psutil.Process().children(recursive=True):
         try:
-            times, name = process.cpu_times(), process.name()
+            times = process.cpu_times()
+            name = process.name()
         except psutil.NoSuchProcess:
             continue
         if "chrom" not in name:

@@ -8,7 +8,8 @@ from statistics import median
 from playwright.sync_api import Browser
 
 LOADS = 7
-WIDTH, HEIGHT = 1440, 900  # [px] of the window
+WIDTH = 1440
+HEIGHT = 900  # [px] of the window
 PAINT = """() => ({
   painted: performance.getEntriesByName("first-contentful-paint")[0].startTime,
   scene: performance.getEntriesByType("resource").find(({ name }) => /assets\\/scene-/.test(name)).startTime,

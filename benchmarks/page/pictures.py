@@ -13,13 +13,16 @@ from playwright.sync_api import Browser, Page
 from benchmarks.page.report_browser import PATIENCE_MS, ROOT, report_of_a_throw, scene_page, software_browser
 from benchmarks.page.service import service
 
-WIDTH, HEIGHT = 1200, 720  # [px] of the pictures
-MOVING_WIDTH, MOVING_HEIGHT = 760, 456  # [px] of the animation
+WIDTH = 1200
+HEIGHT = 720  # [px] of the pictures
+MOVING_WIDTH = 760
+MOVING_HEIGHT = 456  # [px] of the animation
 FRAMES_PER_S = 20
 SLOWER = 2.0  # the animation shows the throw at half its speed
 HOLD_S = 0.9  # [s] at the start and at the landing
 QUALITY = 62  # of WebP: the largest file that stays near 1 MB
-PAGE_WIDTH, PAGE_HEIGHT = 1440, 900  # [px]
+PAGE_WIDTH = 1440
+PAGE_HEIGHT = 900  # [px]
 INSTANT_S = "0.6"  # [s] of the page's picture
 REST_MS = 4000  # [ms] after which the scene at rest is drawn in full
 AFTER_RELEASE_S = 0.3  # [s] instant of the still pictures

@@ -17,7 +17,8 @@ from tempfile import TemporaryDirectory
 import httpx2
 
 ROOT = Path(__file__).parents[2]
-CELL, HOST = "ur5e-sim", "127.54.0.1"  # an address of its own for the simulated controller
+CELL = "ur5e-sim"
+HOST = "127.54.0.1"  # an address of its own for the simulated controller
 FLING = "from api.cli import main; main()"
 READY_S = 180.0  # [s] on a busy machine
 

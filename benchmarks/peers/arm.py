@@ -22,7 +22,9 @@ class PeerArm:
     """
 
     def __init__(self, problem: Problem) -> None:
-        arm, tool, limits = problem["arm"], problem["tool"], problem["limits"]
+        arm = problem["arm"]
+        tool = problem["tool"]
+        limits = problem["limits"]
         self._a, self._d, self._alpha = (np.array(arm["dh"][k], float) for k in ("a_m", "d_m", "alpha_rad"))
         self._X_WB = _pose(problem["base"])
         self._p_FT = np.array(tool["position_m"], float)
@@ -45,7 +47,8 @@ class PeerArm:
         self._self_clearance = float(arm["self_clearance_m"])
         vessel = problem["target"]["bin"]
         if vessel is not None:  # the arm stays out of the block around the bin
-            p, r = np.array(problem["target"]["position_m"], float), float(vessel["radius_m"])
+            p = np.array(problem["target"]["position_m"], float)
+            r = float(vessel["radius_m"])
             block = (p - np.array([r, r, 0.0]), p + np.array([r, r, float(vessel["rim_height_m"])]))
             self._arm_boxes = [*self.boxes, block]
         else:
@@ -65,13 +68,15 @@ class PeerArm:
         """Returns positions (n, 3) and Jacobians (n, 3, 6) of the tool centre point in the world."""
         X = self.frames(q)
         p = X[:, 6, :3, :3] @ self._p_FT + X[:, 6, :3, 3]
-        axes, origins = X[:, :6, :3, 2], X[:, :6, :3, 3]
+        axes = X[:, :6, :3, 2]
+        origins = X[:, :6, :3, 3]
         return p, np.swapaxes(np.cross(axes, p[:, None] - origins), 1, 2)
 
     def room(self, q: Vector, held: bool = True) -> Vector:
         """Returns what is left of all clearances (n,) [m] at postures (n, 6); negative where one is broken."""
         X = self.frames(q)
-        p0, p1 = self._ends(X, "from_m"), self._ends(X, "to_m")
+        p0 = self._ends(X, "from_m")
+        p1 = self._ends(X, "to_m")
         radii = np.array([body["radius_m"] for body in self._bodies])
         last = len(self._bodies) if held else len(self._bodies) - 1
         moving = [i for i in range(last) if self._bodies[i]["frame"] > 0]
@@ -92,8 +97,10 @@ class PeerArm:
 
     def gaps(self, q: Vector, x: Vector) -> Vector:
         """Returns distances (n, m) of points (n, 3) from the m capsules before the flange, in postures (n or 1, 6)."""
-        X, links = self.frames(q), [i for i, body in enumerate(self._bodies) if body["frame"] < 6]
-        p0, p1 = self._ends(X, "from_m")[:, links], self._ends(X, "to_m")[:, links]
+        X = self.frames(q)
+        links = [i for i, body in enumerate(self._bodies) if body["frame"] < 6]
+        p0 = self._ends(X, "from_m")[:, links]
+        p1 = self._ends(X, "to_m")[:, links]
         radii = np.array([self._bodies[i]["radius_m"] for i in links])
         share = _share(x[:, None] - p0, p1 - p0)
         return np.linalg.norm(x[:, None] - p0 - share[..., None] * (p1 - p0), axis=-1) - radii
@@ -101,12 +108,11 @@ class PeerArm:
     def torques(self, q: Vector, qd: Vector, qdd: Vector, held: bool) -> Vector:
         """Returns joint torques (n, 6) [N m] by Newton and Euler, in the world's axes."""
         X = self.frames(q)
-        R, o = X[..., :3, :3], X[..., :3, 3]
-        w, dw, a = (
-            np.zeros((len(q), 3)),
-            np.zeros((len(q), 3)),
-            np.tile([0.0, 0.0, self.around["gravity_m_s2"]], (len(q), 1)),
-        )
+        R = X[..., :3, :3]
+        o = X[..., :3, 3]
+        w = np.zeros((len(q), 3))
+        dw = np.zeros((len(q), 3))
+        a = np.tile([0.0, 0.0, self.around["gravity_m_s2"]], (len(q), 1))
         moments = np.zeros((len(q), 6, 3))
         force = np.zeros((len(q), 6, 3))
         for i in range(6):
@@ -122,12 +128,14 @@ class PeerArm:
                 n = (turned @ dw[..., None])[..., 0] + np.cross(w, (turned @ w[..., None])[..., 0])
                 force[:, i] += f
                 moments[:, i] += n + np.cross(o[:, i + 1] + r, f)  # about the world's origin
-        f, n = np.cumsum(force[:, ::-1], axis=1)[:, ::-1], np.cumsum(moments[:, ::-1], axis=1)[:, ::-1]
+        f = np.cumsum(force[:, ::-1], axis=1)[:, ::-1]
+        n = np.cumsum(moments[:, ::-1], axis=1)[:, ::-1]
         return ((n - np.cross(o[:, :6], f)) * R[:, :6, :, 2]).sum(axis=-1)
 
     def _masses(self, i: int, held: bool) -> list[tuple[float, Vector, Vector]]:
         """Returns mass, centre and inertia of what moves with link `i`; tool and object are points."""
-        link, none = self._links[i], np.zeros((3, 3))
+        link = self._links[i]
+        none = np.zeros((3, 3))
         rows = [(link["mass_kg"], np.array(link["center_of_mass_m"]), np.array(link["inertia_kg_m2"]))]
         if i == 5:
             rows += [(self._tool_mass, 0.5 * self._p_FT, none)] + [(self._object_mass, self._p_FT, none)] * held
@@ -141,7 +149,8 @@ class PeerArm:
 
 def _pose(document: dict[str, Any]) -> Vector:
     X = np.eye(4)
-    X[:3, :3], X[:3, 3] = document["rotation"], document["position_m"]
+    X[:3, :3] = document["rotation"]
+    X[:3, 3] = document["position_m"]
     return X
 
 
@@ -151,15 +160,20 @@ def _corners(box: dict[str, Any]) -> tuple[Vector, Vector]:
 
 def _dh(q: Vector, a: float, d: float, alpha: float) -> Vector:
     """Returns the DH transforms (n, 4, 4): turn by q, move by d along z; then move by a, turn by alpha along x."""
-    c, s, ca, sa = np.cos(q), np.sin(q), np.cos(alpha), np.sin(alpha)
-    zero, one = np.zeros_like(q), np.ones_like(q)
+    c = np.cos(q)
+    s = np.sin(q)
+    ca = np.cos(alpha)
+    sa = np.sin(alpha)
+    zero = np.zeros_like(q)
+    one = np.ones_like(q)
     rows = [[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [zero, sa * one, ca * one, d * one]]
     return np.moveaxis(np.array([*rows, [zero, zero, zero, one]]), -1, 0)
 
 
 def _segments(a0: Vector, a1: Vector, b0: Vector, b1: Vector) -> Vector:
     """Returns distances (n, m) between segments, by alternating projections: never below the true ones."""
-    u, v = a1 - a0, b1 - b0
+    u = a1 - a0
+    v = b1 - b0
     s = t = np.full(a0.shape[:-1], 0.5)
     for _ in range(SEGMENT_STEPS):
         t = _share(a0 + s[..., None] * u - b0, v)

@@ -32,7 +32,9 @@ WANTED = 2  # answers, the sooner of which counts
 
 def plan(problem: Problem) -> Answer:
     """Returns the answer to a problem of ThrowBench."""
-    arm, rate, found = PeerArm(problem), float(problem["sample_rate_hz"]), []
+    arm = PeerArm(problem)
+    rate = float(problem["sample_rate_hz"])
+    found = []
     for state in release_states(problem, arm, TRIES):
         motion = _throw(arm, rate, state)
         if motion is not None and is_right(arm, rate, *motion):

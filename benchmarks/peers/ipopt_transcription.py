@@ -20,7 +20,8 @@ from benchmarks.peers.releases import release_states
 
 Vector = NDArray[np.float64]
 
-LAUNCH, BRAKE = 20, 12  # intervals
+LAUNCH = 20
+BRAKE = 12  # intervals
 NODES = LAUNCH + BRAKE + 1
 DURATION_S = (0.05, 5.0)  # [s] of each phase
 TRIES = 3  # initial guesses
@@ -33,7 +34,8 @@ SPEED_MIN = 0.3  # [m/s]
 
 def plan(problem: Problem) -> Answer:
     """Returns the answer to a problem of ThrowBench."""
-    arm, rate = PeerArm(problem), float(problem["sample_rate_hz"])
+    arm = PeerArm(problem)
+    rate = float(problem["sample_rate_hz"])
     program = _program(problem, arm)
     for state in release_states(problem, arm, TRIES):
         first = _solve(program, _guess(problem, arm, state.q, state.qd), None)
@@ -50,7 +52,8 @@ def plan(problem: Problem) -> Answer:
 
 def _solve(program: dict[str, Any], guess: Vector, launch_s: float | None) -> Vector | None:
     """Returns the variables of IPOPT's solution, with the launch's duration fixed or free; None where it fails."""
-    lower, upper = program["lbx"].copy(), program["ubx"].copy()
+    lower = program["lbx"].copy()
+    upper = program["ubx"].copy()
     if launch_s is not None:
         lower[0] = upper[0] = launch_s
     found = program["solver"](x0=guess, lbx=lower, ubx=upper, lbg=program["lbg"], ubg=program["ubg"])
@@ -59,9 +62,13 @@ def _solve(program: dict[str, Any], guess: Vector, launch_s: float | None) -> Ve
 
 def _program(problem: Problem, arm: PeerArm) -> dict[str, Any]:
     """Returns the solver and the bounds of its variables: durations of launch, brake, flight; nodes; jerks."""
-    T, X, J = ca.SX.sym("T", 3), ca.SX.sym("X", 18, NODES), ca.SX.sym("J", 6, NODES - 1)
+    T = ca.SX.sym("T", 3)
+    X = ca.SX.sym("X", 18, NODES)
+    J = ca.SX.sym("J", 6, NODES - 1)
     steps = [T[0] / LAUNCH] * LAUNCH + [T[1] / BRAKE] * BRAKE
-    rows, lower, upper = [], [], []
+    rows = []
+    lower = []
+    upper = []
 
     def hold(expression: Any, low: Any, high: Any) -> None:
         rows.append(expression)
@@ -70,7 +77,10 @@ def _program(problem: Problem, arm: PeerArm) -> dict[str, Any]:
 
     top = SPARE * arm.qd_max
     for i, h in enumerate(steps):
-        q, v, a, j = X[:6, i], X[6:12, i], X[12:, i], J[:, i]
+        q = X[:6, i]
+        v = X[6:12, i]
+        a = X[12:, i]
+        j = J[:, i]
         after = ca.vertcat(q + h * (v + h * (a / 2 + h * j / 6)), v + h * (a + h * j / 2), a + h * j)
         hold(X[:, i + 1] - after, 0.0, 0.0)
         hold(v + h * a / 2, -top, top)
@@ -85,11 +95,15 @@ def _program(problem: Problem, arm: PeerArm) -> dict[str, Any]:
     still = np.concatenate([arm.start, np.zeros(12)])
     ends = [arm.q_lower, -top, -WITHIN * arm.qdd_max], [arm.q_upper, top, WITHIN * arm.qdd_max]
     low, high = (np.tile(np.concatenate(side)[:, None], NODES) for side in ends)
-    low[:, 0], high[:, 0], low[6:, -1], high[6:, -1] = still, still, 0.0, 0.0
+    low[:, 0] = still
+    high[:, 0] = still
+    low[6:, -1] = 0.0
+    high[6:, -1] = 0.0
     jerk = np.tile(WITHIN * arm.jerk_max, NODES - 1)
     cost = T[0] + BRAKE_WEIGHT * T[1] + 1e-9 * ca.sumsqr(J)
     options = {"ipopt.print_level": 0, "print_time": False, "ipopt.sb": "yes", "ipopt.max_wall_time": TIME_LIMIT_S}
-    x, g = ca.vertcat(T, ca.vec(X), ca.vec(J)), ca.vertcat(*rows)
+    x = ca.vertcat(T, ca.vec(X), ca.vec(J))
+    g = ca.vertcat(*rows)
     return {
         "solver": ca.nlpsol("throw", "ipopt", {"x": x, "f": cost, "g": g}, options),
         "lbx": np.concatenate([np.full(3, DURATION_S[0]), low.T.ravel(), -jerk]),
@@ -100,7 +114,8 @@ def _program(problem: Problem, arm: PeerArm) -> dict[str, Any]:
 
 
 def _add_flight(problem: Problem, arm: PeerArm, released: Any, t: Any, hold: Any) -> None:
-    target, (p, v, _) = problem["target"], released
+    target = problem["target"]
+    (p, v, _) = released
     landing = p + t * v - ca.DM([0.0, 0.0, 0.5 * arm.around["gravity_m_s2"]]) * t**2
     hold(landing - ca.DM(target["position_m"]), 0.0, 0.0)
     hold(v[2] - np.sin(target["min_elevation_rad"]) * ca.sqrt(ca.sumsqr(v) + 1e-6), 1e-4, np.inf)
@@ -111,13 +126,20 @@ def _add_flight(problem: Problem, arm: PeerArm, released: Any, t: Any, hold: Any
 
 def _place(problem: Problem, arm: PeerArm) -> Any:
     """Returns the function of position and velocity of the tool, and heights of the capsules' lowest points."""
-    q, qd, dh = ca.SX.sym("q", 6), ca.SX.sym("qd", 6), problem["arm"]["dh"]
+    q = ca.SX.sym("q", 6)
+    qd = ca.SX.sym("qd", 6)
+    dh = problem["arm"]["dh"]
     X = np.eye(4)
-    X[:3, :3], X[:3, 3] = problem["base"]["rotation"], problem["base"]["position_m"]
+    X[:3, :3] = problem["base"]["rotation"]
+    X[:3, 3] = problem["base"]["position_m"]
     frames = [ca.SX(X)]
     for i in range(6):
-        c, s, ca_, sa = ca.cos(q[i]), ca.sin(q[i]), np.cos(dh["alpha_rad"][i]), np.sin(dh["alpha_rad"][i])
-        a, d = dh["a_m"][i], dh["d_m"][i]
+        c = ca.cos(q[i])
+        s = ca.sin(q[i])
+        ca_ = np.cos(dh["alpha_rad"][i])
+        sa = np.sin(dh["alpha_rad"][i])
+        a = dh["a_m"][i]
+        d = dh["d_m"][i]
         rows = [[c, -s * ca_, s * sa, a * c], [s, c * ca_, -c * sa, a * s], [0, sa, ca_, d], [0, 0, 0, 1]]
         frames.append(frames[-1] @ ca.vertcat(*[ca.horzcat(*row) for row in rows]))
     p = (frames[6] @ ca.DM([*problem["tool"]["position_m"], 1.0]))[:3]
@@ -141,12 +163,16 @@ def _guess(problem: Problem, arm: PeerArm, q: Vector, qd: Vector) -> Vector:
 
 def _sampled(x: Vector, rate: float) -> tuple[Vector, Vector, int]:
     """Returns positions and velocities (n, 6) on ticks, and the release's index, of a solution."""
-    nodes, jerk = x[3 : 3 + 18 * NODES].reshape(-1, 18), x[3 + 18 * NODES :].reshape(-1, 6)
+    nodes = x[3 : 3 + 18 * NODES].reshape(-1, 18)
+    jerk = x[3 + 18 * NODES :].reshape(-1, 6)
     times = np.concatenate([[0.0], np.cumsum([x[0] / LAUNCH] * LAUNCH + [x[1] / BRAKE] * BRAKE)])
     t = np.arange(int(np.ceil(times[-1] * rate)) + 1) / rate
     i = np.clip(np.searchsorted(times, t, side="right") - 1, 0, NODES - 2)
     s = np.minimum(t, times[-1])[:, None] - times[i][:, None]
-    q, v, a, j = nodes[i, :6], nodes[i, 6:12], nodes[i, 12:], jerk[i]
+    q = nodes[i, :6]
+    v = nodes[i, 6:12]
+    a = nodes[i, 12:]
+    j = jerk[i]
     velocity = v + s * (a + s * j / 2.0)
     velocity[-1] = 0.0
     return q + s * (v + s * (a / 2.0 + s * j / 6.0)), velocity, round(x[0] * rate)

@@ -43,10 +43,12 @@ def is_right(arm: PeerArm, rate: float, q: Vector, qd: Vector, release: int) -> 
     if arm.gaps(places, x)[np.linalg.norm(x - x[0], axis=1) > OUT_M].min() < arm.radius:
         return False
     for rows, held in ((slice(0, release + 1), True), (slice(release, len(q)), False)):
-        place, velocity = q[rows], qd[rows]
+        place = q[rows]
+        velocity = qd[rows]
         if len(place) < 2:
             continue
-        mean, change = 0.5 * (velocity[1:] + velocity[:-1]), np.diff(velocity, axis=0) * rate
+        mean = 0.5 * (velocity[1:] + velocity[:-1])
+        change = np.diff(velocity, axis=0) * rate
         tau = arm.torques(place[:-1], mean, change, held)
         if np.any(np.abs(tau) > WITHIN * arm.tau_max) or arm.room(place[::every], held).min() < 0.0:
             return False
@@ -72,8 +74,10 @@ def ruckig_motion(
         request.control_interface = ruckig.ControlInterface.Velocity
     else:
         request.target_position = end[0]
-    request.target_velocity, request.target_acceleration = end[1], end[2]
-    request.max_velocity, request.max_acceleration = WITHIN * arm.qd_max, WITHIN * arm.qdd_max
+    request.target_velocity = end[1]
+    request.target_acceleration = end[2]
+    request.max_velocity = WITHIN * arm.qd_max
+    request.max_acceleration = WITHIN * arm.qdd_max
     request.max_jerk = WITHIN * arm.jerk_max
     request.duration_discretization = ruckig.DurationDiscretization.Discrete
     motion = ruckig.Trajectory(6)

@@ -31,7 +31,9 @@ SHORTCUTS = 60
 
 def plan(problem: Problem) -> Answer:
     """Returns the answer to a problem of ThrowBench."""
-    arm, rate, rng = PeerArm(problem), float(problem["sample_rate_hz"]), np.random.default_rng(1)
+    arm = PeerArm(problem)
+    rate = float(problem["sample_rate_hz"])
+    rng = np.random.default_rng(1)
     found = []
     for state in release_states(problem, arm, TRIES):
         run_up = straight_throw(arm, rate, state)[0]
@@ -94,7 +96,8 @@ def _connect(arm: PeerArm, tree: list[tuple[Vector, int]], target: Vector) -> bo
 
 
 def _branch(tree: list[tuple[Vector, int]]) -> list[Vector]:
-    way, i = [], len(tree) - 1
+    way = []
+    i = len(tree) - 1
     while i >= 0:
         way.append(tree[i][0])
         i = tree[i][1]

@@ -58,7 +58,8 @@ def release_states(problem: Problem, arm: PeerArm, count: int, slowest: bool = F
 
 def _postures(arm: PeerArm) -> Vector:
     """Returns random postures (n, 6), half of them near the start."""
-    rng, half = np.random.default_rng(0), POSTURES // 2
+    rng = np.random.default_rng(0)
+    half = POSTURES // 2
     near = arm.start + rng.uniform(-NEAR_RAD, NEAR_RAD, (half, 6))
     anywhere = rng.uniform(np.maximum(arm.q_lower, -np.pi), np.minimum(arm.q_upper, np.pi), (half, 6))
     q = np.concatenate([near, anywhere])
@@ -72,19 +73,22 @@ def _throws(
 
     They are joint positions and velocities (m, 6), weighted inverses of the Jacobians (m, 6, 3), and their order.
     """
-    target, g = problem["target"], arm.around["gravity_m_s2"]
+    target = problem["target"]
+    g = arm.around["gravity_m_s2"]
     p, J = arm.tool(q)
     away = np.array(target["position_m"]) - p
     t = (FLIGHT_TIMES[:1] if slowest else FLIGHT_TIMES)[:, None] * np.sqrt(2.0 * np.linalg.norm(away, axis=1) / g)
     v = away / t[..., None] + np.array([0.0, 0.0, 0.5 * g]) * t[..., None]
     inverse = np.asarray(np.linalg.pinv(J * arm.qd_max) * arm.qd_max[:, None], dtype=np.float64)
-    qd, speed = np.einsum("nij,knj->kni", inverse, v), np.linalg.norm(v, axis=-1)
+    qd = np.einsum("nij,knj->kni", inverse, v)
+    speed = np.linalg.norm(v, axis=-1)
     fits = (np.abs(qd) <= SPARE * arm.qd_max).all(-1) & (speed <= SPARE * arm.speed_max) & (v[..., 2] < g * t)
     fits &= np.arcsin(v[..., 2] / speed) >= target["min_elevation_rad"]
     fits &= np.linalg.norm(away[:, :2], axis=1) >= target["min_horizontal_distance_m"]
     k, n = np.nonzero(fits)
     passes = _pass(problem, arm, _parabolas(p[n], v[k, n], t[k, n], g))
-    k, n = k[passes], n[passes]
+    k = k[passes]
+    n = n[passes]
     travel = np.abs(q[n] - arm.start - 0.5 * qd[k, n] ** 2 * np.sign(qd[k, n]) / arm.qdd_max)
     guess = (travel / arm.qd_max + 2.0 * np.abs(qd[k, n]) / arm.qdd_max).max(axis=1)
     return q[n], qd[k, n], inverse[n], np.argsort(speed[k, n] if slowest else guess)
@@ -93,7 +97,8 @@ def _throws(
 def _state(problem: Problem, arm: PeerArm, q: Vector, qd: Vector, inverse: Vector) -> ThrowState | None:
     """Returns the state if its flight is clear, its velocity corrected for drag."""
     p, J = (x[0] for x in arm.tool(q[None]))
-    v, target = J @ qd, np.array(problem["target"]["position_m"])
+    v = J @ qd
+    target = np.array(problem["target"]["position_m"])
     for _ in range(4 if problem["object"]["drag_coefficient"] > 0.0 else 0):
         path = flight(problem, p, v)
         if path is None:
@@ -110,13 +115,17 @@ def flight(problem: Problem, p: Vector, v: Vector) -> Vector | None:
     """Returns the path (n, 3) of the object's centre down to the target's height; None if it stays below that."""
     if problem["object"]["drag_coefficient"] == 0.0:
         return _parabola(p, v, problem["surroundings"]["gravity_m_s2"], problem["target"]["position_m"][2])
-    thing, g, plane = problem["object"], problem["surroundings"]["gravity_m_s2"], problem["target"]["position_m"][2]
+    thing = problem["object"]
+    g = problem["surroundings"]["gravity_m_s2"]
+    plane = problem["target"]["position_m"][2]
     drag = 0.5 * AIR_KG_M3 * thing["drag_coefficient"] * np.pi * thing["radius_m"] ** 2 / thing["mass_kg"]
-    rows, down = [p], np.array([0.0, 0.0, -g])
+    rows = [p]
+    down = np.array([0.0, 0.0, -g])
     for _ in range(round(3.0 / STEP_S)):
         a = down - drag * np.linalg.norm(v) * v
         middle = v + 0.5 * STEP_S * a
-        p, v = p + STEP_S * middle, v + STEP_S * (down - drag * np.linalg.norm(middle) * middle)
+        p = p + STEP_S * middle
+        v = v + STEP_S * (down - drag * np.linalg.norm(middle) * middle)
         rows.append(p)
         if v[2] < 0.0 and p[2] <= plane:
             share = (rows[-2][2] - plane) / (rows[-2][2] - p[2])
@@ -149,7 +158,8 @@ def _is_clear(problem: Problem, arm: PeerArm, x: Vector, q: Vector) -> bool:
 
 def _pass(problem: Problem, arm: PeerArm, x: Vector) -> NDArray[np.bool_]:
     """Returns which flights (m, n, 3) pass the boxes, and enter the bin through its mouth."""
-    thick, target = arm.radius + ARC_M, np.array(problem["target"]["position_m"])
+    thick = arm.radius + ARC_M
+    target = np.array(problem["target"]["position_m"])
     good = np.ones(len(x), dtype=bool)
     for lower, upper in arm.boxes:
         good &= np.linalg.norm(x - np.clip(x, lower, upper), axis=-1).min(axis=1, initial=np.inf) >= thick

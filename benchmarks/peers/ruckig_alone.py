@@ -17,7 +17,9 @@ TRIES = 12  # release states, the soonest answer of which counts
 
 def plan(problem: Problem) -> Answer:
     """Returns the answer to a problem of ThrowBench."""
-    arm, rate, best = PeerArm(problem), float(problem["sample_rate_hz"]), None
+    arm = PeerArm(problem)
+    rate = float(problem["sample_rate_hz"])
+    best = None
     still = np.zeros(6)
     for state in release_states(problem, arm, TRIES):
         launch = ruckig_motion(arm, rate, (arm.start, still, still), (state.q, state.qd, still))

@@ -18,7 +18,9 @@ TRIES = 60  # release states
 
 def plan(problem: Problem) -> Answer:
     """Returns the answer to a problem of ThrowBench."""
-    arm, rate, best = PeerArm(problem), float(problem["sample_rate_hz"]), None
+    arm = PeerArm(problem)
+    rate = float(problem["sample_rate_hz"])
+    best = None
     for state in release_states(problem, arm, TRIES, slowest=True):
         approach = line(arm, rate, straight_throw(arm, rate, state)[0] - arm.start)
         motion = thrown(arm, rate, approach, state)

@@ -46,7 +46,8 @@ def _boxed(tasks: list[Task], rng: np.random.Generator) -> Iterator[Task]:
     """Yields tasks with a box, and with one of `WINDOWS` where they have a window."""
     for task in tasks:
         assert task.state is not None
-        problem, number = task.problem, int(task.name.split("/")[-1])
+        problem = task.problem
+        number = int(task.name.split("/")[-1])
         if problem.is_robust:
             window_s, tolerance_m = WINDOWS[number % len(WINDOWS)]
             problem = replace(problem, release_window_s=window_s, landing_tolerance_m=tolerance_m)
@@ -54,11 +55,13 @@ def _boxed(tasks: list[Task], rng: np.random.Generator) -> Iterator[Task]:
 
 
 def _with_box(problem: ThrowProblem, state: JointRelease, rng: np.random.Generator) -> ThrowProblem:
-    here, ends = problem.cell, np.array([problem.start, state.q])
+    here = problem.cell
+    ends = np.array([problem.start, state.q])
     has_room = body_model(here).clearances(ends).least.min() > ROOM_M  # otherwise no box leaves it any
     for _ in range(DRAWS):
         on_path = tool_position(here, problem.start + rng.uniform() * (state.q - problem.start))
-        centre, half = on_path + rng.uniform(-AWAY_M, AWAY_M, 3), rng.uniform(*SIZES_M, 3)
+        centre = on_path + rng.uniform(-AWAY_M, AWAY_M, 3)
+        half = rng.uniform(*SIZES_M, 3)
         if not has_room:
             continue
         boxed = _cell_with(here, Box(centre - half, centre + half))

@@ -30,7 +30,8 @@ Vector = NDArray[np.float64]
 FAR_RAD = 3.0  # [rad] farthest start from the release, in every joint
 RUN_UPS_S = (0.15, 0.3, 0.5)  # [s] of constant acceleration from the run-up posture to the release
 PACE = 3.0  # [-] of an approach, for the way to the run-up posture
-SPREAD_RAD, SPEED_SHARE = 1.5, 0.6  # [rad] around home and [-] of the velocity limit, for the release
+SPREAD_RAD = 1.5
+SPEED_SHARE = 0.6  # [rad] around home and [-] of the velocity limit, for the release
 TIME_LIMIT_S = 60.0  # [s] ample: work ends a search, not the clock
 STARTS = 20  # starts drawn for one release
 KINDS = (pose_of, point_of, target_of)
@@ -45,7 +46,8 @@ def far_start_tasks(count: int, seed: int) -> list[Task]:
 def _tasks(here: Cell, rng: np.random.Generator, seed: int) -> Iterator[Task]:
     number = 0
     for state in states(here, seed + 1000, _near_home):
-        throw, release = _throw(here, state), KINDS[number // 2 % len(KINDS)](here, state)
+        throw = _throw(here, state)
+        release = KINDS[number // 2 % len(KINDS)](here, state)
         motion = None if throw is None or release is None else _from_afar(here, state, throw, rng, number % 2 == 1)
         if motion is not None and release is not None:
             problem = ThrowProblem(here, motion.q[0], release, here.limits, time_limit_s=TIME_LIMIT_S)

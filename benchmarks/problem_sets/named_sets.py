@@ -28,7 +28,8 @@ SPEED_MIN = 0.8  # [m/s] of the tool: slower ones are not throws
 RANGE_MIN = 0.3  # [m] horizontally from release to target
 ANYWHERE = "-anywhere"  # suffix of a set with the same releases, but random starts instead of home
 IMPOSSIBLE_SETS = ("unreachable", "too-fast")
-WINDOW_S, TOLERANCE_M = 0.02, 0.005  # [s], [m] of the robust set
+WINDOW_S = 0.02
+TOLERANCE_M = 0.005  # [s], [m] of the robust set
 WIDE_WINDOW_S = 0.03  # [s] of the set robust-30
 NEAR_LIMIT = 0.03  # [-] of the joint range: a state this close to a limit is "near a limit"
 NEAR_FLOOR_M = 0.05  # [m] beyond the clearance: "near the floor"
@@ -94,7 +95,8 @@ def _drawn(
     ask: Callable[[Cell, JointRelease], Release | None],
     draw: Draw = _anywhere,
 ) -> list[Task]:
-    here, tasks = cell(arm), []
+    here = cell(arm)
+    tasks = []
     for state in states(here, seed, draw):
         release = ask(here, state)
         if release is None:
@@ -140,7 +142,8 @@ def point_of(here: Cell, state: JointRelease) -> PointRelease:
 
 def target_of(here: Cell, state: JointRelease) -> TargetRelease | None:
     """Returns the target that a release in a joint state hits; None where it is too near."""
-    p, v = tool_position(here, state.q), tool_velocity(here, state.q, state.qd)
+    p = tool_position(here, state.q)
+    v = tool_velocity(here, state.q, state.qd)
     flight = fly(p, v, here.surroundings.floor_z_m, here.surroundings.gravity_m_s2)
     if flight is None or np.linalg.norm((flight.landing_point - p)[:2]) < RANGE_MIN:
         return None
@@ -170,7 +173,8 @@ def _hard(arm: str, count: int, seed: int) -> list[Task]:
 
 def _near_limit(here: Cell, rng: np.random.Generator) -> tuple[Vector, Vector]:
     q, qd = _anywhere(here, rng)
-    joint, top = int(rng.integers(6)), bool(rng.integers(2))
+    joint = int(rng.integers(6))
+    top = bool(rng.integers(2))
     span = NEAR_LIMIT * (here.limits.q_upper - here.limits.q_lower)[joint] * rng.uniform()
     q[joint] = here.limits.q_upper[joint] - span if top else here.limits.q_lower[joint] + span
     return q, qd
@@ -199,10 +203,13 @@ def _nearly_too_fast(here: Cell, rng: np.random.Generator) -> tuple[Vector, Vect
 
 def _unreachable(arm: str, count: int, seed: int) -> list[Task]:
     """Returns points beyond the arm's reach (1.3 to 3 times as far), and targets beyond any throw."""
-    here, rng, tasks = cell(arm), np.random.default_rng([seed, 7]), []
+    here = cell(arm)
+    rng = np.random.default_rng([seed, 7])
+    tasks = []
     reach = float(np.hypot(here.robot.a, here.robot.d).sum() + here.tool.X_FT[2, 3])
     for i in range(count):
-        angle, far = rng.uniform(-np.pi, np.pi), rng.uniform(1.3, 3.0) * reach
+        angle = rng.uniform(-np.pi, np.pi)
+        far = rng.uniform(1.3, 3.0) * reach
         p = here.X_WB[:3, 3] + np.array([far * np.cos(angle), far * np.sin(angle), rng.uniform(0.1, 0.6)])
         X = np.eye(4)
         X[:3, 3] = p
@@ -218,7 +225,8 @@ def _too_fast(arm: str, count: int, seed: int) -> list[Task]:
     """Returns reachable points with twice the cell's maximum tool speed."""
     tasks = []
     for task in _drawn("too-fast", arm, count, seed + 1, point_of):
-        here, release = task.problem.cell, task.problem.release
+        here = task.problem.cell
+        release = task.problem.release
         assert isinstance(release, PointRelease)
         faster = 2.0 * here.limits.tcp_speed_max * release.v_WT / np.linalg.norm(release.v_WT)
         problem = replace(task.problem, release=PointRelease(release.p_WT, faster))

@@ -25,10 +25,14 @@ POSTURES = 6000  # drawn for the lob
 FLIGHT_TIMES = np.linspace(0.7, 2.6, 14)  # [-] of the slowest throw's
 ARC_SAMPLES = 160  # of the arc, at which obstacles are checked
 ROOM_M = 0.02  # [m] by which the lob clears wall and rim, besides the object's radius
-DISTANCES_M, HEIGHTS_M, THICKNESSES_M = (0.5, 1.0), (0.3, 1.0), (0.03, 0.2)  # of walls
+DISTANCES_M = (0.5, 1.0)
+HEIGHTS_M = (0.3, 1.0)
+THICKNESSES_M = (0.03, 0.2)  # of walls
 WIDTHS_M = (0.6, 2.0)  # of walls
-BEHIND_M, TARGET_HEIGHTS_M = (0.1, 0.6), (0.0, 0.3)  # of targets behind walls
-RADII_M, RIMS_M = (0.06, 0.25), (0.05, 0.4)  # of bins
+BEHIND_M = (0.1, 0.6)
+TARGET_HEIGHTS_M = (0.0, 0.3)  # of targets behind walls
+RADII_M = (0.06, 0.25)
+RIMS_M = (0.05, 0.4)  # of bins
 BIN_DISTANCES_M = (0.5, 1.5)  # of bins without a wall
 
 
@@ -69,22 +73,29 @@ def _feasible(kind: str, here: Cell, rng: np.random.Generator) -> Iterator[tuple
 
 def _drawn(kind: str, here: Cell, rng: np.random.Generator) -> ThrowProblem:
     """Returns a problem with a random wall or bin, feasible or not."""
-    side, turn = rng.integers(2), rng.choice([-1.0, 1.0])
-    walls, opening, along = (), None, float(rng.uniform(*BIN_DISTANCES_M))
+    side = rng.integers(2)
+    turn = rng.choice([-1.0, 1.0])
+    walls = ()
+    opening = None
+    along = float(rng.uniform(*BIN_DISTANCES_M))
     target = np.empty(3)
     if kind != "wall":
         opening = Opening(float(rng.uniform(*RADII_M)), float(rng.uniform(*RIMS_M)))
     if kind != "bin":
         near, height, thick = (float(rng.uniform(*r)) for r in (DISTANCES_M, HEIGHTS_M, THICKNESSES_M))
-        width, aside = float(rng.uniform(*WIDTHS_M)), float(rng.uniform(-0.3, 0.3))
-        lower, upper = np.zeros(3), np.full(3, height)
+        width = float(rng.uniform(*WIDTHS_M))
+        aside = float(rng.uniform(-0.3, 0.3))
+        lower = np.zeros(3)
+        upper = np.full(3, height)
         ends = np.sort(turn * np.array([near, near + thick]))
         lower[side], upper[side] = ends
-        lower[1 - side], upper[1 - side] = aside - width / 2, aside + width / 2
+        lower[1 - side] = aside - width / 2
+        upper[1 - side] = aside + width / 2
         walls = (Box(lower, upper),)
         room = 0.0 if opening is None else opening.radius_m
         along = near + thick + room + float(rng.uniform(*BEHIND_M))
-    target[side], target[1 - side] = turn * along, rng.uniform(-0.4, 0.4)
+    target[side] = turn * along
+    target[1 - side] = rng.uniform(-0.4, 0.4)
     target[2] = rng.uniform(*TARGET_HEIGHTS_M)
     cell = replace(here, surroundings=replace(here.surroundings, keep_out=walls))
     return ThrowProblem(cell, here.home, TargetRelease(target, opening=opening), here.limits)
@@ -92,7 +103,9 @@ def _drawn(kind: str, here: Cell, rng: np.random.Generator) -> ThrowProblem:
 
 def _lob(problem: ThrowProblem, rng: np.random.Generator) -> JointRelease | None:
     """Returns a joint state that throws the object to the target past every obstacle, None if none was drawn."""
-    cell, limits, release = problem.cell, problem.limits, problem.release
+    cell = problem.cell
+    limits = problem.limits
+    release = problem.release
     assert isinstance(release, TargetRelease)
     q = np.clip(cell.home + rng.uniform(-1, 1, (POSTURES, 6)) * [np.pi, 1.8, 1.8, 2.2, 2.2, np.pi], -6.2, 6.2)
     q = q[singularity_distances(cell.robot, q).minimum >= limits.singularity_distance_min]
@@ -106,7 +119,8 @@ def _lob(problem: ThrowProblem, rng: np.random.Generator) -> JointRelease | None
     slow = (np.linalg.norm(v, axis=-1) <= limits.tcp_speed_max) & (np.abs(qd) <= limits.qd_max).all(axis=-1)
     k, n = np.nonzero(slow & (v[..., 2] < problem.gravity * t))
     good = _passes(problem, release, p[n], v[k, n], t[k, n])
-    k, n = k[good], n[good]
+    k = k[good]
+    n = n[good]
     clear = body_model(problem.cell_with_bin).clearances(q[n]).least >= 0.0 if len(n) else np.zeros(0, dtype=bool)
     if not clear.any():
         return None

@@ -61,7 +61,8 @@ def self_distance(cell: Cell, q: Vector) -> float:
     capsules = body_capsules(cell.robot, cell.tool.capsules)
     pairs = np.array(self_collision_pairs(cell.robot, cell.tool.capsules))
     ends = capsule_endpoints(cell.robot, capsules, q)
-    one, other = ends[..., pairs[:, 0], :, :], ends[..., pairs[:, 1], :, :]
+    one = ends[..., pairs[:, 0], :, :]
+    other = ends[..., pairs[:, 1], :, :]
     radius = np.array([c.radius_m for c in capsules])
     gap = segment_segment_distance(one[..., 0, :], one[..., 1, :], other[..., 0, :], other[..., 1, :])
     return float((gap - radius[pairs].sum(axis=1)).min())

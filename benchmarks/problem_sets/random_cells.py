@@ -28,8 +28,10 @@ Vector = NDArray[np.float64]
 
 KINDS = ("target", "bin", "joint", "robust", "point", "robust bin", "pose", "rest")
 MOUNTINGS = {"floor": 0.0, "leaning": 0.4, "wall": np.pi / 2, "ceiling": np.pi}  # [rad] tilt of the base
-SPREAD, SPEED_SHARE = 1.2, 0.7  # [rad] around home, [-] of the velocity limits
-SPEED_MIN, RANGE_MIN = 0.4, 0.2  # [m/s], [m] of a throw
+SPREAD = 1.2
+SPEED_SHARE = 0.7  # [rad] around home, [-] of the velocity limits
+SPEED_MIN = 0.4
+RANGE_MIN = 0.2  # [m/s], [m] of a throw
 HOME_CLEARANCE_M = 0.01  # [m] beyond the required clearances, at home
 BOXES = 3  # keep-out boxes per cell: a wall, a ceiling, a block
 STATES_MAX = 400  # states drawn for one problem before another kind is tried
@@ -42,7 +44,8 @@ def random_cell_tasks(count: int, cells: int, seed: int) -> list[Task]:
     streams = [np.random.default_rng([seed, i, 1]) for i in range(cells)]
     tasks: list[Task] = []
     for rank in range(count):
-        i, turn = rank % cells, rank // cells
+        i = rank % cells
+        turn = rank // cells
         for attempt in range(len(KINDS)):
             kind = KINDS[(turn + i + attempt) % len(KINDS)]
             problem = _problem(drawn[i], kind, streams[i])
@@ -55,7 +58,8 @@ def random_cell_tasks(count: int, cells: int, seed: int) -> list[Task]:
 @cache
 def random_cell(index: int, seed: int) -> Cell:
     """Returns the random cell of this number."""
-    rng, arm = np.random.default_rng([seed, index, 0]), cell(ARMS[index % len(ARMS)])
+    rng = np.random.default_rng([seed, index, 0])
+    arm = cell(ARMS[index % len(ARMS)])
     mounting = tuple(MOUNTINGS)[index // len(ARMS) % len(MOUNTINGS)]
     while True:
         plain = replace(_mounted(arm, mounting, rng), name=f"{index:02d}-{mounting}-{arm.name}")
@@ -65,7 +69,8 @@ def random_cell(index: int, seed: int) -> Cell:
 
 def _mounted(arm: Cell, mounting: str, rng: np.random.Generator) -> Cell:
     """Returns the arm on another base, with another tool and object."""
-    lean, turn = MOUNTINGS[mounting], rng.uniform(-np.pi, np.pi)
+    lean = MOUNTINGS[mounting]
+    turn = rng.uniform(-np.pi, np.pi)
     R_WB = _rotation(2, turn) @ _rotation(0, lean + rng.uniform(-0.1, 0.1)) @ _rotation(2, rng.uniform(-np.pi, np.pi))
     height = rng.uniform(0.0, 0.8) + (1.0 if lean > 1.0 else 0.0)
     p_FT = rng.uniform([-0.1, -0.1, 0.05], [0.1, 0.1, 0.25])
@@ -99,7 +104,8 @@ def _limited(here: Cell, small: bool, rng: np.random.Generator) -> Cell:
     def share(least: float = SMALL) -> float:
         return float(np.exp(rng.uniform(np.log(least), 0.0))) if small and rng.random() < 0.5 else rng.uniform(0.5, 1.0)
 
-    own, size = here.limits, float(np.abs(here.robot.a).sum())
+    own = here.limits
+    size = float(np.abs(here.robot.a).sum())
     safety = Safety(
         tool_speed_m_s=float(rng.uniform(1.5, 5.0)) * share(0.3),
         elbow_speed_m_s=3.0 * share(0.2),
@@ -123,7 +129,8 @@ def _limited(here: Cell, small: bool, rng: np.random.Generator) -> Cell:
 
 def _furnished(here: Cell, rng: np.random.Generator) -> Cell:
     """Returns the cell with a wall, a ceiling and a block within reach, all clear of the home posture."""
-    base, reach = here.X_WB[:3, 3], float(np.hypot(here.robot.a, here.robot.d).sum())
+    base = here.X_WB[:3, 3]
+    reach = float(np.hypot(here.robot.a, here.robot.d).sum())
     around = replace(here.surroundings, clearance_m=float(rng.choice([0.0, 0.005, 0.02, 0.05])))
     found = replace(here, surroundings=around)
     for kind in ("wall", "ceiling", "block")[:BOXES]:
@@ -142,15 +149,20 @@ def _furnished(here: Cell, rng: np.random.Generator) -> Cell:
 
 def _box(kind: str, base: Vector, reach: float, rng: np.random.Generator) -> Box:
     if kind == "ceiling":
-        centre, half = base + rng.uniform(0.9, 1.6) * reach * np.eye(3)[2], np.array([2.0, 2.0, 0.02]) * reach
+        centre = base + rng.uniform(0.9, 1.6) * reach * np.eye(3)[2]
+        half = np.array([2.0, 2.0, 0.02]) * reach
     elif kind == "wall":
         away, across = rng.permutation(2)
-        centre, half = np.array(base), np.zeros(3)
+        centre = np.array(base)
+        half = np.zeros(3)
         centre[away] += rng.choice([-1.0, 1.0]) * rng.uniform(0.5, 1.1) * reach
-        half[away], half[across], half[2] = rng.uniform(0.01, 0.1), rng.uniform(0.3, 2.0) * reach, reach
+        half[away] = rng.uniform(0.01, 0.1)
+        half[across] = rng.uniform(0.3, 2.0) * reach
+        half[2] = reach
         centre[2] = rng.uniform(0.2, 0.8) * reach - half[2]
     else:
-        centre, half = base + rng.uniform(-0.9, 0.9, 3) * reach, rng.uniform(0.03, 0.2, 3) * reach
+        centre = base + rng.uniform(-0.9, 0.9, 3) * reach
+        half = rng.uniform(0.03, 0.2, 3) * reach
     return Box(centre - half, centre + half)
 
 
@@ -163,7 +175,8 @@ def _rotation(axis: int, angle: float) -> Vector:
 
 
 def _states(here: Cell, rng: np.random.Generator) -> Iterator[JointRelease]:
-    limits, body = here.limits, body_model(here)
+    limits = here.limits
+    body = body_model(here)
     for _ in range(STATES_MAX):
         q = np.clip(here.home + rng.uniform(-SPREAD, SPREAD, 6), limits.q_lower, limits.q_upper)
         qd = rng.uniform(-SPEED_SHARE, SPEED_SHARE, 6) * limits.qd_max
@@ -179,7 +192,8 @@ def _problem(here: Cell, kind: str, rng: np.random.Generator) -> ThrowProblem | 
         if kind == "rest":
             return ThrowProblem(here, here.home, JointRelease(state.q, np.zeros(6)), here.limits)
         X_WT, V_WT = pose_and_twist(here, state.q, state.qd)
-        p, v = X_WT[:3, 3], V_WT[:3]
+        p = X_WT[:3, 3]
+        v = V_WT[:3]
         if np.linalg.norm(v) < SPEED_MIN:
             continue
         if kind in ("joint", "pose", "point"):
@@ -195,7 +209,8 @@ def _with_window(problem: ThrowProblem, robust: bool) -> ThrowProblem:
     """Returns the problem with the window that a target has by default, or without one."""
     if not robust:
         return problem
-    here, release = problem.cell, problem.release
+    here = problem.cell
+    release = problem.release
     tolerance = max(0.01, here.object.radius_m)
     if isinstance(release, TargetRelease) and release.opening is not None:
         tolerance = max(0.001, release.opening.radius_m - here.object.radius_m)
@@ -204,7 +219,8 @@ def _with_window(problem: ThrowProblem, robust: bool) -> ThrowProblem:
 
 def _target(here: Cell, p: Vector, v: Vector, in_bin: bool, rng: np.random.Generator) -> TargetRelease | None:
     """Returns the target that a release hits, None where its way is not free or too short."""
-    floor, radius = here.surroundings.floor_z_m, here.object.radius_m
+    floor = here.surroundings.floor_z_m
+    radius = here.object.radius_m
     plain = ThrowProblem(here, here.home, PointRelease(p, v), here.limits)
     plane = floor + float(rng.choice([0.0, rng.uniform(0.0, 0.3)]))
     flight = fly(p, v, plane, plain.gravity, plain.drag)

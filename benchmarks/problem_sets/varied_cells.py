@@ -24,9 +24,12 @@ from planner.rotations import pose, rotation_vector_to_matrix
 Vector = NDArray[np.float64]
 
 CELLS_PER_ARM = 3
-SPREAD, SPEED_SHARE = 1.2, 0.7  # [rad] around home, [-] of the velocity limit
-SPEED_MIN, RANGE_MIN = 0.4, 0.2  # [m/s], [m] of a throw
-WINDOW_S, TOLERANCE_M = 0.01, 0.01  # [s], [m] of the robust targets
+SPREAD = 1.2
+SPEED_SHARE = 0.7  # [rad] around home, [-] of the velocity limit
+SPEED_MIN = 0.4
+RANGE_MIN = 0.2  # [m/s], [m] of a throw
+WINDOW_S = 0.01
+TOLERANCE_M = 0.01  # [s], [m] of the robust targets
 HOME_CLEARANCE_M = 0.01  # [m] beyond the required clearances, at home
 BOXES = 2  # keep-out boxes per cell
 KINDS = ("joint", "pose", "point", "target", "robust", "rest")
@@ -55,7 +58,8 @@ def _cell(arm: Cell, rank: int, index: int, seed: int) -> Cell:
 
 
 def _drawn(arm: Cell, rng: np.random.Generator) -> Cell:
-    tilt, p_FT = rng.uniform(-0.3, 0.3, 2), rng.uniform([-0.06, -0.06, 0.08], [0.06, 0.06, 0.25])
+    tilt = rng.uniform(-0.3, 0.3, 2)
+    p_FT = rng.uniform([-0.06, -0.06, 0.08], [0.06, 0.06, 0.25])
     R_WB = _rotation(0, tilt[0]) @ _rotation(1, tilt[1]) @ _rotation(2, rng.uniform(-np.pi, np.pi))
     tool = replace(
         arm.tool,
@@ -79,12 +83,14 @@ def _rotation(axis: int, angle: float) -> Vector:
 
 def _with_boxes(here: Cell, rng: np.random.Generator) -> Cell:
     """Returns the cell with a keep-in box and keep-out boxes within reach, all clear of the home posture."""
-    base, home = here.X_WB[:3, 3], tool_position(here, here.home)
+    base = here.X_WB[:3, 3]
+    home = tool_position(here, here.home)
     reach = float(np.hypot(here.robot.a, here.robot.d).sum())
     room = Box(home - rng.uniform(0.35, 0.9, 3) * reach, home + rng.uniform(0.35, 0.9, 3) * reach)
     found = replace(here, surroundings=replace(here.surroundings, keep_in=(room,)))
     while len(found.surroundings.keep_out) < BOXES:
-        centre, half = base + rng.uniform(-0.9, 0.9, 3) * reach, rng.uniform(0.03, 0.2, 3) * reach
+        centre = base + rng.uniform(-0.9, 0.9, 3) * reach
+        half = rng.uniform(0.03, 0.2, 3) * reach
         boxes = (*found.surroundings.keep_out, Box(centre - half, centre + half))
         more = replace(found, surroundings=replace(found.surroundings, keep_out=boxes))
         if _clearance(more) > HOME_CLEARANCE_M:
@@ -113,7 +119,8 @@ def _problem(here: Cell, state: JointRelease, kind: str) -> ThrowProblem | None:
 
 def _release(here: Cell, state: JointRelease, kind: str) -> Release | None:
     X_WT, V_WT = pose_and_twist(here, state.q, state.qd)
-    p, v = X_WT[:3, 3], V_WT[:3]
+    p = X_WT[:3, 3]
+    v = V_WT[:3]
     match kind:
         case "joint":
             return state

@@ -16,9 +16,13 @@ SHARES = {"pose": 0.995, "point": 0.99, "target": 0.995}  # [-] certified
 TIMES_S = {"pose": (0.025, 0.250), "point": (0.030, 0.450), "target": (0.055, 0.300)}  # [s] p50, p99 of a plan
 TO_RUCKIG = {"pose": 1.0, "point": 0.88, "target": 0.58}  # [-] p50 of the release time over Ruckig's
 TO_BOUND = (1.01, 1.05)  # [-] p50, p90 of the release time over the joint-wise bound
-ROBUST_ERROR_M, ROBUST_SHARE, ROBUST_TIME = 0.010, 0.90, 1.2  # [m], [-] of the plans, [-] of the nominal release time
-REACH_S, OTHER_S = 0.3, 1.5  # [s] to refuse an unreachable release, and one that is too fast
-SAMPLES, CERTIFICATE_S = 750, 0.003  # of a plan of 1.5 s at 500 Hz; [s] to certify it
+ROBUST_ERROR_M = 0.010
+ROBUST_SHARE = 0.90
+ROBUST_TIME = 1.2  # [m], [-] of the plans, [-] of the nominal release time
+REACH_S = 0.3
+OTHER_S = 1.5  # [s] to refuse an unreachable release, and one that is too fast
+SAMPLES = 750
+CERTIFICATE_S = 0.003  # of a plan of 1.5 s at 500 Hz; [s] to certify it
 
 T = TypeVar("T")
 FloorRow = tuple[str, str, str, str, str]

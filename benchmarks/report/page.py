@@ -89,7 +89,8 @@ def nominal_version(task: str) -> str:
 
 def summaries(rows: Sequence[ResultRow]) -> list[SetSummary]:
     """Returns the statistics of every set and back end, in the order of the run."""
-    known, lines = feasible(rows), []
+    known = feasible(rows)
+    lines = []
     for group in dict.fromkeys(row.group for row in rows if row.group not in IMPOSSIBLE_SETS):
         own = [row for row in rows if row.group == group]
         for backend in dict.fromkeys(row.backend for row in own):

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-IDEAL, MEASURED = "ideal arm", "arm as measured on a real UR5"
+IDEAL = "ideal arm"
+MEASURED = "arm as measured on a real UR5"
 TRUTHS = {IDEAL: "", MEASURED: '[arm]\ndisturbance = "ur5-measured"\n'}
 
 

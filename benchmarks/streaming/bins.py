@@ -65,7 +65,9 @@ def throw_into_bins(folder: Path, count: int, seed: int = 0, arm: str = IDEAL) -
         seed: Of the walls and bins.
         arm: The arm that throws.
     """
-    random, found, left = np.random.default_rng(seed), BinThrows(), count
+    random = np.random.default_rng(seed)
+    found = BinThrows()
+    left = count
     while left > 0:
         wall = _wall(random)
         _throw_over_wall(folder / str(left), wall, min(left, THROWS_A_CELL), random, found, arm)

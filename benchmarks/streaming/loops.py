@@ -112,7 +112,8 @@ def _fling(rig: Rig) -> dict[str, float]:
         rig.acknowledge()
     simulator_client.request(rig.host, "reset_stats")
     row = rig.throw(LOB)
-    recording, metrics = rig.store.recording(row.id), row.metrics or {}
+    recording = rig.store.recording(row.id)
+    metrics = row.metrics or {}
     assert recording is not None
     names, numbers = rows_of_csv(recording.csv)
     timestamps, received = (numbers[:, names.index(name)] for name in ("timestamp_s", "host_s"))
@@ -122,7 +123,8 @@ def _fling(rig: Rig) -> dict[str, float]:
 
 def _plain(rig: Rig, problem: ThrowProblem, trajectory: Trajectory, realtime: bool) -> dict[str, float]:
     """Returns the values of one throw by the plain loop."""
-    rows, dt = sample_rows(rig.cell, trajectory, throws=True), trajectory.dt
+    rows = sample_rows(rig.cell, trajectory, throws=True)
+    dt = trajectory.dt
     job = {
         "host": rig.host,
         "dt": dt,

@@ -108,8 +108,10 @@ def _beside_busy_processes(folder: Path, count: int) -> dict[str, Any]:
 
 def _throws_row(beside: str, found: dict[str, Any]) -> str:
     outcomes = ", ".join(f"{count} {name}" for name, count in found["outcomes"].items())
-    speed, landing = found["release_velocity_error_share"], found["landing_error_m"]
-    cycles, slips = found["cycles"], found["slips"]
+    speed = found["release_velocity_error_share"]
+    landing = found["landing_error_m"]
+    cycles = found["cycles"]
+    slips = found["slips"]
     total = sum(cycles[key] for key in ("none", "one", "more"))
     silent = f"{cycles['none']} of {total} ({found['cycles_without_command_share']:.1e})"
     return (

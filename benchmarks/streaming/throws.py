@@ -66,13 +66,15 @@ def throw_series(
     rig.start_executor()
     try:
         simulator_client.request(rig.host, "reset_stats")
-        before, rows = stolen_s(), []
+        before = stolen_s()
+        rows = []
         for _ in range(count):
             if rig.is_latched():
                 rig.recover()
                 rig.acknowledge()
             rows.append(rig.throw(LOB, mode))
-        stats, stolen = simulator_client.request(rig.host, "stats"), stolen_s() - before
+        stats = simulator_client.request(rig.host, "stats")
+        stolen = stolen_s() - before
     finally:
         rig.stop()
     return {

@@ -27,7 +27,9 @@ class BadAnswer(Exception):
 
     def __init__(self, rule: str, text: str, value: float = 0.0, limit: float = 0.0) -> None:
         super().__init__(text)
-        self.rule, self.value, self.limit = rule, value, limit
+        self.rule = rule
+        self.value = value
+        self.limit = limit
 
 
 def motion_of(answer: dict[str, Any], rate: float) -> Trajectory:

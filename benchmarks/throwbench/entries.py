@@ -21,9 +21,12 @@ import httpx2
 from benchmarks.throwbench.fling_entries import service_answer, service_request
 from benchmarks.throwbench.problem_document import Problem
 
-ROOT, WORKER = Path(__file__).parents[2], Path(__file__).with_name("worker.py")
-START_S, END_S = 300.0, 5.0  # [s] for an entry's process to load, and to end by itself
-OWN, PEERS = "benchmarks.throwbench.fling_entries", "benchmarks.peers"
+ROOT = Path(__file__).parents[2]
+WORKER = Path(__file__).with_name("worker.py")
+START_S = 300.0
+END_S = 5.0  # [s] for an entry's process to load, and to end by itself
+OWN = "benchmarks.throwbench.fling_entries"
+PEERS = "benchmarks.peers"
 # Name in the table: place of the function, package that it needs.
 BUILT_IN = {
     "fling": (f"{OWN}:auto", "casadi"),
@@ -84,7 +87,8 @@ def entry_of(text: str) -> ThrowEntry:
     """
     name, given, place = text.partition("=")
     if not given or "/" in name or ":" in name:
-        name, place = text, text
+        name = text
+        place = text
     if place.startswith(("http://", "https://")):
         return HttpEntry(name, place)
     if place.startswith(("fling+http://", "fling+https://")):
@@ -105,7 +109,9 @@ class FunctionEntry:
     """
 
     def __init__(self, name: str, place: str, package: str = "") -> None:
-        self.name, self._place, self._package = name, place, package
+        self.name = name
+        self._place = place
+        self._package = package
         self._process: subprocess.Popen[bytes] | None = None
         self._connection: Connection[Any, Any] | None = None
         self._errors: IO[bytes] | None = None
@@ -178,7 +184,8 @@ class HttpEntry:
     """An HTTP address that problems are posted to; with `fling`, Fling's own service."""
 
     def __init__(self, name: str, address: str, fling: bool = False) -> None:
-        self.name, self._address = name, address
+        self.name = name
+        self._address = address
         self._request: Callable[[Problem], dict[str, Any]] = service_request if fling else dict
         self._fling, self._client = fling, httpx2.Client()
 

@@ -31,7 +31,9 @@ def problem_document(name: str, problem: ThrowProblem) -> Problem:
         name: "set/number".
         problem: A throw at a target; what the documents have no words for (singularities, safety limits, grip) is lost.
     """
-    cell, release, limits = problem.cell, problem.release, problem.limits
+    cell = problem.cell
+    release = problem.release
+    limits = problem.limits
     assert isinstance(release, TargetRelease)
     document = {
         "throwbench": FORMAT,
@@ -66,7 +68,8 @@ def problem_document(name: str, problem: ThrowProblem) -> Problem:
 
 def problem_from_document(document: Problem) -> ThrowProblem:
     """Returns the planning problem of a document, with nothing that the document does not say."""
-    target, limits = document["target"], document["limits"]
+    target = document["target"]
+    limits = document["limits"]
     vessel = target["bin"]
     release = TargetRelease(
         np.array(target["position_m"], float),
@@ -118,7 +121,8 @@ def _box(box: Box) -> dict[str, Any]:
 
 
 def _target(problem: ThrowProblem, release: TargetRelease) -> dict[str, Any]:
-    opening, tolerance = release.opening, POINT_TOLERANCE_M
+    opening = release.opening
+    tolerance = POINT_TOLERANCE_M
     if problem.is_robust:
         tolerance = problem.landing_tolerance_m
     elif opening is not None:
@@ -149,7 +153,9 @@ def _plain(value: Any) -> Any:
 
 def _cell(document: Problem) -> Cell:
     """Returns the cell: arm constants by the model's name, everything else from the document."""
-    bare, tool, around = _bare_cell(document["arm"]["model"]), document["tool"], document["surroundings"]
+    bare = _bare_cell(document["arm"]["model"])
+    tool = document["tool"]
+    around = document["surroundings"]
     boxes = {
         key: tuple(Box(read_only(b["lower_m"]), read_only(b["upper_m"])) for b in around[key])
         for key in ("keep_in", "keep_out")

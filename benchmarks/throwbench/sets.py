@@ -60,7 +60,8 @@ def hidden_name(seed: int) -> str:
 
 def hidden_problems(count: int, seed: int) -> list[Problem]:
     """Returns `count` throws in random cells; the same number and seed give the same problems."""
-    drawn, tasks = count, []
+    drawn = count
+    tasks = []
     while len(tasks) < count:
         drawn *= 2
         tasks = [

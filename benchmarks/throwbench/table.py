@@ -124,7 +124,8 @@ def _head(about: dict[str, str], missing: dict[str, str]) -> list[str]:
 
 
 def _cells(s: dict[str, Any]) -> list[str]:
-    outcomes, count = Counter(s["outcomes"]), s["problems"]
+    outcomes = Counter(s["outcomes"])
+    count = s["problems"]
     cut = outcomes["timed out"] + outcomes["crashed"]
     shares = [f"{100.0 * n / count:.0f} %" for n in (outcomes["solved"], outcomes["invalid"], outcomes["refused"], cut)]
     return [

@@ -22,7 +22,10 @@ ARM = robot("ur5e")
 TOOL = (ToolCapsule(np.zeros(3), np.array([0.0, 0.0, 0.15]), 0.05),)
 POSTURE = np.array([0.0, -1.9, 1.4, -1.0, -1.57, 0.0])
 VIEWS = {"from the side": (0, 2), "from the front": (1, 2), "from above": (0, 1)}
-KEPT, NEVER, ALWAYS, SAME = 3, 2, 1, 0
+KEPT = 3
+NEVER = 2
+ALWAYS = 1
+SAME = 0
 PALETTE = ["#ffffff", "#d9d9d9", "#b7d7b0", "#d95f5f"]
 LEGEND = {"can collide: checked": KEPT, "never collide": NEVER, "joined: always overlap": ALWAYS}
 

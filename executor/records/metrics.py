@@ -85,8 +85,10 @@ def release_verdict(
 
 def _speed_warning(numbers: dict[str, Any]) -> list[str]:
     """Returns by how much a joint's speed was off at the release, where neither noise nor the profile explains it."""
-    error, unexpected = numbers["release_velocity_error_rad_s"] or 0.0, numbers["release_velocity_unexpected_rad_s"]
-    share, counts = numbers["release_velocity_error_share"] or 0.0, error if unexpected is None else unexpected
+    error = numbers["release_velocity_error_rad_s"] or 0.0
+    unexpected = numbers["release_velocity_unexpected_rad_s"]
+    share = numbers["release_velocity_error_share"] or 0.0
+    counts = error if unexpected is None else unexpected
     if not error > 0.0 or counts <= RELEASE_NOISE_RAD_S or share * counts / error <= RELEASE_SHARE:
         return []
     beyond = "" if unexpected is None else f", {unexpected:.3f} rad/s beyond what the profile expects"
@@ -131,7 +133,8 @@ def _tracking(problem: ThrowProblem, telemetry: Telemetry, timing: dict[str, Any
     if not len(telemetry):
         return {"tracking_error_max_rad": None, "tracking_error_max_m": None, "path_error_max_m": None}
     cell = problem.cell
-    planned, measured = telemetry.vector("planned_q"), telemetry.vector("q")
+    planned = telemetry.vector("planned_q")
+    measured = telemetry.vector("q")
     p_BT, p_BT_planned = (tool_points(cell, q) for q in (measured, planned))
     late_s = 0.0 if timing is None else timing["lag_s"] - cell.timing.lag_s
     return {
@@ -152,7 +155,8 @@ def _release(
     planned, measured = (telemetry.at_clock(name, trajectory.release_time_s) for name in ("planned_qd", "qd"))
     if problem.ends_at_rest or measured is None or planned is None:
         return dict.fromkeys(RELEASE_NUMBERS)
-    error, unexpected = np.abs(measured - planned), None
+    error = np.abs(measured - planned)
+    unexpected = None
     if known is not None:
         _, expected = known.release_deviation(trajectory, problem.cell.timing.lag_s)
         room = EXPECTED_STD * known.speeds.std(trajectory.qd[trajectory.release_index])

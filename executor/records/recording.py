@@ -17,11 +17,15 @@ from executor.shared_memory import SCALARS, VECTORS
 from store import pack_samples
 
 NANOSECONDS = 1_000_000_000
-NUMBER, INTEGER, TEXT = {"type": "number"}, {"type": "integer"}, {"type": "string"}
+NUMBER = {"type": "number"}
+INTEGER = {"type": "integer"}
+TEXT = {"type": "string"}
 COUNTS = ("safety_bits", "runtime_state", "digital_outputs", "missed_ticks")  # whole numbers
 TIME = {"type": "object", "properties": {"sec": INTEGER, "nsec": INTEGER}}
 JOINT = {"type": "object", "properties": {"name": TEXT, "position": NUMBER, "velocity": NUMBER, "effort": NUMBER}}
-JOINT_STATES, TICK, LOG = "foxglove.JointStates", "fling.Tick", "foxglove.Log"  # names of the schemas
+JOINT_STATES = "foxglove.JointStates"
+TICK = "fling.Tick"
+LOG = "foxglove.Log"  # names of the schemas
 SCHEMAS: dict[str, dict[str, Any]] = {
     JOINT_STATES: {"timestamp": TIME, "joints": {"type": "array", "items": JOINT}},
     LOG: {"timestamp": TIME, "level": INTEGER, "message": TEXT, "name": TEXT, "file": TEXT, "line": INTEGER},

@@ -25,7 +25,8 @@ def arm_timing(cell: Cell, telemetry: Telemetry, mode: str, acceleration: float)
     """
     if not len(telemetry):
         return None
-    stamps, lag = telemetry.scalar("timestamp_s"), cell.timing.lag_s
+    stamps = telemetry.scalar("timestamp_s")
+    lag = cell.timing.lag_s
     command = telemetry.vector("command" if mode == "speedj" else "planned_qd")
     if mode == "servoj":  # a planned row is what should be measured, one lag after its command
         command = columns_at(stamps + lag, stamps, command)
@@ -52,7 +53,8 @@ def path_error_m(cell: Cell, telemetry: Telemetry, p_BT: Array, late_s: float) -
         p_BT: measured positions of the tool centre point (N, 3), of `tool_points` [m].
         late_s: by how much the arm is late [s].
     """
-    clock, planned = telemetry.scalar("clock_s"), telemetry.vector("planned_q")
+    clock = telemetry.scalar("clock_s")
+    planned = telemetry.vector("planned_q")
     shifted = columns_at(clock - late_s, clock, planned)
     return float(np.linalg.norm(p_BT - tool_points(cell, shifted), axis=1).max())
 

@@ -22,7 +22,8 @@ WAIT_S = 3.0  # [s] for the table: states come at 10 Hz, and the first on a conn
 READER_WAIT_S = 1.0  # [s] within the executor's heartbeat: after two seconds without one it counts as gone
 KEEP_S = 60.0  # [s] for which a table is good: an arm is changed with the power off
 RETRY_S = 10.0  # [s] between two attempts
-ROBOT_STATE, KINEMATICS_INFO = 16, 5
+ROBOT_STATE = 16
+KINEMATICS_INFO = 5
 BODY = struct.Struct(">6I6d6d6d6dI")
 
 

@@ -17,7 +17,9 @@ from executor.robot.primary_packages import PORT, take_packages
 CONNECT_S = 0.5  # [s] a controller answers within milliseconds; without this interface a run goes on
 MESSAGE = struct.Struct(">QbB")
 KEY_HEADER = struct.Struct(">iiB")  # code, argument, length of the title
-ROBOT_MESSAGE, KEY, RUNTIME_EXCEPTION = 20, 7, 10
+ROBOT_MESSAGE = 20
+KEY = 7
+RUNTIME_EXCEPTION = 10
 OWN_PROGRAM = "rtde_control"  # source: ur_rtde 1.6.5
 STARTED = "PROGRAM_XXX_STARTED"
 COMPILE_ERRORS = ("compile_error", "syntax_error")  # first words of errors in a script that has just arrived
@@ -31,7 +33,8 @@ class ProgramWatch:
     """
 
     def __init__(self, host: str) -> None:
-        self.host, self.foreign = host, ""
+        self.host = host
+        self.foreign = ""
         self._own_started = False
         self._buffer = bytearray()
         self._socket: socket.socket | None = None
@@ -79,10 +82,12 @@ class ProgramWatch:
     def _take(self, kind: int, body: bytes) -> None:
         if kind != ROBOT_MESSAGE or len(body) < MESSAGE.size:
             return
-        message, fields = body[MESSAGE.size - 1], body[MESSAGE.size :]
+        message = body[MESSAGE.size - 1]
+        fields = body[MESSAGE.size :]
         if message == KEY and len(fields) >= KEY_HEADER.size:
             length = KEY_HEADER.size + fields[KEY_HEADER.size - 1]
-            title, program = fields[KEY_HEADER.size : length], fields[length:]
+            title = fields[KEY_HEADER.size : length]
+            program = fields[length:]
             self._key(title.decode(errors="replace"), program.decode(errors="replace"))
         elif message == RUNTIME_EXCEPTION:
             text = fields[8:].decode(errors="replace")  # after line and column

@@ -25,7 +25,10 @@ TIMEOUT_S = 1.0  # [s] without a package the connection is lost
 RETRY_S = 0.5  # [s] between two attempts to connect
 RATE_HZ = 25.0  # [Hz] of the states; above the 4 Hz of the heartbeat
 FRESH_S = 0.25  # [s] age at which a state is out of date
-VERSION, SETUP_OUTPUTS, START, DATA = 86, 79, 83, 85
+VERSION = 86
+SETUP_OUTPUTS = 79
+START = 83
+DATA = 85
 FORMATS = {"DOUBLE": "d", "UINT64": "Q", "UINT32": "I", "INT32": "i", "VECTOR6D": "6d"}
 OUTPUTS = {  # RTDE outputs, and the fields of `RobotState` that they fill
     "timestamp": "timestamp_s",
@@ -124,7 +127,8 @@ class RtdeReceiver:
     """One RTDE connection, set up and started, that receives states."""
 
     def __init__(self, connection: socket.socket, rate_hz: float = RATE_HZ) -> None:
-        self.socket, self.rate_hz = connection, rate_hz
+        self.socket = connection
+        self.rate_hz = rate_hz
         self.buffer = b""
         self._send(VERSION, struct.pack(">H", 2))
         self._await(VERSION)
@@ -138,7 +142,8 @@ class RtdeReceiver:
         Raises:
             OSError: the connection is lost.
         """
-        body, seen_at = self._await(DATA), time.monotonic()
+        body = self._await(DATA)
+        seen_at = time.monotonic()
         fields = dict(zip(self.names, self._unpack(body), strict=True))
         fields["speed"] *= fields.pop("slider")
         return RobotState(seen_at, **fields)
@@ -155,7 +160,8 @@ class RtdeReceiver:
 
     def _unpack(self, body: bytes) -> list[Any]:
         flat = self.struct.unpack(body)[1:]
-        values, at = [], 0
+        values = []
+        at = 0
         for width in self.widths:
             values.append(flat[at] if width == 1 else flat[at : at + width])
             at += width
@@ -173,7 +179,8 @@ class RtdeReceiver:
                     raise ConnectionError("the controller closed the connection")
                 self.buffer += received
             size, found = struct.unpack_from(">HB", self.buffer)
-            body, self.buffer = self.buffer[3:size], self.buffer[size:]
+            body = self.buffer[3:size]
+            self.buffer = self.buffer[size:]
             if size < 3:
                 raise ValueError("the controller sent a package shorter than its header")
             if found == kind:
@@ -188,7 +195,8 @@ def receive_timestamps(host: str, rate_hz: float, duration_s: float) -> list[tup
         ValueError: the controller does not speak RTDE.
     """
     with socket.create_connection((host, PORT), TIMEOUT_S) as connection:
-        receiver, found = RtdeReceiver(connection, rate_hz), []
+        receiver = RtdeReceiver(connection, rate_hz)
+        found = []
         end = time.monotonic() + duration_s
         while time.monotonic() < end:
             state = receiver.receive()

@@ -52,7 +52,8 @@ def main(arguments: list[str] | None = None) -> int:
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """Returns the command-line options."""
     parser = argparse.ArgumentParser(prog="python -m executor.simulator", description="A simulated UR controller.")
-    add, core = parser.add_argument, realtime.default_core(os.environ)
+    add = parser.add_argument
+    core = realtime.default_core(os.environ)
     add("--cell", type=Path, required=True, help="cell file (TOML)")
     add("--host", help="address to listen on; the cell's link.host by default")
     add("--truth", type=Path, help="truth file (TOML): how arm, gripper, object and camera really behave")

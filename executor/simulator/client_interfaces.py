@@ -19,10 +19,14 @@ class ClientInterfaces:
 
     def __init__(self, controller: Controller, values: Values, derived: Derived, facts: RobotFacts) -> None:
         """`values` are RTDE's output variables, `derived` the functions of those computed on request only."""
-        c, self.values, self.derived = controller, values, derived
-        runner, note = c.runner, c.timeline.note
+        c = controller
+        self.values = values
+        self.derived = derived
+        runner = c.runner
+        note = c.timeline.note
         commands = plain_commands(c)
-        takes, refuses = (runner.upload, commands), (lambda text: note("script refused: a port to read from only"), {})
+        takes = (runner.upload, commands)
+        refuses = (lambda text: note("script refused: a port to read from only"), {})
         self.primary: dict[int, PrimaryServer] = {}
         self.realtime: dict[int, RealtimeServer] = {}
         for offset, (upload, obeyed) in ((0, takes), (READ_ONLY, refuses)):
@@ -59,7 +63,9 @@ class ClientInterfaces:
 
 def plain_commands(controller: Controller) -> Commands:
     """Returns the commands that URControl takes beside scripts; in local control they are refused, as scripts are."""
-    runner, safety, stops = controller.runner, controller.safety, controller.stops
+    runner = controller.runner
+    safety = controller.safety
+    stops = controller.stops
     commands: dict[str, Callable[[], object]] = {
         "power on": safety.power_on,
         "power off": stops.power_loss,

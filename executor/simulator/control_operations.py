@@ -42,7 +42,9 @@ def true_state(simulation: Simulation) -> Document:
 def controller_state(simulation: Simulation) -> Document:
     """Returns the state of the controller as it tells it."""
     c = simulation.controller
-    arm, outputs, program = c.arm, c.workcell.outputs, c.runner.program
+    arm = c.arm
+    outputs = c.workcell.outputs
+    program = c.runner.program
     return {
         "t": c.timeline.t,
         "cell": c.cell.name,
@@ -74,7 +76,8 @@ def controller_state(simulation: Simulation) -> Document:
 def hidden_state(simulation: Simulation) -> Document:
     """Returns what only the simulator can tell."""
     workcell = simulation.controller.workcell
-    arm, gripper = workcell.arm, workcell.gripper
+    arm = workcell.arm
+    gripper = workcell.gripper
     return {
         "moved_at": workcell.moved_at,
         "q": arm.true_q,
@@ -89,7 +92,8 @@ def hidden_state(simulation: Simulation) -> Document:
 def objects_after(simulation: Simulation, after: int) -> Document:
     """Returns what the camera observed of objects numbered above `after`; unless hidden, all that happened to them."""
     workcell = simulation.controller.workcell
-    world, hidden = workcell.world, _is_hidden(simulation)
+    world = workcell.world
+    hidden = _is_hidden(simulation)
     observed = {"observations": [o for o in world.observations if o["object"] > after]}
     answer = {"t": simulation.controller.timeline.t, "hidden": hidden, **observed}
     if hidden:

@@ -41,7 +41,8 @@ class Controller:
 
     def __init__(self, cell: Cell, settings: SimulatorSettings, truth: Truth | None = None) -> None:
         """Starts at home; without a `truth` the cell's table [sim] is the truth."""
-        self.cell, self.settings = cell, settings
+        self.cell = cell
+        self.settings = settings
         self.identity = identity_of(cell, settings)
         self.timeline = Timeline(1.0 / cell.robot.sample_rate_hz)
         self.workcell = Workcell(cell, settings, truth or truth_of(cell), self.timeline.dt)
@@ -53,7 +54,9 @@ class Controller:
         self.runner = ProgramRunner(
             lambda text: load_program(self.context, text), lambda: self.arm.at_rest, self.timeline, settings
         )
-        self.safety, self.registers, self.stream = self.runner.safety, self.runner.registers, self.runner.stream
+        self.safety = self.runner.safety
+        self.registers = self.runner.registers
+        self.stream = self.runner.stream
         self.stops = Stops(self.runner)
         self.context = ProgramContext(
             robot=cell.robot,

@@ -14,7 +14,8 @@ from executor.simulator.settings import BIT_REGISTERS, BIT_WORDS_END, REGISTERS
 
 DEVIATION_MAX_RAD = 0.2  # [rad] chosen: deviation of a joint at which its ratio is 1; UR publishes none
 SUPPLY_W = 24.0  # [W] chosen: what a robot at rest draws, half an ampere at 48 V
-CONFIGURABLE_SHIFT, CONFIGURABLE_MASK = 8, 0xFF  # of the configurable ones among all digital bits; source: RTDE guide
+CONFIGURABLE_SHIFT = 8
+CONFIGURABLE_MASK = 0xFF  # of the configurable ones among all digital bits; source: RTDE guide
 Vector = Sequence[float]
 
 
@@ -62,7 +63,8 @@ class DerivedValues:
 
     def _tcp_acceleration(self) -> list[float]:
         """Returns the change of the commanded twist over the last cycle."""
-        c, (q, qd, _) = self.controller, self.controller.arm.before
+        c = self.controller
+        (q, qd, _) = self.controller.arm.before
         _, now = c.commanded_motion()
         _, before = c.arm.chain.motion(q, qd, c.installation.tcp)
         return [(b - a) / c.timeline.dt for a, b in zip(before, now, strict=True)]
@@ -90,15 +92,19 @@ def point_motion(
         q, qd: joint positions and speeds [rad, rad/s]; those beyond the links are ignored.
         place: frame at the point, in the frame of the last link.
     """
-    pose, axes = kinematics.IDENTITY, []
+    pose = kinematics.IDENTITY
+    axes = []
     for (a, d, ca, sa), angle in zip(links, q, strict=False):
         axes.append((pose[2], pose[6], pose[10], pose[3], pose[7], pose[11]))
-        c, s = math.cos(angle), math.sin(angle)
+        c = math.cos(angle)
+        s = math.sin(angle)
         pose = kinematics.product(pose, (c, -s * ca, s * sa, a * c, s, c * ca, -c * sa, a * s, 0.0, sa, ca, d))
     pose = kinematics.product(pose, place)
     velocity = [0.0, 0.0, 0.0]
     for (zx, zy, zz, px, py, pz), rate in zip(axes, qd, strict=False):
-        rx, ry, rz = pose[3] - px, pose[7] - py, pose[11] - pz
+        rx = pose[3] - px
+        ry = pose[7] - py
+        rz = pose[11] - pz
         velocity[0] += rate * (zy * rz - zz * ry)
         velocity[1] += rate * (zz * rx - zx * rz)
         velocity[2] += rate * (zx * ry - zy * rx)
@@ -118,12 +124,21 @@ def linear_momentum(
     pose = kinematics.IDENTITY
     wx = wy = wz = vx = vy = vz = mx = my = mz = 0.0  # spin and speed of the link's origin; momentum so far
     for (a, d, ca, sa), angle, rate, (mass, (x, y, z)) in zip(links, q, qd, bodies, strict=True):
-        wx, wy, wz = wx + pose[2] * rate, wy + pose[6] * rate, wz + pose[10] * rate
-        px, py, pz = pose[3], pose[7], pose[11]
-        c, s = math.cos(angle), math.sin(angle)
+        wx = wx + pose[2] * rate
+        wy = wy + pose[6] * rate
+        wz = wz + pose[10] * rate
+        px = pose[3]
+        py = pose[7]
+        pz = pose[11]
+        c = math.cos(angle)
+        s = math.sin(angle)
         pose = kinematics.product(pose, (c, -s * ca, s * sa, a * c, s, c * ca, -c * sa, a * s, 0.0, sa, ca, d))
-        rx, ry, rz = pose[3] - px, pose[7] - py, pose[11] - pz
-        vx, vy, vz = vx + wy * rz - wz * ry, vy + wz * rx - wx * rz, vz + wx * ry - wy * rx
+        rx = pose[3] - px
+        ry = pose[7] - py
+        rz = pose[11] - pz
+        vx = vx + wy * rz - wz * ry
+        vy = vy + wz * rx - wx * rz
+        vz = vz + wx * ry - wy * rx
         rx, ry, rz = (pose[i] * x + pose[i + 1] * y + pose[i + 2] * z for i in (0, 4, 8))
         mx += mass * (vx + wy * rz - wz * ry)
         my += mass * (vy + wz * rx - wx * rz)

@@ -15,7 +15,8 @@ from executor.simulator.program import PROGRAM_FATES
 from executor.simulator.simulation import Simulation
 
 CONTROL_PORT_NAME = "control"
-INPUTS, INPUT_LINES = "actual_digital_input_bits", 18  # 8 standard, 8 configurable, 2 of the tool; RTDE guide
+INPUTS = "actual_digital_input_bits"
+INPUT_LINES = 18  # 8 standard, 8 configurable, 2 of the tool; RTDE guide
 FREEZE_MAX_S = 60.0  # [s]
 DELAY_MAX_S = 10.0  # [s]
 

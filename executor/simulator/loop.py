@@ -32,7 +32,8 @@ class SimulatorLoop:
 
     def run(self) -> None:
         """Runs until `quit`, then closes all sockets."""
-        simulation, pacing = self.simulation, self.simulation.pacing
+        pacing = self.simulation.pacing
+        simulation = self.simulation
         pacing.start(time.monotonic())
         try:
             while self.running:
@@ -46,7 +47,9 @@ class SimulatorLoop:
 
     def _serve_until_due(self) -> None:
         """Serves the sockets until the cycle is due; at least once, so that a late loop still serves its clients."""
-        network, pacing, now = self.simulation.network, self.simulation.pacing, time.monotonic()
+        network = self.simulation.network
+        pacing = self.simulation.pacing
+        now = time.monotonic()
         while self.running:
             readable = select.select(network.sockets, (), (), pacing.sleep_s(now))[0]
             now = time.monotonic()

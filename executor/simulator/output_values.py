@@ -51,10 +51,8 @@ class OutputValues:
         values["actual_current_window"] = [CURRENT_WINDOW_A] * 6
         values["tool_temperature"] = [JOINT_TEMPERATURE_C]
         values["tool_mode"] = [TOOL_RUNNING]
-        values["tool_analog_input_types"], values["analog_io_types"] = (
-            [VOLTAGE_TYPES],
-            [VOLTAGE_TYPES | VOLTAGE_TYPES << 2],
-        )
+        values["tool_analog_input_types"] = [VOLTAGE_TYPES]
+        values["analog_io_types"] = [VOLTAGE_TYPES | VOLTAGE_TYPES << 2]
         values["tool_digital_output0_mode"] = values["tool_digital_output1_mode"] = [1]  # sinking, the default
         uses_tool_output = self.controller.cell.gripper.output == "tool_digital"
         values["tool_output_voltage"] = [TOOL_VOLTAGE_V * uses_tool_output]
@@ -66,7 +64,8 @@ class OutputValues:
         self._inputs_and_outputs()
 
     def _state(self) -> None:
-        c, values = self.controller, self.values
+        c = self.controller
+        values = self.values
         values["timestamp"] = [c.timeline.t]
         values["runtime_state"] = [c.runner.runtime]
         values["safety_mode"] = [c.safety.mode]
@@ -78,9 +77,14 @@ class OutputValues:
         values["target_speed_fraction"] = [c.slider]
 
     def _motion(self) -> None:
-        c, arm, values = self.controller, self.controller.arm, self.values
-        values["target_q"], values["target_qd"], values["target_qdd"] = arm.q, arm.qd, arm.qdd
-        values["actual_q"], values["actual_qd"] = arm.measured_q, arm.measured_qd
+        c = self.controller
+        arm = self.controller.arm
+        values = self.values
+        values["target_q"] = arm.q
+        values["target_qd"] = arm.qd
+        values["target_qdd"] = arm.qdd
+        values["actual_q"] = arm.measured_q
+        values["actual_qd"] = arm.measured_qd
         if any(arm.qd) or not arm.at_rest or c.timeline.cycles % self.torque_every == 0:
             tcp = c.installation.tcp
             pose, values["actual_TCP_speed"] = arm.chain.motion(arm.measured_q, arm.measured_qd, tcp)
@@ -89,10 +93,14 @@ class OutputValues:
             values["target_TCP_pose"] = kinematics.pose_of(pose)
 
     def _inputs_and_outputs(self) -> None:
-        outputs, installation, values = self.controller.workcell.outputs, self.controller.installation, self.values
+        outputs = self.controller.workcell.outputs
+        installation = self.controller.installation
+        values = self.values
         values["actual_digital_output_bits"] = [outputs.bits]
-        values["standard_analog_output0"], values["standard_analog_output1"] = outputs.analog[:1], outputs.analog[1:]
-        values["payload"], values["payload_cog"] = [installation.payload_kg], installation.payload_cog_m
+        values["standard_analog_output0"] = outputs.analog[:1]
+        values["standard_analog_output1"] = outputs.analog[1:]
+        values["payload"] = [installation.payload_kg]
+        values["payload_cog"] = installation.payload_cog_m
         values["payload_inertia"] = installation.payload_inertia
         values["tcp_offset"] = installation.tcp_pose
         ux, uy, uz = installation.gravity_m_s2
@@ -100,8 +108,11 @@ class OutputValues:
 
     def torques(self) -> None:
         """Updates joint torques and momentum; too expensive for every cycle, they are held in between."""
-        arm, installation, values = self.controller.arm, self.controller.installation, self.values
-        (ux, uy, uz), (x, y, z) = installation.gravity_m_s2, installation.payload_cog_m
+        arm = self.controller.arm
+        installation = self.controller.installation
+        values = self.values
+        (ux, uy, uz) = installation.gravity_m_s2
+        (x, y, z) = installation.payload_cog_m
         moments = self.joint_torques.of(arm.q, arm.qd, arm.qdd, (ux, uy, uz), installation.payload_kg, (x, y, z))
         values["target_moment"] = moments
         values["target_current"] = values["actual_current"] = [AMPERE_PER_NM * m for m in moments]
@@ -111,7 +122,8 @@ class OutputValues:
 
     def _momentum(self) -> float:
         """Returns the norm of the linear momentum [kg m/s]: of the links, and of the payload on the last one."""
-        arm, installation = self.controller.arm, self.controller.installation
+        arm = self.controller.arm
+        installation = self.controller.installation
         *others, (mass, com) = self.bodies
         total = mass + installation.payload_kg
         loads = zip(com, installation.payload_cog_m, strict=True)

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 RTDE_PORT = 30004  # source: UR RTDE guide
-PRIMARY_PORT, SECONDARY_PORT = 30001, 30002  # source: UR client interfaces
+PRIMARY_PORT = 30001
+SECONDARY_PORT = 30002  # source: UR client interfaces
 SCRIPT_PORT = 30003  # source: UR client interfaces, the real-time interface; ur_rtde uploads its program here
 READ_ONLY = 10  # added to a port's number: the same to read from only; source: UR client interfaces
 DASHBOARD_PORT = 29999  # source: UR dashboard manual

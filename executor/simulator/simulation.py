@@ -33,7 +33,8 @@ class Simulation:
         self.output_values = OutputValues(c)
         self.pacing = CyclePacing(c.timeline.dt, settings.stall_tolerant)
         self.freeze_s = 0.0
-        values, derived = self.output_values.values, self.output_values.derived
+        values = self.output_values.values
+        derived = self.output_values.derived
         self.rtde = RtdeServer(c.identity, c.timeline, values, c.take_inputs, derived)
         self.client_interfaces = ClientInterfaces(c, values, derived, robot_facts(cell, c.arm.chain.table))
         dashboard = DashboardServer(c.identity, c.stops, settings.programs)

@@ -23,7 +23,8 @@ JITTER_SHAPES = ("gaussian", "skewed", "quantised")
 
 # Bounds of the keys; they catch typing errors, and what the simulated controller could not do.
 LAG_MAX_S = 0.5  # [s] as the cell file's timing.lag_s
-GAIN_MIN, GAIN_MAX = 0.5, 1.5  # [-]
+GAIN_MIN = 0.5
+GAIN_MAX = 1.5  # [-]
 OVERSHOOT_MAX = 0.5  # [-]
 DELAY_MAX_S = 5.0  # [s] grippers that take longer do not throw
 JITTER_MAX_S = 0.5  # [s]
@@ -295,7 +296,8 @@ def _dh_deviation(given: object) -> DhDeviation | None:
         return None
     if not isinstance(given, Mapping):
         raise CellError(where, given, "must be a table")
-    table, where = merge_defaults(given, {key: list(NONE_OF_SIX) for key in DH_BOUNDS}, f"{where}."), f"{where}."
+    table = merge_defaults(given, {key: list(NONE_OF_SIX) for key in DH_BOUNDS}, f"{where}.")
+    where = f"{where}."
     return DhDeviation(**{key: _six(table, key, where, -most, most) for key, most in DH_BOUNDS.items()})
 
 

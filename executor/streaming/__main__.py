@@ -57,17 +57,21 @@ def main(job_fd: int, memory_fd: int, parent: int, pulse: int) -> None:
     memory = shm.SharedMemory.attach(memory_fd)
     job = StreamJob.read(job_fd)
     connections: list[RtdeConnection] = []
-    state, code = shm.FAULT, 1
-    outcome, reason = "executor_lost", "the streaming process failed"
+    state = shm.FAULT
+    code = 1
+    outcome = "executor_lost"
+    reason = "the streaming process failed"
     try:
         requests = StopRequests(memory, job.daemon_silent_s, parent, pulse)
         requests.listen()
         realtime.terminate_with_parent(parent)
         memory.fields[shm.PULSE] = monotonic()
         outcome, reason = run(job, memory, requests, connections)
-        state, code = shm.DONE, 0
+        state = shm.DONE
+        code = 0
     except StreamFault as fault:
-        outcome, reason = fault.outcome, fault.reason
+        outcome = fault.outcome
+        reason = fault.reason
     except Exception:  # a bug: the finally below leaves the arm to the watchdog and the daemon
         reason = traceback.format_exc(limit=-3)
     finally:

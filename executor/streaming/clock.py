@@ -29,7 +29,8 @@ class ControllerClock:
     """
 
     def __init__(self, connection: RtdeConnection, dt: float) -> None:
-        self.connection, self.dt = connection, dt
+        self.connection = connection
+        self.dt = dt
         self.first = self.stamp = connection.timestamp()
         self.tick = self.missed = self.total_missed = 0
         self.host_s = monotonic()
@@ -61,7 +62,8 @@ class ControllerClock:
             raise StreamFault("link_lost", "the controller's time ran backwards")
         self.missed = tick - self.tick - 1
         self.total_missed += self.missed
-        self.tick, self.stamp = tick, stamp
+        self.tick = tick
+        self.stamp = stamp
 
 
 class LostTicks:
@@ -82,7 +84,8 @@ class LostTicks:
         in_a_row_s, share = REALTIME_BOUNDS if realtime else ORDINARY_BOUNDS
         self.dt = dt
         self.in_a_row = max(3, round(in_a_row_s / dt))
-        self.most, self.most_by_link = share * MEMORY_TICKS, LINK_SHARE * MEMORY_TICKS
+        self.most = share * MEMORY_TICKS
+        self.most_by_link = LINK_SHARE * MEMORY_TICKS
         self.recent = self.by_link = 0.0
 
     @property

@@ -18,7 +18,9 @@ JOINTS = range(6)
 CORRELATED_S = 0.02  # [s] within which errors of an arm's speed go together; source: a real UR5 (docs/learning.md)
 GAIN_STD = 0.05  # [-] prior of a gain error: twice what real arms show, so that it hardly draws the fit
 LATENESS_STD_S = 0.03  # [s] prior of the lateness: an arm whose lag nobody measured
-ASSUMED_FROM_S, ASSUMED_TO_S, ASSUMED_STEP_S = -0.01, 0.03, 0.01  # [s] assumed latenesses: the rest of one is small
+ASSUMED_FROM_S = -0.01
+ASSUMED_TO_S = 0.03
+ASSUMED_STEP_S = 0.01  # [s] assumed latenesses: the rest of one is small
 NOISE_MIN_RAD_S = 0.005  # [rad/s] scatter of a measured joint speed, at least
 STEPS_MAX = 40  # [-] in which the model is run on to the release: 0.3 ms
 DEVIATIONS = 2.0  # [-] standard errors beyond the tolerance at which the object is kept: 98 % of what was just right
@@ -35,16 +37,25 @@ class AssumedLateness:
 
     def __init__(self, assumed_s: float, together: float) -> None:
         """Takes the lateness [s], and how many ticks count as one."""
-        self.assumed_s, self.together, self.count = assumed_s, together, 0
-        self.speed2, self.rate2, self.cross, self.error2 = [0.0] * 6, [0.0] * 6, [0.0] * 6, [0.0] * 6
-        self.by_speed, self.by_rate = [0.0] * 6, [0.0] * 6
-        self.lateness_s, self.gain_error, self.noise = 0.0, [0.0] * 6, NOISE_MIN_RAD_S
+        self.assumed_s = assumed_s
+        self.together = together
+        self.count = 0
+        self.speed2 = [0.0] * 6
+        self.rate2 = [0.0] * 6
+        self.cross = [0.0] * 6
+        self.error2 = [0.0] * 6
+        self.by_speed = [0.0] * 6
+        self.by_rate = [0.0] * 6
+        self.lateness_s = 0.0
+        self.gain_error = [0.0] * 6
+        self.noise = NOISE_MIN_RAD_S
 
     def add(self, speed: Row, rate: Row, measured: Row) -> None:
         """Adds a tick: expected speed, planned acceleration and measured speed (6,) [rad/s, rad/s^2]."""
         self.count += 1
         for j in JOINTS:
-            u, a = speed[j], rate[j]
+            u = speed[j]
+            a = rate[j]
             e = measured[j] - u
             self.speed2[j] += u * u
             self.rate2[j] += a * a
@@ -74,7 +85,8 @@ class AssumedLateness:
         prior = self._speed_prior(noise)
         weight = [v + prior for v in self.speed2]
         of_lateness = self.together * (noise / LATENESS_STD_S) ** 2
-        left, right = of_lateness, -of_lateness * self.assumed_s
+        left = of_lateness
+        right = -of_lateness * self.assumed_s
         for j in JOINTS:
             left += self.rate2[j] - self.cross[j] ** 2 / weight[j]
             right -= self.by_rate[j] - self.cross[j] * self.by_speed[j] / weight[j]
@@ -87,7 +99,8 @@ class AssumedLateness:
 
     def _residual(self) -> float:
         """Returns the scatter about the fit [rad/s]."""
-        late, total = self.rest_s, 0.0
+        late = self.rest_s
+        total = 0.0
         for j in JOINTS:
             a = self.gain_error[j]
             total += self.error2[j] - 2.0 * a * self.by_speed[j] + 2.0 * late * self.by_rate[j]
@@ -104,14 +117,17 @@ class LandingWatch:
     """
 
     def __init__(self, job: StreamJob, expected: ExpectedLanding) -> None:
-        self.job, self.expected = job, expected
+        self.job = job
+        self.expected = expected
         step = max(round(ASSUMED_STEP_S / job.dt), 1) * job.dt
-        first, last = math.floor(ASSUMED_FROM_S / step), math.ceil(ASSUMED_TO_S / step)
+        first = math.floor(ASSUMED_FROM_S / step)
+        last = math.ceil(ASSUMED_TO_S / step)
         together = max(CORRELATED_S / job.dt, 1.0)
         self.assumed = [AssumedLateness(k * step, together) for k in range(first, last + 1)]
         self.feedback: list[Row] = []  # [rad/s] sent with each row so far
         self.q: Row = [0.0] * 6  # [rad] measured last
-        self.lateness_s, self.gain_error = 0.0, [0.0] * 6
+        self.lateness_s = 0.0
+        self.gain_error = [0.0] * 6
 
     def add(self, row: int, measured: tuple[Row, Row], feedback: Row) -> None:
         """Adds a tick; rows that were lost sent what the row before them had sent.
@@ -125,7 +141,8 @@ class LandingWatch:
         self.q = measured[0]
         for each in self.assumed:
             at = row - each.assumed_s / self.job.dt
-            speed, arrived = _between(self.job.reference_qd, at), self._arrived(self.feedback, at)
+            speed = _between(self.job.reference_qd, at)
+            arrived = self._arrived(self.feedback, at)
             expected = [u + b for u, b in zip(speed, arrived, strict=True)]
             each.add(expected, self._acceleration(at), measured[1])
 
@@ -138,7 +155,8 @@ class LandingWatch:
         for each in self.assumed:
             each.fit()
         fitted = min(self.assumed, key=lambda each: abs(each.rest_s))
-        self.lateness_s, self.gain_error = fitted.lateness_s, fitted.gain_error
+        self.lateness_s = fitted.lateness_s
+        self.gain_error = fitted.gain_error
         known = self.expected
         x, y = known.shift_when_late(self.lateness_s)
         ahead, faster = self._at_release(row)
@@ -165,7 +183,8 @@ class LandingWatch:
 
     def _acceleration(self, at: float) -> Row:
         """Returns the planned acceleration (6,) of what is to be measured at a row [rad/s^2]."""
-        before, after = _between(self.job.reference_qd, at - 1.0), _between(self.job.reference_qd, at + 1.0)
+        before = _between(self.job.reference_qd, at - 1.0)
+        after = _between(self.job.reference_qd, at + 1.0)
         return [(b - a) / (2.0 * self.job.dt) for a, b in zip(before, after, strict=True)]
 
     def _at_release(self, row: int) -> tuple[Row, Row]:
@@ -174,15 +193,19 @@ class LandingWatch:
         In so many steps at most that the command which follows the decision is in time.
         """
         job, late, sent = self.job, self.lateness_s / self.job.dt, list(self.feedback)
-        end, now = job.release_row + job.lag_ticks, float(row)
+        end = job.release_row + job.lag_ticks
+        now = float(row)
         ticks = max(math.ceil((end - now) / STEPS_MAX), 1)  # of a step
         begun = _between(job.reference_q, now - late)
         offset = ahead = [q - reference for q, reference in zip(self.q, begun, strict=True)]
-        passed, arrived = [0.0] * 6, self._arrived(sent, now - late)  # [rad] by feedback from now on, [rad/s]
+        passed = [0.0] * 6
+        arrived = self._arrived(sent, now - late)  # [rad] by feedback from now on, [rad/s]
         while now < end:
             after = min(now + ticks, end)
-            half, before = 0.5 * job.dt * (after - now), arrived
-            now, arrived = after, self._arrived(sent, after - late)
+            half = 0.5 * job.dt * (after - now)
+            before = arrived
+            now = after
+            arrived = self._arrived(sent, after - late)
             reference = _between(job.reference_q, now - late)
             passed = [x + half * (a + b) for x, a, b in zip(passed, before, arrived, strict=True)]
             ahead = [
@@ -203,14 +226,17 @@ class LandingWatch:
         job, planned = self.job, _between(self.job.reference_q, now)
         if job.mode != "speedj":  # servoj has none
             return [0.0] * 6
-        most, errors = job.feedback_max, zip(planned, late_reference, ahead, strict=True)
+        most = job.feedback_max
+        errors = zip(planned, late_reference, ahead, strict=True)
         return [min(max(job.feedback_gain * (p - late - x), -most), most) for p, late, x in errors]
 
 
 def _between(rows: Sequence[Row], at: float) -> Row:
     """Returns what lies at a row, from one row to the next linearly; beyond the ends that of the end."""
     i = min(max(int(at), 0), len(rows) - 1)
-    share, a, b = at - i, rows[i], rows[min(i + 1, len(rows) - 1)]
+    share = at - i
+    a = rows[i]
+    b = rows[min(i + 1, len(rows) - 1)]
     if at <= i or a is b:
         return a
     return [x + share * (y - x) for x, y in zip(a, b, strict=True)]

@@ -63,7 +63,9 @@ class Schedule:
         start = self.diverted or 0
         T = self.brake_s
         q_per_qd, q_per_qdd, qd_per_qd, qd_per_qdd, _, _ = brake_weights(s / T if T > 0.0 else 1.0)
-        q0, qd0, qdd0 = self.job.q[start], self.job.qd[start], self.job.qdd[start]
+        q0 = self.job.q[start]
+        qd0 = self.job.qd[start]
+        qdd0 = self.job.qdd[start]
         q = [x + T * (q_per_qd * v + T * q_per_qdd * a) for x, v, a in zip(q0, qd0, qdd0, strict=True)]
         return q, [qd_per_qd * v + T * qd_per_qdd * a for v, a in zip(qd0, qdd0, strict=True)]
 
@@ -75,8 +77,12 @@ class Stream:
         self, connection: RtdeConnection, job: StreamJob, requests: StopRequests, recorded: bool = True
     ) -> None:
         """Starts the clock; with `recorded` every tick writes a row of telemetry (an approach writes none)."""
-        self.connection, self.job, self.requests, self.recorded = connection, job, requests, recorded
-        self.memory, self.fields = connection.memory, connection.memory.fields
+        self.connection = connection
+        self.job = job
+        self.requests = requests
+        self.recorded = recorded
+        self.fields = connection.memory.fields
+        self.memory = connection.memory
         self.schedule = Schedule(job)
         self.lost_ticks = LostTicks(job.dt, realtime=bool(self.fields[shm.REALTIME]))
         self.clock = ControllerClock(connection, job.dt)
@@ -153,7 +159,8 @@ class Stream:
             ahead = [x + SERVO_CONSTANT_S * v for x, v in zip(before, qd, strict=True)]
             self.connection.servo(ahead, POSITION_LIMITS)
             return ahead
-        most, gain = self.job.feedback_max, self.job.feedback_gain
+        most = self.job.feedback_max
+        gain = self.job.feedback_gain
         errors = [gain * (a - b) for a, b in zip(reference_q, self.connection.q, strict=True)]
         feedback = [most if e > most else -most if e < -most else e for e in errors]
         limits = self.job.qd_max
@@ -179,7 +186,8 @@ class Stream:
 
     def _keeps(self, row: int, command: Row) -> bool:
         """Returns whether the object is kept, which is decided once: at the tick that would let go of it."""
-        watch, job = self.watch, self.job
+        watch = self.watch
+        job = self.job
         if watch is None or self.verdict[0] == "held":
             return watch is not None
         feedback = [0.0] * 6  # servoj has none
@@ -195,7 +203,9 @@ class Stream:
 
     def _record(self, reference: tuple[Row, Row], command: Row) -> None:
         """Writes the pulse and one row of telemetry."""
-        job, connection, clock = self.job, self.connection, self.clock
+        job = self.job
+        connection = self.connection
+        clock = self.clock
         self.fields[shm.PULSE] = clock.host_s
         if not self.recorded:
             return

@@ -25,7 +25,8 @@ from executor.streaming.library_sockets import LibrarySockets
 from executor.streaming.state_checks import StreamFault
 
 CALL_MAX_S = 0.005  # [s] a real-time call takes 30 us, one that reconnects itself takes 160 ms (ur_rtde 1.6.5)
-INTERFACES, DRY_RUN_INTERFACES = 3, 1  # [-] of the library, each with an RTDE connection of its own; receiving alone
+INTERFACES = 3
+DRY_RUN_INTERFACES = 1  # [-] of the library, each with an RTDE connection of its own; receiving alone
 WATCHDOG_HZ = 40.0  # [Hz] 25 ms, just above the 20 ms after which the loop itself gives up as late
 WATCHDOG_ORDINARY_HZ = 20.0  # [Hz] 50 ms, just above the 40 ms accepted without real-time scheduling
 VARIABLES = [
@@ -74,7 +75,8 @@ class RtdeConnection:
         Raises:
             StreamFault: no connection, the script is refused, or another client owns the registers.
         """
-        self.job, self.memory = job, memory
+        self.job = job
+        self.memory = memory
         self._run_delay = RunDelay()
         self._delay_s = 0.0
         try:
@@ -109,7 +111,8 @@ class RtdeConnection:
         Raises:
             StreamFault: a connection is lost.
         """
-        before, self._delay_s = self._delay_s, self._run_delay.total_s()
+        before = self._delay_s
+        self._delay_s = self._run_delay.total_s()
         self.delayed_s = self._delay_s - before
         receive = self.receive
         if not receive.isConnected() or (self.control is not None and not self.control.isConnected()):

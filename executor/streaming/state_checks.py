@@ -14,7 +14,8 @@ from executor.shared_memory import ABORT, DAEMON_PULSE, SharedMemory
 
 NORMAL = 1  # safety_status_bits in normal operation
 PLAYING = 2  # runtime_state of a running program
-ROBOT_RUNNING, POWER_ON = 7, 4  # robot_mode in operation, and the lowest one of an arm with power
+ROBOT_RUNNING = 7
+POWER_ON = 4  # robot_mode in operation, and the lowest one of an arm with power
 EMERGENCY_BITS = 1 << 5 | 1 << 6 | 1 << 7
 SAFETY_WORDS = {
     1: "reduced mode",
@@ -45,7 +46,8 @@ class StreamFault(Exception):
 
     def __init__(self, outcome: str, reason: str) -> None:
         super().__init__(f"{outcome}: {reason}")
-        self.outcome, self.reason = outcome, reason
+        self.outcome = outcome
+        self.reason = reason
 
 
 def check_state(safety_bits: int, runtime_state: int, speed_scaling: float, robot_mode: int = ROBOT_RUNNING) -> None:
@@ -90,7 +92,8 @@ class StopRequests:
             daemon_silent_s: longest accepted silence of the daemon [s].
             daemon, thread: process and thread that write the pulse; a frozen one is noticed at the next tick.
         """
-        self.fields, self.daemon_silent_s = memory.fields, daemon_silent_s
+        self.fields = memory.fields
+        self.daemon_silent_s = daemon_silent_s
         self.terminated = False
         self._stat = os.open(f"/proc/{daemon}/task/{thread}/stat", os.O_RDONLY)
 

@@ -78,7 +78,8 @@ def find_approach(
     """
     if np.abs(start - now).max() < NEAR_RAD:
         return Approach(start), ()
-    limits, ends = limits or cell.limits, np.array([now, start])
+    limits = limits or cell.limits
+    ends = np.array([now, start])
     beyond = np.maximum(limits.q_lower - ends, ends - limits.q_upper)
     if beyond.max() > NEAR_RAD:
         return None, (_out_of_range(cell, limits, ends, beyond),)
@@ -93,7 +94,8 @@ def find_approach(
 def _out_of_range(cell: Cell, limits: Limits, ends: Array, beyond: Array) -> Check:
     """Returns the check of the joint that is farthest `beyond` (2, 6) its range [rad]."""
     end, joint = np.unravel_index(int(beyond.argmax()), beyond.shape)
-    value, names = float(ends[end, joint]), cell.robot.joint_names
+    value = float(ends[end, joint])
+    names = cell.robot.joint_names
     limit = limits.q_lower[joint] if value < limits.q_lower[joint] else limits.q_upper[joint]
     return Check(
         "joint_position", value, float(limit), "rad", -float(beyond[end, joint]), None, False, names[int(joint)]
@@ -122,11 +124,13 @@ class _Search:
 
     def _paths(self, out: Array, start: Array) -> Iterator[Array]:
         """Yields paths (K, 6) that begin with the postures `out` (K, 6) and end at `start`; none past a barrier."""
-        now, limits = out[-1], self.limits
+        now = out[-1]
+        limits = self.limits
         lower, upper = passable(self.cell.robot, self.cell.tool.capsules, now)
         if (start < lower).any() or (start > upper).any():
             return
-        lower, upper = np.maximum(lower, limits.q_lower), np.minimum(upper, limits.q_upper)
+        lower = np.maximum(lower, limits.q_lower)
+        upper = np.minimum(upper, limits.q_upper)
         for margin, effort in SEARCHES:
             clear = is_clear(self.cell, margin, np.array([now, start]), self.with_object)
             path = find_path(clear, now, start, lower, upper, effort)

@@ -54,7 +54,10 @@ def brake_path(q: Array, qd: Array, qdd: Array, T: Array, u: Array) -> tuple[Arr
         u: shares of the duration (U,) [-].
     """
     weights = np.array([brake_weights(share) for share in u]).T[:, None, :, None]
-    T, q, qd, qdd = T[:, None, None], q[:, None], qd[:, None], qdd[:, None]
+    T = T[:, None, None]
+    q = q[:, None]
+    qd = qd[:, None]
+    qdd = qdd[:, None]
     rate = np.where(T > 0.0, 1.0 / np.maximum(T, 1e-9), 0.0)
     position = q + qd * T * weights[0] + qdd * T**2 * weights[1]
     return position, qd * weights[2] + qdd * T * weights[3], qd * rate * weights[4] + qdd * weights[5]
@@ -69,7 +72,8 @@ def find_brakes(cell: Cell, q: Array, qd: Array, qdd: Array, dt: float, every: i
         dt: time between them [s].
         every: only one row in so many gets a brake of its own; the others continue to it.
     """
-    verified, ticks = np.zeros(len(q), np.bool_), np.zeros(len(q), np.int64)
+    verified = np.zeros(len(q), np.bool_)
+    ticks = np.zeros(len(q), np.int64)
     some = slice(None, None, every)
     ticks[some], verified[some] = _verified(cell, q[some], qd[some], qdd[some], dt)
     verified[-1] = True
@@ -92,7 +96,8 @@ def line_stop(cell: Cell, q: Array, qd: Array, least: float) -> float:
     leading = np.abs(qd).max(axis=1, keepdims=True)
     moving = leading[:, 0] > REST_SPEED
     line = qd[moving] / leading[moving]
-    positions, speeds = np.repeat(q[moving][:, None], 2, axis=1), np.stack([qd[moving], np.zeros_like(line)], axis=1)
+    positions = np.repeat(q[moving][:, None], 2, axis=1)
+    speeds = np.stack([qd[moving], np.zeros_like(line)], axis=1)
     for deceleration in LINE_STOPS:
         if deceleration <= least:
             break
@@ -160,13 +165,16 @@ def _keeps_clear(cell: Cell, q: Array, qd: Array, qdd: Array, T: Array) -> Mask:
 
     Where the bounds between the instants leave a doubt, there are twice as many, up to `REFINEMENTS` times.
     """
-    kept, todo, instants = np.zeros(len(q), np.bool_), np.arange(len(q)), INSTANTS
+    kept = np.zeros(len(q), np.bool_)
+    todo = np.arange(len(q))
+    instants = INSTANTS
     for _ in range(REFINEMENTS):
         clear, broken = _swept(
             cell, brake_path(q[todo], qd[todo], qdd[todo], T[todo], np.linspace(0, 1, instants)), T[todo]
         )
         kept[todo[clear]] = True
-        todo, instants = todo[~clear & ~broken], 2 * instants - 1
+        todo = todo[~clear & ~broken]
+        instants = 2 * instants - 1
         if len(todo) == 0:
             break
     return kept
@@ -179,7 +187,8 @@ def _swept(cell: Cell, path: tuple[Array, Array, Array], T: Array) -> tuple[Mask
     bend = _larger(acceleration) * step**2
     low = np.minimum(position[:, :-1], position[:, 1:]) - bend / 8.0
     high = np.maximum(position[:, :-1], position[:, 1:]) + bend / 8.0
-    lower, upper = cell.limits.q_lower, cell.limits.q_upper
+    lower = cell.limits.q_lower
+    upper = cell.limits.q_upper
     in_range = ((low >= lower) & (high <= upper)).all(axis=(1, 2))
     outside = ((position < lower) | (position > upper)).any(axis=(1, 2))
     clear, broken = keep_clear(cell, SweptPaths(position, _larger(speed) * step + bend, bend))

@@ -32,7 +32,8 @@ def way_clear(cell: Cell, q: Array, with_object: bool = True) -> Array | None:
     On the way no clearance gets smaller than it is at `q`. None where `q` is too close by more than `RECOVERABLE_M`, or
     no way is found.
     """
-    body, path = body_model(cell), [q]
+    body = body_model(cell)
+    path = [q]
     least = float(body.clearances(q[None], with_object).least[0])
     if least >= 0.0:
         return np.array(path)
@@ -47,7 +48,8 @@ def way_clear(cell: Cell, q: Array, with_object: bool = True) -> Array | None:
         along = body.clearances(line, with_object).least
         if (along < least - 1e-9).any() or (line < cell.limits.q_lower).any() or (line > cell.limits.q_upper).any():
             return None
-        path, least = [*path, line[-1]], float(along[-1])
+        path = [*path, line[-1]]
+        least = float(along[-1])
         if least >= 0.5 * SPARE_M:
             return np.array(path)
     return None

@@ -32,7 +32,9 @@ def rest_to_rest_motion(points: Array, limits: Limits, dt: float) -> Trajectory:
     jerk = np.concatenate(jerks) if jerks else np.zeros((1, points.shape[1]))
     still = np.zeros(points.shape[1])
     q, qd, qdd = integrate(points[0], still, still, jerk, dt)
-    q[-1], qd[-1], qdd[-1] = points[-1], 0.0, 0.0
+    q[-1] = points[-1]
+    qd[-1] = 0.0
+    qdd[-1] = 0.0
     return Trajectory(1.0 / dt, q, qd, qdd, release_index=len(q) - 1)
 
 

@@ -83,7 +83,8 @@ def find_path(
     rng = np.random.default_rng(SEED)
     low = np.maximum(np.minimum(start, goal) - effort.around_rad, lower)
     high = np.minimum(np.maximum(start, goal) + effort.around_rad, upper)
-    here, there = _Tree(start), _Tree(goal)
+    here = _Tree(start)
+    there = _Tree(goal)
     for growth in range(effort.growths):
         new = here.grow(rng.uniform(low, high), clear)
         if new is not None and (met := there.reach(here.q[new], clear)) is not None:
@@ -133,7 +134,8 @@ def _shortened(path: list[Array], clear: Edge, rng: np.random.Generator) -> Arra
         if len(path) == 2:
             break
         first, last = sorted(rng.uniform(0.0, len(path) - 1, 2))
-        i, j = int(first), int(last)
+        i = int(first)
+        j = int(last)
         if i == j:
             continue
         a, b = (path[k] + (x - k) * (path[k + 1] - path[k]) for k, x in ((i, first), (j, last)))
@@ -144,7 +146,8 @@ def _shortened(path: list[Array], clear: Edge, rng: np.random.Generator) -> Arra
 
 def _without_corners(path: list[Array], clear: Edge) -> Array:
     """Returns the path without the postures that can be skipped: the motion stops at each."""
-    kept, at = [path[0]], 0
+    kept = [path[0]]
+    at = 0
     while at < len(path) - 1:
         at = next(k for k in range(len(path) - 1, at, -1) if k == at + 1 or clear(path[at], path[k]))
         kept.append(path[at])

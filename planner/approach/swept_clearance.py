@@ -89,7 +89,9 @@ def keep_clear(cell: Cell, paths: SweptPaths) -> tuple[Mask, Mask]:
 
 def swept_clearances(cell: Cell, paths: SweptPaths) -> Iterator[SweptClearance]:
     """Yields the clearances of arm, tool and held object of a cell along paths."""
-    body, around, shape = body_model(cell), cell.surroundings, paths.q.shape[:2]
+    body = body_model(cell)
+    around = cell.surroundings
+    shape = paths.q.shape[:2]
     ends = body.end_points(body.link_poses(paths.q.reshape(-1, 6)))
     turn, bend = (steps.reshape(-1, 6).T for steps in (paths.turn, paths.bend))
     rates = Rates(np.array([turn, bend, *np.zeros((2, *turn.shape))]))

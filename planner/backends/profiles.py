@@ -62,14 +62,18 @@ def solve(problem: ThrowProblem, candidate: Candidate, variant: str = "trapezoid
 
 def _raw(problem: ThrowProblem, candidate: Candidate, variant: str, limits: Limits, width: int) -> RawMotion:
     """Returns the motion before it is averaged over `width` ticks."""
-    dt, v = problem.dt, np.zeros(6) if problem.ends_at_rest else candidate.qd
+    dt = problem.dt
+    v = np.zeros(6) if problem.ends_at_rest else candidate.qd
     d = candidate.q - v * (width * dt / 2.0) - problem.start
     if variant == "cubic":
-        launch, brake = _sampled(shortest_cubic(d, v, limits, dt), dt), cubic_brake
+        launch = _sampled(shortest_cubic(d, v, limits, dt), dt)
+        brake = cubic_brake
     elif variant == "trapezoid":
-        launch, brake = _sampled(shortest_trapezoid(d, v, limits, dt), dt), linear_brake
+        launch = _sampled(shortest_trapezoid(d, v, limits, dt), dt)
+        brake = linear_brake
     else:
-        launch, brake = _run_up(problem, d, v, limits), linear_brake
+        launch = _run_up(problem, d, v, limits)
+        brake = linear_brake
     passage = np.tile(v, (width + 1, 1))
     return RawMotion(launch, passage, passage[:1] if problem.ends_at_rest else brake(v, limits, dt))
 
@@ -87,11 +91,13 @@ def _run_up(problem: ThrowProblem, d: Vector, v: Vector, limits: Limits) -> Vect
 
 
 def _refuse_outside(problem: ThrowProblem, q: Vector) -> None:
-    lower, upper = problem.limits.q_lower, problem.limits.q_upper
+    lower = problem.limits.q_lower
+    upper = problem.limits.q_upper
     over = np.maximum(lower - q, q - upper)
     i = int(over.argmax())
     if over[i] > POSITION_SLACK:
-        name, bounds = problem.cell.robot.joint_names[i], f"[{lower[i]:.4g}, {upper[i]:.4g}]"
+        name = problem.cell.robot.joint_names[i]
+        bounds = f"[{lower[i]:.4g}, {upper[i]:.4g}]"
         raise SolverFailed(f"the run-up would begin with {name} at {q[i]:.4g} rad, outside {bounds} rad")
 
 

@@ -94,7 +94,8 @@ def _calibrated(robot: Robot, transforms: bytes) -> Robot:
 def _placed(transforms: Array, robot: Robot) -> Array:
     """Returns the same chain with each frame on its axis where the published table would put it."""
     published = transforms_of_table(published_table(robot))
-    placed, rest = np.empty((6, 4, 4)), np.eye(4)
+    placed = np.empty((6, 4, 4))
+    rest = np.eye(4)
     for i in range(5):
         measured = rest @ transforms[i]
         placed[i] = _closest_on_axis(measured, published[i])
@@ -107,7 +108,8 @@ def _placed(transforms: Array, robot: Robot) -> Array:
 
 def _closest_on_axis(measured: Array, published: Array) -> Array:
     """Returns the pose (4, 4) closest to `published` whose z axis is that of `measured`, as a line."""
-    axis, point = measured[:3, 2], measured[:3, 3]
+    axis = measured[:3, 2]
+    point = measured[:3, 3]
     x = published[:3, 0] - axis * (axis @ published[:3, 0])
     x = x / max(float(np.linalg.norm(x)), np.finfo(np.float64).tiny)
     X = np.eye(4)

@@ -69,7 +69,8 @@ def table_of_transforms(fixed: Array) -> DhTable:
     Raises:
         ValueError: the flange's x axis is not across the last joint's axis, which no table can express.
     """
-    rows, rest = [], np.eye(4)
+    rows = []
+    rest = np.eye(4)
     for measured in fixed[:5]:
         X = rest @ measured
         row = _common_normal(X)
@@ -78,14 +79,16 @@ def table_of_transforms(fixed: Array) -> DhTable:
     X = rest @ fixed[5]
     if abs(X[2, 0]) > 1e-9 or abs(X[:3, 0] @ [-X[1, 3], X[0, 3], 0.0]) > 1e-9:
         raise ValueError("the flange is turned against the last axis: no Denavit-Hartenberg table holds that")
-    theta, x = float(np.arctan2(X[1, 0], X[0, 0])), X[:3, 0]
+    theta = float(np.arctan2(X[1, 0], X[0, 0]))
+    x = X[:3, 0]
     rows.append((theta, float(x @ X[:3, 3]), float(X[2, 3]), float(np.arctan2(X[2, 1], X[2, 2]))))
     return DhTable(*(read_only(column) for column in zip(*rows, strict=True)))
 
 
 def _common_normal(X: Array) -> tuple[float, float, float, float]:
     """Returns theta, a, d, alpha that bring z onto the z axis of X (4, 4), with theta within a quarter turn."""
-    axis, point = X[:3, 2], X[:3, 3]
+    axis = X[:3, 2]
+    point = X[:3, 3]
     sine = float(np.hypot(axis[0], axis[1]))
     if sine < PARALLEL:
         normal = np.array([point[0], point[1], 0.0]) if np.hypot(point[0], point[1]) > PARALLEL else X[:3, 0]
@@ -109,7 +112,8 @@ def row_transform(theta: float, a: float, d: float, alpha: float) -> Array:
 
 def turn_z(angle: float) -> Array:
     """Returns the pose (4, 4) of a rotation about z."""
-    c, s = np.cos(angle), np.sin(angle)
+    c = np.cos(angle)
+    s = np.sin(angle)
     return np.array([[c, -s, 0.0, 0.0], [s, c, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
@@ -118,7 +122,8 @@ def gnu_hash(data: bytes) -> int:
 
     Source: libsupc++/hash_bytes.cc of GCC, after Austin Appleby's MurmurHash2 (public domain).
     """
-    mask, multiplier = 2**64 - 1, 0xC6A4A7935BD1E995
+    mask = 2**64 - 1
+    multiplier = 0xC6A4A7935BD1E995
     state = 0xC70F6907 ^ (len(data) * multiplier & mask)
     whole = len(data) - len(data) % 8
     for at in range(0, whole, 8):

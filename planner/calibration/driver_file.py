@@ -84,7 +84,10 @@ def _pose(entry: object, where: str) -> Array:
     if not isinstance(entry, Mapping) or set(entry) != set(COORDINATES):
         raise CellError(where, entry, f"must have exactly {', '.join(COORDINATES)}")
     x, y, z, roll, pitch, yaw = (_number(entry[key], f"{where}.{key}") for key in COORDINATES)
-    cr, sr, cp, sp = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch)
+    cr = math.cos(roll)
+    sr = math.sin(roll)
+    cp = math.cos(pitch)
+    sp = math.sin(pitch)
     R = turn_z(yaw)[:3, :3] @ np.array([[cp, sp * sr, sp * cr], [0.0, cr, -sr], [-sp, cp * sr, cp * cr]])
     return pose(np.array([x, y, z]), R)
 
@@ -136,7 +139,8 @@ def _coordinates(X: Array) -> dict[str, float]:
     R = X[:3, :3]
     level = math.hypot(R[0, 0], R[1, 0])
     roll = math.atan2(R[2, 1], R[2, 2])
-    pitch, yaw = math.atan2(-R[2, 0], level), math.atan2(R[1, 0], R[0, 0])
+    pitch = math.atan2(-R[2, 0], level)
+    yaw = math.atan2(R[1, 0], R[0, 0])
     return dict(zip(COORDINATES, (*X[:3, 3].tolist(), roll, pitch, yaw), strict=True))
 
 

@@ -64,7 +64,8 @@ def _mend(given: dict[str, Any], key: str) -> bool:
     try:
         for step in path:
             if isinstance(table, list):
-                table, defaults = table[int(step)], ENTRY
+                table = table[int(step)]
+                defaults = ENTRY
             else:
                 table = table.setdefault(step, {})
                 defaults = defaults[step]

@@ -163,7 +163,8 @@ def cell_of_document(given: Mapping[str, Any], source: CellSource, published: bo
 
 
 def _cell(document: dict[str, Any], source: CellSource) -> Cell:
-    (calibration, arm), safety = _robot(document, source.calibration), _safety(document["safety"])
+    (calibration, arm) = _robot(document, source.calibration)
+    safety = _safety(document["safety"])
     limits = _limits(document["limits"], arm)
     if safety.tool_speed_m_s is not None:
         limits = replace(limits, tcp_speed_max=min(limits.tcp_speed_max, safety.tool_speed_m_s))
@@ -319,7 +320,8 @@ def _direction(table: Mapping[str, Any], key: str, where: str) -> Array | None:
 
 def _hold_acceleration(table: Mapping[str, Any]) -> Array | None:
     """Returns what the grip withstands: one number for any direction (1,), or one for each axis (3,) [m/s^2]."""
-    key, where = "hold_acceleration_m_s2", "gripper."
+    key = "hold_acceleration_m_s2"
+    where = "gripper."
     if table[key] is None:
         return None
     if isinstance(table[key], list | tuple):

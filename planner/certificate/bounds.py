@@ -46,7 +46,9 @@ class Rates:
         """Takes the four rows (4, n, m)."""
         self.rows, self.bounds = rows, _derivative_bounds(rows[:3])
         self.qd, self.qdd, self.jerk, self.jumps = rows
-        self.sums, self.totals, self.by_derivative = self.bounds[:3], self.bounds[3:7], self.bounds[7:]
+        self.sums = self.bounds[:3]
+        self.totals = self.bounds[3:7]
+        self.by_derivative = self.bounds[7:]
 
 
 def _example_rows() -> Array:
@@ -154,7 +156,8 @@ class Intervals(NamedTuple):
 
     def halves(self, middle: Array, f_middle: Array) -> Intervals:
         """Returns both halves of every interval."""
-        first, second = self._replace(right=middle, f_right=f_middle), self._replace(left=middle, f_left=f_middle)
+        first = self._replace(right=middle, f_right=f_middle)
+        second = self._replace(left=middle, f_left=f_middle)
         return Intervals._make(np.concatenate(pair, axis=-1) for pair in zip(first, second, strict=True))
 
 

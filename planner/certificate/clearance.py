@@ -15,7 +15,9 @@ FAR_M = 1e3  # [m] distance reported for an object that has been released
 
 def floor(motion: MotionSamples) -> Check:
     """Checks that every capsule stays the clearance above the floor."""
-    around, body, t = motion.problem.cell.surroundings, motion.body, motion.at_knots.t
+    around = motion.problem.cell.surroundings
+    body = motion.body
+    t = motion.at_knots.t
     moving = body.moving
 
     def evaluate(t: Array, item: Index) -> Array:
@@ -33,14 +35,17 @@ def floor(motion: MotionSamples) -> Check:
 
 def keep_out(motion: MotionSamples) -> Check | None:
     """Checks that every capsule keeps the clearance from every keep-out box and a bin; None where there is neither."""
-    around, body, t = motion.body.cell.surroundings, motion.body, motion.at_knots.t[motion.sparse]
+    around = motion.body.cell.surroundings
+    body = motion.body
+    t = motion.at_knots.t[motion.sparse]
     if not around.keep_out:
         return None
     moving, count = body.moving, len(body.moving)
     lower, upper = (np.array([getattr(box, side) for box in around.keep_out]) for side in ("lower", "upper"))
 
     def distance(ends: Array, item: Index) -> Array:
-        box, capsule = item // count, moving[item % count]
+        box = item // count
+        capsule = moving[item % count]
         return segment_box_distance(ends[:, 0], ends[:, 1], lower[box], upper[box]) - body.radii[capsule]
 
     def evaluate(t: Array, item: Index) -> Array:
@@ -69,7 +74,8 @@ def _bounding_box_distances(ends: Array, lower: Array, upper: Array) -> Array:
 
     They are lower bounds on the distances of the segments.
     """
-    lowest, highest = ends.min(axis=1), ends.max(axis=1)
+    lowest = ends.min(axis=1)
+    highest = ends.max(axis=1)
     apart = np.maximum(lower[:, None, :, None] - highest, lowest - upper[:, None, :, None])
     return np.sqrt((np.maximum(apart, 0.0) ** 2).sum(axis=2))
 
@@ -88,14 +94,16 @@ def keep_in(motion: MotionSamples) -> Check | None:
     def evaluate(t: Array, item: Index) -> Array:
         return inside(motion.at(t).p_WT)[item, np.arange(len(t))]
 
-    arm, rates = motion.at_knots, point_bound(motion.body.tool_lever, motion.rates, 2)
+    arm = motion.at_knots
+    rates = point_bound(motion.body.tool_lever, motion.rates, 2)
     proof = prove_above(evaluate, arm.t, inside(arm.p_WT), rates, 0.0, curvature_bound)
     return _distance_check("keep_in", proof, 0.0, f"{'xyz'[proof.item % 3]} {'lower' if proof.item < 3 else 'upper'}")
 
 
 def self_collision(motion: MotionSamples) -> Check | None:
     """Checks that no two capsules that can collide come closer than the self clearance; None where none can."""
-    body, t = motion.body, motion.at_knots.t[motion.sparse]
+    body = motion.body
+    t = motion.at_knots.t[motion.sparse]
     if len(body.pairs) == 0:
         return None
     first, second = body.pairs.T

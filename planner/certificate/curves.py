@@ -74,7 +74,8 @@ class ShownMotion:
     """A motion at the instants that are shown: every tick, or evenly spaced ones with the release and the last."""
 
     def __init__(self, problem: ThrowProblem, trajectory: Trajectory) -> None:
-        self.problem, self.trajectory = problem, trajectory
+        self.problem = problem
+        self.trajectory = trajectory
         self.motion = MotionSamples(problem, trajectory)
 
     @cached_property
@@ -121,9 +122,13 @@ def motion_curves(problem: ThrowProblem, trajectory: Trajectory) -> tuple[Curve,
 
 
 def _joints(shown: ShownMotion) -> list[Curve]:
-    limits, trajectory, rows = shown.problem.limits, shown.trajectory, shown.rows
+    limits = shown.problem.limits
+    trajectory = shown.trajectory
+    rows = shown.rows
     jerk = np.append(trajectory.jerk, np.zeros((1, trajectory.q.shape[1])), axis=0)[rows]  # at rest after the end
-    speed, bend, jolt = limits.qd_max, limits.qdd_max, limits.jerk_max
+    speed = limits.qd_max
+    bend = limits.qdd_max
+    jolt = limits.jerk_max
     return [
         shown.of_joints("joint_position", "rad", trajectory.q[rows], limits.q_lower, limits.q_upper),
         shown.of_joints("joint_velocity", "rad/s", trajectory.qd[rows], -speed, speed),
@@ -134,7 +139,9 @@ def _joints(shown: ShownMotion) -> list[Curve]:
 
 
 def _speeds(shown: ShownMotion) -> list[Curve]:
-    arm, limits, safety = shown.arm, shown.problem.limits, shown.problem.cell.safety
+    arm = shown.arm
+    limits = shown.problem.limits
+    safety = shown.problem.cell.safety
     tool, flange = (point.name for point in tool_points(shown.problem.cell))
     points = (
         Series(tool, arm.tool_speed, None, limits.tcp_speed_max),
@@ -147,8 +154,11 @@ def _speeds(shown: ShownMotion) -> list[Curve]:
 
 
 def _loads(shown: ShownMotion) -> list[Curve]:
-    motion, arm, safety = shown.motion, shown.arm, shown.problem.cell.safety
-    times, distances = stopping_times(motion, arm), stopping_distances(motion, arm)
+    motion = shown.motion
+    arm = shown.arm
+    safety = shown.problem.cell.safety
+    times = stopping_times(motion, arm)
+    distances = stopping_distances(motion, arm)
     return [
         shown.of_one("momentum", "kg m/s", momentum_sizes(motion, arm), upper=safety.momentum_kg_m_s),
         shown.of_one("power", "W", power_sizes(motion, arm), upper=safety.power_w),
@@ -158,7 +168,9 @@ def _loads(shown: ShownMotion) -> list[Curve]:
 
 
 def _clearances(shown: ShownMotion) -> list[Curve]:
-    motion, t, ends = shown.motion, shown.t, shown.ends
+    motion = shown.motion
+    t = shown.t
+    ends = shown.ends
     around = motion.body.cell.surroundings  # with the bin of the request
     found = [shown.of_one("floor", "m", moving_heights(motion, t, ends).min(axis=0), lower=around.clearance_m)]
     if len(motion.body.pairs):
@@ -178,7 +190,8 @@ def _clearances(shown: ShownMotion) -> list[Curve]:
 
 
 def _singularities(shown: ShownMotion) -> list[Curve]:
-    problem, released = shown.problem, shown.trajectory.release_time_s
+    problem = shown.problem
+    released = shown.trajectory.release_time_s
     distances = np.abs(signed_singularity_distances(problem.cell.robot, shown.trajectory.q[shown.rows]))
     required = None if problem.ends_at_rest else problem.limits.singularity_distance_min
     series = tuple(Series(name, d, required) for name, d in zip(SINGULARITIES, distances.T, strict=True))
@@ -189,7 +202,8 @@ def _singularities(shown: ShownMotion) -> list[Curve]:
 def _grip(shown: ShownMotion) -> list[Curve]:
     if not shown.problem.holds_object:
         return []
-    limit, until = shown.problem.cell.gripper.hold_acceleration_m_s2, shown.motion.held_until_s
+    limit = shown.problem.cell.gripper.hold_acceleration_m_s2
+    until = shown.motion.held_until_s
     axes = limit is not None and len(limit) == 3
     felt = np.where(shown.t > until, np.nan, np.atleast_2d(felt_sizes(shown.arm, axes)))
     limits = [None] if limit is None else limit.tolist()
@@ -205,7 +219,8 @@ def _flight(shown: ShownMotion) -> list[Curve]:
     flights = flights_of(shown.motion)
     if flights.end is None:
         return []
-    begin, end = flights.released_s, flights.end[1]
+    begin = flights.released_s
+    end = flights.end[1]
     t = np.linspace(begin, end, 1 + max(1, math.ceil((end - begin) / FLIGHT_STEP_S)))
     return [Curve("flight_clearance", "m", t, (Series("object", _least_gaps(flights, t), 0.0),))]
 

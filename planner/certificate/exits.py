@@ -73,8 +73,12 @@ class Cells(NamedTuple):
     def parts(self, chosen: Mask) -> Cells:
         """Returns the parts of the `chosen` ones: halves in time, and of releases where there is more than one."""
         first, _, _, last = self.corners[:, chosen]
-        r0, r1, s0, s1 = self.r[first], self.r[last], self.s[first], self.s[last]
-        s, r = 0.5 * (s0 + s1), 0.5 * (r0 + r1)
+        r0 = self.r[first]
+        r1 = self.r[last]
+        s0 = self.s[first]
+        s1 = self.s[last]
+        s = 0.5 * (s0 + s1)
+        r = 0.5 * (r0 + r1)
         parts = [(r0, r1, s0, s), (r0, r1, s, s1)]
         if (r1 > r0).any():
             parts = [half for _, _, low, high in parts for half in ((r0, r, low, high), (r, r1, low, high))]
@@ -85,7 +89,8 @@ class Cells(NamedTuple):
 
 def cells_between(r: Array, s: Array) -> Cells:
     """Returns the cells between releases (m + 1,) or a single one (1,), and times after each (n + 1,), row by row."""
-    rows, columns = max(1, len(r) - 1), len(s)
+    rows = max(1, len(r) - 1)
+    columns = len(s)
     first = (columns * np.arange(rows)[:, None] + np.arange(columns - 1)).ravel()
     beyond = columns if len(r) > 1 else 0
     return Cells(np.repeat(r, columns), np.tile(s, len(r)), first + np.array([[0], [1], [beyond], [beyond + 1]]))
@@ -175,7 +180,9 @@ class Exits:
 
     def widest(self) -> tuple[float, float, bool]:
         """Returns the widest angle found [rad], its time [s], and whether the cone is proven to contain all ways."""
-        widest, at_s, spent = -math.inf, self.flights.released_s, 0
+        widest = -math.inf
+        at_s = self.flights.released_s
+        spent = 0
         first = self._first_cells()
         if first is None:
             return math.nan, at_s, False
@@ -183,13 +190,16 @@ class Exits:
         for _ in range(ROUNDS):
             corner, cell = np.unravel_index(int(seen.angle.argmax()), seen.angle.shape)
             if seen.angle[corner, cell] > widest:
-                widest, at_s = float(seen.angle[corner, cell]), cells.at(int(corner), int(cell))
-            leaving, undecided = int(seen.leaving.argmax()), seen.is_undecided
+                widest = float(seen.angle[corner, cell])
+                at_s = cells.at(int(corner), int(cell))
+            leaving = int(seen.leaving.argmax())
+            undecided = seen.is_undecided
             spent += len(undecided)
             if widest > self.cone.half_rad:
                 return widest, at_s, False
             if seen.leaving[leaving] > widest:  # interpolated: no proof that the cone is left
-                widest, at_s = min(float(seen.leaving[leaving]), self.cone.half_rad), float(seen.end_s[leaving])
+                widest = min(float(seen.leaving[leaving]), self.cone.half_rad)
+                at_s = float(seen.end_s[leaving])
             if not undecided.any() or spent > EVALUATIONS_MAX:
                 return widest, at_s, not undecided.any()
             cells = cells.parts(undecided)
@@ -198,8 +208,11 @@ class Exits:
 
     def _first_cells(self) -> tuple[Cells, Seen, WayBounds] | None:
         """Returns the cells until the object is out, evaluated, and bounds up to their end; None if it stays."""
-        begin, length, blocks = 0.0, self._first_length(), []
-        window, released = self.flights.window_s, self.flights.released_s
+        begin = 0.0
+        length = self._first_length()
+        blocks = []
+        window = self.flights.window_s
+        released = self.flights.released_s
         r = released + np.linspace(-window, window, 1 + math.ceil(2.0 * window / RELEASES_S))
         while True:
             bounds = self._bounds(begin + length)
@@ -208,7 +221,8 @@ class Exits:
             is_out = np.logical_or.accumulate(seen.is_out.reshape(max(1, len(r) - 1), -1), axis=1)
             on_way = ~is_out.ravel()
             blocks.append((cells._replace(corners=cells.corners[:, on_way]), Seen._make(v[..., on_way] for v in seen)))
-            begin, length = begin + length, SPACING_S * math.ceil(MORE * length / SPACING_S - TICK_ROUNDING)
+            begin = begin + length
+            length = SPACING_S * math.ceil(MORE * length / SPACING_S - TICK_ROUNDING)
             if is_out[:, -1].all():
                 break
             if begin > OUT_MAX_S:
@@ -217,8 +231,10 @@ class Exits:
 
     def _first_length(self) -> float:
         """Returns a time in which the object should be out, a multiple of `SPACING_S` [s]."""
-        motion, k = self.flights.motion, self.flights.motion.release_knot
-        arm, s = motion.at_knots, motion.at_knots.t[k + 1 :] - motion.at_knots.t[k]
+        k = self.flights.motion.release_knot
+        motion = self.flights.motion
+        arm = motion.at_knots
+        s = motion.at_knots.t[k + 1 :] - motion.at_knots.t[k]
         fallen = self.flights.flown_on_grid(arm.p_WT[:, k, None], arm.v_WT[:, k, None], s[None])[:, 0]
         apart = fallen - arm.p_WT[:, k + 1 :]
         moved = np.sqrt(dot(apart, apart))
@@ -232,13 +248,16 @@ class Exits:
     def _bounds(self, until_s: float) -> WayBounds:
         """Returns bounds from the beginning of the window until `until_s` after its end."""
         motion = self.flights.motion
-        trajectory, rate = motion.trajectory, motion.trajectory.sample_rate_hz
-        last, lever = len(trajectory.q) - 1, motion.body.tool_lever
+        rate = motion.trajectory.sample_rate_hz
+        trajectory = motion.trajectory
+        last = len(trajectory.q) - 1
+        lever = motion.body.tool_lever
         first = min(round(motion.gone_from_s * rate), last - 1)
         end = max(min(last, math.ceil((motion.held_until_s + until_s) * rate)), first + 1)
         rates = joint_rates(trajectory, np.array([first, end]))
         speed, felt, jerk, snap = (lever @ rates.by_derivative)[:, 0].tolist()
-        most, drag = felt + motion.problem.gravity, motion.problem.drag
+        most = felt + motion.problem.gravity
+        drag = motion.problem.drag
         speed += motion.problem.gravity * until_s
         snap += 2.0 * drag * ((most + drag * speed**2) ** 2 + speed * (jerk + 2.0 * drag * speed * most))
         w, a = rates.sums[:2, -1, 0].tolist()
@@ -261,7 +280,8 @@ class Exits:
 
     def _jumps(self, first: int, end: int) -> Array:
         """Returns the jumps (n,) [m/s^3] of the slope of a at ticks: those of the jerks, turned by the Jacobian."""
-        motion, trajectory = self.flights.motion, self.flights.motion.trajectory
+        trajectory = self.flights.motion.trajectory
+        motion = self.flights.motion
         changes = self._jerk_changes(first, end)
         turned = LinkMotion(motion.body.link_poses(trajectory.q[first : end + 1]), changes, changes)
         jumps = turned.velocity(turned.on_flange(motion.problem.cell.tool.X_FT[:3, 3]))
@@ -269,7 +289,8 @@ class Exits:
 
     def _evaluate(self, cells: Cells, bounds: WayBounds) -> Seen:
         """Returns what is known of cells."""
-        w, s0 = self._ways(cells.r, cells.s), cells.s[cells.corners[0]]
+        w = self._ways(cells.r, cells.s)
+        s0 = cells.s[cells.corners[0]]
         rows = _seen(w, cells.s, cells.corners, bounds.deviation(*cells.size, s0), self.cone)
         last = cells.corners[3]
         return Seen(rows[:4], rows[4], rows[5], rows[6] > 0.0, cells.r[last] + cells.s[last])
@@ -340,7 +361,8 @@ def _seen(w: Array, s: Array, corners: Index, deviation: Array, cone: Cone) -> A
         deviation: of w between them, at most (k,) [m/s^2].
         cone: the cone.
     """
-    w, s = w[:, corners], s[corners]
+    w = w[:, corners]
+    s = s[corners]
     size = np.sqrt(dot(w, w))
     moved = 0.5 * size * s * s
     out = moved >= cone.out_m

@@ -20,7 +20,8 @@ from planner.kinematics import dot
 
 def grip_acceleration(motion: MotionSamples) -> Check | NotChecked | None:
     """Checks that the grip withstands the acceleration while the object is held, in the window too; None without it."""
-    name, problem = "grip_acceleration", motion.problem
+    name = "grip_acceleration"
+    problem = motion.problem
     if not problem.holds_object:
         return None
     limit = problem.cell.gripper.hold_acceleration_m_s2
@@ -37,7 +38,8 @@ def grip_acceleration(motion: MotionSamples) -> Check | NotChecked | None:
     rates = np.stack(_acceleration_rates(motion, len(limit) == 3))[:, None, : count - 1]
     rates = np.repeat(rates, len(limit), axis=1) / limit[:, None]
     proof = prove_above(evaluate, motion.at_knots.t[:count], room(motion.at_knots)[:, :count], rates, 0.0, kinked_bound)
-    bound, axis = float(limit[proof.item]), "xyz"[proof.item] if len(limit) == 3 else ""
+    bound = float(limit[proof.item])
+    axis = "xyz"[proof.item] if len(limit) == 3 else ""
     return at_most(name, (1.0 - proof.value) * bound, bound, "m/s^2", proof.at_s, axis).provided(proof.proven)
 
 
@@ -54,10 +56,12 @@ def _acceleration_rates(motion: MotionSamples, in_tool: bool) -> tuple[Array, Ar
 
     In the axes of the tool, with w1 and w2 bounding the derivatives of a direction: f'' + 2 w1 f' + w2 f.
     """
-    rates, lever = motion.rates, motion.body.tool_lever
+    rates = motion.rates
+    lever = motion.body.tool_lever
     curvature = point_bound(lever, rates, 4)
     if in_tool:
-        w1, w2 = rates.totals[0][-1], rates.totals[1][-1]
+        w1 = rates.totals[0][-1]
+        w2 = rates.totals[1][-1]
         felt = point_bound(lever, rates, 2) + motion.problem.gravity
         curvature = curvature + 2.0 * w1 * point_bound(lever, rates, 3) + w2 * felt
     return curvature, lever @ rates.jumps
@@ -68,7 +72,8 @@ def opening_direction(motion: MotionSamples) -> Check | NotChecked | None:
 
     It is out once it has moved by its radius against the tool, or by 1 cm; None for a move that ends at rest.
     """
-    name, gripper = "opening_direction", motion.problem.cell.gripper
+    name = "opening_direction"
+    gripper = motion.problem.cell.gripper
     if motion.problem.ends_at_rest:
         return None
     if gripper.opening_direction is None or gripper.opening_cone_rad is None:

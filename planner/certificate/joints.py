@@ -28,18 +28,24 @@ def start(motion: MotionSamples) -> Check:
 
 def joint_position(motion: MotionSamples) -> Check:
     """Checks that no joint leaves its range: the extrema of every cubic piece are found in closed form."""
-    limits, ((lowest, highest, *_), ticks) = motion.problem.limits, _extremes(motion.trajectory)
-    below, above = -lowest - limits.q_lower, limits.q_upper - highest
+    limits = motion.problem.limits
+    ((lowest, highest, *_), ticks) = _extremes(motion.trajectory)
+    below = -lowest - limits.q_lower
+    above = limits.q_upper - highest
     joint = int(np.minimum(below, above).argmin())
     if below[joint] < above[joint]:
-        value, limit, margin, tick = -lowest[joint], limits.q_lower[joint], below[joint], ticks[0, joint]
+        value = -lowest[joint]
+        limit = limits.q_lower[joint]
+        margin = below[joint]
+        tick = ticks[0, joint]
     else:
-        value, limit, margin, tick = highest[joint], limits.q_upper[joint], above[joint], ticks[1, joint]
-    ok, at_s, detail = (
-        bool(margin >= -START_TOLERANCE * 1e-3),
-        tick / motion.trajectory.sample_rate_hz,
-        _joint(motion, joint),
-    )
+        value = highest[joint]
+        limit = limits.q_upper[joint]
+        margin = above[joint]
+        tick = ticks[1, joint]
+    ok = bool(margin >= -START_TOLERANCE * 1e-3)
+    at_s = tick / motion.trajectory.sample_rate_hz
+    detail = _joint(motion, joint)
     return Check("joint_position", float(value), float(limit), "rad", float(margin), float(at_s), ok, detail)
 
 
@@ -81,7 +87,8 @@ def _largest(name: str, motion: MotionSamples, row: int, limit: Array, unit: str
     """Returns the check of the largest share of a limit (n,) in a row of the motion's extremes; the first, if equal."""
     values, ticks = (each[row] for each in _extremes(motion.trajectory))
     joint = int(np.lexsort((ticks, -values / limit))[0])
-    at_s, detail = float(ticks[joint]) * motion.trajectory.dt, _joint(motion, joint)
+    at_s = float(ticks[joint]) * motion.trajectory.dt
+    detail = _joint(motion, joint)
     return at_most(name, float(values[joint]), float(limit[joint]), unit, at_s, detail)
 
 
@@ -141,9 +148,13 @@ def _position_extrema(dt: float, q: Array, qd: Array, qdd: Array, jerk: Array) -
 
     A joint turns back inside a tick only where its velocity changes sign, or its acceleration does.
     """
-    lowest, highest = np.minimum(q[:-1], q[1:]), np.maximum(q[:-1], q[1:])
+    lowest = np.minimum(q[:-1], q[1:])
+    highest = np.maximum(q[:-1], q[1:])
     turns = ~((qd[:-1] * qd[1:] > 0.0) & (qdd[:-1] * qdd[1:] >= 0.0))
-    start, v, a, j = q[:-1][turns], qd[:-1][turns], qdd[:-1][turns], jerk[turns]
+    start = q[:-1][turns]
+    v = qd[:-1][turns]
+    a = qdd[:-1][turns]
+    j = jerk[turns]
     with np.errstate(divide="ignore", invalid="ignore"):
         root = np.sqrt(a * a - 2.0 * j * v)
         s = np.array([(-a + root) / j, (-a - root) / j, -v / a])

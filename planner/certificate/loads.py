@@ -42,8 +42,10 @@ class Loads:
 @lru_cache(maxsize=CELLS_KEPT)
 def loads_of(cell: Cell) -> Loads:
     """Returns the loads of a cell."""
-    robot, tool = cell.robot, payload_of(cell, with_object=False)
-    reach, object_kg = float(np.linalg.norm(cell.tool.X_FT[:3, 3])), cell.object.mass_kg
+    robot = cell.robot
+    tool = payload_of(cell, with_object=False)
+    reach = float(np.linalg.norm(cell.tool.X_FT[:3, 3]))
+    object_kg = cell.object.mass_kg
     rows = [
         (link.mass, float(np.linalg.norm(link.com)), i, float(np.trace(link.inertia)))
         for i, link in enumerate(robot.links, start=1)
@@ -51,7 +53,8 @@ def loads_of(cell: Cell) -> Loads:
     rows += [(tool.mass_kg, 0.5 * reach, 6, 0.0), (object_kg, reach, 6, 0.0)]
     lever = np.array([levers(robot, frame, com) for _, com, frame, _ in rows])
     turned = np.array([np.arange(6) < frame for _, _, frame, _ in rows])
-    mass, inertia = np.array([row[0] for row in rows]), np.array([row[3] for row in rows])
+    mass = np.array([row[0] for row in rows])
+    inertia = np.array([row[3] for row in rows])
     along = np.where(turned, np.abs(robot.d), 0.0)  # offsets along each joint's own axis, which `levers` leaves out
     moment_arm = mass[:, None] * (lever + along)
     both_turned = turned[:, :, None] & turned[:, None, :]
@@ -152,7 +155,8 @@ def joint_momentum_bounds(loads: Loads, rates: Rates) -> tuple[Array, Array, Arr
     """
     w1, w2, w3, _ = (total[-1] for total in rates.totals)
     speed, acceleration, jerk = (point_bound(loads.lever, rates, derivative) for derivative in (1, 2, 3))
-    arms, turned = loads.moment_arm.T, loads.turned_inertia[:, None]
+    arms = loads.moment_arm.T
+    turned = loads.turned_inertia[:, None]
     return (
         arms @ speed + turned * w1,
         arms @ (acceleration + 2.0 * w1 * speed) + turned * (w2 + w1 * w1),

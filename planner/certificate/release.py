@@ -40,8 +40,11 @@ def _flown(problem: ThrowProblem, p_WT: Array, v_WT: Array) -> Flight | None:
 
 def release_position(motion: MotionSamples) -> Check | None:
     """Checks the place of the release; None where it is free."""
-    problem, at_s = motion.problem, motion.trajectory.release_time_s
-    name, tolerance, release = "release_position", RELEASE_POSITION_TOLERANCE, problem.release
+    problem = motion.problem
+    at_s = motion.trajectory.release_time_s
+    name = "release_position"
+    tolerance = RELEASE_POSITION_TOLERANCE
+    release = problem.release
     p = motion.at_knots.p_WT[:, motion.release_knot]
     if isinstance(release, JointRelease):
         off = np.abs(motion.trajectory.q[motion.trajectory.release_index] - release.q)
@@ -50,22 +53,27 @@ def release_position(motion: MotionSamples) -> Check | None:
         return at_most(name, float(np.linalg.norm(p - release.p_WT)), tolerance, "m", at_s)
     if isinstance(release, PoseRelease):
         R_WT = motion.at_knots.X_WL[motion.release_knot, 6, :3, :3] @ problem.cell.tool.X_FT[:3, :3]
-        offset, turn = float(np.linalg.norm(p - release.X_WT[:3, 3])), angle_between(R_WT, release.X_WT[:3, :3])
+        offset = float(np.linalg.norm(p - release.X_WT[:3, 3]))
+        turn = angle_between(R_WT, release.X_WT[:3, :3])
         unit, detail = ("m", "position [m]") if offset >= turn else ("rad", "orientation [rad]")
         return at_most(name, max(offset, turn), tolerance, unit, at_s, detail)
     if release.release_position is not None:
         return at_most(name, float(np.linalg.norm(p - release.release_position)), tolerance, "m", at_s)
     if release.min_horizontal_distance_m > 0.0:
         distance = float(np.linalg.norm((p - release.p_W)[:2]))
-        limit, detail = release.min_horizontal_distance_m, "horizontal distance to the target"
+        limit = release.min_horizontal_distance_m
+        detail = "horizontal distance to the target"
         return at_least(name, distance, limit, "m", at_s, detail)
     return None
 
 
 def release_velocity(motion: MotionSamples) -> Check | None:
     """Checks the velocity of the release; None where it is free."""
-    k, at_s = motion.release_knot, motion.trajectory.release_time_s
-    name, tolerance, release = "release_velocity", RELEASE_VELOCITY_TOLERANCE, motion.problem.release
+    k = motion.release_knot
+    at_s = motion.trajectory.release_time_s
+    name = "release_velocity"
+    tolerance = RELEASE_VELOCITY_TOLERANCE
+    release = motion.problem.release
     if isinstance(release, JointRelease):
         off = np.abs(motion.trajectory.qd[motion.trajectory.release_index] - release.qd)
         return at_most(name, float(off.max()), tolerance, "rad/s", at_s)
@@ -81,7 +89,8 @@ def release_velocity(motion: MotionSamples) -> Check | None:
 
 def _bounded_velocity(release: TargetRelease, v: Array, at_s: float) -> Check | None:
     """Returns the tighter check of a target's bounds on speed and elevation; None where it has none."""
-    name, checks = "release_velocity", []
+    name = "release_velocity"
+    checks = []
     elevation = math.atan2(float(v[2]), math.hypot(float(v[0]), float(v[1])))
     if math.isfinite(release.max_speed_m_s):
         limit = release.max_speed_m_s + RELEASE_VELOCITY_TOLERANCE
@@ -97,10 +106,13 @@ def _bounded_velocity(release: TargetRelease, v: Array, at_s: float) -> Check | 
 
 def landing(motion: MotionSamples) -> Check | None:
     """Checks that the object lands on the target after the nominal release; None where there is no target."""
-    problem, release, k = motion.problem, motion.problem.release, motion.release_knot
+    release = motion.problem.release
+    problem = motion.problem
+    k = motion.release_knot
     if not isinstance(release, TargetRelease):
         return None
-    p, v = motion.at_knots.p_WT[:, k], motion.at_knots.v_WT[:, k]
+    p = motion.at_knots.p_WT[:, k]
+    v = motion.at_knots.v_WT[:, k]
     flight = _flown(problem, p, v)
     miss = math.inf if flight is None else float(np.linalg.norm(flight.landing_point - release.p_W))
     return at_most("landing", miss, LANDING_TOLERANCE_M, "m", motion.trajectory.release_time_s)
@@ -111,7 +123,8 @@ def landing_window(motion: MotionSamples) -> Check | None:
 
     Between evaluated instants the landing point L deviates from its chord by at most sup|L''| h^2/8.
     """
-    problem, released = motion.problem, motion.trajectory.release_time_s
+    problem = motion.problem
+    released = motion.trajectory.release_time_s
     if not problem.is_robust:
         return None
     tolerance = problem.landing_tolerance_m
@@ -124,11 +137,13 @@ def landing_window(motion: MotionSamples) -> Check | None:
         return room(motion.at(t))
 
     arm = motion.in_window
-    rooms, curvature = room(arm), _landing_curvature(motion, arm)
+    rooms = room(arm)
+    curvature = _landing_curvature(motion, arm)
     if not np.isfinite(rooms).all():
         return at_most("landing_window", math.inf, tolerance, "m", released, "never lands")
     if not math.isfinite(curvature):
-        error, at_s = tolerance * (1.0 + ROUNDING) - rooms.min(), float(arm.t[rooms.argmin()])
+        error = tolerance * (1.0 + ROUNDING) - rooms.min()
+        at_s = float(arm.t[rooms.argmin()])
         return at_most("landing_window", error, tolerance, "m", at_s, GRAZES).provided(False)
     proof = prove_above(evaluate, arm.t, rooms[None], np.array([curvature]), 0.0, curvature_bound)
     error = tolerance * (1.0 + ROUNDING) - proof.value
@@ -181,8 +196,10 @@ def _landing_curvature(motion: MotionSamples, arm: ArmSamples) -> float:
         |L''| <= X + 2 A t1 + k W^2 t1^2 + V t2,
     because drag only slows the horizontal motion. T and w between samples: see `_between_landings`.
     """
-    problem, trajectory = motion.problem, motion.trajectory
-    gravity, drag = problem.gravity, problem.drag
+    problem = motion.problem
+    trajectory = motion.trajectory
+    gravity = problem.gravity
+    drag = problem.drag
     landed = _landed(problem, arm)
     if np.isnan(landed.time_s).any():
         return math.inf
@@ -199,7 +216,8 @@ def _landing_curvature(motion: MotionSamples, arm: ArmSamples) -> float:
     time, w = _between_landings(landed, (a, speed, g), half)
     if not w > 0.0:
         return math.inf
-    t1, x = (speed + a * time) / w, a + j * time + drag * (a * time) ** 2
+    t1 = (speed + a * time) / w
+    x = a + j * time + drag * (a * time) ** 2
     t2 = (x + 2.0 * a * t1 + g * t1**2) / w
     return x + 2.0 * a * t1 + drag * fastest * t1**2 + speed * t2
 
@@ -210,7 +228,9 @@ def _between_landings(landed: LandingStates, bounds: tuple[float, float, float],
     Over `half` [s] they change by at most |t'| half and (A + G |t'|) half, where |t'| depends on them again: twice the
     change by the sampled values is assumed, and then must suffice.
     """
-    (a, speed, g), time, w = bounds, float(landed.time_s.max()), float((-landed.v[:, 2]).min())
+    (a, speed, g) = bounds
+    time = float(landed.time_s.max())
+    w = float((-landed.v[:, 2]).min())
     if not w > 0.0:
         return time, 0.0
     later = 2.0 * half * (speed + a * time) / w

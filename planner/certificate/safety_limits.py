@@ -23,7 +23,8 @@ from planner.dynamics import empty_bodies, momentum
 
 def elbow_speed(motion: MotionSamples) -> Check | NotChecked:
     """Checks that no point of the elbow joint's axis inside its housing exceeds the elbow speed."""
-    cell, limit = motion.problem.cell, motion.problem.cell.safety.elbow_speed_m_s
+    limit = motion.problem.cell.safety.elbow_speed_m_s
+    cell = motion.problem.cell
     if limit is None:
         return NotChecked("elbow_speed")
 

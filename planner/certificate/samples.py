@@ -146,13 +146,15 @@ class MotionSamples:
 
         Where it may be either, the larger value.
         """
-        before, after = t < self.gone_from_s, t > self.held_until_s
+        before = t < self.gone_from_s
+        after = t > self.held_until_s
         return np.where(before, held, np.where(after, empty, np.maximum(held, empty)))
 
     @cached_property
     def _object_changes(self) -> tuple[int, int]:
         """Samples between which the object may be held or gone: the release window, rounded outwards."""
-        trajectory, window = self.trajectory, self.problem.planned_window_s
+        trajectory = self.trajectory
+        window = self.problem.planned_window_s
         reach = math.ceil(window * trajectory.sample_rate_hz - TICK_ROUNDING)
         k = trajectory.release_index
         return max(0, k - reach), min(len(trajectory.q) - 1, k + reach)
@@ -160,13 +162,15 @@ class MotionSamples:
     @cached_property
     def at_knots(self) -> ArmSamples:
         """The arm at the knots."""
-        rows, trajectory = self.knots, self.trajectory
+        rows = self.knots
+        trajectory = self.trajectory
         return self._arm(trajectory.t[rows], (trajectory.q[rows], trajectory.qd[rows], trajectory.qdd[rows]))
 
     @cached_property
     def in_window(self) -> ArmSamples:
         """The arm at instants of the release window, every millisecond or less."""
-        window, released = self.problem.release_window_s, self.trajectory.release_time_s
+        window = self.problem.release_window_s
+        released = self.trajectory.release_time_s
         return self.at(released + np.linspace(-window, window, 2 * math.ceil(window / WINDOW_STEP_S) + 1))
 
     @cached_property

@@ -23,7 +23,8 @@ from planner.certificate.samples import ArmSamples, MotionSamples
 # [-] largest ratio of a measured stop to the model's: time 1.84 (UR3, base), distance 1.30 (UR3 and UR5, base)
 # source: user manuals of UR3 and UR5 (CB3), appendix "Stopping time and stopping distance": stop category 0 of base,
 # shoulder and elbow from 183 deg/s, stretched out, with the largest payload; compared in the tests
-MEASURED_TIME, MEASURED_DISTANCE = 1.85, 1.31
+MEASURED_TIME = 1.85
+MEASURED_DISTANCE = 1.31
 
 
 def stopping_time(motion: MotionSamples) -> Check | NotChecked:
@@ -69,7 +70,8 @@ def stopping_times(motion: MotionSamples, arm: ArmSamples) -> Array:
 
 def stopping_distances(motion: MotionSamples, arm: ArmSamples) -> Array:
     """Returns how far (k,) [m] the fastest of tool centre point, flange and elbow travels in stops."""
-    v, times = arm.watched_speed, _times(motion, arm)
+    v = arm.watched_speed
+    times = _times(motion, arm)
     return 0.5 * MEASURED_DISTANCE * v * np.where(v > 0.0, times, 0.0)
 
 
@@ -102,14 +104,16 @@ def _prove(motion: MotionSamples, inverse_time: Callable[[ArmSamples], Array], b
     def evaluate(t: Array, item: Index) -> Array:
         return room(motion.at(t))[item, np.arange(len(t))]
 
-    arm, rates = motion.at_knots, (motion.load_bounds.torque + bending) / tau
+    arm = motion.at_knots
+    rates = (motion.load_bounds.torque + bending) / tau
     return prove_above(evaluate, arm.t, room(arm), rates, -ROUNDING, curvature_bound)
 
 
 @lru_cache(maxsize=2)
 def _braking_terms(arm: ArmSamples) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """Returns h [N m] and b [N m s] (6, k) of the joints, with the object and without it."""
-    (h, h_kg), (b, b_kg) = arm.torques.held, arm.torques.momentum
+    (h, h_kg) = arm.torques.held
+    (b, b_kg) = arm.torques.momentum
     object_kg = arm.cell.object.mass_kg
     return (h + object_kg * h_kg, b + object_kg * b_kg), (h, b)
 
@@ -134,6 +138,7 @@ def _worst(motion: MotionSamples, value: Callable[[ArmSamples], Array], proof: P
     arms = [motion.at_knots]
     if not np.any(motion.at_knots.t == proof.at_s):
         arms.append(motion.at(np.array([proof.at_s])))
-    t, values = np.concatenate([arm.t for arm in arms]), np.concatenate([value(arm) for arm in arms])
+    t = np.concatenate([arm.t for arm in arms])
+    values = np.concatenate([value(arm) for arm in arms])
     worst = int(values.argmax())
     return float(values[worst]), float(t[worst])

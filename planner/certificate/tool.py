@@ -37,7 +37,8 @@ def _speed(motion: MotionSamples, point: WatchedPoint, lever: Array, limit: floa
     def evaluate(t: Array, item: Index) -> Array:
         return room(motion.at(t))
 
-    arm, rates = motion.at_knots, point_bound(lever, motion.rates, 3)
+    arm = motion.at_knots
+    rates = point_bound(lever, motion.rates, 3)
     # |v| is at most that of the chord of v, plus the deviation of v from it: the curvature bound of v serves.
     proof = prove_above(evaluate, arm.t, room(arm)[None], rates, -limit * ROUNDING, curvature_bound)
     return at_most("tcp_speed", limit - proof.value, limit, "m/s", proof.at_s, point.name).provided(proof.proven)
@@ -45,12 +46,15 @@ def _speed(motion: MotionSamples, point: WatchedPoint, lever: Array, limit: floa
 
 def singularity_distance(motion: MotionSamples) -> Check | None:
     """Checks the distance to all three singularities around the release; None for a move that ends at rest."""
-    problem, trajectory = motion.problem, motion.trajectory
+    problem = motion.problem
+    trajectory = motion.trajectory
     if problem.ends_at_rest:
         return None
-    required, robot = problem.limits.singularity_distance_min, problem.cell.robot
+    required = problem.limits.singularity_distance_min
+    robot = problem.cell.robot
     reach = round(SINGULARITY_WINDOW_S * trajectory.sample_rate_hz)
-    first, last = max(0, trajectory.release_index - reach), min(len(trajectory.q) - 1, trajectory.release_index + reach)
+    first = max(0, trajectory.release_index - reach)
+    last = min(len(trajectory.q) - 1, trajectory.release_index + reach)
     rows = motion.knots[(motion.knots > first) & (motion.knots < last)]
     rows = np.concatenate([[first], rows, [last]])
 

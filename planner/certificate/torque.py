@@ -27,7 +27,8 @@ def joint_torque(motion: MotionSamples) -> Check:
     bounds = motion.load_bounds
     rates = np.array([bounds.torque, bounds.torque_jumps]) / limit[:, None]  # its slope jumps where the jerk does
     proof = prove_above(evaluate, motion.at_knots.t, room(motion.at_knots), rates, 0.0, kinked_bound)
-    bound, name = float(limit[proof.item]), problem.cell.robot.joint_names[proof.item]
+    bound = float(limit[proof.item])
+    name = problem.cell.robot.joint_names[proof.item]
     value = (1.0 - proof.value) * bound
     return at_most("joint_torque", value, bound, "N m", proof.at_s, name).provided(proof.proven)
 

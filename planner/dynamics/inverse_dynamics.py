@@ -33,7 +33,8 @@ class Payload:
 
 def payload_of(cell: Cell, with_object: bool) -> Payload:
     """Returns the tool of a cell, its mass half way to the tool centre point, and the object at that point if held."""
-    p_FT, tool_kg = cell.tool.X_FT[:3, 3], cell.tool.mass_kg
+    p_FT = cell.tool.X_FT[:3, 3]
+    tool_kg = cell.tool.mass_kg
     object_kg = cell.object.mass_kg if with_object else 0.0
     mass = tool_kg + object_kg
     if mass == 0.0:
@@ -126,7 +127,8 @@ def _compiled_terms(kernel: Kernel, chain: LinkMotion, carried: Bodies, upward: 
 
 def _example() -> tuple[LinkMotion, Bodies, Array, Array]:
     q, qd, qdd = np.random.default_rng(0).uniform(-3.0, 3.0, (3, 8, 6))
-    arm, load = robot_named("ur5e"), Payload(1.5, np.array([0.01, -0.02, 0.1]), np.diag([0.01, 0.02, 0.03]))
+    arm = robot_named("ur5e")
+    load = Payload(1.5, np.array([0.01, -0.02, 0.1]), np.diag([0.01, 0.02, 0.03]))
     p_F = np.array([0.03, -0.02, 0.15])
     return LinkMotion(link_poses(arm, q), qd, qdd), bodies(arm, load), np.array([0.1, -0.2, 9.8]), p_F
 
@@ -148,7 +150,8 @@ def _torque_terms(chain: LinkMotion, carried: Bodies, upward: Array, p_F: Array)
 def _newton_euler(chain: LinkMotion, carried: Bodies, upward: Array, p_F: Array) -> Array:
     """Returns the results of `chain_torques` (2, 6, N) for a base with the acceleration `upward` (3,) [m/s^2]."""
     fixed = chain.in_links(carried.fixed)
-    coms, axes = fixed[:, 0], fixed[:, 1:]
+    coms = fixed[:, 0]
+    axes = fixed[:, 1:]
     extra = (chain.on_flange(p_F) - chain.origins[:, 6])[:, None]
     relative = chain.relative_acceleration(np.concatenate([chain.offsets, coms, extra], axis=1), _CARRIERS)
     origins = accumulate(relative[:, :6]) + upward[:, None, None]

@@ -53,7 +53,8 @@ def empty_bodies(cell: Cell) -> Bodies:
 
 def point_velocity(chain: LinkMotion, point: WatchedPoint) -> Array:
     """Returns velocities (3, N) [m/s] of a point of the arm: those of the flange if no joint beyond it moved."""
-    X, moving = chain.X[:, point.frame, :3], np.arange(chain.qd.shape[1]) < point.frame
+    X = chain.X[:, point.frame, :3]
+    moving = np.arange(chain.qd.shape[1]) < point.frame
     place = X[:, :, :3] @ point.place + X[:, :, 3]
     return LinkMotion(chain.X, chain.qd * moving, chain.qdd).velocity(place.T)
 
@@ -116,7 +117,8 @@ def safety_use(cell: Cell, tcp_speed_max: float, q: Array, qd: Array) -> list[Us
         q: joint positions (n, 6) [rad].
         qd: joint velocities (n, 6) [rad/s].
     """
-    safety, chain = cell.safety, LinkMotion(link_poses(cell.robot, q), qd, np.zeros_like(qd))
+    safety = cell.safety
+    chain = LinkMotion(link_poses(cell.robot, q), qd, np.zeros_like(qd))
     tool, flange = tool_points(cell)
     v_T = point_velocity(chain, tool)
     used = [Use("tcp_speed", _norm(v_T), tcp_speed_max, "m/s")]

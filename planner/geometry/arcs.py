@@ -67,10 +67,12 @@ class Arcs:
         Args:
             lower, upper: corners of the box (3,) [m].
         """
-        begin, end = np.zeros_like(self.until_s), np.full_like(self.until_s, np.inf)
+        begin = np.zeros_like(self.until_s)
+        end = np.full_like(self.until_s, np.inf)
         for axis in (0, 1):
             enter, leave = self._between(axis, lower[axis], upper[axis])
-            begin, end = np.maximum(begin, enter), np.minimum(end, leave)
+            begin = np.maximum(begin, enter)
+            end = np.minimum(end, leave)
         ends_over = (begin <= self.until_s) & (self.until_s <= end)
         return replace(self, until_s=np.where(ends_over, begin, self.until_s))
 
@@ -96,12 +98,15 @@ class Arcs:
             ground_z: height of the ground [m]: no flight passes below a box under which there is no room above it.
         """
         grown = self.radius_m + gap_m
-        begin, end = np.zeros_like(self.until_s), self.until_s
+        begin = np.zeros_like(self.until_s)
+        end = self.until_s
         for axis in (0, 1):
             enter, leave = self._between(axis, lower[axis] - grown, upper[axis] + grown)
-            begin, end = np.maximum(begin, enter), np.minimum(end, leave)
+            begin = np.maximum(begin, enter)
+            end = np.minimum(end, leave)
         crossed = begin <= end
-        begin, end = np.where(crossed, begin, 0.0), np.where(crossed, end, 0.0)
+        begin = np.where(crossed, begin, 0.0)
+        end = np.where(crossed, end, 0.0)
         least = np.minimum(self.height_at(begin), self.height_at(end))
         most = self.height_at(np.clip(self.v[..., 2] / self.gravity, begin, end))
         room = least - (upper[2] + grown)
@@ -111,10 +116,12 @@ class Arcs:
 
     def _between(self, axis: int, low: float, high: float) -> tuple[Array, Array]:
         """Returns the times (...,) [s] between which a coordinate is within [low, high]; empty if never."""
-        p, v = self.p[..., axis], self.v[..., axis]
+        p = self.p[..., axis]
+        v = self.v[..., axis]
         moving = np.abs(v) > 1e-12
         speed = np.where(moving, v, 1.0)
-        a, b = (low - p) / speed, (high - p) / speed
+        a = (low - p) / speed
+        b = (high - p) / speed
         inside = (p >= low) & (p <= high)
         enter = np.where(moving, np.minimum(a, b), np.where(inside, -np.inf, np.inf))
         return enter, np.where(moving, np.maximum(a, b), np.where(inside, np.inf, -np.inf))
@@ -135,7 +142,8 @@ class Arcs:
             rim_height_m: height of the rim above the bottom [m].
             gap_m: required between sphere and wall [m].
         """
-        rim, thick = centre[2] + rim_height_m, self.radius_m + gap_m
+        rim = centre[2] + rim_height_m
+        thick = self.radius_m + gap_m
         height = self.p[..., 2] - rim
         down = time_of_flight(height, self.v[..., 2], self.gravity)
         enters = np.isfinite(down)

@@ -145,7 +145,8 @@ class BodyModel:
     def box_distances(self, ends: Array) -> Array:
         """Returns the distances from the b keep-out boxes (b, j, n) [m] of the moving capsules."""
         p0, p1 = np.moveaxis(ends[self.moving], (1, 2), (0, -1))
-        boxes, radii = self.cell.surroundings.keep_out, self.radii[self.moving, None]
+        boxes = self.cell.surroundings.keep_out
+        radii = self.radii[self.moving, None]
         gaps = [segment_box_distance(p0, p1, box.lower, box.upper) - radii for box in boxes]
         return np.array(gaps).reshape(len(boxes), *p0.shape[:2])
 
@@ -156,13 +157,15 @@ class BodyModel:
 
     def wall_distances(self, ends: Array) -> Array:
         """Returns how far inside each keep-in box the tool centre point is (b, n) [m]."""
-        p_WT, boxes = ends[self.object, 0].T, self.cell.surroundings.keep_in
+        p_WT = ends[self.object, 0].T
+        boxes = self.cell.surroundings.keep_in
         inside = [box.depth(p_WT) for box in boxes]
         return np.array(inside).reshape(len(boxes), len(p_WT))
 
     def clearances(self, q: Array, with_object: bool = True) -> Clearances:
         """Returns the clearances of postures `q` (n, 6) [rad], with the object in the tool or without."""
-        ends, clearance = self.end_points(self.link_poses(q)), self.cell.surroundings.clearance_m
+        ends = self.end_points(self.link_poses(q))
+        clearance = self.cell.surroundings.clearance_m
         bodies = slice(None) if with_object else slice(-1)  # the object is the last of them
         pairs = slice(None) if with_object else (self.pairs != self.object).all(axis=1)
         return Clearances(
@@ -177,7 +180,8 @@ class BodyModel:
 
         The one that it comes closest to breaking where rounding alone decides.
         """
-        ends, clearance = self.end_points(self.link_poses(q[None])), self.cell.surroundings.clearance_m
+        ends = self.end_points(self.link_poses(q[None]))
+        clearance = self.cell.surroundings.clearance_m
         moving = [self.names[i] for i in self.moving]
         pairs = [f"{self.names[i]}, {self.names[j]}" for i, j in self.pairs]
         at_boxes = [f"{each}, {box}" for box in self.cell.surroundings.keep_out_names for each in moving]

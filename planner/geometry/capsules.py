@@ -56,9 +56,16 @@ def arm_capsules(robot: Robot) -> tuple[Capsule, ...]:
     """Returns the nine capsules of an arm, from the base outwards."""
     # A housing extends a third (shoulder, elbow) or half (wrists) of its radius beyond the crossing of two tubes.
     # source: MuJoCo Menagerie's capsules of UR5e and UR10e, 0.02 m at radii of 0.06 m and 0.04 m
-    s, upper, fore = robot.shape, -robot.a[1], -robot.a[2]
-    d1, d4, d5, d6 = robot.d[0], robot.d[3], robot.d[4], robot.d[5]
-    shoulder_cap, elbow_cap, wrist_cap = s.shoulder_radius / 3.0, s.elbow_radius / 3.0, s.wrist_radius / 2.0
+    s = robot.shape
+    upper = -robot.a[1]
+    fore = -robot.a[2]
+    d1 = robot.d[0]
+    d4 = robot.d[3]
+    d5 = robot.d[4]
+    d6 = robot.d[5]
+    shoulder_cap = s.shoulder_radius / 3.0
+    elbow_cap = s.elbow_radius / 3.0
+    wrist_cap = s.wrist_radius / 2.0
     elbow_start = s.elbow_offset + s.elbow_radius - s.forearm_radius  # its round end is flush with the forearm
     rows = (
         ("foot", 0, (0, 0, 0), (0, 0, FOOT_HEIGHT_M), s.base_radius),

@@ -29,7 +29,8 @@ def segment_segment_distance(p0: ArrayLike, p1: ArrayLike, q0: ArrayLike, q1: Ar
     ends = [np.asarray(x, dtype=np.float64) for x in (p0, p1, q0, q1)]
     if any(x.shape != ends[0].shape for x in ends):
         ends = np.broadcast_arrays(*ends)
-    before, (_, *after) = ends[0].shape[:axis], ends[0].shape[axis:]
+    before = ends[0].shape[:axis]
+    (_, *after) = ends[0].shape[axis:]
     grouped = np.array([x.reshape(math.prod(before), 3, math.prod(after)) for x in ends])
     segments = grouped.reshape(2, 2, *grouped.shape[1:]).swapaxes(1, 2).reshape(-1, 2, *grouped.shape[2:])
     pairs = np.arange(len(segments)).reshape(2, -1).T
@@ -49,8 +50,12 @@ def pair_distances(ends: Array, pairs: Index) -> Array:
 def _pair_example() -> tuple[Array, Index, float]:
     """Returns random segments, parallel ones, points, and segments that touch."""
     p0, p1, q0, q1 = np.random.default_rng(0).uniform(-1.0, 1.0, (4, 8, 3, 3))
-    q1[1], p1[2], q1[3], q0[4] = q0[1] + 2.0 * (p1[1] - p0[1]), p0[2], q0[3], p1[4]
-    p1[5], q1[5] = p0[5], q0[5]
+    q1[1] = q0[1] + 2.0 * (p1[1] - p0[1])
+    q1[3] = q0[3]
+    q0[4] = p1[4]
+    p1[2] = p0[2]
+    p1[5] = p0[5]
+    q1[5] = q0[5]
     ends = np.concatenate([np.stack([p0, p1], axis=1), np.stack([q0, q1], axis=1)])
     return ends, np.array([[i, i + 8] for i in range(8)]), POINT_M2
 
@@ -58,8 +63,14 @@ def _pair_example() -> tuple[Array, Index, float]:
 @twin_of(Kernel.pair_distances, _pair_example)
 def _pair_distances(ends: Array, pairs: Index, shortest_m2: float) -> Array:
     (p0, p1), (q0, q1) = (ends[side].transpose(1, 2, 0, 3) for side in pairs.T)
-    u, v, w = p1 - p0, q1 - q0, q0 - p0
-    uu, uv, vv, uw, vw = dot(u, u), dot(u, v), dot(v, v), dot(u, w), dot(v, w)
+    u = p1 - p0
+    v = q1 - q0
+    w = q0 - p0
+    uu = dot(u, u)
+    uv = dot(u, v)
+    vv = dot(v, v)
+    uw = dot(u, w)
+    vw = dot(v, w)
     determinant = uu * vv - uv * uv
     crossing = determinant > np.finfo(np.float64).eps * uu * vv
     s = _clamped((vv * uw - uv * vw) * crossing / np.where(crossing, determinant, 1.0))
@@ -79,7 +90,8 @@ def point_segment_distance(x: Array, p0: Array, p1: Array) -> Array:
 
     Source: Ericson, Real-Time Collision Detection (2005), section 5.1.2.
     """
-    along, out = p1 - p0, x - p0
+    along = p1 - p0
+    out = x - p0
     share = _clamped(_dot(out, along) / max(float(along @ along), POINT_M2))
     gap = out - share[..., None] * along
     return np.sqrt(_dot(gap, gap))
@@ -102,8 +114,11 @@ def segment_box_distance(p0: ArrayLike, p1: ArrayLike, lower: ArrayLike, upper: 
 def _box_example() -> tuple[Array, Array, Array, Array]:
     """Returns random segments, some along a face, points, and one through the box."""
     p0, p1, low, size = np.random.default_rng(0).uniform(-1.0, 1.0, (4, 12, 3))
-    p1[1, 0], p1[2, 1:], p1[3] = p0[1, 0], p0[2, 1:], p0[3]
-    p0[4], p1[4] = low[4] - 0.1, low[4] + np.abs(size[4]) + 0.1
+    p1[1, 0] = p0[1, 0]
+    p1[2, 1:] = p0[2, 1:]
+    p1[3] = p0[3]
+    p0[4] = low[4] - 0.1
+    p1[4] = low[4] + np.abs(size[4]) + 0.1
     return p0, p1, low, low + np.abs(size)
 
 

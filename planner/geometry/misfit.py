@@ -10,11 +10,9 @@ from planner.geometry.body import body_model
 from planner.geometry.distances import point_segment_distance, segment_box_distance
 from planner.geometry.surfaces import footprint, landing_surfaces
 
-WITHIN, UNDER, BESIDE = (
-    "the target is within it",
-    "the object does not fit under it",
-    "the object does not fit beside it",
-)
+WITHIN = "the target is within it"
+UNDER = "the object does not fit under it"
+BESIDE = "the object does not fit beside it"
 BASE = "the arm's base"
 
 
@@ -32,8 +30,11 @@ def misfit(cell: Cell, p: Array) -> Misfit | None:
     The object comes to lie on what the target is on, see `landing_surfaces`; in the air it passes it with its centre.
     Of the arm's base, which the capsules exceed, the target itself counts alone where the object lies.
     """
-    radius, floor, surfaces = cell.object.radius_m, cell.surroundings.floor_z_m, landing_surfaces(cell, p)
-    centre, lies = p.copy(), len(surfaces) > 0
+    radius = cell.object.radius_m
+    floor = cell.surroundings.floor_z_m
+    surfaces = landing_surfaces(cell, p)
+    centre = p.copy()
+    lies = len(surfaces) > 0
     if lies:
         centre[2] = max(surface.height_m for surface in surfaces) + radius
     lacking = [Misfit(floor - float(p[2]), "floor", WITHIN)]
@@ -54,7 +55,8 @@ def _beside_box(box: Box, name: str, p: Array, centre: Array, radius: float) -> 
     Negative where it fits, as it does over a box that ends at the target or below it.
     """
     sideways = float(footprint(box).depth(p))
-    up, below = float(box.upper[2] - p[2]), float(box.lower[2] - p[2])
+    up = float(box.upper[2] - p[2])
+    below = float(box.lower[2] - p[2])
     if sideways >= 0.0 and up <= CONTACT_M:
         return Misfit(-radius, name, WITHIN)
     if sideways >= 0.0 and below <= CONTACT_M:

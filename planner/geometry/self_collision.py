@@ -87,9 +87,11 @@ def passable(robot: Robot, tool: Sequence[ToolCapsule], q: Array) -> tuple[Array
 
     A barrier that blocks `q` itself is ignored.
     """
-    lower, upper = np.full(6, -np.inf), np.full(6, np.inf)
+    lower = np.full(6, -np.inf)
+    upper = np.full(6, np.inf)
     for barrier in barriers(robot, tool):
-        i, here = barrier.joint, q[barrier.joint]
+        i = barrier.joint
+        here = q[barrier.joint]
         below = barrier.q[barrier.q <= here].max(initial=-np.inf)
         above = barrier.q[barrier.q >= here].min(initial=np.inf)
         if above - below > BARRIER_STEP_RAD * (1.0 + ROUNDING):
@@ -144,11 +146,13 @@ def _edges(robot: Robot, near: Capsule, far: Capsule, q: Array, blocked: Mask) -
     """Returns blocked joint positions (k, 6) [rad] next to free ones, between neighbours of `q` (n, 6)."""
     first = np.flatnonzero(blocked[1:] != blocked[:-1])
     is_first = blocked[first][:, None]
-    inside, outside = np.where(is_first, q[first], q[first + 1]), np.where(is_first, q[first + 1], q[first])
+    inside = np.where(is_first, q[first], q[first + 1])
+    outside = np.where(is_first, q[first + 1], q[first])
     for _ in range(EDGE_HALVINGS):
         middle = 0.5 * (inside + outside)
         is_blocked = (_distances(robot, near, far, middle) < SELF_CLEARANCE_M)[:, None]
-        inside, outside = np.where(is_blocked, middle, inside), np.where(is_blocked, outside, middle)
+        inside = np.where(is_blocked, middle, inside)
+        outside = np.where(is_blocked, outside, middle)
     return inside
 
 
@@ -162,7 +166,8 @@ def _only_joint_between(robot: Robot, near: Capsule, far: Capsule) -> int | None
 
 def _positions_of(robot: Robot, joint: int, step: float) -> Array:
     """Returns joint positions (k, 6) [rad] of which one joint's span its limits, `step` apart at most."""
-    lower, upper = robot.q_lower[joint], robot.q_upper[joint]
+    lower = robot.q_lower[joint]
+    upper = robot.q_upper[joint]
     q = np.zeros((int(np.ceil((upper - lower) / step)) + 1, 6))
     q[:, joint] = np.linspace(lower, upper, len(q))
     return q

@@ -39,7 +39,8 @@ def landing_surfaces(cell: Cell, p: Array) -> tuple[Surface, ...]:
     That is the highest surface over which the place is, at its height or no more than the object's radius below it.
     The tops of boxes that are about as high and adjoin are one surface, and so is each rectangle within it.
     """
-    around, lowest = cell.surroundings, float(p[2]) - max(cell.object.radius_m, CONTACT_M) - ROUNDING_M
+    around = cell.surroundings
+    lowest = float(p[2]) - max(cell.object.radius_m, CONTACT_M) - ROUNDING_M
     tops = [footprint(box) for box in around.keep_out if lowest < box.upper[2] <= p[2] + CONTACT_M]
     under_m = max((top.height_m for top in tops if top.depth(p) >= 0.0), default=np.inf)
     level = [top for top in tops if abs(top.height_m - under_m) <= LEVEL_M]
@@ -63,7 +64,8 @@ def _joined(tops: list[Surface], p: Array) -> list[Surface]:
     around = [_largest_around(covered, i, j) for i, j in product(_at(x, p[0]), _at(y, p[1])) if covered[i, j]]
     found = []
     for first, last, least, most in dict.fromkeys(chain.from_iterable(around)):
-        lower, upper = np.array([x[first], y[least]]), np.array([x[last + 1], y[most + 1]])
+        lower = np.array([x[first], y[least]])
+        upper = np.array([x[last + 1], y[most + 1]])
         heights = [top.height_m for top in tops if _overlaps(top, lower, upper)]
         found.append(Surface(lower, upper, max(heights)))
     return found
@@ -110,5 +112,6 @@ def _largest_around(covered: Mask, i: int, j: int) -> Iterator[tuple[int, int, i
 
 def _span(covered: Mask, j: int) -> tuple[int, int]:
     """Returns the first and the last of the `covered` cells (n,) of a row or column that are one piece with cell j."""
-    before, after = np.flatnonzero(~covered[:j]), np.flatnonzero(~covered[j:])
+    before = np.flatnonzero(~covered[:j])
+    after = np.flatnonzero(~covered[j:])
     return int(before[-1]) + 1 if len(before) else 0, j + int(after[0]) - 1 if len(after) else len(covered) - 1

@@ -53,9 +53,11 @@ SIGNATURES = {
     "distinct_rows": "naxna",
 }
 TYPES = {"n": ctypes.c_ssize_t, "x": ctypes.c_double, "a": ctypes.c_void_p}
-LINKS, JOINTS = 7, 6  # base and links; joints
+LINKS = 7
+JOINTS = 6  # base and links; joints
 STEPS_MAX = 100_000  # [-] of one interval of a flight
-STATE, LANDING = 6, 8  # position and velocity of a flight; with time and apex
+STATE = 6
+LANDING = 8  # position and velocity of a flight; with time and apex
 BODIES = 8  # links, tool and object
 BRANCHES = 8  # of the inverse kinematics
 
@@ -103,11 +105,13 @@ class Kernel:
         self._library = ctypes.CDLL(str(path))
         for name, signature in SIGNATURES.items():
             function = getattr(self._library, name)
-            function.argtypes, function.restype = [TYPES[letter] for letter in signature], None
+            function.argtypes = [TYPES[letter] for letter in signature]
+            function.restype = None
 
     def link_poses(self, cosine: Array, sine: Array, dh: Array, base: Array) -> Array:
         """Returns link poses (n, 7, 4, 4) for cosines and sines (n, 6) of the joints, see `kinematics.link_poses`."""
-        n, X = len(cosine), np.empty((len(cosine), LINKS, 4, 4))
+        n = len(cosine)
+        X = np.empty((len(cosine), LINKS, 4, 4))
         rows = (n, JOINTS)
         joints = read(cosine, rows), read(sine, rows)
         self._library.link_poses(n, *joints, read(dh, (4, JOINTS)), read(base, (4, 4)), written(X))
@@ -115,14 +119,16 @@ class Kernel:
 
     def flange_poses(self, cosine: Array, sine: Array, dh: Array, base: Array) -> Array:
         """Returns flange poses (n, 4, 4) for cosines and sines (n, 6) of the joints, as `link_poses` does."""
-        n, X = len(cosine), np.empty((len(cosine), 4, 4))
+        n = len(cosine)
+        X = np.empty((len(cosine), 4, 4))
         joints = read(cosine, (n, JOINTS)), read(sine, (n, JOINTS))
         self._library.flange_poses(n, *joints, read(dh, (4, JOINTS)), read(base, (4, 4)), written(X))
         return X
 
     def fixed_chain_poses(self, cosine: Array, sine: Array, fixed: Array, base: Array) -> Array:
         """Returns link poses (n, 7, 4, 4) of a measured chain with `fixed` transforms (6, 4, 4); see `link_poses`."""
-        n, X = len(cosine), np.empty((len(cosine), LINKS, 4, 4))
+        n = len(cosine)
+        X = np.empty((len(cosine), LINKS, 4, 4))
         rows = (n, JOINTS)
         joints = read(cosine, rows), read(sine, rows)
         self._library.fixed_chain_poses(n, *joints, read(fixed, (JOINTS, 4, 4)), read(base, (4, 4)), written(X))
@@ -130,9 +136,11 @@ class Kernel:
 
     def end_points(self, X: Array, frames: Index, ends: Array) -> Array:
         """Returns ends (k, 2, 3, n) in the world of segments with `ends` (k, 2, 3) in `frames` (k,) of X."""
-        n, k = len(X), len(frames)
+        n = len(X)
+        k = len(frames)
         out = np.empty((k, 2, 3, n))
-        poses, places = read(X, (n, LINKS, 4, 4)), indices(frames, (k,), LINKS)
+        poses = read(X, (n, LINKS, 4, 4))
+        places = indices(frames, (k,), LINKS)
         self._library.end_points(n, poses, k, places, read(ends, (k, 2, 3)), written(out))
         return out
 
@@ -140,34 +148,40 @@ class Kernel:
         """Returns ends (n, 2, 3) in the world of one segment an instant with `ends` (n, 2, 3) in `frames` (n,) of X."""
         n = len(X)
         out = np.empty((n, 2, 3))
-        poses, places = read(X, (n, LINKS, 4, 4)), indices(frames, (n,), LINKS)
+        poses = read(X, (n, LINKS, 4, 4))
+        places = indices(frames, (n,), LINKS)
         self._library.end_points_of(n, poses, places, read(ends, (n, 2, 3)), written(out))
         return out
 
     def point_velocity(self, X: Array, qd: Array, point: Array) -> Array:
         """Returns velocities (3, n) of a point (3, n) that moves with the flange."""
-        n, out = len(X), np.empty((3, len(X)))
+        n = len(X)
+        out = np.empty((3, len(X)))
         motion = read(X, (n, LINKS, 4, 4)), read(qd, (n, JOINTS))
         self._library.point_velocity(n, *motion, read(point, (3, n)), written(out))
         return out
 
     def point_acceleration(self, X: Array, qd: Array, qdd: Array, point: Array) -> Array:
         """Returns accelerations (3, n) of a point (3, n) that moves with the flange."""
-        n, out = len(X), np.empty((3, len(X)))
+        n = len(X)
+        out = np.empty((3, len(X)))
         motion = read(X, (n, LINKS, 4, 4)), read(qd, (n, JOINTS)), read(qdd, (n, JOINTS))
         self._library.point_acceleration(n, *motion, read(point, (3, n)), written(out))
         return out
 
     def fastest(self, X: Array, qd: Array, frames: Index, places: Array) -> Array:
         """Returns speeds (n,) of the fastest of points at `places` (k, 3) of `frames` (k,)."""
-        n, k = len(X), len(frames)
-        out, motion = np.empty(n), (read(X, (n, LINKS, 4, 4)), read(qd, (n, JOINTS)))
+        n = len(X)
+        k = len(frames)
+        out = np.empty(n)
+        motion = (read(X, (n, LINKS, 4, 4)), read(qd, (n, JOINTS)))
         self._library.fastest(n, *motion, k, indices(frames, (k,), LINKS), read(places, (k, 3)), written(out))
         return out
 
     def momentum(self, X: Array, qd: Array, mass: Array, coms: Array) -> Array:
         """Returns the linear momentum (3, n) of links of `mass` (6,) with centres of mass `coms` (6, 3) in them."""
-        n, out = len(X), np.empty((3, len(X)))
+        n = len(X)
+        out = np.empty((3, len(X)))
         motion = read(X, (n, LINKS, 4, 4)), read(qd, (n, JOINTS))
         self._library.momentum(n, *motion, read(mass, (JOINTS,)), read(coms, (JOINTS, 3)), written(out))
         return out
@@ -191,7 +205,8 @@ class Kernel:
     def pair_distances(self, ends: Array, pairs: Index, shortest_m2: float) -> Array:
         """Returns the distances (p, n) of `pairs` (p, 2) of segments with `ends` (k, 2, 3, n)."""
         k, *_, n = ends.shape
-        out, chosen = np.empty((len(pairs), n)), indices(pairs, (len(pairs), 2), k)
+        out = np.empty((len(pairs), n))
+        chosen = indices(pairs, (len(pairs), 2), k)
         self._library.pair_distances(n, read(ends, (k, 2, 3, n)), len(pairs), chosen, shortest_m2, written(out))
         return out
 
@@ -212,7 +227,8 @@ class Kernel:
             air: gravity and drag constant.
         """
         n, k = h.shape
-        out, given = np.empty((n, k, 3)), (read(states, (n, STATE)), k, indices(steps, (k,), STEPS_MAX))
+        out = np.empty((n, k, 3))
+        given = (read(states, (n, STATE)), k, indices(steps, (k,), STEPS_MAX))
         self._library.drag_paths(n, *given, read(h, (n, k)), *air, written(out))
         return out
 
@@ -233,15 +249,19 @@ class Kernel:
 
     def states_at(self, t: Array, rate: float, samples: Pinned) -> Array:
         """Returns states (3, k, c) at times `t` (k,) of a motion with `samples` q, qd, qdd (n, c), jerk (n-1, c)."""
-        (n, c), k = samples.arrays[0].shape, len(t)
-        out, motion = np.empty((3, k, c)), samples.of_shapes(*3 * [(n, c)], (n - 1, c))
+        (n, c) = samples.arrays[0].shape
+        k = len(t)
+        out = np.empty((3, k, c))
+        motion = samples.of_shapes(*3 * [(n, c)], (n - 1, c))
         self._library.states_at(k, read(t, (k,)), n, c, rate, *motion, written(out))
         return out
 
     def joint_rates(self, samples: Pinned, dt: float, rows: Index) -> Array:
         """Returns bounds (4, c, k-1) between `rows` (k,), see `joint_rates`, for q, qd, qdd (n, c), jerk (n-1, c)."""
-        (n, c), k = samples.arrays[0].shape, len(rows)
-        out, (_, *rates) = np.empty((4, c, k - 1)), samples.of_shapes(*3 * [(n, c)], (n - 1, c))
+        (n, c) = samples.arrays[0].shape
+        k = len(rows)
+        out = np.empty((4, c, k - 1))
+        (_, *rates) = samples.of_shapes(*3 * [(n, c)], (n - 1, c))
         self._library.joint_rates(c, *rates, dt, k, indices(rows, (k,), n), written(out))
         return out
 
@@ -254,7 +274,8 @@ class Kernel:
 
     def load_bounds(self, rates: tuple[Array, Array], bodies: tuple[Array, ...], inertia: float, g: float) -> Array:
         """Returns bounds (33, m), see `load_bounds`, for `rates` (4, 6, m) and their `derivative_bounds` (11, 6, m)."""
-        m, out = rates[0].shape[-1], np.empty((33, rates[0].shape[-1]))
+        m = rates[0].shape[-1]
+        out = np.empty((33, rates[0].shape[-1]))
         given = (read(values, (rows, JOINTS, m)) for values, rows in zip(rates, (4, 11), strict=True))
         shapes = (BODIES, JOINTS), (BODIES, JOINTS), (BODIES,), (JOINTS,), (JOINTS, JOINTS)
         moved = (read(values, shape) for values, shape in zip(bodies, shapes, strict=True))
@@ -263,14 +284,16 @@ class Kernel:
 
     def joint_extremes(self, dt: float, samples: Pinned) -> Array:
         """Returns extremes (2, 6, 6), see `joint_extremes`, for `samples` q, qd, qdd (n, 6), jerk (n-1, 6)."""
-        n, out = len(samples.arrays[0]), np.empty((2, 6, JOINTS))
+        n = len(samples.arrays[0])
+        out = np.empty((2, 6, JOINTS))
         motion = samples.of_shapes(*3 * [(n, JOINTS)], (n - 1, JOINTS))
         self._library.joint_extremes(n, dt, *motion, written(out))
         return out
 
     def ways(self, X: Array, X_FT: Array, fallen: Array, s: Array, felt: Array) -> Array:
         """Returns w (3, n), see `certificate.exits`: flange `X` (n, 4, 4), `X_FT` (4, 4), `fallen`, `felt` (3, n)."""
-        n, out = len(X), np.empty((3, len(X)))
+        n = len(X)
+        out = np.empty((3, len(X)))
         given = read(X, (n, 4, 4)), read(X_FT, (4, 4)), read(fallen, (3, n)), read(s, (n,)), read(felt, (3, n))
         self._library.ways(n, *given, written(out))
         return out
@@ -279,8 +302,10 @@ class Kernel:
         self, w: Array, s: Array, corners: Index, deviation: Array, cone: tuple[Array, float, float, float]
     ) -> Array:
         """Returns rows (7, k), see `certificate.exits`, of cells with `corners` (4, k) among `w` (3, p), `s` (p,)."""
-        p, k = len(s), corners.shape[1]
-        out, (axis, *numbers) = np.empty((7, k)), cone
+        p = len(s)
+        k = corners.shape[1]
+        out = np.empty((7, k))
+        (axis, *numbers) = cone
         cells = k, indices(corners, (4, k), p), read(deviation, (k,))
         self._library.exit_cells(p, read(w, (3, p)), read(s, (p,)), *cells, read(axis, (3,)), *numbers, written(out))
         return out
@@ -302,9 +327,13 @@ class Kernel:
             reach: of the joints before them (7,).
             moving: bounds on speed and bend of the flights (2, m, n).
         """
-        (x, X, h), (frames, ends) = grid, capsules
-        (_, rows, columns), c, n = x.shape, len(frames), len(h)
-        out, scratch = np.empty((c, max(1, rows - 1), n)), np.empty((LINKS, rows, columns, 3))
+        (x, X, h) = grid
+        (frames, ends) = capsules
+        (_, rows, columns) = x.shape
+        c = len(frames)
+        n = len(h)
+        out = np.empty((c, max(1, rows - 1), n))
+        scratch = np.empty((LINKS, rows, columns, 3))
         given = read(x, (3, rows, n + 1)), read(X, (n + 1, LINKS, 4, 4))
         bodies = c, indices(frames, (c,), LINKS), read(ends, (c, 2, 3))
         moved = read(rates, (2, LINKS, n)), read(reach, (LINKS,)), read(moving, (2, *out.shape[1:])), read(h, (n,))
@@ -318,7 +347,9 @@ class Kernel:
             poses, corners: link poses (n, 7, 4, 4), and which are those of each patch (2, k); its corners.
             capsules: frames (k,) and ends (k, 2, 3).
         """
-        (X, at), (frames, ends), k = poses, capsules, corners.shape[2]
+        (X, at) = poses
+        (frames, ends) = capsules
+        k = corners.shape[2]
         given = read(X, (len(X), LINKS, 4, 4)), indices(at, (2, k), len(X)), indices(frames, (k,), LINKS)
         out = np.empty((5, k))
         self._library.patch_distances(k, *given, read(ends, (k, 2, 3)), read(corners, (3, 4, k)), written(out))
@@ -326,26 +357,31 @@ class Kernel:
 
     def jacobians(self, X: Array, p_F: Array) -> Array:
         """Returns Jacobians (n, 6, 6) of a point `p_F` (3,) of the flange, linear rows first."""
-        n, out = len(X), np.empty((len(X), JOINTS, JOINTS))
+        n = len(X)
+        out = np.empty((len(X), JOINTS, JOINTS))
         self._library.jacobians(n, read(X, (n, LINKS, 4, 4)), read(p_F, (3,)), written(out))
         return out
 
     def branches(self, X: Array, lengths: Array) -> Array:
         """Returns joint positions and missing reach (n, 8, 7) of flange poses `X` (n, 4, 4); `lengths` (8,)."""
-        n, out = len(X), np.empty((len(X), BRANCHES, JOINTS + 1))
+        n = len(X)
+        out = np.empty((len(X), BRANCHES, JOINTS + 1))
         self._library.branches(n, read(X, (n, 4, 4)), read(lengths, (8,)), written(out))
         return out
 
     def least_norms(self, J: Array, weight: Array, v: Array, floor: float) -> Array:
         """Returns joint velocities (k, 6) for velocities `v` (k, 3), Jacobians `J` (n, 3, 6) taken in turn."""
-        k, n, out = len(v), len(J), np.empty((len(v), JOINTS))
+        k = len(v)
+        n = len(J)
+        out = np.empty((len(v), JOINTS))
         given = read(v, (k, 3)), n, read(J, (n, 3, JOINTS)), read(weight, (JOINTS,))
         self._library.least_norms(k, *given, floor, written(out))
         return out
 
     def largest_shares(self, qd: Array, qd_max: Array) -> Array:
         """Returns the largest shares (k,) of the limits (6,) in joint velocities `qd` (k, 6)."""
-        k, out = len(qd), np.empty(len(qd))
+        k = len(qd)
+        out = np.empty(len(qd))
         self._library.largest_shares(k, read(qd, (k, JOINTS)), read(qd_max, (JOINTS,)), written(out))
         return out
 
@@ -362,7 +398,8 @@ class Kernel:
             times: refinements of each solution.
         """
         J, v, qd = states
-        k, out = len(qd), np.empty((len(qd), JOINTS))
+        k = len(qd)
+        out = np.empty((len(qd), JOINTS))
         given = read(J, (k, 3, JOINTS)), read(v, (k, 3)), read(qd, (k, JOINTS)), read(qd_max, (JOINTS,))
         steps = len(norms), read(norms, norms.shape), read(np.array(floors), (2,)), times
         self._library.lower_shares(k, *given, *steps, written(out))
@@ -377,7 +414,9 @@ class Kernel:
             bounds: of velocity and acceleration (6,).
             penalty: per multiple of a speed limit.
         """
-        k, n, out = len(qd), len(q), np.empty(len(qd))
+        k = len(qd)
+        n = len(q)
+        out = np.empty(len(qd))
         states = read(qd, (k, JOINTS)), n, read(q, (n, JOINTS))
         fixed = (read(values, (JOINTS,)) for values in (start, *bounds))
         self._library.penalised_bounds(k, *states, *fixed, penalty, written(out))
@@ -385,7 +424,8 @@ class Kernel:
 
     def distinct_rows(self, q: Array, least: float, most: int) -> Index:
         """Returns the first `most` rows of `q` (n, 6) that differ in some joint by more than `least` from others."""
-        n, rows = len(q), np.empty(most, dtype=np.intp)
+        n = len(q)
+        rows = np.empty(most, dtype=np.intp)
         self._library.distinct_rows(n, read(q, (n, JOINTS)), least, most, written(rows))
         return rows[rows >= 0]
 
@@ -394,7 +434,8 @@ def _chain(
     X: Array, rates: tuple[Array, Array], bodies: tuple[Array, Array, Array], upward: Array, p_F: Array
 ) -> tuple[bytes | int, ...]:
     """Returns copies of poses (n, 7, 4, 4), qd and qdd (n, 6), masses, what is fixed in the links, and two vectors."""
-    n, (mass, fixed, principal) = len(X), bodies
+    n = len(X)
+    (mass, fixed, principal) = bodies
     motion = read(X, (n, LINKS, 4, 4)), *(read(rate, (n, JOINTS)) for rate in rates)
     masses = read(mass, (JOINTS,)), read(fixed, (4, JOINTS, 3)), read(principal, (3, JOINTS))
     return *motion, *masses, read(upward, (3,)), read(p_F, (3,))

@@ -56,7 +56,8 @@ def _agree(function: Callable[..., Any], compiled: Callable[..., Any], kernel: K
     expected, found = (np.asarray(each) for each in (function(*example), compiled(kernel, *example)))
     if found.shape == expected.shape:
         differs = found != expected  # infinities of one sign do not
-        error, scale = np.abs(found[differs] - expected[differs]), np.abs(expected[np.isfinite(expected)])
+        error = np.abs(found[differs] - expected[differs])
+        scale = np.abs(expected[np.isfinite(expected)])
         if (error <= ROUNDING * scale.max(initial=1.0)).all():
             return True
     name = getattr(function, "__name__", "function")

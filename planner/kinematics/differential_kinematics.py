@@ -34,7 +34,8 @@ def inverse_velocity(J: ArrayLike, twist: ArrayLike, damping: float = 0.0, weigh
         ValueError: the damping is negative, or a weight is not positive.
         numpy.linalg.LinAlgError: exact solution of a singular Jacobian.
     """
-    J, twist = np.asarray(J, dtype=np.float64), np.asarray(twist, dtype=np.float64)
+    J = np.asarray(J, dtype=np.float64)
+    twist = np.asarray(twist, dtype=np.float64)
     if damping < 0.0:
         raise ValueError(f"damping is {damping}, it must not be negative")
     if J.shape[-2] == J.shape[-1] and damping == 0.0 and weights is None:

@@ -32,7 +32,8 @@ def link_poses(robot: Robot, q: ArrayLike, X_WB: ArrayLike | None = None) -> Arr
         X_WB: pose of the base (4, 4); the poses are in the base where it is None.
     """
     q = np.asarray(q, dtype=np.float64)
-    rows, base = q.reshape(-1, 6), np.eye(4) if X_WB is None else np.asarray(X_WB, dtype=np.float64)
+    rows = q.reshape(-1, 6)
+    base = np.eye(4) if X_WB is None else np.asarray(X_WB, dtype=np.float64)
     if robot.fixed is not None:
         return _fixed_chain(np.cos(rows), np.sin(rows), robot.fixed, base).reshape(*q.shape[:-1], 7, 4, 4)
     return _chained(np.cos(rows), np.sin(rows), _dh(robot), base).reshape(*q.shape[:-1], 7, 4, 4)
@@ -41,7 +42,8 @@ def link_poses(robot: Robot, q: ArrayLike, X_WB: ArrayLike | None = None) -> Arr
 def flange_poses(robot: Robot, q: ArrayLike, X_WB: ArrayLike | None = None) -> Array:
     """Returns the poses (..., 4, 4) of the flange, the last of `link_poses`."""
     q = np.asarray(q, dtype=np.float64)
-    rows, base = q.reshape(-1, 6), np.eye(4) if X_WB is None else np.asarray(X_WB, dtype=np.float64)
+    rows = q.reshape(-1, 6)
+    base = np.eye(4) if X_WB is None else np.asarray(X_WB, dtype=np.float64)
     if robot.fixed is not None:
         return _fixed_chain(np.cos(rows), np.sin(rows), robot.fixed, base)[:, 6].reshape(*q.shape[:-1], 4, 4)
     return _last(np.cos(rows), np.sin(rows), _dh(robot), base).reshape(*q.shape[:-1], 4, 4)
@@ -63,12 +65,15 @@ def _example() -> tuple[Array, ...]:
 @twin_of(Kernel.link_poses, _example)
 def _chained(cosine: Array, sine: Array, dh: Array, base: Array) -> Array:
     """Returns link poses (n, 7, 4, 4) for cosines and sines (n, 6) of the joint positions."""
-    cos, sin = np.ascontiguousarray(cosine.T), np.ascontiguousarray(sine.T)
+    cos = np.ascontiguousarray(cosine.T)
+    sin = np.ascontiguousarray(sine.T)
     x, y, z, p = (np.repeat(base[:3, k, None], cos.shape[1], axis=1) for k in range(4))
     X = np.zeros((cos.shape[1], 7, 4, 4))
-    X[:, 0], X[:, 1:, 3, 3] = base, 1.0
+    X[:, 0] = base
+    X[:, 1:, 3, 3] = 1.0
     for i, (a, d, c_alpha, s_alpha) in enumerate(dh.T):
-        x, turned = cos[i] * x + sin[i] * y, cos[i] * y - sin[i] * x
+        turned = cos[i] * y - sin[i] * x
+        x = cos[i] * x + sin[i] * y
         if d != 0.0:
             p = p + d * z
         if a != 0.0:
@@ -76,7 +81,8 @@ def _chained(cosine: Array, sine: Array, dh: Array, base: Array) -> Array:
         if c_alpha == 1.0:
             y = turned
         else:
-            y, z = c_alpha * turned + s_alpha * z, c_alpha * z - s_alpha * turned
+            y = c_alpha * turned + s_alpha * z
+            z = c_alpha * z - s_alpha * turned
         for column, vector in enumerate((x, y, z, p)):
             X[:, i + 1, :3, column] = vector.T
     return X
@@ -102,8 +108,12 @@ def _fixed_chain(cosine: Array, sine: Array, fixed: Array, base: Array) -> Array
     X[:, 0] = base
     for i, M in enumerate(fixed):
         turned = X[:, i].copy()
-        x, y, c, s = X[:, i, :, 0], X[:, i, :, 1], cosine[:, i, None], sine[:, i, None]
-        turned[:, :, 0], turned[:, :, 1] = c * x + s * y, c * y - s * x
+        x = X[:, i, :, 0]
+        y = X[:, i, :, 1]
+        c = cosine[:, i, None]
+        s = sine[:, i, None]
+        turned[:, :, 0] = c * x + s * y
+        turned[:, :, 1] = c * y - s * x
         X[:, i + 1] = turned @ M
     return X
 

@@ -140,7 +140,8 @@ def _refined(robot: Robot, X_BF: Array, q: Array, excess: Array) -> tuple[Array,
     rows = np.nonzero(excess <= SEED_EXCESS_M)
     # Stretched to the limit, elbow up and elbow down are one posture: each begins on its own side.
     bent = np.where(excess > 0.0, _SIGNS[:, 2], 0.0)[..., None] * BENT_RAD
-    refined, missing = q.copy(), excess.copy()
+    refined = q.copy()
+    missing = excess.copy()
     refined[rows], error = _newton(robot, goals[rows], (q + bent)[rows])
     missing[rows] = np.where(error <= REFINED, 0.0, np.maximum(error, excess[rows]))
     return _wrapped(refined), missing
@@ -157,7 +158,8 @@ def _newton(robot: Robot, X_BF: Array, q: Array) -> tuple[Array, Array]:
         twist = _twist_between(forward(robot, q[todo]), X_BF[todo])
         error[todo] = np.abs(twist).max(axis=1, initial=0.0)
         far = error[todo] > REFINED
-        todo, twist = todo[far], twist[far]
+        todo = todo[far]
+        twist = twist[far]
         if len(todo) == 0:
             break
         J = jacobian(robot, q[todo])
@@ -196,7 +198,8 @@ def _closed_form(robot: Robot, X_BF: Array) -> tuple[Array, Array]:
 
 def _shoulder(p5: Array, offset: float) -> tuple[Array, Array]:
     """Returns joint 1 (..., 8) with the wrist's centre `offset` beside the arm's plane, and the missing reach [m]."""
-    x, y = p5[..., 0], p5[..., 1]
+    x = p5[..., 0]
+    y = p5[..., 1]
     radius = np.hypot(x, y)
     ahead = np.sqrt(np.maximum((radius - offset) * (radius + offset), 0.0))
     q1 = np.arctan2(y, x) + np.arctan2(offset, _SIGNS[:, 0] * ahead)
@@ -205,7 +208,9 @@ def _shoulder(p5: Array, offset: float) -> tuple[Array, Array]:
 
 def _plane(q1: Array) -> tuple[Array, Array]:
     """Returns horizontal directions (..., 3) across the arm's plane (axes 2, 3, 4) and along it."""
-    cos, sin, nothing = np.cos(q1), np.sin(q1), np.zeros_like(q1)
+    cos = np.cos(q1)
+    sin = np.sin(q1)
+    nothing = np.zeros_like(q1)
     return np.stack([sin, -cos, nothing], axis=-1), np.stack([cos, sin, nothing], axis=-1)
 
 
@@ -214,7 +219,9 @@ def _wrist(across: Array, x6: Array, y6: Array, z6: Array) -> tuple[Array, Array
 
     The axes 2, 3, 4 are (s5 c6, -s5 s6, c5) in the flange.
     """
-    x, y, z = _dot(across, x6), _dot(across, y6), _dot(across, z6)
+    x = _dot(across, x6)
+    y = _dot(across, y6)
+    z = _dot(across, z6)
     sine = np.hypot(x, y)
     free = sine < WRIST_FREE
     scale = _SIGNS[:, 1] / np.where(free, 1.0, sine)
@@ -238,9 +245,11 @@ def _last_joint(down: Array, along: Array, x6: Array, y6: Array) -> Array:
 
 def _elbow(p4: Array, robot: Robot) -> tuple[Array, Array, Array]:
     """Returns joints 2 and 3 (..., 8) with wrist 1 at a point (..., 2) of the arm's plane; the missing reach [m]."""
-    upper, fore = robot.a[1], robot.a[2]
+    upper = robot.a[1]
+    fore = robot.a[2]
     reach = np.hypot(p4[..., 0], p4[..., 1])
-    longest, shortest = abs(upper + fore), abs(upper - fore)
+    longest = abs(upper + fore)
+    shortest = abs(upper - fore)
     room = np.maximum(longest - reach, 0.0) * (longest + reach)
     slack = np.maximum(reach - shortest, 0.0) * (reach + shortest)
     q3 = _SIGNS[:, 2] * 2.0 * np.arctan2(np.sqrt(room), np.sqrt(slack))  # half-angle form: exact near 0 and pi
@@ -275,13 +284,16 @@ def _all_turns(q: Array, lower: Array, upper: Array) -> tuple[Array, Index]:
     A turn that exceeds a limit by rounding is moved onto it.
     """
     origin = np.arange(len(q))
-    low, high = lower - LIMIT_SLACK_RAD, upper + LIMIT_SLACK_RAD
-    first, last = _turns(low - q.max(axis=0)), _turns(high - q.min(axis=0)) + 1
+    low = lower - LIMIT_SLACK_RAD
+    high = upper + LIMIT_SLACK_RAD
+    first = _turns(low - q.max(axis=0))
+    last = _turns(high - q.min(axis=0)) + 1
     for joint in range(6):
         turns = 2.0 * np.pi * np.arange(first[joint], last[joint] + 1)
         angles = q[:, joint, None] + turns
         row, column = np.nonzero((angles >= low[joint]) & (angles <= high[joint]))
-        q, origin = q[row], origin[row]
+        q = q[row]
+        origin = origin[row]
         q[:, joint] = angles[row, column]
     return np.clip(q, lower, upper), origin
 

@@ -23,7 +23,9 @@ class LinkMotion:
 
     def __init__(self, X: Array, qd: Array, qdd: Array) -> None:
         """Takes link poses (N, 7, 4, 4) of `link_poses` and joint rates (N, 6) [rad/s, rad/s^2]."""
-        self.X, self.qd, self.qdd = X, qd, qdd
+        self.X = X
+        self.qd = qd
+        self.qdd = qdd
 
     @cached_property
     def axes(self) -> Array:
@@ -91,7 +93,8 @@ class LinkMotion:
             points: from these origins (3, k, N) [m].
             link: index of the link with which each moves (k,).
         """
-        omega, alpha = self.angular_velocity[:, link], self.angular_acceleration[:, link]
+        omega = self.angular_velocity[:, link]
+        alpha = self.angular_acceleration[:, link]
         return cross(alpha, points) + cross(omega, cross(omega, points))
 
 
@@ -131,7 +134,8 @@ def accumulate(v: Array) -> Array:
 
 def cross(a: Array, b: Array) -> Array:
     """Returns the cross product (3, ...) of vectors (3, ...)."""
-    (a0, a1, a2), (b0, b1, b2) = a, b
+    (a0, a1, a2) = a
+    (b0, b1, b2) = b
     out = np.empty(np.broadcast_shapes(a.shape, b.shape))
     out[0] = a1 * b2 - a2 * b1
     out[1] = a2 * b0 - a0 * b2

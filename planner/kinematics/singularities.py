@@ -37,7 +37,9 @@ def signed_singularity_distances(robot: Robot, q: ArrayLike) -> Array:
     axis of joint 1.
     """
     q = np.asarray(q, dtype=np.float64)
-    lift, elbow, turn = q[..., 1], q[..., 1] + q[..., 2], q[..., 1] + q[..., 2] + q[..., 3]
+    lift = q[..., 1]
+    elbow = q[..., 1] + q[..., 2]
+    turn = q[..., 1] + q[..., 2] + q[..., 3]
     offset = robot.a[1] * np.cos(lift) + robot.a[2] * np.cos(elbow) + robot.d[4] * np.sin(turn)
     shoulder = offset / (abs(robot.a[1]) + abs(robot.a[2]))
     return np.stack([np.sin(q[..., 4]), np.sin(q[..., 2]), shoulder], axis=-1)

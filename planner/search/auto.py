@@ -108,7 +108,8 @@ def take_in_hand(search: PlanningSearch, ranking: Ranking) -> None:
     answer. One that lacks nothing but the release window ends this, too. They are no incumbents yet, lest a late motion
     in hand keep the search from sooner ones: a stage that comes to one of them takes it as it is.
     """
-    begun, tried = time.perf_counter(), 0
+    begun = time.perf_counter()
+    tried = 0
     for variant, ranked in product(IN_HAND_VARIANTS, islice(ranking, IN_HAND_CANDIDATES)):
         if search.answer is not None or search.nominal is not None:
             break
@@ -146,7 +147,9 @@ def _made(
 
 def _certify_ruckig(search: PlanningSearch, stage: Stage, ranking: Ranking) -> None:
     """Certifies Ruckig's motions to the candidates of a stage where they are sooner than the incumbent."""
-    begun, tried, valid = time.perf_counter(), 0, 0
+    begun = time.perf_counter()
+    tried = 0
+    valid = 0
     for ranked in _walk(search, stage, ranking):
         for variant in stage.variants:
             found = _ruckig_motion(search, ranked, variant)
@@ -173,8 +176,12 @@ def _ruckig_motion(
 
 def _optimise(search: PlanningSearch, stage: Stage, ranking: Ranking) -> None:
     """Optimises from the candidates of a stage."""
-    begun, end = time.perf_counter(), search.iterations + _budget(search.problem, stage)
-    tried, solved, valid, failure = 0, 0, 0, ""
+    begun = time.perf_counter()
+    end = search.iterations + _budget(search.problem, stage)
+    tried = 0
+    solved = 0
+    valid = 0
+    failure = ""
     what = "ipopt" if stage.with_ipopt else "fatrop"
     for ranked in _walk(search, stage, ranking):
         if search.iterations >= end:
@@ -217,7 +224,8 @@ def _try_seed(search: PlanningSearch, ranking: Ranking, ranked: RankedCandidate,
     """
     may_leave_doubt = isinstance(search.problem.release, TargetRelease) or not search.has_optimised
     leaves_doubt = stage.leaves_doubt and may_leave_doubt
-    held, settles = search.held, stage.order != "answer"
+    held = search.held
+    settles = stage.order != "answer"
     try:
         was_valid = _optimise_from(search, ranked, end, stage)
     except casadi_nlp.SeedFailed as error:
@@ -297,7 +305,8 @@ def _optimise_from_seed(search: PlanningSearch, own: Seed, end: int, stage: Stag
     first = SolveOptions(
         margins, deadline_s=search.deadline_s, with_ipopt=stage.with_ipopt, latest_s=search.latest_useful_s
     )
-    seeds, options = (own,), first
+    seeds = (own,)
+    options = first
     for _ in range(stage.rounds):
         solution = _solve_from_any(search, seeds, options, end)
         found = search.certify("casadi", solution)
@@ -306,7 +315,8 @@ def _optimise_from_seed(search: PlanningSearch, own: Seed, end: int, stage: Stag
         certificate = found.certificate
         if _needs_finer_stages(search.problem, options, certificate.failures):
             held = margins.holding(certificate.failures, solution)
-            seeds, options = (own,), replace(first, resolution="fine", margins=held)
+            seeds = (own,)
+            options = replace(first, resolution="fine", margins=held)
             continue
         if not _has_remedy(search.problem, certificate.failures):
             return False

@@ -33,7 +33,8 @@ def blocked_postures(problem: ThrowProblem) -> list[Violation]:
         return found
     at_home = _broken(problem, problem.cell.home, problem.ends_at_rest, NEAR_RAD)
     if at_home:
-        worst, words = min(at_home, key=lambda check: check.margin), obstacle_words(at_home)
+        worst = min(at_home, key=lambda check: check.margin)
+        words = obstacle_words(at_home)
         detail = f"the arm cannot stand at the cell's home, to which every plan must have a way: {words}"
         found.append(Violation("way_home", worst.value, worst.limit, worst.unit, detail=detail, proven=True))
     return found

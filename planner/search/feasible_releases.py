@@ -23,15 +23,19 @@ PlacedRelease = PoseRelease | PointRelease
 Relaxation = Callable[[float], Release]  # of a share s: 0 fully relaxed, 1 as requested or as close as possible
 
 POSTURES = 1536  # drawn for a point
-AZIMUTHS, RADII, HEIGHTS = 24, 10, 6  # grid of the positions tried for a pose
-RADIUS_SHARES, HEIGHT_SHARES = (0.2, 0.95), (-0.3, 0.8)  # [-] of the reach: extent of that grid
+AZIMUTHS = 24
+RADII = 10
+HEIGHTS = 6  # grid of the positions tried for a pose
+RADIUS_SHARES = (0.2, 0.95)
+HEIGHT_SHARES = (-0.3, 0.8)  # [-] of the reach: extent of that grid
 CHECKED_MAX = 200  # closest positions that are checked for clearance
 CLEARANCE_M = 0.03  # [m] beyond every required clearance, as room for launch and brake
 APART_M = 0.04  # [m] least distance of two positions
 RELEASES_MAX = 2  # releases yielded; the same velocity fails the same checks at most others
 UNDER_M = 0.2  # [m] from below the tool at the start, towards the target: an easy throw
 COMFORTABLE_REACH = 0.6  # [-] of the arm's reach: positions there have many postures
-STEPS_OUT, NEAREST_OUT = 24, 8  # distances tried from the base to there; those from a third of it on are targets
+STEPS_OUT = 24
+NEAREST_OUT = 8  # distances tried from the base to there; those from a third of it on are targets
 BESIDE_M = 0.05  # [m] between the object and a box that an easy target is in front of
 
 
@@ -39,7 +43,8 @@ def feasible_releases(problem: ThrowProblem, release: PlacedRelease) -> Iterator
     """Yields releases with the requested velocity at other positions, closest first."""
     q, p = _point_postures(problem, release) if isinstance(release, PointRelease) else _pose_postures(problem, release)
     order = np.argsort(np.linalg.norm(p - position(release), axis=1), kind="stable")[:CHECKED_MAX]
-    q, p = q[order], p[order]
+    q = q[order]
+    p = p[order]
     yielded: list[Array] = []
     for p_WT in p[body_model(problem.cell_with_bin).clearances(q).least >= CLEARANCE_M]:
         if len(yielded) < RELEASES_MAX and all(np.linalg.norm(p_WT - other) > APART_M for other in yielded):
@@ -63,7 +68,8 @@ def moved(release: PlacedRelease, p_WT: Array) -> PlacedRelease:
 
 def _point_postures(problem: ThrowProblem, release: PointRelease) -> tuple[Array, Array]:
     """Returns drawn postures (n, 6) that can have the velocity, and their tool positions (n, 3)."""
-    cell, limits = problem.cell, problem.reachable
+    cell = problem.cell
+    limits = problem.reachable
     q = np.clip(problem.start + _offsets() * SPREAD_RAD, limits.q_lower, limits.q_upper)
     q = q[_regular(problem, q)]
     qd = allocate_velocity(tool_jacobian(problem, q), cell.X_WB[:3, :3].T @ release.v_WT, limits.qd_max)
@@ -73,16 +79,20 @@ def _point_postures(problem: ThrowProblem, release: PointRelease) -> tuple[Array
 
 def _pose_postures(problem: ThrowProblem, release: PoseRelease) -> tuple[Array, Array]:
     """Returns postures (n, 6) in the requested orientation that can have the twist, and their tool positions (n, 3)."""
-    cell, limits = problem.cell, problem.reachable
+    cell = problem.cell
+    limits = problem.reachable
     grid = _position_grid(problem, release.X_WT[:3, 3])
     X_WT = np.tile(release.X_WT, (len(grid), 1, 1))
     X_WT[:, :3, 3] = grid
     q, _ = inverse_branches(cell.robot, invert_pose(cell.X_WB) @ X_WT, cell.tool.X_FT)
-    p, q = np.repeat(grid, q.shape[1], axis=0), q.reshape(-1, 6)
+    p = np.repeat(grid, q.shape[1], axis=0)
+    q = q.reshape(-1, 6)
     good = np.isfinite(q[:, 0])
-    q, p = q[good], p[good]
+    q = q[good]
+    p = p[good]
     good = np.all((q >= limits.q_lower) & (q <= limits.q_upper), axis=1) & _regular(problem, q)
-    q, p = q[good], p[good]
+    q = q[good]
+    p = p[good]
     R_BW = cell.X_WB[:3, :3].T
     V_BT = np.concatenate([R_BW @ release.V_WT[:3], R_BW @ release.V_WT[3:]])
     good = _within_speed(problem, inverse_velocity(jacobian(cell.robot, q, cell.tool.X_FT), V_BT))
@@ -91,10 +101,12 @@ def _pose_postures(problem: ThrowProblem, release: PoseRelease) -> tuple[Array, 
 
 def _position_grid(problem: ThrowProblem, p_W: Array) -> Array:
     """Returns positions (n, 3) on a cylindrical grid around the base; one azimuth is that of `p_W` (3,)."""
-    reach, base = farthest_reach(problem), problem.cell.X_WB[:3, 3]
+    reach = farthest_reach(problem)
+    base = problem.cell.X_WB[:3, 3]
     away = p_W - base
     angle = np.arctan2(away[1], away[0]) + np.linspace(-np.pi, np.pi, AZIMUTHS, endpoint=False)
-    radius, height = np.linspace(*RADIUS_SHARES, RADII) * reach, np.linspace(*HEIGHT_SHARES, HEIGHTS) * reach
+    radius = np.linspace(*RADIUS_SHARES, RADII) * reach
+    height = np.linspace(*HEIGHT_SHARES, HEIGHTS) * reach
     angle, radius, height = (x.ravel() for x in np.meshgrid(angle, radius, height))
     return base + np.stack([radius * np.cos(angle), radius * np.sin(angle), height], axis=1)
 
@@ -122,7 +134,8 @@ def closer_targets(problem: ThrowProblem, release: TargetRelease) -> Iterator[Re
     """
     x, y, z = release.p_W
     release = replace(release, p_W=np.array([x, y, max(z, problem.cell.surroundings.floor_z_m)]))
-    farthest, tool = _farthest_throw(problem, release), tool_pose(problem.cell, problem.start)[:3, 3]
+    farthest = _farthest_throw(problem, release)
+    tool = tool_pose(problem.cell, problem.start)[:3, 3]
     under = np.array([*within(tool[:2], release.p_W[:2], UNDER_M), release.p_W[2]])
     releases = [release] if release.release_position is None else [release, replace(release, release_position=None)]
     for requested in releases:
@@ -142,7 +155,8 @@ def _comfortable_target(problem: ThrowProblem, direction: Array, height: float) 
     It is in front of the first keep-out box on the way, if that leaves room.
     """
     cell = problem.cell
-    base, reach = cell.X_WB[:3, 3], COMFORTABLE_REACH * farthest_reach(problem)
+    base = cell.X_WB[:3, 3]
+    reach = COMFORTABLE_REACH * farthest_reach(problem)
     away = direction[:2] - base[:2]
     length = float(np.linalg.norm(away))
     along = away / length if length > 1e-6 else np.array([1.0, 0.0])
@@ -167,7 +181,9 @@ def _farthest_throw(problem: ThrowProblem, release: TargetRelease) -> Array:
 
     Source: range of a throw from height h at speed v, v/g sqrt(v^2 + 2 g h).
     """
-    base, reach, g = problem.cell.X_WB[:3, 3], farthest_reach(problem), problem.gravity_at_tool_speed
+    base = problem.cell.X_WB[:3, 3]
+    reach = farthest_reach(problem)
+    g = problem.gravity_at_tool_speed
     v = min(problem.limits.tcp_speed_max, release.max_speed_m_s)
     height = max(base[2] + reach - release.p_W[2], 0.0)
     near = np.array([*base[:2], release.p_W[2]])

@@ -207,7 +207,8 @@ class PlanningSearch:
 
     def failure(self) -> Infeasible | SolverFailed:
         """Returns the error of a search without an answer: what ended it, and what stood in the way of every motion."""
-        log, violations = [attempt.__dict__ for attempt in self.attempts], self.violations()
+        log = [attempt.__dict__ for attempt in self.attempts]
+        violations = self.violations()
         if self.out_of_time:
             return SolverFailed(TIME_LIMIT, self.iterations, log, violations)
         return Infeasible(violations, attempts=log)

@@ -51,18 +51,24 @@ SLOWER = (0.3, 0.05)  # [-] of the requested speed, tried where no other positio
 # Constraints on the position, which a slower release breaks, too.
 POSITION_CONSTRAINTS = {"reach", "joint_position", "floor", "keep_in", "keep_out", "self_collision"}
 OBSTACLE_CONSTRAINTS = {"flight_clearance", "keep_out"}  # where a target beyond what is in the way may be nearer
-MOTIONS_MAX, LATE_MOTIONS_MAX = 30, 20  # motions certified, about 5 ms each; after the request's deadline
+MOTIONS_MAX = 30
+LATE_MOTIONS_MAX = 20  # motions certified, about 5 ms each; after the request's deadline
 WINDOW_SHARE = 0.9  # [-] of the largest share: a smaller one is preferred if it keeps the release window
 SHARES_MAX = 3  # [-] largest shares whose motion's end is searched for a way home; in vain that takes some seconds
-CANDIDATES_MAX, FEW_CANDIDATES = 6, 2  # tried for one release, thoroughly or not
+CANDIDATES_MAX = 6
+FEW_CANDIDATES = 2  # tried for one release, thoroughly or not
 # [m] From the requested target: farther from the base, past what it stands behind; and where something is in the way,
 # to either side, and below a target in the air.
-BEYOND_M, BESIDE_M, LOWER_M = (0.05, 0.1, 0.2), (0.05, 0.1), (0.05, 0.1, 0.2)
+BEYOND_M = (0.05, 0.1, 0.2)
+BESIDE_M = (0.05, 0.1)
+LOWER_M = (0.05, 0.1, 0.2)
 NEARER_SHARES = (0.25, 0.5)  # [-] of the distance from the requested target to the nearest one found
 WINDOW_SHARES = (1.0, 0.5, 0.25)  # [-] of the requested release window
 # [-] What the optimiser may spend on targets, and on windows: most of what it finds takes 100 to 300 iterations.
-ITERATIONS_MAX, ANSWERS_MAX = 900, 3
-WINDOW_STEP_S, DECIMALS = 1e-4, 4  # [s] windows are rounded down to it: no gripper is timed more finely
+ITERATIONS_MAX = 900
+ANSWERS_MAX = 3
+WINDOW_STEP_S = 1e-4
+DECIMALS = 4  # [s] windows are rounded down to it: no gripper is timed more finely
 ROUNDING = 1e-9  # [-] of a number of steps
 TINY_M = 1e-6  # [m] targets that are no farther apart are the same
 
@@ -125,7 +131,9 @@ class Optimiser:
     """
 
     def __init__(self, search: PlanningSearch) -> None:
-        self.search, self.iterations, self.answers = search, 0, 0
+        self.search = search
+        self.iterations = 0
+        self.answers = 0
 
     def finds(self, problem: ThrowProblem) -> bool:
         """Returns whether there is a certified motion with a way home; not where the budget is spent."""
@@ -156,7 +164,8 @@ def nearest_problem(search: PlanningSearch, violations: Sequence[Violation]) -> 
         search: without an answer.
         violations: of its refusal.
     """
-    problem, broken = search.problem, {violation.constraint for violation in violations}
+    problem = search.problem
+    broken = {violation.constraint for violation in violations}
     if search.nominal is not None and _has_way_home(problem, search.nominal):
         found = _with_own_window(problem, search.nominal)
         return _with_more_of_window(Optimiser(search), found, WINDOW_SHARES[1:])
@@ -170,7 +179,8 @@ def nearest_problem(search: PlanningSearch, violations: Sequence[Violation]) -> 
 
 def _relaxed(search: PlanningSearch, broken: set[str]) -> ThrowProblem | None:
     """Returns the problem with the mildest relaxation that has a certified motion; None if none was found."""
-    problem, feasibility = search.problem, Feasibility(search.deadline_s)
+    problem = search.problem
+    feasibility = Feasibility(search.deadline_s)
     nominal = replace(problem, release_window_s=0.0) if problem.is_robust else problem
     for relaxation, thorough in _relaxations(problem, broken):
         shares = _feasible_shares(nominal, relaxation, feasibility, thorough)[:SHARES_MAX]
@@ -188,7 +198,8 @@ def _with_more_of_window(optimiser: Optimiser, found: ThrowProblem, shares: Sequ
     That is the first of these shares that it has one for, or half way from there to the share before. The problem
     itself where that is none, or no more than it has. What was refused is not asked again.
     """
-    requested, before = optimiser.search.problem, 1.0
+    requested = optimiser.search.problem
+    before = 1.0
     for share in shares:
         wider = _with_share_of_window(requested, found, share)
         is_refused = share == 1.0 and _same(requested.release, found.release)
@@ -210,12 +221,15 @@ def _nearer_target(optimiser: Optimiser, found: ThrowProblem | None, is_obstruct
     A few are tried, the nearest first: between the two, and around the requested one.
     """
     problem = optimiser.search.problem
-    release, apart = problem.release, math.inf
+    release = problem.release
+    apart = math.inf
     if not isinstance(release, TargetRelease):
         return found
-    easier, places = release, [release.p_W, *_around(problem, release.p_W, is_obstructed)]
+    easier = release
+    places = [release.p_W, *_around(problem, release.p_W, is_obstructed)]
     if found is not None and isinstance(found.release, TargetRelease):
-        apart, easier = _apart(release, found.release), found.release  # which may begin anywhere
+        apart = _apart(release, found.release)
+        easier = found.release  # which may begin anywhere
         places += [between(release.p_W, found.release.p_W, share) for share in NEARER_SHARES]
     nearer = [replace(problem, release=replace(easier, p_W=place)) for place in places]
     nearer = [each for each in nearer if _apart(release, each.release) < apart and not _same(release, each.release)]
@@ -231,7 +245,8 @@ def _around(problem: ThrowProblem, p_W: Array, is_obstructed: bool) -> Iterator[
         yield from (p_W + d * ahead for d in BEYOND_M)
         across = np.array([-ahead[1], ahead[0], 0.0])
         yield from (p_W + side * d * across for d in BESIDE_M for side in (1.0, -1.0) if is_obstructed)
-    floor_z, boxes = problem.cell.surroundings.floor_z_m, problem.cell.surroundings.keep_out
+    floor_z = problem.cell.surroundings.floor_z_m
+    boxes = problem.cell.surroundings.keep_out
     yield from (p_W - [0.0, 0.0, d] for d in LOWER_M if is_obstructed and p_W[2] - d >= floor_z)
     yield from (np.array([*p_W[:2], box.upper[2]]) for box in boxes if box.depth(p_W) >= 0.0)
 
@@ -289,7 +304,8 @@ def _with_own_window(problem: ThrowProblem, nominal: CertifiedSolution) -> Throw
         return replace(problem, release_window_s=0.0)
     if certify(problem, motion).valid:
         return problem
-    kept, failed = 0.0, problem.release_window_s
+    kept = 0.0
+    failed = problem.release_window_s
     for _ in range(BISECTIONS):
         window_s = (kept + failed) / 2.0
         if certify(replace(problem, release_window_s=window_s), motion).valid:
@@ -328,7 +344,8 @@ def _feasible_shares(
     first = feasibility.motion(replace(problem, release=relaxation(0.0)), thorough)
     if first is None:
         return []
-    feasible, failed = [(0.0, first)], [1.0]
+    feasible = [(0.0, first)]
+    failed = [1.0]
     for _ in range(BISECTIONS):
         if feasibility.exhausted:
             break
@@ -376,7 +393,8 @@ def _moved_between(release: PlacedRelease, near: Array, far: Array, share: float
 
 def _towards_start(problem: ThrowProblem, release: Release, share: float) -> Release:
     """Returns the release drawn towards a standstill at the start."""
-    share, X_W0 = max(share, SHARE_MIN), tool_pose(problem.cell, problem.start)
+    share = max(share, SHARE_MIN)
+    X_W0 = tool_pose(problem.cell, problem.start)
     match release:
         case JointRelease(q, qd):
             return JointRelease(between(problem.start, q, share), share * qd)

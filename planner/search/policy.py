@@ -38,7 +38,8 @@ from planner.seeds import ASPECTS
 ASPECT_SEEDS = SEEDS_AN_ASPECT * ASPECTS  # candidates that there are in the order of the aspects
 # [-] Iterations of a search after which one more motion of the answer's aspect is sought: few, as that takes little
 # time, or many, as such answers are late more often. After still more it would add to the slowest searches.
-FEW_ITERATIONS, FEW_ITERATIONS_AT_POINT = 60, 40
+FEW_ITERATIONS = 60
+FEW_ITERATIONS_AT_POINT = 40
 MANY_ITERATIONS = range(151, 301)
 ANSWER_ITERATIONS = 400  # [-] the same after which the answer is not solved again
 SEEDS_MAX = 5  # candidates that the last seeds are of, in the order of the ranking

@@ -60,7 +60,8 @@ def farthest_target_m(problem: ThrowProblem) -> float | None:
         problem: of a target; its height counts.
     """
     assert isinstance(problem.release, TargetRelease)
-    shoulder, target = shoulder_position(problem.cell), problem.release.p_W
+    shoulder = shoulder_position(problem.cell)
+    target = problem.release.p_W
 
     def is_out_of_range(distance: float) -> bool:
         place = np.array([shoulder[0] + distance, shoulder[1], target[2]])
@@ -70,9 +71,11 @@ def farthest_target_m(problem: ThrowProblem) -> float | None:
 
     if is_out_of_range(0.0):
         return None
-    within, beyond = 0.0, 1.0
+    within = 0.0
+    beyond = 1.0
     while not is_out_of_range(beyond):
-        within, beyond = beyond, 2.0 * beyond
+        within = beyond
+        beyond = 2.0 * beyond
     while beyond - within > RANGE_STEP_M:
         middle = (within + beyond) / 2.0
         within, beyond = (within, middle) if is_out_of_range(middle) else (middle, beyond)
@@ -100,7 +103,8 @@ def _place(problem: ThrowProblem, p_WT: Array) -> list[Violation]:
     """Returns what rules out a tool centre at `p_WT` (3,): the arm's reach, or the held object's surroundings."""
     cell = problem.cell
     shoulder, reach = farthest_from_shoulder(problem)
-    distance, around = float(np.linalg.norm(p_WT - shoulder)), cell.surroundings
+    distance = float(np.linalg.norm(p_WT - shoulder))
+    around = cell.surroundings
     found = []
     if distance > reach + SLACK:
         detail = "distance from the arm's shoulder" + _in_metres(distance)
@@ -130,7 +134,8 @@ def _misfit(problem: ThrowProblem) -> list[Violation]:
 
 def _joint_speeds(problem: ThrowProblem, qd: Array) -> list[Violation]:
     """Returns the joints whose velocities `qd` (6,) at the release exceed their limits."""
-    limits, names = problem.limits.qd_max, problem.cell.robot.joint_names
+    limits = problem.limits.qd_max
+    names = problem.cell.robot.joint_names
     return [
         Violation("joint_velocity", float(abs(qd[i])), float(limits[i]), "rad/s", detail=f"{names[i]} at the release")
         for i in np.flatnonzero(np.abs(qd) > limits + SLACK)
@@ -139,7 +144,8 @@ def _joint_speeds(problem: ThrowProblem, qd: Array) -> list[Violation]:
 
 def _speed(problem: ThrowProblem, v_WT: Array, p_WT: Array | None = None) -> list[Violation]:
     """Returns what rules out a tool velocity (3,) [m/s], at a place (3,) where one is given."""
-    speed, limits = float(np.linalg.norm(v_WT)), problem.limits
+    speed = float(np.linalg.norm(v_WT))
+    limits = problem.limits
     if speed > limits.tcp_speed_max + SLACK:
         return [Violation("tcp_speed", speed, limits.tcp_speed_max, "m/s", detail="at the release")]
     fastest = fastest_tool(problem, p_WT)
@@ -154,7 +160,8 @@ def fastest_tool(problem: ThrowProblem, p_WT: Array | None = None) -> float:
 
     At a given place (3,) the lever of the first joint is the distance from its axis.
     """
-    lever, X_WB = body_model(problem.cell).tool_lever.copy(), problem.cell.X_WB
+    lever = body_model(problem.cell).tool_lever.copy()
+    X_WB = problem.cell.X_WB
     if p_WT is not None:
         p_BT = X_WB[:3, :3].T @ (p_WT - X_WB[:3, 3])
         lever[0] = min(lever[0], float(np.hypot(p_BT[0], p_BT[1])) + SLACK)
@@ -168,7 +175,8 @@ def _in_metres(distance_m: float) -> str:
 
 def _turning(problem: ThrowProblem, w_WT: Array) -> list[Violation]:
     """Returns what rules out a tool's angular velocity (3,) [rad/s]: the joints' velocities add up at best."""
-    speed, fastest = float(np.linalg.norm(w_WT)), float(problem.limits.qd_max.sum())
+    speed = float(np.linalg.norm(w_WT))
+    fastest = float(problem.limits.qd_max.sum())
     if speed <= fastest + SLACK:
         return []
     detail = "angular velocity at the release; all joints together turn the tool no faster"

@@ -31,7 +31,8 @@ LATE_AT_POINT = 1.3
 # [-] Release time, less the time that an acceleration takes to its limit, over the lower bound of a target's soonest
 # candidate: later throws are stuck in a local minimum. Of 239 targets the 40 slowest by this hold 9 of the 14 answers
 # that are more than a tenth late, and with a release window the 20 slowest 12 of 16 (by the bound alone, 7 and 9).
-SLOW, SLOW_ROBUST = 1.05, 1.4
+SLOW = 1.05
+SLOW_ROBUST = 1.4
 SLOW_GIVEN = 1.05  # [-] release time over the least bound, where a release state is given
 # [-] The same where the joints are free, as from a given point: of 1,146 one is later by over 1 % than with 1.05.
 SLOW_FREE = 1.15
@@ -129,7 +130,8 @@ class Ranking(Sequence[RankedCandidate]):
         pairs = zip_longest(candidates, motions)
         self.problem, ranked = problem, [RankedCandidate(problem, candidate, given) for candidate, given in pairs]
         self.settled: set[int] = set()
-        self._by_bound, self._others = ranked[:RANKED_MAX], ranked[RANKED_MAX:]
+        self._by_bound = ranked[:RANKED_MAX]
+        self._others = ranked[RANKED_MAX:]
 
     @cached_property
     def _ordered(self) -> list[RankedCandidate]:
@@ -160,7 +162,8 @@ class Ranking(Sequence[RankedCandidate]):
             first = first_rows(aspect)
             yield from (ranked[row] for row in first if aspect[row] not in self.settled)
             rest = np.delete(np.arange(len(ranked)), first)
-            ranked, aspect = [ranked[row] for row in rest], aspect[rest]
+            ranked = [ranked[row] for row in rest]
+            aspect = aspect[rest]
 
     def by_bound(self) -> list[RankedCandidate]:
         """Returns the candidates by ascending lower bound, those with an obstructed path among them."""
@@ -173,8 +176,10 @@ class Ranking(Sequence[RankedCandidate]):
         answer turns some joint the other way. Of a given point those are left out whose lower bound is late beside the
         answer.
         """
-        k, is_point = motion.release_index, isinstance(self.problem.release, PointRelease)
-        qd, aspect = motion.qd[k], int(aspects(self.problem.cell.robot, motion.q[k][None])[0])
+        k = motion.release_index
+        is_point = isinstance(self.problem.release, PointRelease)
+        qd = motion.qd[k]
+        aspect = int(aspects(self.problem.cell.robot, motion.q[k][None])[0])
         latest_s = LATE_AT_POINT * motion.release_time_s if is_point else float("inf")
         soon = [each for each in (*self._ordered, *self._others) if each.candidate.bound_s <= latest_s]
         found = [each for each in soon if not each.tried and self._aspect[each] == aspect]
@@ -208,7 +213,8 @@ class Ranking(Sequence[RankedCandidate]):
 
     def _is_slow_throw(self, release_s: float, bound_s: float) -> bool:
         """Returns whether a throw to a target at `release_s` [s] is slow beside a bound that knows no jerk [s]."""
-        limits, share = self.problem.limits, SLOW_ROBUST if self.problem.is_robust else SLOW
+        limits = self.problem.limits
+        share = SLOW_ROBUST if self.problem.is_robust else SLOW
         return release_s > share * bound_s + float((limits.qdd_max / limits.jerk_max).max())
 
     def least_time(self, ranked: RankedCandidate) -> float:
@@ -261,7 +267,8 @@ class Ranking(Sequence[RankedCandidate]):
 
         A candidate can only arrive after its bound, so the soonest timed one comes before all with a later bound.
         """
-        waiting, timed = self._by_bound[:TIMED_MAX], []
+        waiting = self._by_bound[:TIMED_MAX]
+        timed = []
         while waiting or timed:
             while waiting and (not timed or waiting[0].candidate.bound_s < timed[0].arrival_s):
                 insort(timed, waiting.pop(0), key=lambda ranked: ranked.arrival_s)
@@ -290,7 +297,9 @@ def _flights_clear(ranking: Sequence[RankedCandidate]) -> list[bool]:
     problem = ranking[0].problem if ranking else None
     if problem is None or problem.ends_at_rest or not isinstance(problem.release, PointRelease):
         return [True] * len(ranking)
-    release, body, radius = problem.release, body_model(problem.cell_with_bin), problem.cell.object.radius_m
+    release = problem.release
+    body = body_model(problem.cell_with_bin)
+    radius = problem.cell.object.radius_m
     arc = Arcs.onto(release.p_WT, release.v_WT, problem.plane_z, problem.gravity_at_tool_speed, radius)
     x = path(arc.p, arc.v, np.arange(FLIGHT_STEP_S, float(arc.until_s), FLIGHT_STEP_S), arc.gravity, problem.drag)
     links = np.flatnonzero(body.frames < FLANGE)

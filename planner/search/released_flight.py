@@ -41,7 +41,8 @@ def released_flight_blocked(problem: ThrowProblem) -> Violation | None:
 
 def _comes_from_above(problem: ThrowProblem, box: int, x: Array, gaps: Array) -> bool:
     """Returns whether a flight with centres x (n, 3) and gaps (n,) [m] is over the top of a box before they touch."""
-    met, last_clear = problem.cell.surroundings.keep_out[box], x[max(int((gaps < 0.0).argmax()) - 1, 0)]
+    met = problem.cell.surroundings.keep_out[box]
+    last_clear = x[max(int((gaps < 0.0).argmax()) - 1, 0)]
     over = (last_clear[:2] >= met.lower[:2]) & (last_clear[:2] <= met.upper[:2])
     return bool(over.all() and last_clear[2] > met.upper[2])
 
@@ -71,7 +72,8 @@ def _centres(problem: ThrowProblem, p: Array, v: Array, t: Array) -> tuple[Array
     touch_s = touchdown_s(p, v, problem.plane_z, problem.cell.object.radius_m, problem.gravity, problem.drag)
     assert touch_s is not None
     assert problem.lies_z is not None
-    x, lies = path(p, v, t, problem.gravity, problem.drag), t > touch_s
+    x = path(p, v, t, problem.gravity, problem.drag)
+    lies = t > touch_s
     x[lies, 2] = problem.lies_z
     return x, lies
 

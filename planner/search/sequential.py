@@ -51,7 +51,10 @@ def search_sequential(search: PlanningSearch, backend: str, candidates: list[Can
         backend: a key of `VARIANTS_BY_BACKEND`.
         candidates: by ascending lower bound on the launch time.
     """
-    begun, tried, valid, failure = time.perf_counter(), 0, 0, ""
+    begun = time.perf_counter()
+    tried = 0
+    valid = 0
+    failure = ""
     for candidate in candidates:
         if candidate.bound_s >= search.release_time_s or search.out_of_time:
             break

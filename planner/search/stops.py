@@ -45,7 +45,9 @@ def search_with_stop(search: PlanningSearch, found: Sequence[Candidate]) -> None
         search: without incumbent; updated in place.
         found: candidates of its problem.
     """
-    begun_s, launches, ways = time.perf_counter(), 0, 0
+    begun_s = time.perf_counter()
+    launches = 0
+    ways = 0
     for stop, throw in _launches(search, found):
         launches += 1
         way = _way(search.problem, stop)

@@ -28,7 +28,8 @@ from planner.cell import Cell
 from planner.problem import TargetRelease, ThrowProblem
 
 SLACK = 1e-3  # [m, m/s, rad/s] beyond the certificate's tolerances on release and landing, all below it
-ANGLES, DISTANCES = 240, 80  # [-] parts in which the wrist's turn and the distances from the shoulder are looked at
+ANGLES = 240
+DISTANCES = 80  # [-] parts in which the wrist's turn and the distances from the shoulder are looked at
 DUALS = 17, 25  # [-] values of m and n that are tried
 DUAL_RANGE_RAD_S = (0.1, 100.0)  # [rad/s] of n beside 0
 CELLS_KEPT = 32  # [-] bounds that are cached: of an arm with its tool and its joint limits
@@ -77,7 +78,8 @@ def farthest_reach_from_shoulder(cell: Cell) -> float:
 
     Of a calibrated arm, whose axes are not parallel, the sum of its links.
     """
-    chain, robot = _chain(cell), cell.robot
+    chain = _chain(cell)
+    robot = cell.robot
     if chain is None:
         links = np.hypot(robot.a, robot.d)[1:].sum() + np.linalg.norm(cell.tool.X_FT[:3, 3])
         return float(abs(robot.a[0]) + links)
@@ -93,16 +95,20 @@ def out_of_range(problem: ThrowProblem, release: TargetRelease) -> OutOfRange | 
     The ball of the arm's reach is divided into cubes until a throw from each takes more speed than allowed, or more
     speed away from the shoulder than the joints give, or until one allows both.
     """
-    cell, limits = problem.cell, problem.limits
+    cell = problem.cell
+    limits = problem.limits
     chain = _chain(cell)
     if chain is None or chain.beside > TINY or problem.drag > 0.0:
         return None
-    shoulder, reach = shoulder_position(cell), farthest_reach_from_shoulder(cell)
+    shoulder = shoulder_position(cell)
+    reach = farthest_reach_from_shoulder(cell)
     target = release.p_W - shoulder
     bound = _radial_bound(cell, limits.qd_max[2:5].tobytes())
     fastest = min(limits.tcp_speed_max, release.max_speed_m_s) + SLACK
     gravity = problem.gravity_at_tool_speed
-    places, looked_at, closest = _Places(np.zeros((1, 3)), reach), 0, OutOfRange(math.inf, 0.0)
+    places = _Places(np.zeros((1, 3)), reach)
+    looked_at = 0
+    closest = OutOfRange(math.inf, 0.0)
     while len(places.x):
         looked_at += len(places.x)
         within = np.linalg.norm(places.x, axis=1) <= reach
@@ -156,7 +162,9 @@ def _least_radial_speed(places: _Places, target: Array, gravity: float, fastest:
         gravity: [m/s^2].
         fastest: allowed speed [m/s].
     """
-    d, away, spread = target - places.x, np.linalg.norm(places.x, axis=1), places.radius + SLACK
+    d = target - places.x
+    away = np.linalg.norm(places.x, axis=1)
+    spread = places.radius + SLACK
     length = np.linalg.norm(d, axis=1)
     budget = fastest**2 - gravity * (d[:, 2] - spread)
     root = budget**2 - (gravity * np.maximum(length - spread, 0.0)) ** 2
@@ -165,7 +173,8 @@ def _least_radial_speed(places: _Places, target: Array, gravity: float, fastest:
     shortest, longest = (np.sqrt(2.0 * np.maximum(budget + s * root, 0.0)) / gravity for s in (-1.0, 1.0))
     turned = np.where(away > spread, np.sqrt(2.0) * spread / np.maximum(away, spread), 2.0)  # chord of asin(share)
     u = places.x / np.maximum(away, TINY)[:, None]
-    along, up = (d * u).sum(axis=1) - spread - turned * (length + spread), u[:, 2] - turned
+    along = (d * u).sum(axis=1) - spread - turned * (length + spread)
+    up = u[:, 2] - turned
     flat = np.sqrt(2.0 * np.maximum(along, 0.0) / (gravity * np.maximum(up, TINY)))
     durations = [shortest, longest, np.clip(np.where(up > 0.0, flat, longest), shortest, longest)]
     least = np.min([along / np.maximum(t, TINY) + gravity * t * up / 2.0 for t in durations], axis=0)
@@ -175,13 +184,16 @@ def _least_radial_speed(places: _Places, target: Array, gravity: float, fastest:
 @lru_cache(maxsize=CELLS_KEPT)
 def _radial_bound(cell: Cell, speeds: bytes) -> _RadialBound:
     """Returns the bound for the speed limits of joints 3 to 5, as bytes [rad/s]."""
-    chain, (w3, w4, w5) = _chain(cell), np.frombuffer(speeds) + SLACK
+    chain = _chain(cell)
+    (w3, w4, w5) = np.frombuffer(speeds) + SLACK
     assert chain is not None
     edges = np.linspace(0.0, farthest_reach_from_shoulder(cell), DISTANCES + 1)
-    low, high = edges[:-1, None], edges[1:, None]
+    low = edges[:-1, None]
+    high = edges[1:, None]
     turn, half = _turns()
     across = np.abs(chain.offset + chain.tool * np.sin(turn))
-    most_across, least_across = across + half * chain.tool, np.maximum(across - half * chain.tool, 0.0)
+    most_across = across + half * chain.tool
+    least_across = np.maximum(across - half * chain.tool, 0.0)
     wrist = np.hypot(chain.wrist, chain.tool * np.cos(turn)) + half * chain.tool
     shortest = np.sqrt(np.maximum(low**2 - most_across**2, 0.0))
     longest = np.sqrt(np.maximum(high**2 - least_across**2, 0.0))
@@ -216,7 +228,8 @@ def _turns() -> tuple[Array, float]:
 
 def _chain(cell: Cell) -> _Chain | None:
     """Returns the chain behind the shoulder; None for an arm whose axes 2 to 4 are not parallel."""
-    robot, tcp = cell.robot, cell.tool.X_FT[:3, 3]
+    robot = cell.robot
+    tcp = cell.tool.X_FT[:3, 3]
     if robot.fixed is not None or robot.a[0] != 0.0 or robot.d[1] != 0.0 or robot.d[2] != 0.0:
         return None
     lengths = (abs(float(robot.d[3])), abs(float(robot.d[4])), abs(float(robot.d[5] + tcp[2])))

@@ -42,8 +42,10 @@ from planner.seeds import Candidate, candidates
 
 # [s] The jerk is halved until an acceleration takes as long to its limit; requests that are looser come to that, too.
 RAMP_S = 0.1
-HALVINGS_MIN, HALVINGS_MAX = 2, 5  # [-] times that it is halved; each is a search or two
-FEW_HALVINGS_TO_TARGET, FEW_HALVINGS = 2, 1  # [-] times where something was optimised
+HALVINGS_MIN = 2
+HALVINGS_MAX = 5  # [-] times that it is halved; each is a search or two
+FEW_HALVINGS_TO_TARGET = 2
+FEW_HALVINGS = 1  # [-] times where something was optimised
 TINY_S = 1e-9  # [s] stands for the ramp of an infinite jerk
 TORQUE = frozenset({"effort"})  # rows without which a throw's first solution is often far from any that has them
 # [-] of jerk and acceleration, for Ruckig's motions to a given state. Of 701 poses 173 have a sooner arrival by one of
@@ -86,7 +88,8 @@ def search_from_nominal(search: PlanningSearch) -> None:
     Args:
         search: with a window and without an incumbent; updated in place.
     """
-    begun_s, problem = time.perf_counter(), replace(search.problem, release_window_s=0.0)
+    begun_s = time.perf_counter()
+    problem = replace(search.problem, release_window_s=0.0)
     inner = PlanningSearch(problem, search.deadline_s)
     try:
         search_thoroughly(inner, candidates(problem))
@@ -97,7 +100,8 @@ def search_from_nominal(search: PlanningSearch) -> None:
     found = inner.by_rank()
     search.log_attempt("casadi", f"without the release window: {counted(len(found), 'motion')} certified", begun_s)
     if found:
-        known, best = search.nominal, certified(found[0].backend, search.problem, found[0].solution)
+        known = search.nominal
+        best = certified(found[0].backend, search.problem, found[0].solution)
         search.consider(best)
         search.nominal = known or best  # what is known may have a window of its own
         motions = [each.solution.trajectory for each in found]
@@ -146,7 +150,8 @@ def search_again(search: PlanningSearch, ranking: Ranking) -> None:
         search: updated in place.
         ranking: of its problem's candidates.
     """
-    begun_s, problem = time.perf_counter(), search.problem
+    begun_s = time.perf_counter()
+    problem = search.problem
     ways = _ways(search)
     gained = [way.name for way in ways if _gains(search, way.ranking, FIRST_AGAIN_POLICY, way.held)]
     if search.incumbent is None or (problem.is_robust and _is_slow(search, ranking)):
@@ -276,7 +281,8 @@ def _gains(
     """
     if ranking is None or search.out_of_time or search.is_optimal:
         return False
-    inner, before_s = search.continued(ranking.problem, held), search.release_time_s
+    inner = search.continued(ranking.problem, held)
+    before_s = search.release_time_s
     search_optimised(inner, ranking, policy)
     search.iterations += inner.iterations
     search.extend_deadline(inner.loading_s)

@@ -24,7 +24,9 @@ def best_with_way_home(search: PlanningSearch) -> tuple[CertifiedSolution, Appro
         Infeasible: no motion has one; the violation `way_home` names what blocks the straight move from the best one.
         SolverFailed: the same, of a search that the time limit ended, or that left motions untried for want of time.
     """
-    begun_s, blocked, motions = time.perf_counter(), [], search.by_rank()[:MOTIONS_MAX]
+    begun_s = time.perf_counter()
+    blocked = []
+    motions = search.by_rank()[:MOTIONS_MAX]
     for motion in motions:
         way, failures = find_way_home(search.problem, motion)
         if way is not None:
@@ -35,7 +37,8 @@ def best_with_way_home(search: PlanningSearch) -> tuple[CertifiedSolution, Appro
         if search.out_of_time:
             break
     search.log_attempt("approach", f"way home: none from {counted(len(blocked), 'motion')}", begun_s)
-    violations, log = [_violation(blocked[0], len(blocked))], [attempt.__dict__ for attempt in search.attempts]
+    violations = [_violation(blocked[0], len(blocked))]
+    log = [attempt.__dict__ for attempt in search.attempts]
     if search.was_cut_short or len(blocked) < len(motions):
         raise SolverFailed(TIME_LIMIT, search.iterations, log, violations)
     raise Infeasible(violations, attempts=log)
@@ -46,13 +49,15 @@ def find_way_home(problem: ThrowProblem, motion: CertifiedSolution) -> tuple[App
 
     Without one, the checks that a straight move home fails.
     """
-    cell, end = problem.cell_with_bin, motion.solution.trajectory.q[-1]
+    cell = problem.cell_with_bin
+    end = motion.solution.trajectory.q[-1]
     return find_approach(cell, end, cell.home, with_object=problem.ends_at_rest)
 
 
 def _violation(failures: tuple[Check, ...], tried: int) -> Violation:
     """Returns what blocks the way home from the best of the motions that were tried."""
     worst = failures[0]
-    motions, straight = counted(tried, "certified motion"), obstacle_words(failures)
+    motions = counted(tried, "certified motion")
+    straight = obstacle_words(failures)
     detail = f"no certified way to the cell's home from the end of {motions}; a straight move: {straight}"
     return Violation("way_home", worst.value, worst.limit, worst.unit, worst.at_s, detail)

@@ -37,11 +37,13 @@ def least_times_to_aspects(problem: ThrowProblem) -> Array:
     In a time t every joint alone gets no farther than `farthest`. The signed distances are sums of cosines of angles
     that are sums of joint positions, so their largest values within those ranges follow in closed form.
     """
-    robot, start = problem.cell.robot, problem.start
+    robot = problem.cell.robot
+    start = problem.start
     d = farthest(TIMES_S, problem.limits).T
     lift, elbow, turn = np.cumsum(start[1:4])
     links = np.array([robot.a[1], robot.a[2], robot.d[4]])
-    angles, ranges = np.array([lift, elbow, turn - np.pi / 2.0]), np.cumsum(d[1:4], axis=0)
+    angles = np.array([lift, elbow, turn - np.pi / 2.0])
+    ranges = np.cumsum(d[1:4], axis=0)
     scale = abs(robot.a[1]) + abs(robot.a[2])
     bound = np.zeros(ASPECTS)
     for side in (-1.0, 1.0):
@@ -62,12 +64,15 @@ def farthest(t: Array, limits: Limits) -> Array:
 
     Full jerk until the limit on acceleration is reached, that until the limit on velocity is, and that.
     """
-    v, a, j = limits.qd_max, limits.qdd_max, limits.jerk_max
+    v = limits.qd_max
+    a = limits.qdd_max
+    j = limits.jerk_max
     rise = np.minimum(a / j, np.sqrt(2.0 * v / j))
     top = np.minimum(a, j * rise)
     cruise = np.maximum(rise + (v - j * rise**2 / 2.0) / top, rise)
     first, second, third = (np.clip(t[:, None] - begin, 0.0, None) for begin in (0.0, rise, cruise))
-    first, second = np.minimum(first, rise), np.minimum(second, cruise - rise)
+    first = np.minimum(first, rise)
+    second = np.minimum(second, cruise - rise)
     return j * first**3 / 6.0 + j * rise**2 / 2.0 * second + top * second**2 / 2.0 + v * third
 
 

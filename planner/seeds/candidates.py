@@ -141,9 +141,11 @@ def _target_candidates(problem: ThrowProblem, release: TargetRelease, wide: bool
     if not wide:
         return _usable(problem, _distinct(*target_states(problem, release, wide=False)))
     try:
-        found, refusal = _usable(problem, _distinct(*target_states(problem, release))), None
+        found = _usable(problem, _distinct(*target_states(problem, release)))
+        refusal = None
     except Infeasible as error:
-        found, refusal = [], error
+        found = []
+        refusal = error
     if len(found) < FEW_CANDIDATES and release.release_position is None and has_flight_obstacles(problem):
         try:
             return _usable(problem, _distinct(*target_states(problem, release, thorough=True)))
@@ -185,11 +187,13 @@ def _usable(problem: ThrowProblem, states: States) -> list[Candidate]:
     """
     if len(states.q) == 0:
         raise Infeasible([Violation("joint_position", 0.0, 1.0, "1", detail=NO_STATES)])
-    kept, counts = states, []
+    kept = states
+    counts = []
     try:
         for words, sieve in SIEVES:
             counts.append(f"none {words}")
-            before, kept = kept, kept.at(sieve(problem, kept))
+            before = kept
+            kept = kept.at(sieve(problem, kept))
             counts[-1:] = [f"{len(kept.q)} {words}"] if len(kept.q) < len(before.q) else []
         counts.append("none clear of everything")
         bound = least_time(kept.q - problem.start, kept.qd, problem.limits)
@@ -213,7 +217,9 @@ def _clear(problem: ThrowProblem, states: States, bound: Array) -> list[Candidat
 
     Of states that are all distinct, the soonest of every aspect are looked at too.
     """
-    kind, good, least = problem.release.__class__.__name__, [], np.empty(0)
+    kind = problem.release.__class__.__name__
+    good = []
+    least = np.empty(0)
     body = body_model(problem.cell_with_bin)
     for rows, enough in BATCHES:
         if len(good) >= enough or rows.start >= len(bound):
@@ -233,7 +239,8 @@ def _clear(problem: ThrowProblem, states: States, bound: Array) -> list[Candidat
 
 def _check_joint_positions(problem: ThrowProblem, release: JointRelease) -> None:
     """Raises `NoCandidates` with every joint position that is outside its limits."""
-    limits, q = problem.limits, release.q
+    limits = problem.limits
+    q = release.q
     outside = np.flatnonzero((q < limits.q_lower - POSITION_SLACK) | (q > limits.q_upper + POSITION_SLACK))
     if len(outside):
         violations = [_joint_violation(problem, joint, q[joint]) for joint in outside.tolist()]
@@ -242,7 +249,8 @@ def _check_joint_positions(problem: ThrowProblem, release: JointRelease) -> None
 
 def _joint_violation(problem: ThrowProblem, joint: int, q: float) -> Violation:
     """Returns the violation by a joint's position `q` [rad] outside its limits."""
-    lower, upper = problem.limits.q_lower[joint], problem.limits.q_upper[joint]
+    lower = problem.limits.q_lower[joint]
+    upper = problem.limits.q_upper[joint]
     detail = f"{problem.cell.robot.joint_names[joint]} at the release{unit_hint(q)}"
     return Violation("joint_position", float(q), float(lower if q < lower else upper), "rad", detail=detail)
 
@@ -253,7 +261,8 @@ def _pose_states(problem: ThrowProblem, release: PoseRelease) -> States:
     Raises:
         Infeasible: the pose is out of reach, or no branch is inside the joint limits.
     """
-    cell, limits = problem.cell, problem.limits
+    cell = problem.cell
+    limits = problem.limits
     X_BT = invert_pose(cell.X_WB) @ release.X_WT
     found = inverse(cell.robot, X_BT, cell.tool.X_FT, limits.q_lower, limits.q_upper)
     if found.reach_excess_m > 0.0:

@@ -60,7 +60,8 @@ def clear_flights(problem: ThrowProblem, release: TargetRelease, p: Array, v: Ar
 
 def _rooms(problem: ThrowProblem, release: TargetRelease, p: Array, v: Array) -> Iterator[tuple[str, Array]]:
     """Yields what a flight may meet, and the room (...,) [m] that the flights leave it; negative where it lacks."""
-    around, beside_base = problem.cell.surroundings, _lands_beside_base(problem, release)
+    around = problem.cell.surroundings
+    beside_base = _lands_beside_base(problem, release)
     if not beside_base and not has_flight_obstacles(problem):
         return
     p = np.broadcast_to(p, v.shape)
@@ -107,12 +108,15 @@ def _room_lying(problem: ThrowProblem, release: TargetRelease, box: Box, whole: 
 
     Infinite for a target in the air or in a bin, and beside a box no higher than what the object lies on.
     """
-    room, radius = np.full(whole.until_s.shape, np.inf), whole.radius_m
+    room = np.full(whole.until_s.shape, np.inf)
+    radius = whole.radius_m
     if problem.lies_z is None or not problem.is_met_lying(box.upper[2]):
         return room
-    touched, target = whole.at(whole.until_s) - problem.aim_shift, release.p_W - problem.aim_shift
+    touched = whole.at(whole.until_s) - problem.aim_shift
+    target = release.p_W - problem.aim_shift
     touched[..., 2] = target[2] = problem.lies_z
-    lower, upper = np.minimum(touched, target) - radius, np.maximum(touched, target) + radius
+    lower = np.minimum(touched, target) - radius
+    upper = np.maximum(touched, target) + radius
     near = ((lower < box.upper) & (upper > box.lower)).all(axis=-1)
     room[near] = segment_box_distance(touched[near], target, box.lower, box.upper) - radius
     return room
@@ -182,7 +186,8 @@ def leave_through_opening(problem: ThrowProblem, q: Array, qd: Array) -> Mask:
         q: joint positions (n, 6) [rad].
         qd: joint velocities (n, 6) [rad/s].
     """
-    cell, gripper = problem.cell, problem.cell.gripper
+    gripper = problem.cell.gripper
+    cell = problem.cell
     if gripper.opening_direction is None or gripper.opening_cone_rad is None:
         return np.ones(len(q), dtype=bool)
     links = LinkMotion(link_poses(cell.robot, q, cell.X_WB), qd, np.zeros_like(q))

@@ -16,7 +16,8 @@ from planner.flight import elevation, launch_velocity, slowest_time, time_at_ele
 from planner.problem import TargetRelease, ThrowProblem
 from planner.seeds.flight_filter import clear_flights, flight_times
 
-TIMES_FROM_A_PLACE, TIMES_TRIED = np.geomspace(0.4, 3.0, 200), 8  # [-], see `_times_from`; 3.0: 84 degrees on a plane
+TIMES_FROM_A_PLACE = np.geomspace(0.4, 3.0, 200)
+TIMES_TRIED = 8  # [-], see `_times_from`; 3.0: 84 degrees on a plane
 ROUNDING_RAD = 1e-6  # [rad] that an elevation may lie beyond its bounds: a hundredth of what the certificate allows
 ELEVATION_ROUNDS = 8  # [-] corrections of a flight's time for drag at most; four are enough for a table tennis ball
 FARTHEST_RAD = 0.2  # [rad] that a secant moves an elevation at most
@@ -43,7 +44,9 @@ def _within_elevations(problem: ThrowProblem, release: TargetRelease, p: Array, 
 
     NaN where no flight keeps them and falls on the target.
     """
-    gravity, low, high = problem.gravity_at_tool_speed, release.min_elevation_rad, release.max_elevation_rad
+    gravity = problem.gravity_at_tool_speed
+    low = release.min_elevation_rad
+    high = release.max_elevation_rad
     if low > -math.pi / 2:
         t = np.fmax(t, time_at_elevation(p, release.p_W, low, gravity))
     if high < math.pi / 2:
@@ -72,9 +75,12 @@ def with_drag(problem: ThrowProblem, release: TargetRelease, p: Array, t: Array)
     They take the times t (n,) [s], but for those whose elevation would be beyond the requested ones: that is theirs.
     Their time is that of a drag-free flight at another elevation, which is found by secants.
     """
-    gravity, low, high = problem.gravity_at_tool_speed, release.min_elevation_rad, release.max_elevation_rad
+    gravity = problem.gravity_at_tool_speed
+    low = release.min_elevation_rad
+    high = release.max_elevation_rad
     v = launch_velocity(p, release.p_W, t, gravity, problem.drag)
-    flown, without = elevation(v), elevation(launch_velocity(p, release.p_W, t, gravity))
+    flown = elevation(v)
+    without = elevation(launch_velocity(p, release.p_W, t, gravity))
     wanted = np.clip(flown, low, high)
     off = flown - wanted
     change = -off
@@ -85,7 +91,8 @@ def with_drag(problem: ThrowProblem, release: TargetRelease, p: Array, t: Array)
         without[rows] += change[rows]
         t = time_at_elevation(p[rows], release.p_W, without[rows], gravity)
         v[rows] = np.nan
-        timed, before = rows[np.isfinite(t)], off.copy()
+        timed = rows[np.isfinite(t)]
+        before = off.copy()
         if len(timed) > 0:
             v[timed] = launch_velocity(p[timed], release.p_W, t[np.isfinite(t)], gravity, problem.drag)
         off[rows] = elevation(v[rows]) - wanted[rows]
@@ -100,7 +107,8 @@ def _times_from(problem: ThrowProblem, release: TargetRelease, p: Array) -> Arra
     They are spread over those that are allowed and clear, which may be few; if none is, over all.
     """
     found, allowed = _launches_in(problem, release, p[None], TIMES_FROM_A_PLACE)
-    v, kept = found[:, 0], allowed[:, 0]
+    v = found[:, 0]
+    kept = allowed[:, 0]
     kept[kept] = clear_flights(problem, release, np.tile(p, (len(v), 1))[kept], v[kept])
     times = TIMES_FROM_A_PLACE[kept] if kept.any() else TIMES_FROM_A_PLACE
     return times[np.unique(np.linspace(0, len(times) - 1, TIMES_TRIED).round().astype(int))]
@@ -108,7 +116,8 @@ def _times_from(problem: ThrowProblem, release: TargetRelease, p: Array) -> Arra
 
 def allowed_velocity(problem: ThrowProblem, release: TargetRelease, v: Array) -> Mask:
     """Returns the mask of the release velocities (..., 3) within the requested elevations and the limits on speed."""
-    low, high = release.min_elevation_rad - ROUNDING_RAD, release.max_elevation_rad + ROUNDING_RAD
+    low = release.min_elevation_rad - ROUNDING_RAD
+    high = release.max_elevation_rad + ROUNDING_RAD
     angle = elevation(v)
     return (angle >= low) & (angle <= high) & (np.linalg.norm(v, axis=-1) <= _speed_limit(problem, release))
 

@@ -38,7 +38,8 @@ def neighbour_candidates(problem: ThrowProblem, releases: Sequence[ReleaseState]
 def _redirected(problem: ThrowProblem, q: Array, qd: Array) -> Array | None:
     """Returns joint velocities (6,) near `qd` whose flight ends at the target; None where the throw does not land."""
     assert isinstance(problem.release, TargetRelease)
-    state, R_WB = tool_state(problem.cell, q, qd), problem.cell.X_WB[:3, :3]
+    state = tool_state(problem.cell, q, qd)
+    R_WB = problem.cell.X_WB[:3, :3]
     flight = fly(state.p_WT, state.v_WT, problem.plane_z, problem.gravity_at_tool_speed, problem.drag)
     if flight is None:
         return None

@@ -20,10 +20,13 @@ def _halton(count: int, dimension: int) -> Array:
     primes = (2, 3, 5, 7, 11, 13)[:dimension]
     columns = []
     for prime in primes:
-        index, value, scale = np.arange(1, count + 1), np.zeros(count), 1.0 / prime
+        index = np.arange(1, count + 1)
+        value = np.zeros(count)
+        scale = 1.0 / prime
         while index.any():
             value += scale * (index % prime)
-            index, scale = index // prime, scale / prime
+            index = index // prime
+            scale = scale / prime
         columns.append(value)
     return read_only(np.stack(columns, axis=1))
 
@@ -31,8 +34,10 @@ def _halton(count: int, dimension: int) -> Array:
 def quaternions(count: int) -> Array:
     """Returns evenly spread unit quaternions (count, 4). Source: Shoemake, Graphics Gems III (1992), p. 124."""
     u = _halton(count, 3)
-    angle_1, angle_2 = 2.0 * np.pi * u[:, 1], 2.0 * np.pi * u[:, 2]
-    low, high = np.sqrt(1.0 - u[:, 0]), np.sqrt(u[:, 0])
+    angle_1 = 2.0 * np.pi * u[:, 1]
+    angle_2 = 2.0 * np.pi * u[:, 2]
+    low = np.sqrt(1.0 - u[:, 0])
+    high = np.sqrt(u[:, 0])
     return np.stack(
         [low * np.sin(angle_1), low * np.cos(angle_1), high * np.sin(angle_2), high * np.cos(angle_2)], axis=1
     )

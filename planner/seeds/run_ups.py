@@ -21,11 +21,13 @@ FLIGHT_SHARES = read_only([0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.12, 1.25, 1.4, 1.6]) 
 SHORTEST_FLIGHT_S = 1e-3  # [s] of the slowest throw to a target that is where the tool is
 STEPS = 12  # of the iteration; most throws change by less than a tick after eight
 FIRST_S = 0.2  # [s] duration at first
-SHORTEST_S, LONGEST_S = 0.02, 1.2  # [s] durations considered
+SHORTEST_S = 0.02
+LONGEST_S = 1.2  # [s] durations considered
 ONES = read_only(np.ones(6))
 CHANGE = 0.7  # [-] exponent of the largest share in the change of the duration: with 1 some iterations swing
 # Machines, and the C kernel and numpy, differ in the last bits, which steps would multiply: each is rounded.
-DECIMALS, TIE_S = 9, 1e-9
+DECIMALS = 9
+TIE_S = 1e-9
 
 
 def run_ups(problem: ThrowProblem, release: TargetRelease) -> tuple[Array, Array]:
@@ -39,16 +41,24 @@ def run_ups(problem: ThrowProblem, release: TargetRelease) -> tuple[Array, Array
         problem: its start, limits and cell.
         release: the target.
     """
-    reachable, limits, gravity = problem.reachable, problem.limits, problem.gravity_at_tool_speed
-    X_BW, count = invert_pose(problem.cell.X_WB), len(FLIGHT_SHARES)
-    target, up = X_BW[:3, :3] @ release.p_W + X_BW[:3, 3], X_BW[:3, 2]  # in the base, like p and v
-    w, T = np.zeros((count, 6)), np.full(count, FIRST_S)
-    q_best, qd_best, least = np.zeros((count, 6)), np.zeros((count, 6)), np.full(count, np.inf)
+    reachable = problem.reachable
+    limits = problem.limits
+    gravity = problem.gravity_at_tool_speed
+    X_BW = invert_pose(problem.cell.X_WB)
+    count = len(FLIGHT_SHARES)
+    target = X_BW[:3, :3] @ release.p_W + X_BW[:3, 3]
+    up = X_BW[:3, 2]  # in the base, like p and v
+    w = np.zeros((count, 6))
+    T = np.full(count, FIRST_S)
+    q_best = np.zeros((count, 6))
+    qd_best = np.zeros((count, 6))
+    least = np.full(count, np.inf)
     for step in range(STEPS):
         q = np.clip(problem.start + w * (T / 2.0)[:, None], reachable.q_lower, reachable.q_upper)
         p, J = tool_motion(problem, q)
         t = FLIGHT_SHARES * np.maximum(slowest_time(p, target, gravity), SHORTEST_FLIGHT_S)
-        v, moved = (target - p) / t[:, None] + np.multiply.outer(0.5 * gravity * t, up), tool_velocity(J, w)
+        v = (target - p) / t[:, None] + np.multiply.outer(0.5 * gravity * t, up)
+        moved = tool_velocity(J, w)
         if step > 0:
             qd = w + allocate_velocity(J, v - moved, limits.qd_max)
             bound = penalised_bound(problem, q, qd)

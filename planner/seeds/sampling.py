@@ -42,7 +42,8 @@ from planner.seeds.throwing_postures import MORE_POSTURES, POSTURES, throwing, t
 from planner.seeds.velocity_allocation import allocate_velocity, balanced_velocity, tool_jacobian, tool_velocity
 
 ORIENTATIONS = 96  # tool orientations tried at a point
-MORE_ORIENTATIONS, FEW_POSTURES = 1024, 24  # tried instead where those give fewer postures: narrow joint limits
+MORE_ORIENTATIONS = 1024
+FEW_POSTURES = 24  # tried instead where those give fewer postures: narrow joint limits
 FEW_SLOW = 6  # throws within the speed limits; fewer call for more postures where the elevations are bounded
 CHECKED_MAX = 1536  # soonest of these states whose clearance is checked before they are compared: 40 ms
 
@@ -92,7 +93,8 @@ class _Leaving:
 
 def _with_velocity(problem: ThrowProblem, q: Array, v_WT: Array, reduced: bool = True) -> Array:
     """Returns the joint velocities (n, 6) with which the tool has the velocity `v_WT` (3,) in postures `q` (n, 6)."""
-    v_B, wanted = problem.cell.X_WB[:3, :3].T @ v_WT, np.full(len(q), reduced)
+    v_B = problem.cell.X_WB[:3, :3].T @ v_WT
+    wanted = np.full(len(q), reduced)
     return allocate_velocity(tool_jacobian(problem, q), v_B, problem.limits.qd_max, wanted)
 
 
@@ -101,7 +103,9 @@ def _at_point(problem: ThrowProblem, p_WT: Array, q: Array) -> Array:
 
     NaN where there is none, or it is too near a singularity.
     """
-    cell, limits, turn = problem.cell, problem.reachable, 2.0 * np.pi
+    cell = problem.cell
+    limits = problem.reachable
+    turn = 2.0 * np.pi
     X_WT = tool_pose(cell, q)
     X_WT[:, :3, 3] = p_WT
     branches, _ = inverse_branches(cell.robot, invert_pose(cell.X_WB) @ X_WT, cell.tool.X_FT)
@@ -156,7 +160,8 @@ def target_states(
     if thorough:
         q, qd = _clear_of_obstacles(problem, q, qd)
     kept = _Leaving.of(problem, q, qd).keeps(q, qd)
-    q, qd = q[kept], qd[kept]
+    q = q[kept]
+    qd = qd[kept]
     if wide:
         near = partial(_throws_near, problem, release)
         q, qd = soonest_nearby(problem, q, qd, near, towards_run_ups=True)
@@ -268,7 +273,8 @@ def _thrown_from(problem: ThrowProblem, release: TargetRelease, thorough: bool) 
     """
     q, p = throwing_postures(problem, MORE_POSTURES if thorough else POSTURES)
     allowed = far_enough(release, p)
-    q, p = q[allowed], p[allowed]
+    q = q[allowed]
+    p = p[allowed]
     slow = is_slow_enough(problem, release, p)
     if not slow.any():
         raise Infeasible([no_flight(problem, release, p)])
@@ -290,7 +296,8 @@ def _flights(
     v, allowed = launches(problem, release, p, thorough)
     if not allowed.any():
         raise Infeasible([no_flight(problem, release, p)])
-    p, v = np.broadcast_to(p, v.shape)[allowed], v[allowed]
+    p = np.broadcast_to(p, v.shape)[allowed]
+    v = v[allowed]
     raise Infeasible([no_clear_flight(problem, release, p, v, len(p))])
 
 
@@ -307,13 +314,18 @@ def _best_flights(
     rows = np.flatnonzero(ok.any(axis=0))
     if len(rows) == 0:
         return found
-    q, v, ok = q[rows], v[:, rows], ok[:, rows]
+    q = q[rows]
+    v = v[:, rows]
+    ok = ok[:, rows]
     of = np.nonzero(ok)[1]  # posture of every flight
-    J, R_BW = tool_jacobian(problem, q), problem.cell.X_WB[:3, :3].T
+    J = tool_jacobian(problem, q)
+    R_BW = problem.cell.X_WB[:3, :3].T
     allocate = balanced_velocity if balanced else allocate_velocity
     qd = allocate(J[of], v[ok] @ R_BW.T, problem.limits.qd_max)
-    bound, flight = np.full(ok.shape, np.inf), np.zeros(ok.shape, dtype=np.intp)
-    bound[ok], flight[ok] = penalised_bound(problem, q[of], qd), np.arange(len(of))
+    bound = np.full(ok.shape, np.inf)
+    flight = np.zeros(ok.shape, dtype=np.intp)
+    bound[ok] = penalised_bound(problem, q[of], qd)
+    flight[ok] = np.arange(len(of))
     least = bound.argmin(axis=0), np.arange(len(q))
     found[rows] = np.where(ok[least][:, None], qd[flight[least]], np.nan)
     return found
@@ -331,11 +343,13 @@ def blocked_flights(problem: ThrowProblem, release: TargetRelease) -> Violation 
     """Returns what is in the way of all flights from postures in which the arm is clear; None if some are clear."""
     q, p = throwing_postures(problem, MORE_POSTURES)
     far = far_enough(release, p)
-    q, p = q[far], p[far]
+    q = q[far]
+    p = p[far]
     v, allowed = launches(problem, release, p, thorough=True)
     room = np.full(allowed.shape, -np.inf)
     room[allowed] = least_room(problem, release, np.broadcast_to(p, v.shape)[allowed], v[allowed])
-    body, order = body_model(problem.cell_with_bin), np.argsort(-room.max(axis=0), kind="stable")
+    body = body_model(problem.cell_with_bin)
+    order = np.argsort(-room.max(axis=0), kind="stable")
     for rows in (order[i : i + CHECKED_MAX] for i in range(0, len(order), CHECKED_MAX)):
         clear = rows[body.clearances(q[rows]).least >= 0.0]
         if len(clear):
@@ -348,7 +362,8 @@ def blocked_flights(problem: ThrowProblem, release: TargetRelease) -> Violation 
 
 def _with_drag(problem: ThrowProblem, release: TargetRelease, q: Array, qd: Array) -> tuple[Array, Array]:
     """Returns the states (n, 6) whose flights with drag hit the target in the same time, as far as there are any."""
-    p, J = tool_pose(problem.cell, q)[:, :3, 3], tool_jacobian(problem, q)
+    p = tool_pose(problem.cell, q)[:, :3, 3]
+    J = tool_jacobian(problem, q)
     R_WB = problem.cell.X_WB[:3, :3]
     v = tool_velocity(J, qd) @ R_WB.T
     t = time_of_flight(p[:, 2] - release.p_W[2], v[:, 2], problem.gravity_at_tool_speed)
@@ -369,7 +384,8 @@ def _within_limits(limits: Limits, start: Array, q: Array) -> Array:
 
 def _unreachable(problem: ThrowProblem, p_W: Array) -> Violation:
     """Returns why no posture has the tool at a position (3,): its distance, or the joint limits."""
-    distance, reach = float(np.linalg.norm(p_W - problem.cell.X_WB[:3, 3])), farthest_reach(problem)
+    distance = float(np.linalg.norm(p_W - problem.cell.X_WB[:3, 3]))
+    reach = farthest_reach(problem)
     if distance > reach:
         return Violation("reach", distance, reach, "m", detail="distance from the arm's base")
     detail = (

@@ -24,12 +24,15 @@ MOVED = 12  # soonest states that are moved
 # [-] of `joint_offsets`: distances from the soonest states at which sooner ones are looked for, in turn, and how many
 # postures are tried near each. Six dimensions are too many to fill: this brings a point's least lower bound down by a
 # third, twice as many postures by a tenth.
-NEARBY_SHARES, NEARBY = (0.4, 0.15), 12
+NEARBY_SHARES = (0.4, 0.15)
+NEARBY = 12
 # The same where postures on the way to the states' run-ups are tried, too: a target's comes down to a half.
-NEARBY_RUN_UPS_SHARES, NEARBY_RUN_UPS = (0.3, 0.2, 0.1, 0.05), 4
+NEARBY_RUN_UPS_SHARES = (0.3, 0.2, 0.1, 0.05)
+NEARBY_RUN_UPS = 4
 # [-] The same for as long as every state is too fast, the slowest by `A_LITTLE` at most, in 14 ms: of 90 bins and far
 # targets that were refused 11 are answered.
-SLOWER_SHARES, A_LITTLE = 6 * NEARBY_RUN_UPS_SHARES, 1.3
+SLOWER_SHARES = 6 * NEARBY_RUN_UPS_SHARES
+A_LITTLE = 1.3
 RUN_UP_SHARES = np.array([0.3, 0.6, 1.0])  # [-] of that way
 
 StatesNear = Callable[[Array], tuple[Array, Array]]
@@ -52,7 +55,8 @@ def least_time(distance: Array, qd: Array, limits: Limits) -> Array:
 
 def _least_time(distance: Array, qd: Array, v_max: Array, a_max: Array) -> Array:
     turn = np.where(distance >= qd * np.abs(qd) / (2.0 * a_max), 1.0, -1.0)
-    d, v = turn * distance, turn * qd
+    d = turn * distance
+    v = turn * qd
     peak = np.sqrt(np.maximum(a_max * d + v**2 / 2.0, 0.0))
     direct = (2.0 * peak - v) / a_max
     accelerating = (2.0 * v_max**2 - v**2) / (2.0 * a_max)
@@ -119,7 +123,9 @@ def _moved_nearby(
         offsets: of the postures that are tried in turn, each (MOVED, k, 6) [rad].
         towards_run_ups: whether postures on the way to the states' own run-ups are tried, too.
     """
-    q, qd, body = q.copy(), qd.copy(), body_model(problem.cell_with_bin)
+    q = q.copy()
+    qd = qd.copy()
+    body = body_model(problem.cell_with_bin)
     aspect = aspects(problem.cell.robot, q)
     rows = np.union1d(np.arange(min(MOVED, len(q))), first_rows(aspect))
     bound = penalised_bound(problem, q[rows], qd[rows])
@@ -135,8 +141,11 @@ def _moved_nearby(
         moved = np.flatnonzero(near.min(axis=1) < bound)
         best = moved * tried.shape[1] + near[moved].argmin(axis=1)
         clear = body.clearances(near_q[best]).least >= 0.0
-        moved, best = moved[clear], best[clear]
-        q[rows[moved]], qd[rows[moved]], bound[moved] = near_q[best], near_qd[best], near.ravel()[best]
+        moved = moved[clear]
+        best = best[clear]
+        q[rows[moved]] = near_q[best]
+        qd[rows[moved]] = near_qd[best]
+        bound[moved] = near.ravel()[best]
     return q, qd
 
 
@@ -172,7 +181,8 @@ def _example() -> tuple[Array, ...]:
 
 @twin_of(_compiled, _example)
 def _penalised(q: Array, qd: Array, start: Array, v_max: Array, a_max: Array) -> Array:
-    excess, bound = largest_share(qd, v_max), _least_time(q - start, qd, v_max, a_max)
+    excess = largest_share(qd, v_max)
+    bound = _least_time(q - start, qd, v_max, a_max)
     return np.where(np.isnan(excess + bound), np.inf, np.where(excess <= 1.0, bound, TOO_FAST_S * excess))
 
 

@@ -70,7 +70,8 @@ def _unbarred(problem: ThrowProblem, states: States) -> Mask:
     Raises:
         Infeasible: none does; the violation is that of the first.
     """
-    lower, upper = problem.reachable.q_lower, problem.reachable.q_upper
+    lower = problem.reachable.q_lower
+    upper = problem.reachable.q_upper
     barred = np.any((states.q < lower - POSITION_SLACK) | (states.q > upper + POSITION_SLACK), axis=1)
     if barred.all():
         raise Infeasible([_barrier_violation(problem, states.q[0])])
@@ -113,8 +114,10 @@ def _safe(problem: ThrowProblem, states: States) -> Mask:
 
 def _barrier_violation(problem: ThrowProblem, q: Array) -> Violation:
     """Returns the self-collision that every path from the start to the posture `q` (6,) passes through."""
-    cell, names = problem.cell, problem.cell.robot.joint_names
-    low, high = np.minimum(problem.start, q), np.maximum(problem.start, q)
+    names = problem.cell.robot.joint_names
+    cell = problem.cell
+    low = np.minimum(problem.start, q)
+    high = np.maximum(problem.start, q)
     for barrier in barriers(cell.robot, cell.tool.capsules):
         i = barrier.joint
         between = barrier.q[(barrier.q > low[i]) & (barrier.q < high[i])]
@@ -128,13 +131,15 @@ def _barrier_violation(problem: ThrowProblem, q: Array) -> Violation:
 
 def _closest_violation(problem: ThrowProblem, q: Array, qd: Array, excess: Array, distance: Array) -> Violation:
     """Returns the limit broken by the state closest to the limits: a joint's speed or a singularity distance."""
-    limits, names = problem.limits, problem.cell.robot.joint_names
+    limits = problem.limits
+    names = problem.cell.robot.joint_names
     usable = distance >= limits.singularity_distance_min
     if problem.ends_at_rest or usable.any():
         rows = np.flatnonzero(usable) if usable.any() else np.arange(len(q))
         best = int(rows[excess[rows].argmin()])
         joint = int((np.abs(qd[best]) / limits.qd_max).argmax())
-        speed, limit = float(abs(qd[best, joint])), float(limits.qd_max[joint])
+        speed = float(abs(qd[best, joint]))
+        limit = float(limits.qd_max[joint])
         obstacles = flight_obstacles(problem)
         throw = f" of the throw clear of {', '.join(obstacles)} that asks least of the joints" if obstacles else ""
         return Violation("joint_velocity", speed, limit, "rad/s", detail=f"{names[joint]} at the release{throw}")

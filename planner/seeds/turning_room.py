@@ -21,7 +21,8 @@ from planner.kinematics import jacobian
 from planner.problem import JointRelease, ThrowProblem
 
 # [m, rad] and [m/s, rad/s] by which a release may be off: a little more than the certificate's tolerances
-OFF, OFF_PER_S = 1.01e-5, 1.01e-4
+OFF = 1.01e-5
+OFF_PER_S = 1.01e-4
 
 
 def lack_of_room(problem: ThrowProblem, q: Array, qd: Array) -> Array:
@@ -42,9 +43,12 @@ def no_room(problem: ThrowProblem, q: Array, qd: Array) -> Violation:
     best = int(lack.max(axis=1).argmin())
     joint = int(lack[best].argmax())
     is_below = bool(lacks[0][best, joint] >= lacks[1][best, joint])
-    reachable, limits, place = problem.reachable, problem.limits, float(q[best, joint])
+    reachable = problem.reachable
+    limits = problem.limits
+    place = float(q[best, joint])
     bound = float(reachable.q_lower[joint] if is_below else reachable.q_upper[joint])
-    room, speed = abs(place - bound), float(qd[best, joint])
+    room = abs(place - bound)
+    speed = float(qd[best, joint])
     fastest = math.sqrt(2.0 * float(limits.qdd_max[joint]) * room)
     ends = "stop" if (speed < 0.0) == is_below else "get up to speed"
     detail = f"{problem.cell.robot.joint_names[joint]} at the release: it has {room:.3f} rad to {ends}"
@@ -57,7 +61,8 @@ def no_room(problem: ThrowProblem, q: Array, qd: Array) -> Violation:
 
 def _lacks(problem: ThrowProblem, q: Array, qd: Array) -> tuple[Array, Array]:
     """Returns how far each joint turns below and above what is reachable, each (n, 6) [rad]."""
-    turned, reachable = 0.5 * qd**2 / problem.limits.qdd_max, problem.reachable
+    turned = 0.5 * qd**2 / problem.limits.qdd_max
+    reachable = problem.reachable
     lacking = ((q - turned < reachable.q_lower) | (q + turned > reachable.q_upper)).any(axis=1)
     if lacking.any():  # few of a pose's states, mostly none
         turned[lacking] -= _uncertainty(problem, q[lacking], qd[lacking])
@@ -72,7 +77,8 @@ def _uncertainty(problem: ThrowProblem, q: Array, qd: Array) -> Array:
     moves all of them.
     """
     if isinstance(problem.release, JointRelease):
-        dq, dv = np.full((len(q), 1), OFF), np.full((len(q), 1), OFF_PER_S)
+        dq = np.full((len(q), 1), OFF)
+        dv = np.full((len(q), 1), OFF_PER_S)
     else:
         least = np.linalg.svd(jacobian(problem.cell.robot, q, problem.cell.tool.X_FT), compute_uv=False)[:, -1:]
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -113,18 +113,34 @@ def _weighted(J: Array, weight: Array, v: Array, refinements: int = 0) -> Array:
     states. Each refinement adds the solution for what the one before misses of v.
     """
     x, y, z = (J[..., i, :] for i in range(3))
-    wx, wy, wz = weight * x, weight * y, weight * z
-    xx, yy, zz = _dot(wx, x), _dot(wy, y), _dot(wz, z)
-    xy, xz, yz = _dot(wx, y), _dot(wx, z), _dot(wy, z)
+    wx = weight * x
+    wy = weight * y
+    wz = weight * z
+    xx = _dot(wx, x)
+    yy = _dot(wy, y)
+    zz = _dot(wz, z)
+    xy = _dot(wx, y)
+    xz = _dot(wx, z)
+    yz = _dot(wy, z)
     floor = GRAM_FLOOR * (xx + yy + zz)
-    xx, yy, zz = xx + floor, yy + floor, zz + floor
-    c00, c01, c02 = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
-    c11, c12, c22 = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
+    xx = xx + floor
+    yy = yy + floor
+    zz = zz + floor
+    c00 = yy * zz - yz * yz
+    c01 = xz * yz - xy * zz
+    c02 = xy * yz - xz * yy
+    c11 = xx * zz - xz * xz
+    c12 = xy * xz - xx * yz
+    c22 = xx * yy - xy * xy
     scale = 1.0 / (xx * c00 + xy * c01 + xz * c02)
 
     def solution(v: Array) -> Array:
-        a, b, c = v[..., 0] * scale, v[..., 1] * scale, v[..., 2] * scale
-        first, second, third = c00 * a + c01 * b + c02 * c, c01 * a + c11 * b + c12 * c, c02 * a + c12 * b + c22 * c
+        a = v[..., 0] * scale
+        b = v[..., 1] * scale
+        c = v[..., 2] * scale
+        first = c00 * a + c01 * b + c02 * c
+        second = c01 * a + c11 * b + c12 * c
+        third = c02 * a + c12 * b + c22 * c
         return first[..., None] * wx + second[..., None] * wy + third[..., None] * wz
 
     qd = solution(v)

@@ -73,7 +73,8 @@ def onto_grid(start: State, end: State, qdd: Array, dt: float, jerk_max: Array) 
         jerk_max: jerk limits (n,) [rad/s^3], which weight the correction.
     """
     a = np.array(qdd, float)
-    a[0], a[-1] = start[2], end[2]
+    a[0] = start[2]
+    a[-1] = end[2]
     jerk = np.diff(a, axis=0) / dt
     by_jerk = _EndStateByJerk.over(len(jerk), dt)
     wanted = by_jerk.wanted(start, end)
@@ -113,7 +114,8 @@ class _EndStateByJerk:
 
     def wanted(self, start: State, end: State) -> Array:
         """Returns what the jerks have to add (3, n), over `scale`: the end less where `start` leads without jerk."""
-        (q, qd, qdd), T = (np.asarray(x, dtype=np.float64) for x in start), self.duration_s
+        (q, qd, qdd) = (np.asarray(x, dtype=np.float64) for x in start)
+        T = self.duration_s
         without_jerk = np.array([qdd, qd + T * qdd, q + T * (qd + T * qdd / 2.0)])
         return (np.array(end[::-1], dtype=np.float64) - without_jerk) / self.scale
 

@@ -25,7 +25,8 @@ from planner.trajectory import Trajectory, integrate, join
 
 # [-] bounds of the window's width, as multiples of acceleration limit / jerk limit: one full step of acceleration needs
 # the first, a step from full acceleration to full deceleration the second.
-NARROWEST, WIDEST = 1.0, 2.0
+NARROWEST = 1.0
+WIDEST = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +102,9 @@ def _narrowest(raw: RawMotion, first: int, last: int, limits: Limits, dt: float)
 
 
 def _averaged(problem: ThrowProblem, candidate: Candidate, raw: RawMotion, width: int) -> Trajectory:
-    dt, zero, jerk_max = problem.dt, np.zeros(6), problem.limits.jerk_max
+    dt = problem.dt
+    zero = np.zeros(6)
+    jerk_max = problem.limits.jerk_max
     still = np.zeros((width, 6))
     qdd = _slope(np.concatenate([still, raw.launch, raw.passage[1:]]), width, dt)
     release = (candidate.q, candidate.qd, zero if problem.ends_at_rest else qdd[-1])

@@ -71,7 +71,8 @@ def shortest_cubic(d: Array, v: Array, limits: Limits, dt: float) -> CubicProfil
 def _cubics_within(d: Array, v: Array, duration: Array, limits: Limits) -> Mask:
     """Returns for each duration (k, 1) [s] whether its cubic keeps the limits on velocity and acceleration (k,)."""
     c2, c3 = cubic_coefficients(d, v, duration)
-    start, end = 2.0 * c2, 2.0 * c2 + 6.0 * c3 * duration
+    start = 2.0 * c2
+    end = 2.0 * c2 + 6.0 * c3 * duration
     turns = start * end < 0.0  # the velocity then has its extremum -c2^2/(3 c3) inside
     extremum = np.divide(c2**2, 3.0 * c3, out=np.zeros_like(c2), where=turns)
     fast = np.maximum(np.abs(extremum), np.abs(v)) > limits.qd_max
@@ -101,7 +102,8 @@ class TrapezoidProfile:
         """Returns distance, velocity and acceleration (k, n) at times `t` (k,) in [0, duration] [s]."""
         t = np.asarray(t, float)[:, None]
         begin = self.duration_s - self.down_s
-        up, down = np.clip(t, 0.0, self.up_s), np.clip(t - begin, 0.0, None)
+        up = np.clip(t, 0.0, self.up_s)
+        down = np.clip(t - begin, 0.0, None)
         qd = self.first * up + self.last * down
         q = self.first * up**2 / 2.0 + self.cruise * np.clip(t - self.up_s, 0.0, None) + self.last * down**2 / 2.0
         return q, qd, np.where(t < self.up_s, self.first, np.where(t >= begin, self.last, 0.0))
@@ -137,15 +139,19 @@ def trapezoid(d: Array, v: Array, duration: float, a: Array) -> TrapezoidProfile
         a: accelerations of the ramps (n,) [rad/s^2].
     """
     sign = np.where(v < 0.0, -1.0, 1.0)
-    d, v = sign * d, sign * v
+    d = sign * d
+    v = sign * v
     ramp = v**2 / (2.0 * a)
-    shorter, longer = duration - v / a, duration + v / a
+    shorter = duration - v / a
+    longer = duration + v / a
     against = -a / 2.0 * (shorter - _root(shorter**2 - 4.0 * (ramp - d) / a))
     beyond = a / 2.0 * (longer - _root(longer**2 - 4.0 * (ramp + d) / a))
     between = (d - ramp) / np.maximum(shorter, 1e-12)
     cruise = np.where(d <= ramp, against, np.where(d <= ramp + v * shorter, between, beyond))
-    first, last = np.sign(cruise) * a, np.sign(v - cruise) * a
-    up, down = np.abs(cruise) / a, np.abs(v - cruise) / a
+    first = np.sign(cruise) * a
+    last = np.sign(v - cruise) * a
+    up = np.abs(cruise) / a
+    down = np.abs(v - cruise) / a
     return TrapezoidProfile(sign * cruise, sign * first, sign * last, up, down, duration)
 
 
@@ -153,7 +159,8 @@ def shortest_triangle(d: Array, limits: Limits, dt: float) -> TrapezoidProfile:
     """Returns the motion over `d` (n,) [rad] that accelerates evenly over one half and decelerates over the other."""
     needed = np.maximum(2.0 * np.sqrt(np.abs(d) / limits.qdd_max), 2.0 * np.abs(d) / limits.qd_max)
     duration = whole_ticks(float(needed.max()), dt) * dt
-    half, peak = np.full_like(d, duration / 2.0), 2.0 * d / duration
+    half = np.full_like(d, duration / 2.0)
+    peak = 2.0 * d / duration
     return TrapezoidProfile(peak, peak / half, -peak / half, half, half, duration)
 
 
@@ -205,7 +212,8 @@ class CubicGuess:
     """
 
     def __init__(self, problem: ThrowProblem, candidate: Candidate) -> None:
-        self.start, self.qd = problem.start, candidate.qd
+        self.start = problem.start
+        self.qd = candidate.qd
         self.release_time_s = max(2.0 * candidate.bound_s, 0.2)
         self.brake_s = max(1.5 * float(np.max(np.abs(candidate.qd) / problem.limits.qdd_max)), 0.1)
         self.duration_s = self.release_time_s + (0.0 if problem.ends_at_rest else self.brake_s)
@@ -213,7 +221,9 @@ class CubicGuess:
 
     def at(self, t: Array, /) -> tuple[Array, Array, Array]:
         """Returns q, qd, qdd (n, 6) at times `t` (n,) [s]."""
-        release, slowing, v = self.release_time_s, self.brake_s, self.qd
+        release = self.release_time_s
+        slowing = self.brake_s
+        v = self.qd
         d, qd, qdd = self.launch.at(np.minimum(t, release))
         after = np.clip(t - release, 0.0, slowing)[:, None]
         q = self.start + d + v * (after - after**2 / (2 * slowing))

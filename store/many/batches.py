@@ -62,7 +62,8 @@ class BatchRepository(Repository):
         Raises:
             KeyTaken: `key` is bound to another batch; nothing is stored.
         """
-        id, now = new_id(), time.time()
+        id = new_id()
+        now = time.time()
         row = {"id": id, "created_at": now, "created_by": created_by, "request_id": audit and audit.request_id}
         row |= {"driven_by": driven_by, "specification": specification, "total": total}
         with writing(self._engine) as connection:

@@ -78,7 +78,8 @@ class MapRepository(Repository):
         Returns:
             Whether somebody asked to cancel the map.
         """
-        numbers, now = [row.number for row in rows], time.time()
+        numbers = [row.number for row in rows]
+        now = time.time()
         of_map = landing_cells.c.map_id == map_id
         with writing(self._engine) as connection:
             for plan in made:

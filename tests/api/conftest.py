@@ -108,7 +108,8 @@ class FakeExecutor:
     """An executor without a robot: sends heartbeats with the state that the test sets."""
 
     def __init__(self, store: Store, cell: str = "ur5e-sim") -> None:
-        self.store, self.cell = store, cell
+        self.store = store
+        self.cell = cell
         self.robot: dict[str, Any] = {"positions": [0.1, -1.5, 1.5, -1.5, -1.5, 0.0]}
         self.fault: dict[str, Any] | None = None
         self.read_only = False

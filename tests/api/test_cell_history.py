@@ -83,7 +83,8 @@ def test_a_file_that_is_refused_is_kept_beside_the_restored_one(fling, tmp_path:
 
 
 def test_a_calibration_file_is_restored_with_its_cell(fling, tmp_path: Path):
-    path, beside = tmp_path / "mine.toml", tmp_path / "arm.yaml"
+    path = tmp_path / "mine.toml"
+    beside = tmp_path / "arm.yaml"
     plain = path.read_text()
     path.write_text(plain + '\n[kinematics]\ncalibration = "arm.yaml"\n')
     beside.write_text(DRIVER_FILE)

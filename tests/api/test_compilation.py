@@ -20,14 +20,16 @@ def command(notes: Path, seconds: float) -> tuple[str, ...]:
 
 
 def test_nothing_is_compiled_before_the_execution_ends(tmp_path: Path):
-    notes, freed = tmp_path / "notes", time.monotonic() + 0.5
+    notes = tmp_path / "notes"
+    freed = time.monotonic() + 0.5
     assert asyncio.run(compile_when_idle(lambda: time.monotonic() > freed, command(notes, 0.0)))
     assert notes.read_text() == "begun\ndone\n"
     assert time.monotonic() > freed
 
 
 def test_an_execution_ends_the_compiler_which_begins_again_after_it(tmp_path: Path):
-    notes, begun = tmp_path / "notes", time.monotonic()
+    notes = tmp_path / "notes"
+    begun = time.monotonic()
 
     def is_idle() -> bool:
         executing = notes.exists() and "begun" in notes.read_text() and time.monotonic() < begun + 1.5

@@ -15,7 +15,9 @@ class CountingStore:
     """A store that counts its queries, and does not answer the first ones if told so."""
 
     def __init__(self, store: Store, failures: int = 0) -> None:
-        self.store, self.failures, self.queries = store, failures, 0
+        self.store = store
+        self.failures = failures
+        self.queries = 0
 
     def events(self, *arguments: Any) -> Any:
         self.queries += 1
@@ -38,7 +40,8 @@ async def heard(feeds: ExecutionFeeds, id: str, after_id: int = 0) -> bytes:
 
 def test_many_listeners_hear_everything_from_one_poller(tmp_path):
     store = Store.open(f"sqlite:///{tmp_path / 'fling.db'}")
-    id, counting = queued(store), CountingStore(store)
+    id = queued(store)
+    counting = CountingStore(store)
 
     async def test() -> list[bytes]:
         feeds = ExecutionFeeds(counting)  # type: ignore[arg-type]

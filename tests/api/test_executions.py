@@ -48,7 +48,8 @@ def test_a_cell_runs_one_execution_at_a_time(service: RunningService, executor: 
 
 
 def test_the_same_key_is_one_motion(service: RunningService, executor: FakeExecutor, plan):
-    body, headers = {"plan_id": plan["id"]}, {"Idempotency-Key": "one"}
+    body = {"plan_id": plan["id"]}
+    headers = {"Idempotency-Key": "one"}
     first = service.client.post("/execute", json=body, headers=headers)
     again = service.client.post("/execute", json=body, headers=headers)
     assert (again.status_code, again.json()["id"]) == (202, first.json()["id"])

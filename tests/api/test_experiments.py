@@ -138,7 +138,8 @@ def test_the_table_as_csv_and_the_picture(service: RunningService, experiment: s
     root = ET.fromstring(picture.text)
     dots = [c for c in root.iter("{http://www.w3.org/2000/svg}circle") if c.get("class") == "landing"]
     assert len(dots) == 3
-    centre, (x, y) = 210.0, (float(dots[0].get("cx", "")), float(dots[0].get("cy", "")))
+    centre = 210.0
+    (x, y) = (float(dots[0].get("cx", "")), float(dots[0].get("cy", "")))
     assert (x - centre) / (centre - y) == pytest.approx(0.010 / 0.020, abs=0.01)
 
 

@@ -50,7 +50,8 @@ def test_plans_are_compressed_for_clients_that_read_it(service: RunningService, 
      "/plans/latest", "/plans/latest/trajectory", "/plans/latest/curves", "/executions"],
 )  # fmt: skip
 def test_head_is_get_without_the_content(service: RunningService, plan, path: str):
-    head, get = service.client.head(path), service.client.get(path)
+    head = service.client.head(path)
+    get = service.client.get(path)
     assert (head.status_code, head.content) == (200, b"")
     for name in ("content-type", "content-length", "etag"):
         if path not in CHANGING or name == "content-type":
@@ -116,7 +117,8 @@ def port() -> Iterator[int]:
         await send({"type": "http.response.body", "body": b"here"})
 
     config = server_config(app, "127.0.41.1", 0)
-    config.lifespan, config.log_level = "off", "critical"
+    config.lifespan = "off"
+    config.log_level = "critical"
     server = uvicorn.Server(config)
     thread = threading.Thread(target=server.run)
     thread.start()

@@ -38,7 +38,8 @@ def report(service: RunningService, id: str, body: Any, **headers: str) -> Any:
 
 def test_several_observations_of_a_throw_are_kept_as_they_were_reported(service: RunningService, thrown: str):
     service.store.add_landing("a", thrown, 5.0, "sim-camera", position=[1.2, 0.3, 0.0], std_m=0.0)
-    first, second = report(service, thrown, POSITION), report(service, "latest", {**MISS, "source": "camera-2"})
+    first = report(service, thrown, POSITION)
+    second = report(service, "latest", {**MISS, "source": "camera-2"})
     assert (first.status_code, second.status_code) == (201, 201)
     assert first.headers["location"] == f"/executions/{thrown}/landing"
     found = service.client.get(f"/executions/{thrown}/landing").json()
@@ -76,7 +77,8 @@ def test_a_place_far_from_the_world_s_origin_may_be_near_the_arm(
 
 def test_the_same_key_is_one_observation(service: RunningService, thrown: str):
     headers = {"Idempotency-Key": f"key of {thrown}"}
-    first, again = report(service, thrown, POSITION, **headers), report(service, thrown, POSITION, **headers)
+    first = report(service, thrown, POSITION, **headers)
+    again = report(service, thrown, POSITION, **headers)
     assert (again.status_code, again.json()) == (201, first.json())
     assert len(service.store.landings(thrown)) == 1
     problem_of(report(service, thrown, MISS, **headers), 422, "idempotency-conflict")

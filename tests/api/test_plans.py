@@ -80,7 +80,8 @@ def test_the_trajectory_by_itself_in_two_formats(service: RunningService, plan):
 
 def test_pages_of_plans_hold_each_plan_once(service: RunningService):
     made = {service.plan()["id"] for _ in range(3)}
-    seen, cursor = [], None
+    seen = []
+    cursor = None
     while True:
         page = service.client.get("/plans", params={"limit": 2, **({"cursor": cursor} if cursor else {})}).json()
         seen += [plan["id"] for plan in page["plans"]]

@@ -97,7 +97,8 @@ def test_a_profile_is_not_used_with_another_version_of_the_cell_file(service: Ru
 
 def test_a_target_has_odds_and_other_releases_have_none(service: RunningService):
     plan = service.plan(release=TARGET, backend="auto")
-    odds, ellipse = plan["hit_probability"], plan["landing_ellipse"]
+    odds = plan["hit_probability"]
+    ellipse = plan["landing_ellipse"]
     assert 0.0 <= odds["interval"][0] <= odds["value"] <= odds["interval"][1] <= 1.0
     assert (odds["profile"], plan["aim"]) == (None, None)
     assert ellipse["center"] == pytest.approx(TARGET["position"][:2], abs=0.15)  # nothing is measured yet

@@ -42,12 +42,14 @@ def test_the_top_view_is_the_plan_to_scale(throw, root: Path):
     top = drawing.findall(f"{SVG}g")[1]
     lines = {line.attrib["class"]: points(line) for line in top.findall(f"{SVG}polyline")}
     dots = {dot.attrib["class"]: dot for dot in top.findall(f"{SVG}circle")}
-    release, landing = throw["release"]["pose"]["position"], throw["flight"]["landing_point"]
+    release = throw["release"]["pose"]["position"]
+    landing = throw["flight"]["landing_point"]
     flown = lines["flight"][-1] - lines["flight"][0]
     meant = np.array([landing[0] - release[0], release[1] - landing[1]])  # the page's y points down
     assert np.allclose(flown / np.linalg.norm(flown), meant / np.linalg.norm(meant), atol=2e-3)
     scale = np.linalg.norm(flown) / np.linalg.norm(meant)
-    base, tool = lines["arm release"][0], lines["arm release"][-1]
+    base = lines["arm release"][0]
+    tool = lines["arm release"][-1]
     assert np.allclose((tool - base) / scale, [release[0], -release[1]], atol=2e-3)  # the base is the world's origin
     assert np.allclose(lines["launch"][-1], lines["brake"][0], atol=0.11)
     assert {"landing", "let-go", "target"} == set(dots)
@@ -71,7 +73,8 @@ def test_a_bin_is_drawn_to_scale_from_the_side_and_from_above(root: Path):
 
 
 def test_the_report_says_what_a_release_10_ms_off_does(throw, root: Path):
-    text, shift = report_html(ReportContent(throw)), throw["flight"]["landing_shift_10ms_m"]
+    text = report_html(ReportContent(throw))
+    shift = throw["flight"]["landing_shift_10ms_m"]
     for when in ("early", "late"):
         assert f"<td>release 10 ms {when}</td><td>the landing moves by {1000 * shift[when]:.0f} mm</td>" in text
     assert "lands within 20 mm" in text

@@ -17,16 +17,19 @@ TARGET = {"kind": "target", "position": [1.2, 0.3, 0.0]}
 
 
 def turned(angle: float) -> np.ndarray:
-    c, s = math.cos(angle), math.sin(angle)
+    c = math.cos(angle)
+    s = math.sin(angle)
     return np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
 
 
 @pytest.mark.parametrize("name", ["ur5e-sim", "real"])
 def test_the_chain_of_the_model_gives_the_planners_link_poses(service: RunningService, cells, name: str):
-    model, cell = service.client.get(f"/cells/{name}/model").json(), load_cell(cells / f"{name}.toml")
+    model = service.client.get(f"/cells/{name}/model").json()
+    cell = load_cell(cells / f"{name}.toml")
     assert (model["sha256"], model["link_kind"]) == (cell.sha256, cell.link.kind)
     for q in np.random.default_rng(3).uniform(-3.0, 3.0, (5, 6)):
-        X, expected = np.array(model["base_in_world"]), link_poses(cell.robot, q, cell.X_WB)
+        X = np.array(model["base_in_world"])
+        expected = link_poses(cell.robot, q, cell.X_WB)
         for i in range(6):
             X = X @ turned(q[i]) @ np.array(model["chain"][i])
             assert np.allclose(X, expected[i + 1], atol=1e-12)
@@ -35,7 +38,8 @@ def test_the_chain_of_the_model_gives_the_planners_link_poses(service: RunningSe
 def test_the_capsules_of_the_model_cover_arm_tool_and_object(service: RunningService):
     model = service.client.get("/cells/ur5e-sim/model").json()
     assert [c["part"] for c in model["capsules"]] == ["arm"] * 9 + ["tool", "object"]
-    thing, tool = model["capsules"][-1], np.array(model["tool_in_flange"])
+    thing = model["capsules"][-1]
+    tool = np.array(model["tool_in_flange"])
     assert thing["from_m"] == thing["to_m"] == tool[:3, 3].tolist()
     assert (thing["frame"], thing["radius_m"]) == (6, model["object"]["radius_m"])
     pairs = {tuple(pair) for pair in model["colliding_pairs"]}
@@ -98,7 +102,8 @@ def test_a_curve_passes_its_check(thrown: dict[str, Any], curves: dict[str, Any]
 def test_the_clearance_in_flight_is_that_of_the_certificate_or_more(thrown: dict[str, Any], curves: dict[str, Any]):
     """The check is a lower bound over the flight, at most 1 cm below it where it is small."""
     flight = next(curve for curve in curves["curves"] if curve["clock"] == "flight")
-    t, values = np.array(curves["time_from_start"]["flight"]), flight["series"][0]["values"]
+    t = np.array(curves["time_from_start"]["flight"])
+    values = flight["series"][0]["values"]
     assert t[0] == pytest.approx(thrown["release_time_s"])
     assert 0.0 < thrown["release_time_s"] + thrown["flight"]["time_of_flight_s"] - t[-1] < 0.05  # touches, not lands
     check = next(c for c in thrown["certificate"]["checks"] if c["name"] == "flight_clearance")
@@ -106,7 +111,8 @@ def test_the_clearance_in_flight_is_that_of_the_certificate_or_more(thrown: dict
 
 
 def test_curves_of_an_earlier_cell_file_are_refused(service: RunningService, cells):
-    plan, file = service.plan(cell="changing"), cells / "changing.toml"
+    plan = service.plan(cell="changing")
+    file = cells / "changing.toml"
     before = file.read_text()
     file.write_text(before + "# moved the table\n")
     problem = problem_of(service.client.get(f"/plans/{plan['id']}/curves"), 409, "cell-changed")

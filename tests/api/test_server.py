@@ -29,7 +29,8 @@ HUGE = 20_000_000  # [byte] more than the kernel buffers of a connection
 
 
 class QuickProtocol(ImpatientProtocol):
-    headers_s, stall_s = 0.3, 0.3
+    headers_s = 0.3
+    stall_s = 0.3
 
 
 class RunningServer:

@@ -131,7 +131,8 @@ def test_a_file_that_names_no_token_opens_nothing(tmp_path: Path, cells: Path):
 
 
 def test_tokens_are_read_again_when_the_file_changes(guarded: RunningService, tokens):
-    file, before = tokens[0], tokens[0].read_text()
+    file = tokens[0]
+    before = tokens[0].read_text()
     new = create_token(file, "guest", ("plan",))
     assert guarded.client.get("/plans", headers=bearer(new)).status_code == 200
     revoke_token(file, "guest")

@@ -115,7 +115,8 @@ if __name__ == "__main__":
 def test_nothing_is_lost_and_nothing_twice_when_the_driver_is_killed(
     store: Store, url: str, tmp_path: Path, root: Path
 ):
-    log, script = tmp_path / "log", tmp_path / "driver.py"
+    log = tmp_path / "log"
+    script = tmp_path / "driver.py"
     script.write_text(DRIVER)
     count = 150
     id = queue(store, [{"value": number, "sleep_s": 0.01, "log": str(log)} for number in range(count)])

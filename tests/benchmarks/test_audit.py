@@ -160,7 +160,8 @@ def test_a_box_that_carries_the_target_is_met_at_its_edge_alone(good):
     place = middle(problem, motion, 0.9)
     in_air = replace(problem, release=replace(problem.release, p_W=place))
     state = tool_state(problem.cell, *(x[motion.release_index] for x in (motion.q, motion.qd)))
-    ahead, radius = np.sign(state.v_WT[0]), problem.cell.object.radius_m
+    ahead = np.sign(state.v_WT[0])
+    radius = problem.cell.object.radius_m
     assert abs(state.v_WT[0]) > 0.5
     for before_m, named in ((1.0, False), (0.1 * radius, True)):
         edges = sorted((place[0] - ahead * before_m, place[0] + ahead * 1.0))
@@ -214,7 +215,8 @@ def test_varied_problems_are_of_every_kind_and_their_plans_right():
 
 @pytest.mark.parametrize("drag", [0.0, 0.5])
 def test_the_audits_flight_agrees_with_an_integrator(drag):
-    p, v = np.array([0.1, -0.2, 0.9]), np.array([2.5, -1.0, 2.0])
+    p = np.array([0.1, -0.2, 0.9])
+    v = np.array([2.5, -1.0, 2.0])
 
     def rate(_, s):
         return np.concatenate([s[3:], -drag * np.linalg.norm(s[3:]) * s[3:] - [0.0, 0.0, 9.81]])
@@ -233,7 +235,8 @@ def test_the_audits_flight_agrees_with_an_integrator(drag):
 def test_a_flight_through_the_arm_is_named(good):
     """Thrown straight up and back, the object comes down on the arm, which rests by then."""
     problem, motion = good
-    k, q = motion.release_index, np.array(motion.q)
+    k = motion.release_index
+    q = np.array(motion.q)
     here = problem.cell
     q[:] = here.home + np.array([0.0, 0.2, -0.4, 0.2, 0.0, 0.0])
     still = replace(motion, q=q, qd=np.zeros_like(q), qdd=np.zeros_like(q))

@@ -87,7 +87,8 @@ def box(centre, half):
 
 def on_the_way(problem, answer):
     """A point of the flight, 0.15 s after the release."""
-    arm, k = PeerArm(problem), round(answer["release_time_s"] * problem["sample_rate_hz"])
+    arm = PeerArm(problem)
+    k = round(answer["release_time_s"] * problem["sample_rate_hz"])
     p, J = arm.tool(np.array(answer["positions"][k])[None])
     return (p[0] + 0.15 * J[0] @ answer["velocities"][k] - [0.0, 0.0, 0.5 * 9.81 * 0.15**2]).tolist()
 
@@ -177,7 +178,8 @@ def test_a_refusal_is_no_fault(problem):
 
 
 def test_samples_at_other_times_are_put_on_ticks(problem, answer):
-    count, rate = len(answer["positions"]), problem["sample_rate_hz"]
+    count = len(answer["positions"])
+    rate = problem["sample_rate_hz"]
     times = [i / rate for i in range(count)]
     assert verify(problem, answer | {"times_s": times}).outcome == "solved"
     stretched = verify(problem, answer | {"times_s": [0.9 * t for t in times]})
@@ -189,7 +191,8 @@ def test_the_document_is_enough_for_kinematics_and_torques():
     problems = [load_set("random-1")[1], *hidden_problems(1, 3)]
     q, qd, qdd = np.random.default_rng(0).uniform(-1.5, 1.5, (3, 4, 6))
     for problem in problems:
-        arm, here = PeerArm(problem), problem_from_document(problem).cell
+        arm = PeerArm(problem)
+        here = problem_from_document(problem).cell
         p, J = arm.tool(q)
         for held in (True, False):
             model = arm_model(here, held)
@@ -256,7 +259,8 @@ def test_the_code_of_the_page_works(root, problem, tmp_path, monkeypatch, capsys
     page = (root / "docs" / "throwbench.md").read_text()
     code: dict[str, Any] = {}
     exec("\n".join(re.findall(r"```python\n(.*?)```", page, flags=re.S)), code)
-    q, here = np.array([0.3, -1.0, 1.2, -0.4, 0.8, 2.0]), problem_from_document(problem).cell
+    q = np.array([0.3, -1.0, 1.2, -0.4, 0.8, 2.0])
+    here = problem_from_document(problem).cell
     model = arm_model(here, True)
     poses, _ = poses_and_velocity(here, model, model.createData(), q, q)
     np.testing.assert_allclose(code["tool"](problem, q), poses[6].act(here.tool.X_FT[:3, 3]), atol=1e-7)
@@ -387,7 +391,8 @@ def test_an_http_entry_answers_times_out_and_fails(address):
 
 def test_flings_service_gets_the_same_problem():
     problem = load_set("bins-1")[0]
-    request, asked = service_request(problem), problem_from_document(problem)
+    request = service_request(problem)
+    asked = problem_from_document(problem)
     posted = problem_from_request(request, cell("ur5e-sim"))
     np.testing.assert_array_equal(posted.start, asked.start)
     assert posted.release.opening == asked.release.opening

@@ -49,7 +49,8 @@ def prepare(name: str) -> Prepared:
     cell = load_cell(CELLS / f"{name}.toml")
     request = {"cell": name, "release": LOB, "release_window_s": 0.0, "backend": "ruckig", "time_limit_s": 30.0}
     answer = plan(problem_from_request(request, cell))
-    problem, trajectory = answer.problem, answer.trajectory
+    problem = answer.problem
+    trajectory = answer.trajectory
     rows = sample_rows(cell, trajectory, throws=True)
     row_brakes = find_brakes(cell, rows.q, rows.qd, rows.qdd, trajectory.dt)
     job = prepare_job(problem, trajectory, Approach(trajectory.q[0]), "speedj", False, settings(name))

@@ -52,7 +52,8 @@ def test_a_change_is_noticed_once_also_one_before_the_first_look(path: Path) -> 
     ],
 )
 def test_a_broken_file_is_a_fault_until_it_is_repaired(path: Path, old: str, new: str, words: str) -> None:
-    watch, text = watch_of(path), path.read_text()
+    watch = watch_of(path)
+    text = path.read_text()
     path.write_text(text.replace(old, new, 1))
     assert watch.look() is None
     assert watch.fault is not None
@@ -64,7 +65,8 @@ def test_a_broken_file_is_a_fault_until_it_is_repaired(path: Path, old: str, new
 
 
 def test_a_file_that_is_gone_is_a_fault(path: Path) -> None:
-    watch, text = watch_of(path), path.read_text()
+    watch = watch_of(path)
+    text = path.read_text()
     path.unlink()
     assert watch.look() is None
     assert watch.fault is not None

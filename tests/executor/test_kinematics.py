@@ -114,7 +114,8 @@ def test_the_import_is_the_controllers_arm(path: Path, table: DhTable) -> None:
     assert 'calibration = "lab-kinematics.yaml"' in report(imported, "lab")
     assert f"{imported.difference.largest_m * 1e3:.2f} mm" in report(imported, "lab")
     path.write_text(path.read_text() + '[kinematics]\ncalibration = "lab-kinematics.yaml"\n')
-    arm, q = load_cell(path).robot, np.random.default_rng(2).uniform(-6.0, 6.0, (200, 6))
+    arm = load_cell(path).robot
+    q = np.random.default_rng(2).uniform(-6.0, 6.0, (200, 6))
     assert np.abs(forward(arm, q) - np.array([product_of(table, row) for row in q])).max() < 1e-9
 
 

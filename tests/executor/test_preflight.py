@@ -92,7 +92,8 @@ class TestPlan:
     def test_a_plan_of_another_profile_is_refused_and_the_adopted_one_moves_no_limit(
         self, prepared: Prepared, document: dict
     ) -> None:
-        cell, numbers = prepared.cell, {"lag_s": 0.031, "delay_s": 0.052, "jitter_s": 0.004, "drag_coefficient": 0.0}
+        cell = prepared.cell
+        numbers = {"lag_s": 0.031, "delay_s": 0.052, "jitter_s": 0.004, "drag_coefficient": 0.0}
         row = ProfileRow("one", 0.0, cell.name, cell.sha256, "test", "", orjson.dumps(numbers))
         with pytest.raises(ExecutionRefused, match="made with profile None, not one"):
             verify_plan(orjson.dumps(document), cell, row)
@@ -105,7 +106,8 @@ class TestPlan:
 
     def test_a_flight_with_another_speed_than_the_profiles_is_refused(self, prepared: Prepared, document: dict) -> None:
         """A plan that states none is of an earlier version: its aim has the speed in it."""
-        cell, numbers = prepared.cell, {"lag_s": 0.02, "delay_s": 0.04, "jitter_s": 0.003, "drag_coefficient": 0.0}
+        cell = prepared.cell
+        numbers = {"lag_s": 0.02, "delay_s": 0.04, "jitter_s": 0.003, "drag_coefficient": 0.0}
         row = ProfileRow("one", 0.0, cell.name, cell.sha256, "t", "", orjson.dumps(numbers | {"speed_factor": 0.96}))
         with pytest.raises(ExecutionRefused, match=r"flight\.release_speed_factor = 1\.0, not 0\.96: plan again"):
             verify_plan(orjson.dumps({**document, "profile": "one"}), cell, row)

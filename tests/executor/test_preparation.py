@@ -12,13 +12,16 @@ from tests.executor.conftest import Prepared
 
 
 def test_the_gripper_command_falls_on_a_tick(prepared: Prepared) -> None:
-    cell, rows, trajectory = prepared.cell, prepared.rows, prepared.trajectory
+    cell = prepared.cell
+    rows = prepared.rows
+    trajectory = prepared.trajectory
     opens = rows.first_clock_s + rows.output_row * trajectory.dt  # when the output changes: one lag after it was sent
     assert opens + cell.gripper.delay_s == pytest.approx(trajectory.release_time_s, abs=1e-12)
 
 
 def test_the_stream_begins_and_ends_at_rest(prepared: Prepared) -> None:
-    rows, trajectory = prepared.rows, prepared.trajectory
+    rows = prepared.rows
+    trajectory = prepared.trajectory
     lag = prepared.cell.timing.lag_s
     assert rows.first_clock_s <= -lag
     assert not rows.qd[0].any()

@@ -83,7 +83,8 @@ def test_events_until_the_end(url: str):
 
 def test_an_execution_is_waited_for_although_its_stream_ends_before(url: str, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("fling.client.RETRY_S", 0.0)
-    EchoingService.cuts, seen = 2, []
+    EchoingService.cuts = 2
+    seen = []
     with fling.Client(url) as client:
         done = client.finished("e", lambda kind, data: seen.append(data["state"]))
     assert (done["outcome"], seen) == ("completed", ["queued", "streaming", "finished"])

@@ -34,7 +34,8 @@ def test_a_known_cell_lands_where_the_plan_says(soonest: list[PlannedThrow]):
 
 def test_jitter_spreads_the_landings_along_their_drift(soonest: list[PlannedThrow]):
     """To first order the standard deviation is jitter times the landing's drift by the release time."""
-    planned, jitter = soonest[1], 0.001
+    planned = soonest[1]
+    jitter = 0.001
     table = throw_table(planned.problem, planned.trajectory)
     found = forecast(certain(jitter), STEADY, table, 0.060, 400, 10)
     later = forecast(certain(0.0, lead_s=0.061), STEADY, table, 0.060).center
@@ -43,7 +44,8 @@ def test_jitter_spreads_the_landings_along_their_drift(soonest: list[PlannedThro
 
 
 def test_scatter_of_the_joints_spreads_as_its_derivatives(soonest: list[PlannedThrow]):
-    planned, scatter = soonest[2], 0.02
+    planned = soonest[2]
+    scatter = 0.02
     table = throw_table(planned.problem, planned.trajectory)
     noisy = JointSpeeds(np.zeros(6), np.zeros(6), 1e9, 1e9 * scatter**2)
     found = forecast(certain(0.0), noisy, table, 0.060, 1600, 10)
@@ -53,7 +55,8 @@ def test_scatter_of_the_joints_spreads_as_its_derivatives(soonest: list[PlannedT
 
 def test_gains_and_scatter_come_out_of_recordings():
     rng = np.random.default_rng(2)
-    qd, gains = rng.uniform(-3.0, 3.0, (400, 6)), np.array([0.02, -0.01, 0.0, 0.01, 0.03, -0.02])
+    qd = rng.uniform(-3.0, 3.0, (400, 6))
+    gains = np.array([0.02, -0.01, 0.0, 0.01, 0.03, -0.02])
     found = learn_joint_speeds(qd, gains * qd + 0.015 * rng.standard_normal(qd.shape))
     assert found.gain_error == pytest.approx(gains, abs=0.003)
     assert found.scatter_rad_s == pytest.approx(0.015, rel=0.05)
@@ -78,7 +81,8 @@ def test_learning_from_ordinary_throws_quickly(soonest: list[PlannedThrow]):
 
 def test_honest_forecasts_are_called_honest_and_others_not():
     rng = np.random.default_rng(3)
-    p, cell = rng.random(8000), np.repeat(np.arange(200), 40)
+    p = rng.random(8000)
+    cell = np.repeat(np.arange(200), 40)
     hit = (rng.random(8000) < p).astype(float)
     assert calibration_error(p, hit) < 0.02
     assert all(b.is_inside for b in reliability_bins(p, hit, cell))

@@ -70,7 +70,8 @@ def recording(trajectory) -> bytes:
 @pytest.fixture(scope="module")
 def learnt(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
     folder: Path = tmp_path_factory.mktemp("store")
-    store, rng = Store.open(f"sqlite:///{folder / 'fling.db'}"), np.random.default_rng(4)
+    store = Store.open(f"sqlite:///{folder / 'fling.db'}")
+    rng = np.random.default_rng(4)
     ids = [add_throw(store, rng, 1.0 + 0.06 * k, 0.8 * k) for k in range(8)]
     unseen = add_throw(store, rng, 1.2, 0.3, observed=False)
     document = orjson.loads(profile_bytes(estimate_profile(store, benchmark_cell())))
@@ -90,7 +91,8 @@ def test_delay_speed_and_base_come_out_of_what_is_stored(learnt: SimpleNamespace
 
 def test_a_throw_with_a_late_command_teaches_and_one_that_does_not_is_named(tmp_path: Path):
     """The command's time is known: 15 ms late it lands 15 to 30 cm off, and says the same of the gripper."""
-    store, rng = Store.open(f"sqlite:///{tmp_path / 'fling.db'}"), np.random.default_rng(4)
+    store = Store.open(f"sqlite:///{tmp_path / 'fling.db'}")
+    rng = np.random.default_rng(4)
     late = [add_throw(store, rng, 1.0 + 0.1 * k, 1.3 * k, outcome="late", late_s=0.015) for k in range(4)]
     stopped = add_throw(store, rng, 1.2, 0.3, outcome="protective_stop")
     add_throw(store, rng, 1.2, 0.9, observed=False, outcome="tracking")  # nothing was reported of it
@@ -104,10 +106,12 @@ def test_a_throw_with_a_late_command_teaches_and_one_that_does_not_is_named(tmp_
 
 
 def test_a_profile_says_what_it_explains_of_the_landings(learnt: SimpleNamespace):
-    rows, found = learnt.document["landings"], learnt.document
+    rows = learnt.document["landings"]
+    found = learnt.document
     assert [row["execution_id"] for row in rows] == learnt.ids
     for k, row in enumerate(rows):
-        distance, angle = 1.0 + 0.06 * k, 0.8 * k
+        distance = 1.0 + 0.06 * k
+        angle = 0.8 * k
         assert row["planned"] == pytest.approx([distance * np.cos(angle), distance * np.sin(angle)])
         seen = learnt.store.landings(row["execution_id"])[0]
         assert row["observed"] == pytest.approx(seen.position[:2])
@@ -148,20 +152,23 @@ def test_what_is_predicted_with_it_lands_where_the_hidden_cell_throws(learnt: Si
 
 def test_the_learnt_speed_is_in_the_plan_and_not_in_its_aim_too(learnt: SimpleNamespace):
     """The plan's own flight has it, so that the aim makes up for base and joints alone; the object lands on target."""
-    cell, target = benchmark_cell(), np.array([1.1, -0.6])
+    cell = benchmark_cell()
+    target = np.array([1.1, -0.6])
     request = {"cell": CELL, "release": {"kind": "target", "position": [*target, 0.0]}, "backend": "ruckig",
                "release_window_s": 0.0}  # fmt: skip
     known = knowledge_of(learnt.document)
     slower = cell_with_profile(cell, learnt.document)
     exact = replace(slower, gripper=replace(slower.gripper, release_speed_factor=1.0))
-    shifts, landed = [], []
+    shifts = []
+    landed = []
     for used in (exact, slower):
         problem = problem_from_request(request, used)
         found = plan_aimed(problem, known)
         shifts.append(float(np.linalg.norm(found.problem.aim_shift)))
         lead = used.timing.lag_s + used.gripper.delay_s
         planned = PlannedThrow(found.problem, found.trajectory, 0.0)
-        late, rng = TRUTH.delay_s - lead, np.random.default_rng(1)
+        late = TRUTH.delay_s - lead
+        rng = np.random.default_rng(1)
         landed.append(throw(rng, TRUTH, planned, late, np.zeros(2)).landing)
     assert shifts[1] < 0.020 < 0.040 < shifts[0]
     np.testing.assert_allclose(landed, [target, target], atol=0.008)
@@ -169,7 +176,8 @@ def test_the_learnt_speed_is_in_the_plan_and_not_in_its_aim_too(learnt: SimpleNa
 
 def test_beside_a_wall_it_is_the_target_that_must_have_room_and_not_the_aim():
     """The object lands 1 cm short of where it is aimed at: 1 cm before a wall for a target with 2 cm."""
-    cell, target = benchmark_cell(), np.array([1.0, 0.0, 0.0])
+    cell = benchmark_cell()
+    target = np.array([1.0, 0.0, 0.0])
     radius = cell.object.radius_m
     side = target[0] + radius + 0.005
     wall = Box(np.array([side, -0.5, 0.0]), np.array([side + 0.02, 0.5, 0.3]))
@@ -187,7 +195,8 @@ def test_beside_a_wall_it_is_the_target_that_must_have_room_and_not_the_aim():
 def test_an_aim_that_the_time_limit_leaves_as_it_is_says_so(monkeypatch):
     release = {"kind": "target", "position": [1.0, 0.0, 0.0]}
     problem = problem_from_request({"cell": CELL, "release": release, "release_window_s": 0.0}, benchmark_cell())
-    clock, off = [0.0], landing_off(-0.01)
+    clock = [0.0]
+    off = landing_off(-0.01)
 
     def plans_slowly(*asked):
         found = plan(*asked)
@@ -204,7 +213,8 @@ def test_an_aim_that_the_time_limit_leaves_as_it_is_says_so(monkeypatch):
 def test_a_last_aim_that_the_time_limit_spoilt_says_so(monkeypatch):
     release = {"kind": "target", "position": [1.0, 0.0, 0.0]}
     problem = problem_from_request({"cell": CELL, "release": release, "release_window_s": 0.0}, benchmark_cell())
-    made, misses = plan(problem), iter((0.010, 0.002, 0.005))
+    made = plan(problem)
+    misses = iter((0.010, 0.002, 0.005))
     plans = iter((made, replace(made, iterations=7), replace(made, was_cut_short=True)))
     center = problem.release.p_W[:2]
     monkeypatch.setattr(aiming, "plan", lambda *_asked: next(plans))

@@ -24,7 +24,8 @@ def cell(**truth) -> HiddenCell:
 
 
 def learnt(hidden: HiddenCell, plans: list[PlannedThrow], count: int, seed: int = SEED) -> ReleasePosterior:
-    rng, seen = np.random.default_rng(seed), []
+    rng = np.random.default_rng(seed)
+    seen = []
     for _ in range(count):
         planned = plans[rng.integers(len(plans))]
         true = throw(rng, hidden, planned, hidden.openings(rng, 1)[0] - hidden.assumed_delay_s, np.zeros(2))
@@ -80,10 +81,12 @@ def test_states_are_drawn_as_the_mixture_says(soonest: list[PlannedThrow]):
 
 def test_hits_and_misses_alone_move_the_delay_towards_the_truth(soonest: list[PlannedThrow]):
     """15 ms off: soonest throws miss, the same ones released 15 ms sooner hit."""
-    hidden, rng = cell(noise_rad_s=0.0, drag=0.0, factor=1.0, offset=np.zeros(2)), np.random.default_rng(SEED)
+    hidden = cell(noise_rad_s=0.0, drag=0.0, factor=1.0, offset=np.zeros(2))
+    rng = np.random.default_rng(SEED)
     outcomes = []
     for k in range(24):
-        planned, lead = soonest[k % len(soonest)], 0.040 + 0.005 * (k % 6)
+        planned = soonest[k % len(soonest)]
+        lead = 0.040 + 0.005 * (k % 6)
         true = throw(rng, hidden, planned, hidden.openings(rng, 1)[0] - lead, np.zeros(2))
         target = planned.problem.release.p_W[:2]  # type: ignore[union-attr]
         result = "hit" if np.linalg.norm(true.landing - target) < 0.1 else "miss"

@@ -13,11 +13,13 @@ STEP_S = 1e-4
 
 def integrated(planned: PlannedThrow, arm: StreamedArm, assumed_s: float, at: float) -> tuple[np.ndarray, np.ndarray]:
     """Positions and speeds off the plan: the loop in steps of 0.1 ms, its commands continuous."""
-    trajectory, back = planned.trajectory, round(arm.lag_s / STEP_S)
+    trajectory = planned.trajectory
+    back = round(arm.lag_s / STEP_S)
     q = trajectory.q[0].copy()
     sent: list[np.ndarray] = []
     times = np.arange(-0.1, at, STEP_S)
-    plan_q, ahead = trajectory.at(times)[0], trajectory.at(times + assumed_s)[1]
+    plan_q = trajectory.at(times)[0]
+    ahead = trajectory.at(times + assumed_s)[1]
     ahead[times + assumed_s < 0.0] = 0.0
     speed = np.zeros(6)
     for k in range(len(times)):
@@ -30,7 +32,8 @@ def integrated(planned: PlannedThrow, arm: StreamedArm, assumed_s: float, at: fl
 
 @pytest.mark.parametrize(("lag_s", "assumed_s"), [(0.020, 0.020), (0.026, 0.020), (0.0333, 0.040)])
 def test_deviations_are_those_of_a_finer_integration(soonest: list[PlannedThrow], lag_s: float, assumed_s: float):
-    planned, arm = soonest[0], StreamedArm(lag_s, np.array([1.03, 0.98, 1.02, 1.0, 0.97, 1.0]))
+    planned = soonest[0]
+    arm = StreamedArm(lag_s, np.array([1.03, 0.98, 1.02, 1.0, 0.97, 1.0]))
     at = planned.trajectory.release_time_s
     q, qd = arm.deviation(planned.trajectory, assumed_s, np.array([at]))
     fine_q, fine_qd = integrated(planned, arm, assumed_s, at)

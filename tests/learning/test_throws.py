@@ -14,9 +14,11 @@ SAME_M = 2e-3  # [m] drag to first order, for a speed 3 % off; without drag it i
 
 
 def exact(planned: PlannedThrow, late_s: float, factor: float, drag: float, dqd: np.ndarray) -> np.ndarray:
-    problem, trajectory = planned.problem, planned.trajectory
+    problem = planned.problem
+    trajectory = planned.trajectory
     q, qd, _ = trajectory.at(trajectory.release_time_s + late_s)
-    state, thing = tool_state(problem.cell, q, qd + dqd), problem.cell.object
+    state = tool_state(problem.cell, q, qd + dqd)
+    thing = problem.cell.object
     k = drag_constant(thing.mass_kg, thing.radius_m, drag)
     return landing_points(state.p_WT[None], factor * state.v_WT[None], problem.plane_z, problem.gravity, k)[0, :2]
 
@@ -56,10 +58,12 @@ def test_derivatives_by_joint_speed_are_the_differences(soonest: list[PlannedThr
 
 def test_an_arm_that_is_off_by_a_position_throws_from_there(soonest: list[PlannedThrow]):
     """An arm that is 12 ms late: released 12 ms late, it throws as planned."""
-    planned, late_s = soonest[0], 0.012
+    planned = soonest[0]
+    late_s = 0.012
     trajectory = planned.trajectory
     t = table_times(trajectory.release_time_s)
-    now, then = trajectory.at(t), trajectory.at(t - late_s)
+    now = trajectory.at(t)
+    then = trajectory.at(t - late_s)
     table = throw_table(planned.problem, trajectory, (then[0] - now[0], then[1] - now[1]))
     found = Throws([table]).landings(one(late_s))[0]
     assert found == pytest.approx(exact(planned, 0.0, 1.0, 0.0, np.zeros(6)), abs=SAME_M)

@@ -63,7 +63,8 @@ def feasible_states(problem_cell: Cell, count: int, seed: int, spread: float = 0
 
     Yields the state's joint problem as well, so that the same state can be asked for in other ways.
     """
-    rng, found = np.random.default_rng(seed), 0
+    rng = np.random.default_rng(seed)
+    found = 0
     while found < count:
         q, qd = random_state(problem_cell, rng, spread)
         known = ThrowProblem(problem_cell, problem_cell.home, JointRelease(q, qd), problem_cell.limits)

@@ -155,7 +155,8 @@ CASES = {
 
 @pytest.mark.parametrize("name", CASES)
 def test_a_constraint_is_active_and_respected(name):
-    case, check_name = CASES[name], name.split(" (")[0]
+    case = CASES[name]
+    check_name = name.split(" (")[0]
     if case.add is as_it_is:
         free = ruckig_otg.solve(case.problem, candidates(case.problem)[0]).trajectory
     else:

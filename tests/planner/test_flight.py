@@ -22,7 +22,8 @@ def integrated(p, v, plane_z, drag):
     def ground(_t, x):
         return x[2] - plane_z
 
-    ground.terminal, ground.direction = True, -1
+    ground.terminal = True
+    ground.direction = -1
     solution = solved(p, v, 20.0, drag, events=ground)
     return solution.y_events[0][0], solution.t_events[0][0]
 
@@ -49,7 +50,8 @@ def test_landing_agrees_with_an_integrator(drag):
 
 @pytest.mark.parametrize("drag", [0.0, 0.3])
 def test_apex_and_speed(drag):
-    p, v = np.array([0.0, 0.0, 0.5]), np.array([1.0, 0.5, 3.0])
+    p = np.array([0.0, 0.0, 0.5])
+    v = np.array([1.0, 0.5, 3.0])
     flown = flight.fly(p, v, 0.0, G, drag)
     assert flown is not None
     assert flown.speed_m_s == pytest.approx(math.sqrt(1.0 + 0.25 + 9.0))
@@ -61,14 +63,16 @@ def test_apex_and_speed(drag):
 
 
 def test_a_plane_above_the_apex_is_never_reached():
-    p, v = np.array([0.0, 0.0, 0.5]), np.array([1.0, 0.0, 1.0])
+    p = np.array([0.0, 0.0, 0.5])
+    v = np.array([1.0, 0.0, 1.0])
     assert flight.fly(p, v, 2.0, G) is None
     assert flight.fly(p, v, 2.0, G, 0.1) is None
     assert np.isnan(flight.landing_points(p, v, 2.0, G)).all()
 
 
 def test_landing_points_of_many_flights_are_those_of_one():
-    p, v = np.array([r[0] for r in RELEASES]), np.array([r[1] for r in RELEASES])
+    p = np.array([r[0] for r in RELEASES])
+    v = np.array([r[1] for r in RELEASES])
     many = flight.landing_points(p, v, 0.1, G)
     for row, (p_i, v_i) in zip(many, RELEASES, strict=True):
         flown = flight.fly(p_i, v_i, 0.1, G)
@@ -91,7 +95,9 @@ def test_sensitivities_agree_with_finite_differences(drag):
 
 
 def test_drift_by_a_late_release_agrees_with_finite_differences():
-    p, v, a = np.array([0.5, 0.1, 0.8]), np.array([1.5, -0.5, 2.0]), np.array([3.0, -7.0, 4.0])
+    p = np.array([0.5, 0.1, 0.8])
+    v = np.array([1.5, -0.5, 2.0])
+    a = np.array([3.0, -7.0, 4.0])
 
     def landing(delay):
         return integrated(p + v * delay + a * delay**2 / 2, v + a * delay, 0.0, 0.0)[0][:3]
@@ -102,7 +108,8 @@ def test_drift_by_a_late_release_agrees_with_finite_differences():
 
 @pytest.mark.parametrize("drag", [0.0, 0.3])
 def test_launch_velocity_hits(drag):
-    p, target = np.array([0.4, 0.2, 0.7]), np.array([1.9, -0.6, 0.1])
+    p = np.array([0.4, 0.2, 0.7])
+    target = np.array([1.9, -0.6, 0.1])
     for time_s in (0.3, 0.5, 0.9):
         v = flight.launch_velocity(p, target, time_s, G, drag)
         assert v is not None
@@ -112,7 +119,8 @@ def test_launch_velocity_hits(drag):
 
 
 def test_least_speed_is_least_over_flight_times():
-    p, target = np.array([0.0, 0.0, 0.6]), np.array([1.2, 0.4, 0.1])
+    p = np.array([0.0, 0.0, 0.6])
+    target = np.array([1.2, 0.4, 0.1])
     times = np.linspace(0.15, 1.5, 5000)
     speeds = [np.linalg.norm(flight.launch_velocity(p, target, t, G)) for t in times]
     assert float(flight.least_speed(p, target, G)) == pytest.approx(min(speeds), abs=1e-6)
@@ -120,7 +128,9 @@ def test_least_speed_is_least_over_flight_times():
 
 
 def test_time_at_elevation_gives_that_elevation():
-    p, target, elevations = np.array([0.0, 0.0, 0.6]), np.array([1.2, 0.4, 0.1]), np.array([-0.2, 0.3, 1.0])
+    p = np.array([0.0, 0.0, 0.6])
+    target = np.array([1.2, 0.4, 0.1])
+    elevations = np.array([-0.2, 0.3, 1.0])
     v = flight.launch_velocity(p, target, flight.time_at_elevation(p, target, elevations, G), G)
     np.testing.assert_allclose(flight.elevation(v), elevations, atol=1e-12)
     assert np.isnan(flight.time_at_elevation(p, target, -0.6, G))

@@ -37,10 +37,12 @@ def numpy_alone(monkeypatch):
 
 def cells() -> list[Cell]:
     """Every arm: some mounted askew, with capsules on the tool, boxes or a heavy object."""
-    rng, found = np.random.default_rng(7), []
+    rng = np.random.default_rng(7)
+    found = []
     base = cell()
     for i, name in enumerate(ROBOT_NAMES):
-        arm, here = robot(name), base
+        arm = robot(name)
+        here = base
         limits = {key: getattr(arm, key) for key in ("q_lower", "q_upper", "qd_max", "qdd_max", "tau_max")}
         here = replace(here, robot=arm, limits=replace(here.limits, **limits))
         if i % 2:
@@ -126,7 +128,8 @@ def test_a_twin_that_differs_is_refused_with_a_warning(monkeypatch, caplog):
     def off(self, p0, p1, lower, upper):
         return right(self, p0, p1, lower, upper) + 1e-9
 
-    right, q = Kernel.box_distances, np.random.default_rng(5).uniform(-3.0, 3.0, (5, 3))
+    right = Kernel.box_distances
+    q = np.random.default_rng(5).uniform(-3.0, 3.0, (5, 3))
     expected = right(library.loaded(), q, q + 1.0, q + 2.0, q + 3.0)
     twin = kernel.twin_of(off, lambda: (q, q + 1.0, q + 2.0, q + 3.0))(lambda *ends: right(library.loaded(), *ends))
     with caplog.at_level(logging.WARNING):
@@ -172,7 +175,10 @@ def test_wider_instructions_change_no_bit(tmp_path, count):
     narrow = Kernel(compilation.compile_once(tmp_path / "narrow.so", (*library.FLAGS, "-DWIDEST="), lambda: [text]))
     rng = np.random.default_rng(count)
     J, v, q, qd = (rng.uniform(-3.0, 3.0, (count, *shape)) for shape in ((3, 6), (3,), (6,), (6,)))
-    qd[0, 2], J[-1], start, limit = np.nan, 0.0, np.zeros(6), np.linspace(2.0, 3.0, 6)
+    qd[0, 2] = np.nan
+    J[-1] = 0.0
+    start = np.zeros(6)
+    limit = np.linspace(2.0, 3.0, 6)
     calls = [
         lambda kernel: kernel.least_norms(J, limit**2, v, 1e-13),
         lambda kernel: kernel.largest_shares(qd, limit),
@@ -213,7 +219,10 @@ def test_flights_with_drag_are_the_same_with_and_without_it(numpy_alone):
     rng = np.random.default_rng(4)
     p = rng.uniform([-1.0, -1.0, 0.5], [1.0, 1.0, 1.5], (8, 3))
     v = rng.uniform([-3.0, -3.0, -2.0], [3.0, 3.0, 5.0], (8, 3))
-    p[0], v[0], p[1], v[1] = [0.0, 0.0, 0.1], [1.0, 0.0, 0.5], [0.0, 0.0, 0.1], [1.0, 0.0, 4.0]
+    p[0] = [0.0, 0.0, 0.1]
+    v[0] = [1.0, 0.0, 0.5]
+    p[1] = [0.0, 0.0, 0.1]
+    v[1] = [1.0, 0.0, 4.0]
     times = np.concatenate([np.zeros((8, 1)), np.cumsum(rng.uniform(0.0, 0.03, (8, 20)), axis=1)], axis=1)
 
     def computed():
@@ -276,8 +285,10 @@ def test_candidates_are_the_same_with_and_without_it(release, numpy_alone):
 @needs_compiler
 def test_velocities_of_lowered_shares_are_exact(numpy_alone):
     """Also where joints are weighted a million apart: they give the tool its velocity with and without the kernel."""
-    arm, rng = robot("ur5e"), np.random.default_rng(9)
-    J, v = jacobian(arm, rng.uniform(-3.0, 3.0, (400, 6)))[:, :3], rng.uniform(-1.5, 1.5, (400, 3))
+    arm = robot("ur5e")
+    rng = np.random.default_rng(9)
+    J = jacobian(arm, rng.uniform(-3.0, 3.0, (400, 6)))[:, :3]
+    v = rng.uniform(-1.5, 1.5, (400, 3))
     least = allocate_velocity(J, v, arm.qd_max, np.zeros(400, dtype=bool))
     compiled = allocate_velocity(J, v, arm.qd_max)
     lowered = np.flatnonzero((compiled != least).any(axis=1))

@@ -38,7 +38,8 @@ def test_a_move_that_ends_at_rest_has_an_empty_brake():
 
 def test_the_same_request_has_the_same_plan():
     problem = joint_problem(release=TargetRelease(np.array([1.4, 0.4, 0.0])))
-    first, second = plan(problem), plan(problem)
+    first = plan(problem)
+    second = plan(problem)
     np.testing.assert_array_equal(first.trajectory.q, second.trajectory.q)
     assert first.certificate == second.certificate
 

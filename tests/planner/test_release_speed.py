@@ -45,7 +45,8 @@ def planned(factor: float, window_s: float = 0.0, opening: bool = False, backend
 def integrated(problem: ThrowProblem, trajectory: Trajectory, factor: float, delay_s: float = 0.0) -> np.ndarray:
     """Returns the centre (n, 3) of an object released `delay_s` late, every millisecond until it passes the plane."""
     q, qd, _ = trajectory.at(trajectory.release_time_s + delay_s)
-    state, thing = tool_state(problem.cell, q, qd), problem.cell.object
+    state = tool_state(problem.cell, q, qd)
+    thing = problem.cell.object
     k = 0.5 * 1.204 * thing.drag_coefficient * np.pi * thing.radius_m**2 / thing.mass_kg
 
     def rate(_, s):
@@ -54,7 +55,8 @@ def integrated(problem: ThrowProblem, trajectory: Trajectory, factor: float, del
     def lands(_, s):
         return s[2] - problem.plane_z
 
-    lands.terminal, lands.direction = True, -1.0
+    lands.terminal = True
+    lands.direction = -1.0
     start = [*state.p_WT, *(factor * state.v_WT)]
     found = solve_ivp(rate, (0.0, 5.0), start, events=lands, rtol=1e-10, atol=1e-12, max_step=0.001)
     return found.y[:3].T
@@ -62,7 +64,10 @@ def integrated(problem: ThrowProblem, trajectory: Trajectory, factor: float, del
 
 @pytest.mark.parametrize("drag", [0.0, 0.3])
 def test_the_path_is_that_of_the_tools_velocity_under_another_gravity(drag: float):
-    p, v, t, factor = np.array([0.3, 0.1, 0.9]), np.array([2.5, -1.0, 2.2]), np.linspace(0.0, 0.7, 20), 0.93
+    p = np.array([0.3, 0.1, 0.9])
+    v = np.array([2.5, -1.0, 2.2])
+    t = np.linspace(0.0, 0.7, 20)
+    factor = 0.93
     true = path(p, factor * v, t, 9.81, drag)
     np.testing.assert_allclose(path(p, v, factor * t, 9.81 / factor**2, drag), true, atol=1e-7)
 
@@ -105,12 +110,14 @@ def test_a_flight_that_the_objects_speed_takes_into_a_wall_is_refused_and_planne
 
 
 def test_a_flight_that_the_objects_speed_takes_against_a_rim_is_refused_and_planned_anew():
-    exact, opening = planned(1.0, opening=True), Opening(0.09, 0.25)
+    exact = planned(1.0, opening=True)
+    opening = Opening(0.09, 0.25)
     here = thrower(0.97)
     judged = certify(replace(exact.problem, cell=here), exact.trajectory).check("flight_clearance")
     assert (judged.ok, judged.detail) == (False, "rim")
     found = planned(0.97, opening=True)
-    flown, radius = integrated(found.problem, found.trajectory, 0.97), here.object.radius_m
+    flown = integrated(found.problem, found.trajectory, 0.97)
+    radius = here.object.radius_m
     rho = np.hypot(flown[:, 0] - TARGET[0], flown[:, 1] - TARGET[1])
     outside = flown[: int(np.flatnonzero(flown[:, 2] >= opening.rim_height_m)[-1]) + 2]
     gap = np.hypot(rho[: len(outside)] - opening.radius_m, np.maximum(outside[:, 2] - opening.rim_height_m, 0.0))
@@ -121,7 +128,8 @@ def test_a_plans_document_carries_the_factor_and_old_ones_have_none():
     found = planned(0.95)
     request = {"release": {"kind": "target", "position": TARGET}, "release_window_s": 0.0}
     document = plan_document(found, request, "one", "2026-01-01T00:00:00Z")
-    flight, flown = document["flight"], integrated(found.problem, found.trajectory, 0.95)
+    flight = document["flight"]
+    flown = integrated(found.problem, found.trajectory, 0.95)
     np.testing.assert_allclose(flight["object_path"][-1], flown[-1], atol=SAME_M)
     assert flight["apex_height_m"] == pytest.approx(flown[:, 2].max(), abs=1e-5)
     assert flight["speed_m_s"] == pytest.approx(0.95 * np.linalg.norm(document["release"]["twist"]["linear"]))

@@ -280,7 +280,8 @@ def test_a_problem_written_as_a_request_is_read_back(release):
 
 @pytest.mark.parametrize("arm", ["ur5e-sim", "ur5-sim"])
 def test_a_plan_survives_the_way_through_json(arm):
-    here, request = cell(arm), {"cell": arm, "release": {"kind": "target", "position": [1.3, 0.3, 0.0]}}
+    here = cell(arm)
+    request = {"cell": arm, "release": {"kind": "target", "position": [1.3, 0.3, 0.0]}}
     answer = plan(problem_from_request(request, here))
     document = json.loads(json.dumps(plan_document(answer, request, "id", "now"), allow_nan=False))
     problem, trajectory = plan_from_document(document, here)

@@ -48,7 +48,9 @@ def test_quaternions_agree_with_scipy():
 
 
 def test_rotation_vector_rate_agrees_with_finite_differences():
-    vectors, spin, h = VECTORS[:9], np.array([0.3, -0.5, 0.8]), 1e-6
+    vectors = VECTORS[:9]
+    spin = np.array([0.3, -0.5, 0.8])
+    h = 1e-6
     R = rotation_vector_to_matrix(vectors)
     ahead, behind = (matrix_to_rotation_vector(rotation_vector_to_matrix(s * h * spin) @ R) for s in (1, -1))
     np.testing.assert_allclose(rotation_vector_rate(vectors) @ spin, (ahead - behind) / (2 * h), rtol=0, atol=1e-9)

@@ -108,7 +108,8 @@ def test_results_are_written_once_with_their_plans(store):
 
 
 def test_a_plan_and_its_result_are_stored_together_or_not_at_all(store):
-    id, made = running(store), new_id()
+    id = running(store)
+    made = new_id()
     broken = result(id, 0, plan_id=made, refusal=object())  # cannot be JSON
     with pytest.raises(Exception, match="serializable"):
         store.add_batch_results(id, "one", [broken], [plan(made)])
@@ -119,7 +120,8 @@ def test_a_plan_and_its_result_are_stored_together_or_not_at_all(store):
 def test_results_are_read_in_pages(store):
     id = running(store, 5)
     store.add_batch_results(id, "one", [result(id, number) for number in (4, 0, 2, 1, 3)], [])
-    pages, after = [], -1
+    pages = []
+    after = -1
     while after is not None:
         rows, after = store.batch_results(id, 2, after)
         pages.append([row.number for row in rows])
@@ -149,7 +151,8 @@ def test_a_released_batch_is_free_for_the_next_driver(store):
 
 
 def test_a_plan_stays_as_long_as_its_batch(store):
-    id, made = running(store, RESULTS + 5), new_id()
+    id = running(store, RESULTS + 5)
+    made = new_id()
     store.add_batch_results(id, "one", [result(id, n, plan_id=made) for n in range(RESULTS + 5)], [plan(made)])
     rewrite(store, plans, made, created_at=1.0)
     rewrite(store, batches, id, created_at=1.0)

@@ -131,7 +131,8 @@ def test_a_key_is_not_spent_by_a_refused_execution(store, add_plan, queued):
 
 
 def test_of_many_at_once_with_one_key_one_is_queued(store, add_plan):
-    key, plan_id = IdempotencyKey("me /execute", "k", "body"), add_plan()
+    key = IdempotencyKey("me /execute", "k", "body")
+    plan_id = add_plan()
 
     def attempt(_: int) -> str:
         try:

@@ -14,9 +14,11 @@ def thrown(store, plan_id, experiment_id=None):
 
 def test_an_experiment_has_the_executions_that_name_it(store, add_plan):
     one, other = (store.add_experiment(name, "Ada", {"repeat": 2}) for name in ("one", "other"))
-    first_plan, second_plan = add_plan(), add_plan()
+    first_plan = add_plan()
+    second_plan = add_plan()
     ids = [thrown(store, plan, one.id) for plan in (first_plan, second_plan, first_plan)]
-    apart, alone = thrown(store, second_plan, other.id), thrown(store, first_plan)
+    apart = thrown(store, second_plan, other.id)
+    alone = thrown(store, first_plan)
     for id in (*ids, apart, alone):
         store.add_landing(new_id(), id, 1.0, "person", result="hit", radius_m=0.1)
     assert [row.id for row in store.executions_of_experiment(one.id)] == ids

@@ -26,7 +26,8 @@ def test_summaries_leave_the_document_out(store, add_plan):
 
 def test_lists_are_newest_first_and_page_through_everything_once(store, add_plan):
     ids = [add_plan() for _ in range(7)]
-    seen, cursor = [], None
+    seen = []
+    cursor = None
     for _ in range(10):
         rows, cursor = store.plans(limit=3, cursor=cursor)
         seen += [row.id for row in rows]

@@ -42,7 +42,8 @@ def test_the_newest_plans_are_kept(store):
 
 
 def test_plans_are_kept_for_their_time(store):
-    old, young = add_plans(store, 2), add_plans(store, 2, time.time() - 2 * DAY_S)
+    old = add_plans(store, 2)
+    young = add_plans(store, 2, time.time() - 2 * DAY_S)
     assert store.retain(Retention(plans_days=5.0)) == (2, 0)
     assert plans_of(store) == set(young)
     assert not plans_of(store) & set(old)
@@ -60,7 +61,8 @@ def test_a_plan_in_use_or_just_made_is_kept(store):
 
 def test_executions_go_with_everything_that_belongs_to_them_and_then_their_plans(store):
     first, second = add_plans(store, 2)
-    old, new = run(store, first), run(store, second)
+    old = run(store, first)
+    new = run(store, second)
     assert store.retain(Retention(executions=1, plans_days=1.0)) == (1, 1)
     assert (store.execution(old), store.recording(old)) == (None, None)
     assert (store.events(old), store.landings(old)) == ([], [])

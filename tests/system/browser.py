@@ -99,7 +99,8 @@ class Visit:
     """
 
     def __init__(self, context: BrowserContext, url: str) -> None:
-        self.context, self.url = context, url
+        self.context = context
+        self.url = url
         self.page: Page = context.new_page()
         self.complaints: list[str] = []
         self.foreign: list[str] = []

@@ -44,7 +44,8 @@ def queue(rig: Rig, start: list[float], mode: str) -> str:
 
 def go_around(rig: Rig, start: list[float], mode: str) -> None:
     """Executes a small move that starts behind the box; the arm truly keeps clear."""
-    id, seen = queue(rig, start, mode), [rig.state()["q"]]
+    id = queue(rig, start, mode)
+    seen = [rig.state()["q"]]
 
     def over() -> bool:
         seen.append(rig.state()["q"])

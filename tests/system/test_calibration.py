@@ -51,7 +51,8 @@ def test_a_calibrated_throw_lands_and_another_arms_file_is_refused(deviating: Ri
     )
     assert "rig-kinematics.yaml" in done.stdout
     rig.rewrite(rig.path.read_text() + '\n[kinematics]\ncalibration = "rig-kinematics.yaml"\n')
-    table, q = read_kinematics(rig.host).table, np.random.default_rng(1).uniform(-6.0, 6.0, (POSES, 6))
+    table = read_kinematics(rig.host).table
+    q = np.random.default_rng(1).uniform(-6.0, 6.0, (POSES, 6))
     told = np.array([product_of(table, row) for row in q])
     assert np.linalg.norm((forward(rig.cell.robot, q) - told)[:, :3, 3], axis=1).max() < SAME_M
     with_calibration = landing_error(rig)

@@ -125,7 +125,8 @@ def test_a_throw_of_the_command_line_is_seen_and_stopped_by_key(guest: Visit, st
 
 def test_the_keyboard_alone_throws_and_stops(guest: Visit) -> None:
     """From the empty page to a throw to Stop; the focus is seen and kept."""
-    keyboard, focus = guest.page.keyboard, guest.page.locator(":focus-visible")
+    keyboard = guest.page.keyboard
+    focus = guest.page.locator(":focus-visible")
     guest.tab_to("Options")
     keyboard.press("Enter")
     guest.tab_to("Start")
@@ -292,7 +293,8 @@ def test_plan_and_what_came_of_it_are_seen_without_scrolling(
         expect(guest.button("Plan")).to_be_in_viewport(ratio=1.0)
         guest.planned()
         expect(guest.button("Plan")).to_be_in_viewport(ratio=1.0)
-        summary, plan = guest.page.locator(".summary").bounding_box(), guest.button("Plan").bounding_box()
+        summary = guest.page.locator(".summary").bounding_box()
+        plan = guest.button("Plan").bounding_box()
         top = guest.page.locator(".top").bounding_box()
         assert summary is not None
         assert plan is not None
@@ -302,7 +304,8 @@ def test_plan_and_what_came_of_it_are_seen_without_scrolling(
 
 
 def test_a_report_keeps_nobody_out(stack: PageStack, browser: Browser, tmp_path: Path) -> None:
-    file, id = tmp_path / "report.html", stack.plan_far_away()
+    file = tmp_path / "report.html"
+    id = stack.plan_far_away()
     made = CliRunner().invoke(main, ["report", "--plan", id, "--url", stack.url, "-o", str(file)])
     assert made.exit_code == 0, made.output
     with visit(browser, file.as_uri()) as guest:

@@ -23,7 +23,8 @@ from tests.system.rig import LOB, NUDGE, Rig, rows_of
 
 LANDING_M = 0.005  # [m] accepted landing error of a throw that missed no tick
 RELEASE_SHARE = 0.005  # [-] of the planned joint speed
-STALLS, STALL_S = 4, 0.015  # [s] each: as a virtual machine's host makes them
+STALLS = 4
+STALL_S = 0.015  # [s] each: as a virtual machine's host makes them
 STOPPED = ("late", "link_lost", "tracking")  # ends of a throw on a busy machine without real-time scheduling
 
 
@@ -62,7 +63,8 @@ def test_a_throw_beside_processes_that_take_every_processor(rig: Rig) -> None:  
 
 def test_a_throw_while_the_machine_of_the_simulated_controller_stalls(rig: Rig) -> None:
     """Its clock slips and lost cycles are not made up for: stream and arm notice only a long cycle."""
-    before, id = simulator_client.request(rig.host, "stats")["slips"]["count"], rig.queue(LOB)
+    before = simulator_client.request(rig.host, "stats")["slips"]["count"]
+    id = rig.queue(LOB)
     rig.in_launch(id)
     for _ in range(STALLS):
         rig.simulator.send_signal(signal.SIGSTOP)

@@ -40,7 +40,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.fixture(scope="session")
 def checkout(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> Path:
     """A copy of the files under version control, as a new user clones them."""
-    root, folder = request.config.rootpath, tmp_path_factory.mktemp("clone") / "fling"
+    root = request.config.rootpath
+    folder = tmp_path_factory.mktemp("clone") / "fling"
     names = subprocess.run(["git", "ls-files", "-z"], cwd=root, check=True, capture_output=True, text=True).stdout
     for name in filter(None, names.split("\0")):
         if (root / name).is_file():
@@ -68,7 +69,8 @@ def server_program(name: str) -> str | None:
 @pytest.fixture(scope="session")
 def postgres_url() -> Iterator[str]:
     """URL of an empty PostgreSQL server of these tests' own. One refuses to run as root: it is nobody's then."""
-    initdb, server = server_program("initdb"), server_program("postgres")
+    initdb = server_program("initdb")
+    server = server_program("postgres")
     if initdb is None or server is None:
         if WITHOUT_POSTGRES:
             pytest.skip("POSTGRESQL IS MISSING: nothing is verified on it")
@@ -112,7 +114,10 @@ class ServiceProcess:
         with socket.create_server(("127.0.0.1", 0)) as free:
             self.port = free.getsockname()[1]
         self.address = f"http://127.0.0.1:{self.port}"
-        self.url, self.log, self.workers, self.settings = url, log, workers, settings
+        self.url = url
+        self.log = log
+        self.workers = workers
+        self.settings = settings
         self.start()
 
     def start(self) -> None:

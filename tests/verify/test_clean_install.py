@@ -29,7 +29,8 @@ class CleanInstall:
     """An environment with the wheel and its pinned requirements alone, used from a hostile folder."""
 
     def __init__(self, folder: Path, python: str, requirements: Path, wheel: Path) -> None:
-        self.folder, self.bin = folder, folder / "venv" / "bin"
+        self.bin = folder / "venv" / "bin"
+        self.folder = folder
         self._run([python, "-m", "venv", str(folder / "venv")])
         pip = [str(self.bin / "python"), "-m", "pip", "--disable-pip-version-check", "--no-input", "install", "--quiet"]
         self._run([*pip, "--require-hashes", "-r", str(requirements)])

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-STORE, API = ["tests/store", "-k", "postgresql"], pytest.param(["tests/api"], marks=pytest.mark.slow)
+STORE = ["tests/store", "-k", "postgresql"]
+API = pytest.param(["tests/api"], marks=pytest.mark.slow)
 
 
 @pytest.mark.parametrize("tests", [STORE, API], ids=["store", "api"])

@@ -30,7 +30,8 @@ from api.http import create_token
 from tests.verify.conftest import READY_S
 
 pytestmark = pytest.mark.slow
-HOST, CONTROLLER = "127.0.41.7", "127.0.41.8"
+HOST = "127.0.41.7"
+CONTROLLER = "127.0.41.8"
 TRIES = 3  # on an overloaded machine a throw may be `late`
 NO_ID = "00000000-0000-7000-8000-000000000000"  # of nothing
 TYPESCRIPT = Path(__file__).parent / "typescript_client"
@@ -60,7 +61,8 @@ class RunningCell:
 
 @pytest.fixture(scope="module")
 def running_cell(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> Iterator[RunningCell]:
-    folder, cells = tmp_path_factory.mktemp("running"), tmp_path_factory.mktemp("cells")
+    folder = tmp_path_factory.mktemp("running")
+    cells = tmp_path_factory.mktemp("cells")
     text = (request.config.rootpath / "cells" / "ur5e-sim.toml").read_text()
     (cells / "ur5e-sim.toml").write_text(re.sub(r'host = "[^"]*"', f'host = "{CONTROLLER}"', text))
     (cells / "spare.toml").write_text(text)
@@ -290,7 +292,8 @@ def _without_token(client: PythonClient, document: dict[str, Any]) -> None:
     }
     for path, methods in document["paths"].items():
         for operation in (op for op in methods.values() if "security" in op):
-            name, there = operation["operationId"], ["ur5e-sim" if "{name}" in path else NO_ID] * path.count("{")
+            name = operation["operationId"]
+            there = ["ur5e-sim" if "{name}" in path else NO_ID] * path.count("{")
             body = {"body": client.body(*bodies[name])} if name in bodies else {}
             assert client.call(name, 401, *there, **body).type_ == "/problems/unauthenticated"
 

@@ -28,11 +28,13 @@ from tests.verify.quick_workers import QuickExecutor, QuickPlanner
 
 FOLDER = Path(__file__).parent / "openapi"
 CASES = int(os.environ.get("FLING_CASES", "0"))  # at least so many, in each run
-EXAMPLES, SHORT_CASES = 5, 2300  # examples of an operation in the short run, and cases that it has at least
+EXAMPLES = 5
+SHORT_CASES = 2300  # examples of an operation in the short run, and cases that it has at least
 CASES_AN_EXAMPLE = 35  # at least so many cases more for each further example
 # Database, with tokens, seed. Continuous integration has the first, without `make fuzz` there are the first two, in
 # which each database and each kind of access occurs. With tokens a run waits minutes: wrong ones are answered late.
-FIRST, SECOND = ("sqlite", False, 1), ("postgresql", True, 1)
+FIRST = ("sqlite", False, 1)
+SECOND = ("postgresql", True, 1)
 RUNS = [
     FIRST, SECOND, ("sqlite", True, 1), ("postgresql", False, 1),
     ("sqlite", False, 2), ("postgresql", True, 2), ("sqlite", True, 2), ("postgresql", False, 2),
@@ -56,11 +58,13 @@ def url(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str]:
 def served(url: str, folder: Path, guarded: bool) -> Iterator[tuple[ServiceProcess, dict[str, str]]]:
     """Runs a service that has something of each kind; yields it and its headers."""
     Store.upgrade(url)
-    own, headers = {"FLING_BATCH_WORKERS": "0"}, {}
+    own = {"FLING_BATCH_WORKERS": "0"}
+    headers = {}
     if guarded:
         file = folder / "tokens.toml"
         token = create_token(file, "schemathesis", ("plan", "operate"))
-        own["FLING_TOKENS_FILE"], headers = str(file), {"Authorization": f"Bearer {token}"}
+        own["FLING_TOKENS_FILE"] = str(file)
+        headers = {"Authorization": f"Bearer {token}"}
     service = ServiceProcess(url, folder / "service.log", workers=1, **own)
     try:
         with QuickExecutor(url, CELL), QuickPlanner(url):

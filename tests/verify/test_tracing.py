@@ -27,7 +27,8 @@ TRACE_ID = 0x0AF7651916CD43DD8448EB211C80319C
 @pytest.fixture(scope="module")
 def exporter() -> InMemorySpanExporter:
     """Keeps the spans of this process; a provider is set once in a process."""
-    kept, provider = InMemorySpanExporter(), TracerProvider()
+    kept = InMemorySpanExporter()
+    provider = TracerProvider()
     provider.add_span_processor(SimpleSpanProcessor(kept))
     trace.set_tracer_provider(provider)
     return kept
@@ -45,7 +46,9 @@ class UnmovedDaemon(Daemon):
     """A daemon whose executions end as soon as they begin: what matters here is the span around them."""
 
     def __init__(self, service: RunningService) -> None:
-        self.store, self.cell, self._store_paused_until = service.store, "ur5e-sim", 0.0
+        self.store = service.store
+        self.cell = "ur5e-sim"
+        self._store_paused_until = 0.0
 
     def _run_execution(self, row: ExecutionRow, ended: object, span: tracing.TracedSpan) -> None:
         span.event("preparing")
@@ -57,7 +60,8 @@ def ancestors(exporter: InMemorySpanExporter) -> Callable[[ReadableSpan], set[in
     parents = {span.context.span_id: span.parent for span in exporter.get_finished_spans()}
 
     def around(span: ReadableSpan) -> set[int]:
-        found, parent = set(), span.parent
+        found = set()
+        parent = span.parent
         while parent is not None:
             found.add(parent.span_id)
             parent = parents.get(parent.span_id)

@@ -41,7 +41,8 @@ def model_numbers() -> dict[str, Any]:
 
 def _arm(arm: Robot, rng: np.random.Generator) -> dict[str, Any]:
     X_WB, X_FT = (pose(rng.uniform(-1, 1, 3), rotation_vector_to_matrix(rng.uniform(-1, 1, 3))) for _ in range(2))
-    q, qd = rng.uniform(-2 * np.pi, 2 * np.pi, (POSTURES, 6)), rng.uniform(-3, 3, (POSTURES, 6))
+    q = rng.uniform(-2 * np.pi, 2 * np.pi, (POSTURES, 6))
+    qd = rng.uniform(-3, 3, (POSTURES, 6))
     X = link_poses(arm, q, X_WB)
     velocities = np.einsum("nij,nj->ni", jacobian(arm, q, X_FT), qd)[:, :3] @ X_WB[:3, :3].T
     chain = {"transforms": fixed_transforms(arm)} if arm.fixed is not None else {"a": arm.a, "d": arm.d}
@@ -61,7 +62,8 @@ def _arm(arm: Robot, rng: np.random.Generator) -> dict[str, Any]:
 
 
 def _flight(rng: np.random.Generator, gravity: float, drag: float) -> dict[str, Any]:
-    p, v = rng.uniform([-1, -1, 0], [1, 1, 2]), rng.uniform(-4, 4, 3)
+    p = rng.uniform([-1, -1, 0], [1, 1, 2])
+    v = rng.uniform(-4, 4, 3)
     plane_z = float(rng.uniform(-1, 1.2))  # above some of the flights
     found = flight.fly(p, v, plane_z, gravity, drag)
     times = np.array([0.0, 0.013, 0.2, 0.55])

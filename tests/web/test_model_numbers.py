@@ -9,7 +9,8 @@ from tests.web.model_numbers import FILE, model_numbers, same
 
 
 def test_the_numbers_for_the_page_are_the_planners():
-    current, stored = model_numbers(), json.loads(FILE.read_text())
+    current = model_numbers()
+    stored = json.loads(FILE.read_text())
     assert same(current, stored), "write them anew: python -m tests.web.model_numbers"
 
 

@@ -20,7 +20,8 @@ def _far_boxes(cell: Cell) -> list[str]:
     from planner.cell import FARTHEST_M
     from planner.geometry import segment_box_distance
 
-    base, found = cell.X_WB[:3, 3], []
+    base = cell.X_WB[:3, 3]
+    found = []
     for name, box in zip(cell.surroundings.keep_out_names, cell.surroundings.keep_out, strict=True):
         away_m = float(segment_box_distance(base, base, box.lower, box.upper))
         if away_m >= FARTHEST_M:
@@ -50,7 +51,8 @@ def _wrong_lag(cell: Cell) -> list[str]:
 
 def _heavy_payload(cell: Cell) -> list[str]:
     """Returns a warning of tool and object that are heavier together than what the arm is rated for."""
-    mass_kg, rated_kg = cell.tool.mass_kg + cell.object.mass_kg, cell.robot.payload_kg
+    mass_kg = cell.tool.mass_kg + cell.object.mass_kg
+    rated_kg = cell.robot.payload_kg
     if mass_kg <= rated_kg:
         return []
     weighs = f"tool and object weigh {mass_kg:g} kg (tool.mass_kg, object.mass_kg)"

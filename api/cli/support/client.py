@@ -43,7 +43,8 @@ def describe(problem: dict[str, Any], as_request: bool = False) -> str:
         problem: its document.
         as_request: whether a request (JSON) was refused, so that its keys are named, not the options of `fling throw`.
     """
-    title, violations = problem.get("title", "refused"), problem.get("violations") or []
+    title = problem.get("title", "refused")
+    violations = problem.get("violations") or []
     is_late = _is_late(problem)
     if [violation["constraint"] for violation in violations] == ["hit_probability"]:
         return _odds_text(problem, violations[0], as_request)
@@ -72,7 +73,8 @@ def _more_time_text(problem: dict[str, Any]) -> str:
 
 def _odds_text(problem: dict[str, Any], violation: dict[str, Any], as_request: bool) -> str:
     """Returns a refusal for odds alone: the arm can throw there, and does not hit often enough."""
-    nearest, wider = problem.get("nearest") or {}, "landing_tolerance_m" if as_request else "--tolerance"
+    nearest = problem.get("nearest") or {}
+    wider = "landing_tolerance_m" if as_request else "--tolerance"
     lines = [
         f"No throw of those tried hits often enough: {violation['value']:.0%} {violation['detail']}, "
         f"{violation['limit']:.0%} were asked for.",
@@ -108,7 +110,8 @@ def _tried_text(attempts: list[dict[str, Any]]) -> str:
 def _nearest_text(nearest: dict[str, Any], as_request: bool) -> str:
     if nearest.get("min_hit_probability"):
         return f"the best odds found: {nearest['min_hit_probability']:.3g}"
-    release, window = nearest["release"], _window_text(nearest, as_request)
+    release = nearest["release"]
+    window = _window_text(nearest, as_request)
     if release["kind"] != "target":
         return f"the nearest feasible release: {json.dumps(release)}{window}"
     place = " ".join(f"{x:.6g}" for x in release["position"])

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import click
 
-INVALID, INFEASIBLE, SOLVER_FAILED, NOT_COMPLETED = 1, 2, 3, 4
+INVALID = 1
+INFEASIBLE = 2
+SOLVER_FAILED = 3
+NOT_COMPLETED = 4
 WRONG_COMMAND_LINE = 64  # source: sysexits.h, EX_USAGE
 INTERRUPTED = 130  # source: shells, 128 + SIGINT
 

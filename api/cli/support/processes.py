@@ -24,7 +24,8 @@ STOP_S = 5.0  # [s] for a child to end; the executor brakes its robot first
 READY_S = 300.0  # [s] for a child to get ready: it imports and builds for ten seconds, longer beside busy processes
 SAID_EVERY_S = 30.0  # [s] between two sentences that say what is waited for
 POLL_S = 0.1  # [s] between two looks at the service's readiness
-DEATHS_MAX, DEATHS_WITHIN_S = 3, 60.0  # [-], [s] a child that ends more often within this time does not come back
+DEATHS_MAX = 3
+DEATHS_WITHIN_S = 60.0  # [-], [s] a child that ends more often within this time does not come back
 NO_CLIENT = (
     "ur_rtde is not installed, without which nothing streams to an arm, a simulated one included: use Python 3.11 or "
     "3.12 (make PYTHON=python3.12 ...), for which it has wheels; planning works without it"
@@ -237,7 +238,9 @@ def _interrupt(_number: int, _frame: object) -> None:
 
 
 def _wait_until_ready(children: ChildProcesses, url: str, cell: str, ready_s: float) -> None:
-    begun, reason, said = time.monotonic(), "", 0
+    begun = time.monotonic()
+    reason = ""
+    said = 0
     with ServiceClient(url, os.environ.get("FLING_TOKEN")) as client:
         while (waited := time.monotonic() - begun) < ready_s:
             children.check()

@@ -108,7 +108,8 @@ def _millimetres(value_m: float | None) -> str:
 def _wait_for_input(client: Any, cell: str, index: int) -> None:
     """Waits until a digital input goes on: it is seen off first, so that a held button does not throw on and on."""
     click.echo(f"waiting for digital input {index} …", err=True)
-    deadline, was_off = time.monotonic() + LOAD_TIMEOUT_S, False
+    deadline = time.monotonic() + LOAD_TIMEOUT_S
+    was_off = False
     while time.monotonic() < deadline:
         robot = client.get(f"/cells/{cell}/state")["robot"] or {}
         on = bool(robot.get("digital_input_bits", 0) >> index & 1)

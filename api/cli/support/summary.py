@@ -12,7 +12,8 @@ BOX = "keep_out"  # beginning of `landed_on` where the object met a box, on its 
 
 def plan_text(plan: dict[str, Any]) -> str:
     """Returns a summary of a plan in a few lines."""
-    solver, flight = plan["solver"], plan["flight"]
+    solver = plan["solver"]
+    flight = plan["flight"]
     lines = [
         f"planned by {plan['backend']} in {1000 * solver['solve_time_s']:.0f} ms: release after "
         f"{plan['release_time_s']:.3f} s of {plan['duration_s']:.3f} s; "
@@ -49,7 +50,8 @@ def landing_text(execution: dict[str, Any], observed: Sequence[dict[str, Any]] =
         return f"dry run: every check passed and nothing moved; {text}"
     if metrics.get("release_velocity_error_share") is not None:
         text += f"; joint velocity at the release within {100 * metrics['release_velocity_error_share']:.2f} %"
-    point, error = metrics.get("landing_point"), metrics.get("landing_error_m")
+    point = metrics.get("landing_point")
+    error = metrics.get("landing_error_m")
     if point is None or error is None:
         return f"{text}\n{_observed_text(observed, execution.get('id', 'latest'))}"
     place = ", ".join(f"{value:.4f}" for value in point)
@@ -69,7 +71,8 @@ def _window_text(flight: dict[str, Any]) -> str:
     """Returns what the plan holds for a release that is not on time."""
     if flight["release_window_s"] <= 0.0 or flight["landing_tolerance_m"] <= 0.0:
         return "planned for the release on time alone"
-    window_ms, tolerance_mm = 1000 * flight["release_window_s"], 1000 * flight["landing_tolerance_m"]
+    window_ms = 1000 * flight["release_window_s"]
+    tolerance_mm = 1000 * flight["landing_tolerance_m"]
     return f"a release up to {window_ms:.3g} ms early or late lands within {tolerance_mm:.3g} mm"
 
 
@@ -103,7 +106,8 @@ def numbers_text(row: dict[str, Any]) -> str:
 
 def profile_text(row: dict[str, Any]) -> str:
     """Returns a profile in a few lines, beside what the cell file says."""
-    file, offset = row["cell_file"], row["landing_offset_m"]
+    file = row["cell_file"]
+    offset = row["landing_offset_m"]
     spread = row["landing_offset_std_m"]
     seen = {name: len(ids) for name, ids in row["evidence"].items()}
     lines = [
@@ -126,13 +130,15 @@ def _drag_text(row: dict[str, Any]) -> str:
     """Returns the drag with its uncertainty where throws have shown it, else the cell file's, which has none."""
     from learning import is_drag_learnt
 
-    text, std = f"drag coefficient {row['drag_coefficient']:.2f}", float(row["drag_coefficient_std"])
+    text = f"drag coefficient {row['drag_coefficient']:.2f}"
+    std = float(row["drag_coefficient_std"])
     return f"{text} ± {std:.2f}" if is_drag_learnt(std) else f"{text}, the cell file's: throws do not show it"
 
 
 def _explained_text(row: dict[str, Any]) -> list[str]:
     """Returns how far the observed landings were from the plans, and are from what the profile expects."""
-    before, after = row.get("landing_error_before_m"), row.get("landing_error_after_m")
+    before = row.get("landing_error_before_m")
+    after = row.get("landing_error_after_m")
     if before is None or after is None:
         return []
     return [

@@ -9,7 +9,9 @@ from typing import Any
 
 import click
 
-GOOD, BAD, FAINT = {"fg": "green"}, {"fg": "red"}, {"dim": True}
+GOOD = {"fg": "green"}
+BAD = {"fg": "red"}
+FAINT = {"dim": True}
 _BEGUN_S = time.monotonic()  # of this process
 
 

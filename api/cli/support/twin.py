@@ -48,7 +48,8 @@ def truth_of_profile(profile: Mapping[str, Any]) -> dict[str, Any]:
     missing = [name for name in NEEDED if name not in profile]
     if missing:
         raise KeyError(", ".join(missing))
-    timing, lag = profile.get("timing") or {}, float(profile["lag_s"])
+    timing = profile.get("timing") or {}
+    lag = float(profile["lag_s"])
     delay = float(profile["delay_s"])
     if lag + delay < 0.0:
         raise ValueError(

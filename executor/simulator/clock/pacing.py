@@ -95,7 +95,8 @@ class CyclePacing:
 
     def start(self, now: float) -> None:
         """Starts a new grid; the next cycle is one cycle time away."""
-        self.due, self.lost = now + self.dt, 0.0
+        self.due = now + self.dt
+        self.lost = 0.0
 
     def sleep_s(self, now: float) -> float:
         """Returns the duration of the next sleep [s]."""

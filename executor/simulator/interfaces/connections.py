@@ -59,7 +59,8 @@ class Connection:
         try:
             del self.unsent[: self.socket.send(self.unsent)]
         except (BlockingIOError, InterruptedError):
-            self.open, self.waits = len(self.unsent) < UNSENT_MAX, self.backoff
+            self.open = len(self.unsent) < UNSENT_MAX
+            self.waits = self.backoff
         except OSError:
             self.open = False
 
@@ -85,7 +86,8 @@ class Connection:
 
     def deliver_delayed(self) -> bool:
         """Delivers delayed data that is due; returns whether some of it was incoming."""
-        arrived, now = False, time.monotonic()
+        arrived = False
+        now = time.monotonic()
         while self.delayed and self.delayed[0][0] <= now and self.open:
             _, data, incoming = self.delayed.popleft()
             if incoming:

@@ -24,7 +24,8 @@ PROGRAM_STATES = {PLAYING: "PLAYING", PAUSED: "PAUSED"}
 _POWER = {"power on", "power off", "brake release", "unlock protective stop", "restart safety", "shutdown"}
 REMOTE_ONLY = frozenset({"play", "stop", "pause", "load", *_POWER})
 INSTALLATION = "default.installation"  # the only one there is
-OPERATIONAL_MODES, NO_MODE = ("MANUAL", "AUTOMATIC"), "NONE"
+OPERATIONAL_MODES = ("MANUAL", "AUTOMATIC")
+NO_MODE = "NONE"
 USER_ROLES = ("PROGRAMMER", "OPERATOR", "NONE", "LOCKED", "RESTRICTED")
 CB3_ONLY = frozenset({"getuserrole", "setuserrole"})
 E_SERIES_ONLY = frozenset(
@@ -37,9 +38,13 @@ class DashboardServer(ConnectionHandler):
 
     def __init__(self, identity: ControllerIdentity, stops: Stops, programs: Path | None = None) -> None:
         """`programs` is the folder of the programs that can be loaded; None: there are none."""
-        self.identity, self.stops, self.runner, self.safety = identity, stops, stops.runner, stops.safety
+        self.identity = identity
+        self.runner = stops.runner
+        self.safety = stops.safety
+        self.stops = stops
         self.programs = StoredPrograms(programs)
-        self.operational_mode, self.user_role = NO_MODE, "NONE"
+        self.operational_mode = NO_MODE
+        self.user_role = "NONE"
         self.reports = 0
         self.answers = self._questions() | self._actions()
         self.with_argument: dict[str, Callable[[str], str]] = {
@@ -58,7 +63,9 @@ class DashboardServer(ConnectionHandler):
             self.with_argument.pop(command, None)
 
     def _questions(self) -> dict[str, Callable[[], str]]:
-        identity, runner, safety = self.identity, self.runner, self.safety
+        identity = self.identity
+        runner = self.runner
+        safety = self.safety
         return {
             "polyscopeversion": self._polyscope,
             "version": lambda: ".".join(map(str, (*identity.version, identity.build))),
@@ -77,7 +84,9 @@ class DashboardServer(ConnectionHandler):
         }
 
     def _actions(self) -> dict[str, Callable[[], str]]:
-        runner, stops, safety = self.runner, self.stops, self.safety
+        runner = self.runner
+        stops = self.stops
+        safety = self.safety
         return {
             "play": self._play,
             "stop": after(lambda: runner.stop("dashboard: stop"), "Stopped"),

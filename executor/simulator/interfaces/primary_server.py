@@ -43,7 +43,10 @@ class PrimaryServer(ScriptServer):
             board: messages for the clients; None on a secondary port.
         """
         super().__init__(upload, timeline.note, commands)
-        self.identity, self.timeline, self.values, self.facts = identity, timeline, values, facts
+        self.identity = identity
+        self.timeline = timeline
+        self.values = values
+        self.facts = facts
         self.informed: dict[Connection, bool] = {}  # whether a client has got kinematics and configuration
         self.has_messages = board is not None
         self.pending: deque[bytes] = deque(maxlen=MESSAGES_MAX)
@@ -86,7 +89,8 @@ class PrimaryServer(ScriptServer):
 
     def _publish_state(self) -> None:
         e_series = self.identity.version[0] > 3
-        state, first = robot_state(self.values, None, e_series), None
+        state = robot_state(self.values, None, e_series)
+        first = None
         for connection, informed in list(self.informed.items()):
             if connection.unsent or connection.disturbance.stalled:
                 continue

@@ -61,7 +61,8 @@ class RealtimeServer(ScriptServer):
             upload, note, commands: see `ScriptServer`.
         """
         super().__init__(upload, note, commands)
-        self.values, self.refresh = values, refresh
+        self.values = values
+        self.refresh = refresh
         self.layout = struct.Struct(f">i{(packet_size(version) - 4) // 8}d")
         self.derived = ("elbow_position", "elbow_velocity")
         self.streams: list[Connection] = []

@@ -83,7 +83,10 @@ def output_recipe(names: Sequence[str], every: int, protocol: int = 2) -> Output
 
 def input_recipe(names: Sequence[str]) -> InputRecipe:
     """Returns the compiled recipe of known input variables."""
-    ints, doubles, others, at = [], [], [], 0
+    ints = []
+    doubles = []
+    others = []
+    at = 0
     for name in names:
         width = WIDTH[INPUT_TYPES[name]]
         kind, _, number = name.rpartition("_register_")

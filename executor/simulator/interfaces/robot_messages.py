@@ -13,9 +13,17 @@ from executor.simulator.settings import ControllerIdentity
 
 ROBOT_MESSAGE = 20
 HEAD = struct.Struct(">iBQbB")
-TEXT, POPUP, VERSION, SAFETY_MODE, ERROR_CODE, KEY, RUNTIME_EXCEPTION = 0, 2, 3, 5, 6, 7, 10
-FROM_INTERFACE, FROM_CONTROLLER = -2, -3  # who says it: the robot interface, the real-time machine
-PROJECT, BUILD_DATE = "URControl", "01-01-2024, 00:00:00"
+TEXT = 0
+POPUP = 2
+VERSION = 3
+SAFETY_MODE = 5
+ERROR_CODE = 6
+KEY = 7
+RUNTIME_EXCEPTION = 10
+FROM_INTERFACE = -2
+FROM_CONTROLLER = -3  # who says it: the robot interface, the real-time machine
+PROJECT = "URControl"
+BUILD_DATE = "01-01-2024, 00:00:00"
 REQUEST_NOTHING = 0  # a popup that asks for no value
 
 

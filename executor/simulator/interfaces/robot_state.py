@@ -13,13 +13,19 @@ from dataclasses import dataclass
 
 ROBOT_STATE = 16
 HEAD = struct.Struct(">iB")
-PROTECTIVE_BIT, EMERGENCY_BITS = 1 << 2, 1 << 5 | 1 << 6 | 1 << 7  # safety_status_bits; source: RTDE guide
-PLAYING, PAUSED = 2, 4  # runtime_state; source: RTDE guide
-TOOL_BAUD, TOOL_STOP_BITS, TOOL_RX_IDLE, TOOL_TX_IDLE = 115200, 1, 1.5, 3.5  # source: URScript manual, tool defaults
+PROTECTIVE_BIT = 1 << 2
+EMERGENCY_BITS = 1 << 5 | 1 << 6 | 1 << 7  # safety_status_bits; source: RTDE guide
+PLAYING = 2
+PAUSED = 4  # runtime_state; source: RTDE guide
+TOOL_BAUD = 115200
+TOOL_STOP_BITS = 1
+TOOL_RX_IDLE = 1.5
+TOOL_TX_IDLE = 3.5  # source: URScript manual, tool defaults
 JOINT_DEFAULTS = (1.05, 1.40)  # [rad/s, rad/s^2] source: URScript manual, movej
 TOOL_DEFAULTS = (0.25, 1.20)  # [m/s, m/s^2] source: URScript manual, movel
 EQ_RADIUS_M = 0.25  # chosen: the lever of a rotation; UR's own use
-MASTERBOARD_VERSION, CONTROLLER_BOX = 6, 4  # chosen: what an e-Series control box reports
+MASTERBOARD_VERSION = 6
+CONTROLLER_BOX = 4  # chosen: what an e-Series control box reports
 
 Values = Mapping[str, Sequence[float]]
 Six = tuple[float, float, float, float, float, float]
@@ -64,11 +70,15 @@ def _package(kind: int, form: str, *numbers: float) -> bytes:
 
 
 def _robot_mode(v: Values) -> bytes:
-    bits, runtime = int(v["safety_status_bits"][0]), v["runtime_state"][0]
+    bits = int(v["safety_status_bits"][0])
+    runtime = v["runtime_state"][0]
     powered = bool(int(v["robot_status_bits"][0]) & 1)
-    emergency, protective = bool(bits & EMERGENCY_BITS), bool(bits & PROTECTIVE_BIT)
+    emergency = bool(bits & EMERGENCY_BITS)
+    protective = bool(bits & PROTECTIVE_BIT)
     flags = (True, True, powered, emergency, protective, runtime == PLAYING, runtime == PAUSED)
-    mode, fraction, scaling = int(v["robot_mode"][0]), v["target_speed_fraction"][0], v["speed_scaling"][0]
+    mode = int(v["robot_mode"][0])
+    fraction = v["target_speed_fraction"][0]
+    scaling = v["speed_scaling"][0]
     microseconds = round(v["timestamp"][0] * 1e6)
     return _package(0, "Q7?BBdddB", microseconds, *flags, mode, 0, fraction, scaling, 1.0, 0)
 

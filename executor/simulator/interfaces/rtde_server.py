@@ -66,9 +66,11 @@ class RtdeServer(ConnectionHandler):
             take_inputs: called with the values of every data package.
             derived: output variables that are computed when a client is about to get them.
         """
-        self.identity, self.timeline = identity, timeline
+        self.identity = identity
+        self.timeline = timeline
         self.derived = derived or {}
-        self.outputs, self.take_inputs = outputs, take_inputs
+        self.outputs = outputs
+        self.take_inputs = take_inputs
         self.sessions: dict[Connection, RtdeSession] = {}
         self.owners = recipes.InputOwners()
         self.malformed = 0

@@ -64,7 +64,9 @@ class ScriptServer(ConnectionHandler):
         self, upload: Callable[[str], object], note: Callable[[str], None], commands: Commands | None = None
     ) -> None:
         """`upload` takes the text of a program, `note` an event; `commands` are the actions of plain commands."""
-        self.upload, self.note, self.commands = upload, note, commands or {}
+        self.upload = upload
+        self.note = note
+        self.commands = commands or {}
         self.readers: dict[Connection, ScriptReader] = {}
 
     def opened(self, connection: Connection) -> None:

@@ -31,7 +31,8 @@ class StoredPrograms:
         """Loads a program; returns whether it is there."""
         text = self._text(path)
         if text is not None:
-            self.loaded, self.text = path, text
+            self.loaded = path
+            self.text = text
         return text is not None
 
     def _text(self, path: str) -> str | None:

@@ -20,7 +20,8 @@ SETUP_INPUTS = 73  # I
 START = 83  # S
 PAUSE = 80  # P
 
-WARNING, ERROR = 2, 1  # levels of a text message; 0 is an exception, 3 an information
+WARNING = 2
+ERROR = 1  # levels of a text message; 0 is an exception, 3 an information
 TEXT_SOURCE = "RTDE"  # chosen: what a text message of the controller names as its source
 TEXT_MAX = 255  # [bytes] the length of a text is one byte in protocol 2
 
@@ -74,7 +75,8 @@ def names_in(body: bytes) -> list[str]:
 
 def text_message(protocol: int, text: str, level: int) -> bytes:
     """Returns a text message package: level and text, in protocol 2 text, source and level."""
-    message, source = text.encode("ascii", "replace")[:TEXT_MAX], TEXT_SOURCE.encode()
+    message = text.encode("ascii", "replace")[:TEXT_MAX]
+    source = TEXT_SOURCE.encode()
     if protocol == 1:
         return package(TEXT_MESSAGE, bytes([level]) + message)
     return package(TEXT_MESSAGE, bytes([len(message)]) + message + bytes([len(source)]) + source + bytes([level]))

@@ -47,12 +47,18 @@ class Arm:
         self, chain: KinematicChain, dt: float, q: Sequence[float], response: Response, noise: Noise, seed: int
     ) -> None:
         """Places the arm at rest at joint positions `q` (6,) [rad]; `dt` is the cycle time [s]."""
-        self.chain, self.dt = chain, dt
-        self.lag, self.overshoot = response.lag, response.overshoot
+        self.chain = chain
+        self.dt = dt
+        self.lag = response.lag
+        self.overshoot = response.overshoot
         self.gain = None if all(g == 1.0 for g in response.gain) else list(response.gain)
-        self.q, self.qd, self.qdd = list(q), [0.0] * 6, [0.0] * 6
-        self.true_q, self.true_qd = list(q), [0.0] * 6
-        self.measured_q, self.measured_qd = self.true_q, self.true_qd
+        self.q = list(q)
+        self.qd = [0.0] * 6
+        self.qdd = [0.0] * 6
+        self.true_q = list(q)
+        self.true_qd = [0.0] * 6
+        self.measured_q = self.true_q
+        self.measured_qd = self.true_qd
         draw = random.Random(seed)
         self.q_noise, self.qd_noise = ([draw.gauss(0.0, s) for _ in range(NOISE_TABLE)] * 2 for s in noise)
         self.draws = 0
@@ -106,7 +112,9 @@ class Arm:
         """
         qd = qd if self.gain is None else [g * v for g, v in zip(self.gain, qd, strict=True)]
         change = [b - a for a, b in zip(self.qd, qd, strict=True)]
-        largest, most, half = max(map(abs, change)), acceleration * self.dt, 0.5 * self.dt
+        largest = max(map(abs, change))
+        most = acceleration * self.dt
+        half = 0.5 * self.dt
         reached = largest <= most
         now = list(qd) if reached else [a + c * most / largest for a, c in zip(self.qd, change, strict=True)]
         self.drive([x + half * (a + b) for x, a, b in zip(self.q, self.qd, now, strict=True)], now)
@@ -123,7 +131,8 @@ class Arm:
 
     def finish_cycle(self) -> None:
         """Advances the true motion to the end of this cycle and measures it."""
-        q, qd = self.q, self.qd
+        q = self.q
+        qd = self.qd
         if self.overshoot is not None:
             q, qd = self.overshoot.step(q, qd)
             if self.overshoot.began:
@@ -150,4 +159,5 @@ class Arm:
     def _set(self, q: list[float], qd: list[float]) -> None:
         rate = 1.0 / self.dt
         self.qdd = [(b - a) * rate for a, b in zip(self.qd, qd, strict=True)]
-        self.q, self.qd = q, qd
+        self.q = q
+        self.qd = qd

@@ -29,8 +29,10 @@ class ObservingCamera:
         }
 
     def _error(self) -> tuple[float, float]:
-        noise, gauss = self.noise, self.draw.gauss
-        dx, dy = gauss(0.0, noise.std_m), gauss(0.0, noise.std_m)
+        noise = self.noise
+        gauss = self.draw.gauss
+        dx = gauss(0.0, noise.std_m)
+        dy = gauss(0.0, noise.std_m)
         if self.draw.random() < noise.outlier_share:
             return dx + gauss(0.0, noise.outlier_std_m), dy + gauss(0.0, noise.outlier_std_m)
         return dx, dy

@@ -21,7 +21,8 @@ def controller_table(robot: Robot, deviation: DhDeviation | None = PUBLISHED) ->
     """Returns the table of an arm that deviates from the published one; None: of the arm as the cell has it."""
     if deviation is None:
         return table_of(robot)
-    table, d = published_table(robot), deviation
+    table = published_table(robot)
+    d = deviation
     return DhTable(table.theta + d.theta_rad, table.a + d.a_m, table.d + d.d_m, table.alpha + d.alpha_rad)
 
 

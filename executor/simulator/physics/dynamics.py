@@ -53,7 +53,8 @@ class JointTorques:
     def __init__(self, robot: Robot) -> None:
         self.bodies = []
         for a, d, alpha, link in zip(robot.a, robot.d, robot.alpha, robot.links, strict=True):
-            c, s = math.cos(alpha), math.sin(alpha)
+            c = math.cos(alpha)
+            s = math.sin(alpha)
             inertia = tuple(tuple(row) for row in link.inertia.tolist())
             offset = (float(a), float(d) * s, float(d) * c)
             self.bodies.append(LinkBody(c, s, offset, float(link.mass), tuple(link.com.tolist()), inertia))

@@ -57,7 +57,8 @@ class SimulatedGripper:
 
     def _delay(self) -> float:
         """Returns the delay of this opening [s]; its mean is that of the truth, whatever the shape of the jitter."""
-        opening, draw = self.opening, self.draw
+        opening = self.opening
+        draw = self.draw
         mean = opening.delay_s + opening.drift_s_per_throw * self.openings
         self.openings += 1
         if opening.jitter_shape == "skewed":
@@ -71,12 +72,14 @@ class SimulatedGripper:
         """Returns when the object left, if it did so up to `t` [s]; the release is then no longer due."""
         if self.release_at is None or self.release_at > t:
             return None
-        left_at, self.release_at = self.release_at, None
+        left_at = self.release_at
+        self.release_at = None
         return left_at
 
     def let_go(self) -> int:
         """Empties the gripper; returns the number of the object it held."""
-        number, self.holds = self.objects, None
+        number = self.objects
+        self.holds = None
         return number
 
     def rearm(self, arm_stands: bool) -> None:

@@ -23,7 +23,8 @@ IDENTITY: Transform = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.
 SMALL_ANGLE = 1e-12  # [rad] below it a rotation vector counts as zero
 NEAR_PI = 1e-6  # [rad] this close to half a turn, the axis is read from the symmetric part of the matrix
 STEP_MAX = 0.3  # [rad] largest joint step of one Newton iteration
-DAMPING_FAR, DAMPING_NEAR = 1e-4, 1e-9  # of the normal equations, far from and close to the solution
+DAMPING_FAR = 1e-4
+DAMPING_NEAR = 1e-9  # of the normal equations, far from and close to the solution
 NEAR = 1e-2  # [m, rad] error below which the smaller damping is used
 ITERATIONS_MAX = 30  # of Newton's method; from a neighbouring point it takes two or three
 POSE_TOLERANCE = 1e-10  # [m, rad] largest component of the pose error of a solution
@@ -45,7 +46,9 @@ def product(a: Transform, b: Transform) -> Transform:
 
 def inverse(t: Transform) -> Transform:
     """Returns the inverse transform."""
-    x, y, z = t[3], t[7], t[11]
+    x = t[3]
+    y = t[7]
+    z = t[11]
     return (
         t[0], t[4], t[8], -(t[0] * x + t[4] * y + t[8] * z),
         t[1], t[5], t[9], -(t[1] * x + t[5] * y + t[9] * z),
@@ -80,8 +83,11 @@ def transform(pose: Vector) -> Transform:
     angle = math.sqrt(rx * rx + ry * ry + rz * rz)
     if angle < SMALL_ANGLE:
         return (1.0, -rz, ry, x, rz, 1.0, -rx, y, -ry, rx, 1.0, z)
-    ux, uy, uz = rx / angle, ry / angle, rz / angle
-    c, s = math.cos(angle), math.sin(angle)
+    ux = rx / angle
+    uy = ry / angle
+    uz = rz / angle
+    c = math.cos(angle)
+    s = math.sin(angle)
     k = 1.0 - c
     return (
         c + ux * ux * k, ux * uy * k - uz * s, ux * uz * k + uy * s, x,
@@ -120,14 +126,20 @@ class KinematicChain:
     def motion(self, q: Vector, qd: Vector, tool: Transform = IDENTITY) -> tuple[Transform, list[float]]:
         """Returns the pose of the tool and its twist (vx, vy, vz, wx, wy, wz), both in the base."""
         axes, pose = self._axes(q, tool)
-        px, py, pz = pose[3], pose[7], pose[11]
+        px = pose[3]
+        py = pose[7]
+        pz = pose[11]
         vx = vy = vz = wx = wy = wz = 0.0
         for (zx, zy, zz, ox, oy, oz), v in zip(axes, qd, strict=True):
-            rx, ry, rz = px - ox, py - oy, pz - oz
+            rx = px - ox
+            ry = py - oy
+            rz = pz - oz
             vx += v * (zy * rz - zz * ry)
             vy += v * (zz * rx - zx * rz)
             vz += v * (zx * ry - zy * rx)
-            wx, wy, wz = wx + v * zx, wy + v * zy, wz + v * zz
+            wx = wx + v * zx
+            wy = wy + v * zy
+            wz = wz + v * zz
         return pose, [vx, vy, vz, wx, wy, wz]
 
     def jacobian(self, q: Vector, tool: Transform = IDENTITY) -> tuple[np.ndarray, Transform]:
@@ -135,16 +147,20 @@ class KinematicChain:
         axes, pose = self._axes(q, tool)
         columns = []
         for zx, zy, zz, px, py, pz in axes:
-            rx, ry, rz = pose[3] - px, pose[7] - py, pose[11] - pz
+            rx = pose[3] - px
+            ry = pose[7] - py
+            rz = pose[11] - pz
             columns.append((zy * rz - zz * ry, zz * rx - zx * rz, zx * ry - zy * rx, zx, zy, zz))
         return np.array(columns).T, pose
 
     def _axes(self, q: Vector, tool: Transform) -> tuple[list[tuple[float, ...]], Transform]:
         """Returns direction and origin of each joint's axis, and the pose of the tool."""
-        axes, pose = [], IDENTITY
+        axes = []
+        pose = IDENTITY
         for (a, d, ca, sa), angle, offset in zip(self.links, q, self.theta, strict=True):
             axes.append((pose[2], pose[6], pose[10], pose[3], pose[7], pose[11]))
-            c, s = math.cos(angle + offset), math.sin(angle + offset)
+            c = math.cos(angle + offset)
+            s = math.sin(angle + offset)
             pose = product(pose, (c, -s * ca, s * sa, a * c, s, c * ca, -c * sa, a * s, 0.0, sa, ca, d))
         return axes, product(pose, tool)
 
@@ -181,17 +197,37 @@ class PublishedChain(KinematicChain):
         """
         q1, q2, q3, q4, q5, q6 = q
         d1, a2, a3, d4, d5, d6 = self.lengths
-        ex, ey, nx, ny = math.cos(q1), math.sin(q1), math.sin(q1), -math.cos(q1)
-        c4, s4 = math.cos(q2 + q3 + q4), math.sin(q2 + q3 + q4)
-        c5, s5, c6, s6 = math.cos(q5), math.sin(q5), math.cos(q6), math.sin(q6)
-        r1, h1 = a2 * math.cos(q2), a2 * math.sin(q2) + d1
-        r2, h2 = r1 + a3 * math.cos(q2 + q3), h1 + a3 * math.sin(q2 + q3)
-        xx, xy, xz = c4 * ex, c4 * ey, s4  # x axis of frame 4
-        bx, by, bz = s4 * ex, s4 * ey, -c4  # axis of joint 5
-        ax, ay, az = c5 * nx - s5 * xx, c5 * ny - s5 * xy, -s5 * xz  # axis of joint 6
-        ux, uy, uz = c5 * xx + s5 * nx, c5 * xy + s5 * ny, c5 * xz  # x axis of frame 5
-        p4x, p4y = r2 * ex + d4 * nx, r2 * ey + d4 * ny
-        p5x, p5y, p5z = p4x + d5 * bx, p4y + d5 * by, h2 + d5 * bz
+        ex = math.cos(q1)
+        ey = math.sin(q1)
+        nx = math.sin(q1)
+        ny = -math.cos(q1)
+        c4 = math.cos(q2 + q3 + q4)
+        s4 = math.sin(q2 + q3 + q4)
+        c5 = math.cos(q5)
+        s5 = math.sin(q5)
+        c6 = math.cos(q6)
+        s6 = math.sin(q6)
+        r1 = a2 * math.cos(q2)
+        h1 = a2 * math.sin(q2) + d1
+        r2 = r1 + a3 * math.cos(q2 + q3)
+        h2 = h1 + a3 * math.sin(q2 + q3)
+        xx = c4 * ex
+        xy = c4 * ey
+        xz = s4  # x axis of frame 4
+        bx = s4 * ex
+        by = s4 * ey
+        bz = -c4  # axis of joint 5
+        ax = c5 * nx - s5 * xx
+        ay = c5 * ny - s5 * xy
+        az = -s5 * xz  # axis of joint 6
+        ux = c5 * xx + s5 * nx
+        uy = c5 * xy + s5 * ny
+        uz = c5 * xz  # x axis of frame 5
+        p4x = r2 * ex + d4 * nx
+        p4y = r2 * ey + d4 * ny
+        p5x = p4x + d5 * bx
+        p5y = p4y + d5 * by
+        p5z = h2 + d5 * bz
         pose: Transform = (
             c6 * ux - s6 * bx, -s6 * ux - c6 * bx, ax, p5x + d6 * ax,
             c6 * uy - s6 * by, -s6 * uy - c6 * by, ay, p5y + d6 * ay,
@@ -200,13 +236,19 @@ class PublishedChain(KinematicChain):
         if tool is not IDENTITY:
             pose = product(pose, tool)
         v1, v2, v3, v4, v5, v6 = qd
-        px, py, pz = pose[3], pose[7], pose[11]
+        px = pose[3]
+        py = pose[7]
+        pz = pose[11]
         v234 = v2 + v3 + v4
         along = ex * px + ey * py  # coordinate of the tool along e
         out = -(v2 * (pz - d1) + v3 * (pz - h1) + v4 * (pz - h2))
         up = v234 * along - v3 * r1 - v4 * r2
-        fx, fy, fz = px - p4x, py - p4y, pz - h2
-        gx, gy, gz = px - p5x, py - p5y, pz - p5z
+        fx = px - p4x
+        fy = py - p4y
+        fz = pz - h2
+        gx = px - p5x
+        gy = py - p5y
+        gz = pz - p5z
         return pose, [
             out * ex - v1 * py + v5 * (by * fz - bz * fy) + v6 * (ay * gz - az * gy),
             out * ey + v1 * px + v5 * (bz * fx - bx * fz) + v6 * (az * gx - ax * gz),

@@ -61,7 +61,8 @@ class JointLag:
 
         The position is a cubic Hermite polynomial: the exact parabola where the speed is linear over the cycle.
         """
-        (qa, ua, va), (qb, ub, _) = self.ring[self.at - back - 1], self.ring[self.at - back]
+        (qa, ua, va) = self.ring[self.at - back - 1]
+        (qb, ub, _) = self.ring[self.at - back]
         h = self.dt
         q = qa + h * s * ua + s * s * (3.0 * (qb - qa) - h * (2.0 * ua + ub)) + s**3 * (2.0 * (qa - qb) + h * (ua + ub))
         u = ua + (ub - ua) * s

@@ -84,7 +84,8 @@ class RoundBin:
 
     def gap(self, p: Point, radius: float) -> float:
         """Returns the distance of a sphere around `p` from the wall [m]; from the bottom, where it is below it."""
-        aside, below = self._from_axis(p) - self.radius_m, self.bottom[2] - p[2]
+        aside = self._from_axis(p) - self.radius_m
+        below = self.bottom[2] - p[2]
         if below > 0.0:
             return math.hypot(max(aside, 0.0), below) - radius
         return math.hypot(aside, max(-below - self.rim_height_m, 0.0)) - radius

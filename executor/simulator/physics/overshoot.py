@@ -53,7 +53,8 @@ class Overshoot:
             scatter: random part of it.
             seed: of the random numbers.
         """
-        self.share, self.scatter = list(share), scatter
+        self.share = list(share)
+        self.scatter = scatter
         self.draw = random.Random(seed)
         self.decay = math.exp(-dt / RECOVERY_S)
         self.bend = RECOVERY_S / dt
@@ -63,13 +64,15 @@ class Overshoot:
         self.ahead = [0.0] * 6  # s u of the last cycle [rad/s]
         self.taken_back = [0.0] * 6  # x / T [rad/s]
         self.idle_cycles = self.idle_enough = math.ceil(IDLE_S / dt)
-        self.began, self.lag_later_s = False, 0.0
+        self.began = False
+        self.lag_later_s = 0.0
 
     def step(self, q: list[float], qd: list[float]) -> tuple[list[float], list[float]]:
         """Takes the command (q, qd) at the end of a cycle; returns the motion with the lead."""
         self.began = False
         if not any(qd) and max(map(abs, self.taken_back)) < AT_REST_RAD_S:
-            self.ahead, self.taken_back = [0.0] * 6, [0.0] * 6
+            self.ahead = [0.0] * 6
+            self.taken_back = [0.0] * 6
             self.idle_cycles += 1
             return q, qd
         if self.idle_cycles >= self.idle_enough:

@@ -33,9 +33,12 @@ class Workcell:
     """
 
     def __init__(self, cell: Cell, settings: SimulatorSettings, truth: Truth, dt: float) -> None:
-        self.dt, self.truth = dt, truth
+        self.dt = dt
+        self.truth = truth
         self.moved_at = 0.0
-        home, gripper, timing = cell.home.tolist(), cell.gripper, truth.timing
+        home = cell.home.tolist()
+        gripper = cell.gripper
+        timing = truth.timing
         noise = (settings.position_noise_rad, settings.velocity_noise_rad_s)
         chain = kinematic_chain(cell.robot, truth.arm.dh_deviation)
         self.arm = Arm(chain, dt, home, _response(truth, dt, home), noise, truth.seed)
@@ -82,11 +85,14 @@ class Workcell:
 
 def _response(truth: Truth, dt: float, home: list[float]) -> Response:
     """Returns how the arm's motion follows its commands."""
-    timing, arm = truth.timing, truth.arm
+    timing = truth.timing
+    arm = truth.arm
     lag = Lag(dt, timing.lag_s, timing.first_order_s, home)
-    overshoot, scatter = list(arm.overshoot), NO_SCATTER
+    overshoot = list(arm.overshoot)
+    scatter = NO_SCATTER
     if arm.disturbance == "ur5-measured":
-        overshoot, scatter = [x + UR5_OVERSHOOT for x in overshoot], UR5_SCATTER
+        overshoot = [x + UR5_OVERSHOOT for x in overshoot]
+        scatter = UR5_SCATTER
     if not any(overshoot) and scatter is NO_SCATTER:
         return Response(timing.gain, lag)
     return Response(timing.gain, lag, Overshoot(dt, overshoot, scatter, f"{truth.seed} disturbance"))

@@ -124,7 +124,8 @@ class World:
 
     def _reached(self, flight: FlyingObject, duration: float) -> tuple[float, Plane] | None:
         """Returns time [s] and plane of the first plane that the centre comes down through within `duration`."""
-        highest, lowest = flight.state[2], self._after(flight, duration)[2]
+        highest = flight.state[2]
+        lowest = self._after(flight, duration)[2]
         met = [plane for plane in self._planes(flight) if highest >= plane.z_m >= lowest]
         for plane in sorted(met, key=lambda plane: -plane.z_m):
             passed = self._crossing(flight, duration, plane)
@@ -143,7 +144,8 @@ class World:
 
     def _crossing(self, flight: FlyingObject, duration: float, plane: Plane) -> float:
         """Returns the time until the centre comes down through the plane [s], by bisection."""
-        low, high = 0.0, duration
+        low = 0.0
+        high = duration
         for _ in range(BISECTIONS):
             middle = 0.5 * (low + high)
             if self._after(flight, middle)[2] > plane.z_m:
@@ -158,7 +160,8 @@ class World:
         The flight advances by what the nearest gap leaves free at its greatest speed, until the gap is closed. Where
         its centre is lower, the object lies on the floor or on what it touched, and goes on over it.
         """
-        lies_on_z, obstacles = self._carrier(flight), self._obstacles(flight)
+        lies_on_z = self._carrier(flight)
+        obstacles = self._obstacles(flight)
         if not obstacles:
             return None
         fastest = math.hypot(*flight.state[3:]) + self.gravity * duration

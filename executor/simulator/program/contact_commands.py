@@ -10,7 +10,8 @@ from executor.simulator.program.control_program import ControlProgram
 from executor.simulator.program.threads import Thread
 
 CONTACT_DECELERATION = 3.0  # [m/s^2] source: the script, move_until_contact
-MOVEL_SPEED, MOVEL_ACCELERATION = 0.25, 1.2  # [m/s, m/s^2] source: URScript manual, movel's defaults
+MOVEL_SPEED = 0.25
+MOVEL_ACCELERATION = 1.2  # [m/s, m/s^2] source: URScript manual, movel's defaults
 CONTACT = 254  # internal command; source: the script
 JOG_STOP_DECELERATION = 1.2  # [m/s^2] source: the script, stop_jog
 JOG_TIME_S = 0.01  # source: the script, jog_speed_thread
@@ -19,7 +20,8 @@ JOG_TIME_S = 0.01  # source: the script, jog_speed_thread
 def _move_until_contact(program: ControlProgram) -> Thread:
     """Moves at a twist until the tool touches something, then stops and returns to the first contact."""
     c = program.context
-    twist, acceleration = program.registers.doubles_in(0), program.registers.double_in(12)
+    twist = program.registers.doubles_in(0)
+    acceleration = program.registers.double_in(12)
     while not c.in_contact():
         yield from motions.speed_tool(program.arm, twist, acceleration, program.arm.dt, c.speed_scaling, c.tcp)
     yield from _return_to_contact(program)

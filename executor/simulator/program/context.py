@@ -51,7 +51,8 @@ class OffsetRegisters:
 
     def __init__(self, registers: Registers, offset_int: int, offset_double: int) -> None:
         self.registers = registers
-        self.offset_int, self.offset_double = offset_int, offset_double
+        self.offset_int = offset_int
+        self.offset_double = offset_double
 
     def int_in(self, index: int) -> int:
         """Returns an input integer register."""

@@ -17,8 +17,10 @@ from executor.simulator.program.threads import Program, ProgramError, Thread
 
 NAME = "rtde_control"
 HEADER = f"def {NAME}()"  # first words of the text
-READY, DONE = 1, 2  # output integer register 0
-NO_COMMAND, STOP_SCRIPT = 0, 255
+READY = 1
+DONE = 2  # output integer register 0
+NO_COMMAND = 0
+STOP_SCRIPT = 255
 REALTIME = frozenset({6, 9, 10, 11, 24, 25, 26, 27, 38, 58, 66, 67, 68, 69, 70, 71})  # source: the script's main loop
 FINISHED = -1  # of an asynchronous operation
 
@@ -45,7 +47,10 @@ class ControlProgram(Program):
     def __init__(self, context: ProgramContext, text: str, process: Process) -> None:
         """Reads offsets and path from the text; `process` carries out a command by its number."""
         super().__init__(NAME, self._main())
-        self.context, self.arm, self.text, self.process = context, context.arm, text, process
+        self.arm = context.arm
+        self.context = context
+        self.text = text
+        self.process = process
         self.registers = OffsetRegisters(context.registers, offset_in(text, "int"), offset_in(text, "float"))
         self.path = path_in(text)
         self.speed: list[float] = []  # speedj, speedl: speeds or twist, acceleration, time
@@ -87,7 +92,8 @@ class ControlProgram(Program):
         """Returns the command in the register; without one, the internal command left by a thread."""
         command = self.registers.int_in(0)
         if command == NO_COMMAND:
-            command, self.internal_command = self.internal_command, NO_COMMAND
+            command = self.internal_command
+            self.internal_command = NO_COMMAND
         return command
 
     # -- the asynchronous progress register
@@ -119,7 +125,8 @@ class ControlProgram(Program):
 
     def move_to(self, point: Waypoint) -> Thread:
         """Returns the move to a waypoint: movej or movel."""
-        c, target = self.context, point.target
+        c = self.context
+        target = point.target
         if point.joints_move:
             goal = self.solve(target) if point.is_pose else target
             return motions.move_joints(self.arm, goal, point.speed, point.acceleration, c.speed_scaling)

@@ -8,8 +8,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-INFO, WARNING, VIOLATION, FAULT = 1, 2, 3, 4  # report levels of an error code
-STARTED, STOPPED_TITLE = "PROGRAM_XXX_STARTED", "PROGRAM_XXX_STOPPED"
+INFO = 1
+WARNING = 2
+VIOLATION = 3
+FAULT = 4  # report levels of an error code
+STARTED = "PROGRAM_XXX_STARTED"
+STOPPED_TITLE = "PROGRAM_XXX_STOPPED"
 READ_ONLY_CODE = 210  # a client whose scripts are not accepted: local control, or a port to read from only
 SUDDEN_TARGET_CODE = 204  # source: UR service manual, "Path sanity check failed"
 JOINT_LIMIT_CODE = 150  # source: UR service manual, "Position close to joint limits"

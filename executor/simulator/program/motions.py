@@ -18,7 +18,8 @@ Vector = Sequence[float]
 Scale = Callable[[], float]  # returns the present speed scaling, 0 to 1
 JointPath = Callable[[float, float], tuple[list[float], list[float]]]  # (distance, speed) -> joint positions, speeds
 
-SPEED_MIN, ACCELERATION_MIN = 1e-3, 1e-3  # [rad/s, rad/s^2, m/s, m/s^2] in place of a smaller value: moves end
+SPEED_MIN = 1e-3
+ACCELERATION_MIN = 1e-3  # [rad/s, rad/s^2, m/s, m/s^2] in place of a smaller value: moves end
 ACCELERATION_MAX = 40.0  # [rad/s^2] source: ur_rtde's bound on joint acceleration; servoj and stops keep within it
 SERVO_GAIN = 300.0  # source: URScript manual, servoj's default gain, at which the lookahead time is the time constant
 ROTATION_LEVER_M = 0.3  # [m/rad] chosen: length that a pure rotation counts along a straight move
@@ -105,7 +106,8 @@ def _follow(arm: Arm, profile: SpeedTrapezoid, scale: Scale, path: JointPath) ->
 
 def move_tool(arm: Arm, goal: Transform, speed: float, acceleration: float, scale: Scale, tool: Transform) -> Thread:
     """movel: trapezoid along the straight line to the pose `goal`, the rotation in proportion."""
-    speed, acceleration = max(speed, SPEED_MIN), max(acceleration, ACCELERATION_MIN)
+    speed = max(speed, SPEED_MIN)
+    acceleration = max(acceleration, ACCELERATION_MIN)
     yield from _settle(arm, MOVE_TOOL_SETTLE)
     while True:
         line = _StraightLine(arm, goal, tool)
@@ -120,7 +122,8 @@ class _StraightLine:
     """A straight line of the tool; each point is solved from the joint angles of the one before."""
 
     def __init__(self, arm: Arm, goal: Transform, tool: Transform) -> None:
-        self.arm, self.tool = arm, tool
+        self.arm = arm
+        self.tool = tool
         self.start = arm.chain.forward(arm.q, tool)
         self.offset = [goal[i] - self.start[i] for i in (3, 7, 11)]
         self.turn = kinematics.rotation_vector(kinematics.product(goal, kinematics.inverse(self.start)))

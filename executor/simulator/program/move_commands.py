@@ -30,7 +30,8 @@ def _run_move(program: ControlProgram, motion: Thread) -> Thread | None:
 
 # -- streaming
 def _speed(program: ControlProgram, with_tool: bool) -> None:
-    program.speed, program.speeds_tool = program.registers.doubles_in(0, 8), with_tool
+    program.speed = program.registers.doubles_in(0, 8)
+    program.speeds_tool = with_tool
     program.start_once("speed", _speed_thread(program))
 
 
@@ -38,7 +39,8 @@ def _speed_thread(program: ControlProgram) -> Thread:
     """Repeats the last target for ever: speedj or speedl, one call after another."""
     c = program.context
     while True:
-        target, (acceleration, time_s) = program.speed[:6], program.speed[6:]
+        target = program.speed[:6]
+        (acceleration, time_s) = program.speed[6:]
         if program.speeds_tool:
             yield from motions.speed_tool(program.arm, target, acceleration, time_s, c.speed_scaling, c.tcp)
         else:
@@ -55,7 +57,8 @@ def _servo_thread(program: ControlProgram) -> Thread:
     """Repeats the last servo target for ever."""
     speed_limit = program.context.limits.qd_max
     while True:
-        target, (time_s, lookahead_s, gain) = program.servo[:6], program.servo[6:]
+        target = program.servo[:6]
+        (time_s, lookahead_s, gain) = program.servo[6:]
         yield from motions.servo_joints(program.arm, target, time_s, lookahead_s, gain, speed_limit)
 
 
@@ -68,7 +71,8 @@ def _circular_thread(program: ControlProgram) -> Thread:
     """servoc, as a straight move to each target; the blend radius is ignored."""
     c = program.context
     while True:
-        pose, (speed, acceleration) = program.circle[:6], program.circle[6:8]
+        pose = program.circle[:6]
+        (speed, acceleration) = program.circle[6:8]
         goal = kinematics.transform(pose)
         yield from motions.move_tool(program.arm, goal, speed, acceleration, c.speed_scaling, c.tcp)
 

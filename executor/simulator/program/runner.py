@@ -13,7 +13,9 @@ from executor.simulator.program.safety import SafetyState
 from executor.simulator.program.threads import Program, ProgramError
 from executor.simulator.settings import SimulatorSettings
 
-STOPPED, PLAYING, PAUSED = 1, 2, 4  # runtime_state; source: RTDE guide
+STOPPED = 1
+PLAYING = 2
+PAUSED = 4  # runtime_state; source: RTDE guide
 
 SECONDARY = re.compile(r"\s*sec\s")  # beginning of a script that runs beside the program; source: URScript manual
 Load = Callable[[str], Program]  # text -> program; raises ProgramError for a text that does not compile
@@ -39,7 +41,10 @@ class ProgramRunner:
         self, load: Load, at_rest: Callable[[], bool], timeline: Timeline, settings: SimulatorSettings
     ) -> None:
         """`load` returns the program of a text, `at_rest` whether the arm is at rest; the timeline is shared."""
-        self.load, self.at_rest, self.timeline, self.settings = load, at_rest, timeline, settings
+        self.load = load
+        self.at_rest = at_rest
+        self.timeline = timeline
+        self.settings = settings
         self.safety = SafetyState(settings.decelerations.program_end)
         self.registers, self.stream = Registers(), StreamCounts()
         self.board = messages.MessageBoard()
@@ -82,9 +87,11 @@ class ProgramRunner:
 
     def _refusal(self) -> messages.ErrorCode | None:
         if not self.remote_control:
-            code, reason = messages.READ_ONLY_CODE, "the robot is in local control"
+            code = messages.READ_ONLY_CODE
+            reason = "the robot is in local control"
         elif not self.safety.may_move:
-            code, reason = 0, f"the robot is not in normal operation ({self.safety.reason or 'no power'})"
+            code = 0
+            reason = f"the robot is not in normal operation ({self.safety.reason or 'no power'})"
         else:
             return None
         return messages.ErrorCode(code, 0, messages.VIOLATION, reason)
@@ -141,7 +148,9 @@ class ProgramRunner:
             self._run_secondary()
 
     def _start(self, program: Program) -> None:
-        self.due, self.program, self.runtime = None, program, PLAYING
+        self.due = None
+        self.program = program
+        self.runtime = PLAYING
         self.timeline.note(f"program {program.name} plays")
         self.board.post(messages.KeyMessage(messages.STARTED, program.name))
 

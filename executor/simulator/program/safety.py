@@ -13,9 +13,14 @@ SYSTEM_EMERGENCY, ROBOT_EMERGENCY, EMERGENCY_STOPPED, VIOLATION, FAULT, STOPPED_
     1 << bit for bit in range(5, 11)
 )
 
-MODE_NORMAL, MODE_PROTECTIVE_STOP, MODE_SAFEGUARD_STOP, MODE_ROBOT_EMERGENCY_STOP = 1, 3, 5, 7
+MODE_NORMAL = 1
+MODE_PROTECTIVE_STOP = 3
+MODE_SAFEGUARD_STOP = 5
+MODE_ROBOT_EMERGENCY_STOP = 7
 
-ROBOT_POWER_OFF, ROBOT_IDLE, ROBOT_RUNNING = 3, 5, 7
+ROBOT_POWER_OFF = 3
+ROBOT_IDLE = 5
+ROBOT_RUNNING = 7
 
 
 class SafetyState:
@@ -38,7 +43,9 @@ class SafetyState:
 
     def clear(self) -> None:
         """Returns to normal operation from any stop."""
-        self.mode, self.bits, self.reason = MODE_NORMAL, NORMAL, ""
+        self.mode = MODE_NORMAL
+        self.bits = NORMAL
+        self.reason = ""
 
     def power_on(self) -> None:
         """Powers the arm, unless a stop is in force; the brakes stay engaged."""

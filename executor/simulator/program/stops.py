@@ -13,7 +13,10 @@ class Stops:
     """Each stop sets safety state and deceleration, and pauses or ends the program."""
 
     def __init__(self, runner: ProgramRunner) -> None:
-        self.runner, self.safety, self.timeline, self.settings = runner, runner.safety, runner.timeline, runner.settings
+        self.safety = runner.safety
+        self.timeline = runner.timeline
+        self.settings = runner.settings
+        self.runner = runner
         self.decelerations = self.settings.decelerations
 
     def protective(self, reason: str, program: str | None = None) -> None:
@@ -41,7 +44,8 @@ class Stops:
 
     def emergency(self) -> None:
         """Category 1: the arm brakes and loses power; the program ends."""
-        reason, bits = "emergency stop", safety.ROBOT_EMERGENCY | safety.EMERGENCY_STOPPED
+        reason = "emergency stop"
+        bits = safety.ROBOT_EMERGENCY | safety.EMERGENCY_STOPPED
         self.timeline.note(reason)
         self._enter(safety.MODE_ROBOT_EMERGENCY_STOP, bits, reason, self.decelerations.emergency_stop)
         self.safety.robot_mode = safety.ROBOT_POWER_OFF
@@ -49,8 +53,11 @@ class Stops:
 
     def _enter(self, mode: int, bits: int, reason: str, deceleration: float) -> None:
         s = self.safety
-        s.mode, s.bits, s.reason = mode, bits | safety.STOPPED_DUE_TO_SAFETY, reason
-        s.stopped_at, s.deceleration = self.timeline.t, deceleration
+        s.mode = mode
+        s.bits = bits | safety.STOPPED_DUE_TO_SAFETY
+        s.reason = reason
+        s.stopped_at = self.timeline.t
+        s.deceleration = deceleration
 
     def power_loss(self) -> None:
         """Category 0: the brakes engage; the program ends."""

@@ -18,7 +18,8 @@ class ProgramError(Exception):
 
     def __init__(self, text: str, line: int = 0, column: int = 0) -> None:
         super().__init__(text)
-        self.line, self.column = line, column
+        self.line = line
+        self.column = column
 
 
 class SuddenTargetChange(Exception):

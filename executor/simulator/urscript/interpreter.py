@@ -211,7 +211,8 @@ class Script(Program):
 
     def call(self, node: Call, frame: Frame) -> Evaluation:
         """Calls a function, or starts one as a thread."""
-        arguments, named = [], {}
+        arguments = []
+        named = {}
         for argument in node.arguments:
             arguments.append((yield from self.value(argument, frame)))
         for name, argument in node.named:

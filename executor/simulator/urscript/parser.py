@@ -63,16 +63,21 @@ def tokens_of(text: str) -> list[Token]:
         ProgramError: a character that no token begins with.
     """
     found: list[Token] = []
-    at, line, begin, depth = 0, 1, 0, 0
+    at = 0
+    line = 1
+    begin = 0
+    depth = 0
     while at < len(text):
         match = TOKEN.match(text, at)
         place = Place(line, at - begin + 1)
         if match is None:
             raise syntax_error(text, place)
-        kind, word = str(match.lastgroup), match.group()
+        kind = str(match.lastgroup)
+        word = match.group()
         at = match.end()
         if kind == "newline":
-            line, begin = line + 1, at
+            line = line + 1
+            begin = at
         depth += (word in "([") - (word in ")]") if kind == "sign" else 0
         if kind != "space" and not (kind == "newline" and depth > 0):
             found.append(Token(kind, word, place))
@@ -149,7 +154,8 @@ class _Parser:
                 raise self.error()
 
     def statement(self) -> Node:
-        word, place = self.now.text if self.now.kind == "word" else "", self.now.place
+        word = self.now.text if self.now.kind == "word" else ""
+        place = self.now.place
         if word in BLOCK_WORDS:
             self.take()
             return self.compound(word, place)
@@ -182,7 +188,8 @@ class _Parser:
         return self.function(word, place)
 
     def function(self, kind: str, place: Place) -> Node:
-        name, parameters = self.identifier(), []
+        name = self.identifier()
+        parameters = []
         self.expect("(")
         while not self.accept(")"):
             parameters.append(self.identifier())

@@ -78,7 +78,9 @@ class SeedFailed(SolverFailed):
         self, status: str, iterations: int, held: frozenset[str], is_late: bool, lacks_brake: bool = False
     ) -> None:
         super().__init__(status, iterations)
-        self.held, self.is_late, self.lacks_brake = held, is_late, lacks_brake
+        self.held = held
+        self.is_late = is_late
+        self.lacks_brake = lacks_brake
 
 
 def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOptions()) -> Solution:

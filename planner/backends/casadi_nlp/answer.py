@@ -43,7 +43,8 @@ OVERCORRECTION = 1.5  # [-] of a landing error beyond the tolerance between two 
 SAMPLES_PER_STAGE = 6  # landings evaluated in each stage of the window, once the motion is on ticks
 USABLE_TOLERANCE = 0.99  # [-] of the landing tolerance: leaves the certificate something
 # Stages fit a launch no shorter than that share of its guess's, without one that is so many times as long as the mean.
-SHORTER, UNEVEN = 0.4, 2.4
+SHORTER = 0.4
+UNEVEN = 2.4
 TINY_M = 1e-9  # [m] keeps a landing error away from zero
 
 
@@ -109,7 +110,8 @@ def solved(instance: Instance, solver: Solver) -> tuple[Instance, Vector]:
         again = solver.try_correction(corrected)
         if again is None:
             break
-        instance, z = corrected, again
+        instance = corrected
+        z = again
     return instance, z
 
 
@@ -127,9 +129,11 @@ def answer(instance: Instance, z: Vector, solver: Solver) -> Solution:
     Raises:
         SolverFailed: no tried number of ticks keeps the joint limits.
     """
-    solution, excess = on_ticks(instance, z, solver), 0.0
+    solution = on_ticks(instance, z, solver)
+    excess = 0.0
     for _ in range(WINDOW_ROUNDS if instance.problem.is_robust else 0):
-        made, found = solution.trajectory, KnotStates.of(z, instance.stages.launch)
+        made = solution.trajectory
+        found = KnotStates.of(z, instance.stages.launch)
         errors = landing_errors_in_window(instance, made.at, made.release_time_s)
         narrowed = instance.margins.window / DEFAULT_MARGINS.window  # where the certificate found more than was kept
         more = excess_at_knots(errors, narrowed * instance.problem.landing_tolerance_m)
@@ -141,7 +145,8 @@ def answer(instance: Instance, z: Vector, solver: Solver) -> Solution:
         again = solver.try_solve(instance)
         if again is None:
             break
-        z, solution = again, on_ticks(instance, again, solver)
+        z = again
+        solution = on_ticks(instance, again, solver)
     return solution
 
 
@@ -162,13 +167,15 @@ def on_ticks(instance: Instance, z: Vector, solver: Solver) -> Solution:
         again = solver.try_solve(instance)
         if again is None:
             break
-        z, status = again, solver.status
+        z = again
+        status = solver.status
     raise SolverFailed("the solution does not fit the ticks", solver.iterations)
 
 
 def _stages_fit(instance: Instance, z: Vector) -> bool:
     """Returns whether the launch is about as long as its guess, which bounds the stages, and they are about even."""
-    stages, release_s = instance.stages, float(-z[0, TIME])
+    stages = instance.stages
+    release_s = float(-z[0, TIME])
     steps = z[: stages.launch - stages.window, STEP]
     is_shorter = release_s < SHORTER * float(instance.steps[: stages.launch].sum())
     return not is_shorter and bool(steps.max() < UNEVEN * steps.mean())
@@ -179,7 +186,8 @@ def _on_fitting_ticks(instance: Instance, z: Vector, solver: Solver) -> Trajecto
 
     With as few ticks of the launch as may be enough first, then with some time to spare.
     """
-    problem, found = instance.problem, KnotStates.of(z, instance.stages.launch)
+    problem = instance.problem
+    found = KnotStates.of(z, instance.stages.launch)
     launches = [least_ticks(found.release_time_s, problem.dt, spare) for spare in (-SHORTENED_TICKS, SPARE_TICKS)]
     brake = 0
     if instance.stages.brake:
@@ -205,7 +213,9 @@ def least_ticks(duration_s: float, dt: float, spare: float) -> int:
 
 def _solved_on_times(instance: Instance, z: Vector, solver: Solver, ticks: tuple[int, int]) -> Trajectory | None:
     """Returns the motion solved again with its times fixed to `ticks`, None if the solver gives up."""
-    made, dt, problem = None, instance.problem.dt, instance.problem
+    made = None
+    dt = instance.problem.dt
+    problem = instance.problem
     for correction in range(1 + (CORRECTIONS if is_free_release_of_measured_arm(problem) else 0)):
         instance = instance.on_times(z, ticks[0] * dt, sum(ticks) * dt)
         again = solver.try_correction(instance) if correction else solver.try_solve(instance)
@@ -223,7 +233,8 @@ def _through_release(instance: Instance, found: KnotStates, ticks: tuple[int, in
 
     Its aim is corrected for the drag, and for what the formulas' arm lacks of a calibrated one.
     """
-    problem, state = instance.problem, (found.q[found.launch], found.qd[found.launch])
+    problem = instance.problem
+    state = (found.q[found.launch], found.qd[found.launch])
     aim = instance.aim if problem.cell.robot.fixed is None else measured_aim(problem, state, instance.aim)
     for _ in range(DRAG_ROUNDS if problem.drag > 0.0 else 1):
         state = refined_release(instance, state, aim)
@@ -249,9 +260,13 @@ def _sampled_on_ticks(
         release: q and qd (6,), refined.
         ticks: of the launch and of the brake; 0 for a move that ends at rest.
     """
-    dt, jerk_max, k = problem.dt, problem.limits.jerk_max, found.launch
-    zero, (q, qd) = np.zeros(6), release
-    launch, brake = found.t[: k + 1], found.t[k:] - found.t[k]
+    dt = problem.dt
+    jerk_max = problem.limits.jerk_max
+    k = found.launch
+    zero = np.zeros(6)
+    (q, qd) = release
+    launch = found.t[: k + 1]
+    brake = found.t[k:] - found.t[k]
     wait = ticks[0] * dt - float(launch[-1])
     acceleration = columns_at(dt * np.arange(ticks[0] + 1, dtype=np.float64) - wait, launch, found.qdd[: k + 1])
     state = (q, qd, zero if problem.ends_at_rest else found.qdd[k])
@@ -266,7 +281,8 @@ def _sampled_on_ticks(
 
 def _keeps_joint_limits(problem: ThrowProblem, made: Trajectory) -> bool:
     """Returns whether velocity, acceleration and jerk keep the problem's limits at the ticks."""
-    limits, room = problem.limits, 1.0 + LIMIT_ROUNDING
+    limits = problem.limits
+    room = 1.0 + LIMIT_ROUNDING
     pairs = ((made.qd, limits.qd_max), (made.qdd, limits.qdd_max), (made.jerk, limits.jerk_max))
     return all(bool((np.abs(values) <= limit * room).all()) for values, limit in pairs)
 
@@ -279,7 +295,8 @@ def landing_errors_in_window(instance: Instance, states: States, release_s: floa
         states: q, qd, qdd (k, 6) at times (k,) [s].
         release_s: nominal release time on the same clock [s].
     """
-    problem, around = instance.problem, instance.problem.release_window_s
+    around = instance.problem.release_window_s
+    problem = instance.problem
     count = 2 * SAMPLES_PER_STAGE * instance.stages.window + 1
     q, qd, _ = states(release_s + np.linspace(-around, around, count))
     tool = tool_state(problem.cell, q, qd)

@@ -39,7 +39,8 @@ FALL_MIN = 0.05  # [m^2/s^2] least discriminant of a flight: below, the object o
 DRIFT_SHARE = 2.0  # [-] of tolerance over window, for the rate of change of the landing with the release time
 TINY_S = 1e-9  # [s] stands for the duration of an empty brake
 
-MIDDLE_VELOCITY, MIDDLE_POSITION = slice(NX, NX + 6), slice(NX + 6, NX + 12)  # rows of block "motion"
+MIDDLE_VELOCITY = slice(NX, NX + 6)
+MIDDLE_POSITION = slice(NX + 6, NX + 12)  # rows of block "motion"
 
 
 class Bounds:
@@ -52,7 +53,9 @@ class Bounds:
     """
 
     def __init__(self, index: RowIndex, qd_scale: Vector) -> None:
-        self.index, self.launch, self.qd_scale = index, index.stages.launch, qd_scale
+        self.launch = index.stages.launch
+        self.index = index
+        self.qd_scale = qd_scale
         infinite = np.array([-np.inf, np.inf])
         self.x = np.tile(infinite[:, None, None], (1, len(index.dynamics) + 1, NZ))
         self.g = np.tile(infinite[:, None], (1, index.size))
@@ -69,18 +72,25 @@ class Bounds:
         x = self.x
         lower = np.min([limits.q_lower + margin, *given], axis=0)
         upper = np.max([limits.q_upper - margin, *given], axis=0)
-        x[0, :, Q], x[1, :, Q] = lower, upper
+        x[0, :, Q] = lower
+        x[1, :, Q] = upper
         for rows, limit in ((QD, limits.qd_max), (QDD, limits.qdd_max), (JERK, limits.jerk_max)):
-            x[0, :, rows], x[1, :, rows] = -limit, limit
-        rows, scaled = self._rows_by_knot("motion"), limits.qd_max / self.qd_scale
-        middle, velocity = rows[:, MIDDLE_POSITION], rows[:, MIDDLE_VELOCITY]
-        self.g[0, velocity], self.g[1, velocity] = -scaled, scaled
-        self.g[0, middle], self.g[1, middle] = lower, upper
+            x[0, :, rows] = -limit
+            x[1, :, rows] = limit
+        rows = self._rows_by_knot("motion")
+        scaled = limits.qd_max / self.qd_scale
+        middle = rows[:, MIDDLE_POSITION]
+        velocity = rows[:, MIDDLE_VELOCITY]
+        self.g[0, velocity] = -scaled
+        self.g[1, velocity] = scaled
+        self.g[0, middle] = lower
+        self.g[1, middle] = upper
 
     def limit_group(self, group: str, lower: Vector, upper: Vector) -> None:
         """Bounds the rows of a lazy group, at knots and midpoints."""
         rows = self.index.rows_of_group[group].reshape(-1, len(lower))
-        self.g[0, rows], self.g[1, rows] = lower, upper
+        self.g[0, rows] = lower
+        self.g[1, rows] = upper
 
     def limit_clearances(self, group: str, given: Vector, widened: Vector) -> None:
         """Bounds a lazy group of clearances by 0, or by what is given.
@@ -101,7 +111,8 @@ class Bounds:
         The object's whole way out is looked at from the last release alone: stages within the window are shorter.
         """
         for k in self.index.knots.get("flight", ()):
-            rows, last = self.index.rows["flight", k], self.launch + self.index.stages.window
+            rows = self.index.rows["flight", k]
+            last = self.launch + self.index.stages.window
             if k > last:
                 self._free(np.delete(rows, FLIGHT_ROWS.slices["opening"]) if leaving else rows)
             elif k < last:
@@ -154,16 +165,19 @@ class Bounds:
             x[:, 0, QD] = x[:, 0, QDD] = 0.0
         x[:, self.launch, TIME] = 0.0
         x[:, -1, QD] = x[:, -1, QDD] = 0.0
-        x[0, -1, NX:], x[1, -1, NX:] = -np.inf, np.inf
+        x[0, -1, NX:] = -np.inf
+        x[1, -1, NX:] = np.inf
 
     def limit_steps(self, steps: Vector, longest: float, brake_most_s: float = math.inf) -> None:
         """Bounds each step around its initial length (N,) [s], up to `longest` times that.
 
         Those of the brake are bounded by `brake_most_s` [s], too.
         """
-        least, most = SHORTEST_STEP * steps, longest * steps
+        least = SHORTEST_STEP * steps
+        most = longest * steps
         most[self.launch :] = np.minimum(most[self.launch :], brake_most_s)
-        self.x[0, :-1, STEP], self.x[1, :-1, STEP] = least, most
+        self.x[0, :-1, STEP] = least
+        self.x[1, :-1, STEP] = most
 
     def follow_object(self, leaving_s: float) -> None:
         """Frees what block "flight" says of the object's way out, where block "leaving" follows it.
@@ -175,8 +189,10 @@ class Bounds:
         Args:
             leaving_s: about the time that the object takes [s].
         """
-        last, end = self.launch + self.index.stages.window, self.index.knots["leaving"].stop
-        ways, is_out = LEAVING_ROWS.slices["ways"], LEAVING_ROWS.slices["is_out"]
+        last = self.launch + self.index.stages.window
+        end = self.index.knots["leaving"].stop
+        ways = LEAVING_ROWS.slices["ways"]
+        is_out = LEAVING_ROWS.slices["is_out"]
         for name in ("leaving", f"leaving{LAST}"):
             for k in self.index.knots.get(name, ()):
                 rows = self.index.rows[name, k]
@@ -203,8 +219,10 @@ class Bounds:
             steps: of the initial guess (N,) [s].
             always: whether the certificate found a singularity too close.
         """
-        n, required = self.index.stages.window, max(WATCHED_S, window_s)
-        first, last = self.launch - n - WATCHED_BEFORE, self.launch + n + WATCHED_AFTER
+        n = self.index.stages.window
+        required = max(WATCHED_S, window_s)
+        first = self.launch - n - WATCHED_BEFORE
+        last = self.launch + n + WATCHED_AFTER
         if first > 0 and (always or steps[first : self.launch].sum() >= required):
             self.x[1, first, TIME] = -min(required, self._longest(first, self.launch))
         if always and last < self.index.stages.stages:
@@ -220,7 +238,8 @@ class Bounds:
 
     def fix_times(self, release_s: float, end_s: float) -> None:
         """Fixes the times of the release and of the end, both after the start."""
-        self.x[:, 0, TIME], self.x[:, -1, TIME] = -release_s, end_s - release_s
+        self.x[:, 0, TIME] = -release_s
+        self.x[:, -1, TIME] = end_s - release_s
 
     def set_release(self, problem: ThrowProblem, candidate: Candidate) -> None:
         """Bounds the release as requested."""
@@ -243,13 +262,15 @@ class Bounds:
         after the release, less just before it. Two touching inequalities leave an interior-point method no interior,
         so this is stated as an equality, and the inequalities that it implies are freed.
         """
-        k, index = self.launch, self.index
+        k = self.launch
+        index = self.index
         limit = self.g[1, index.rows["motion", max(k - 1, 0)][MIDDLE_VELOCITY]] * self.qd_scale
         reached = np.abs(qd) >= (1.0 - TOUCHING) * limit
         for stage in {k - 1, k} & set(index.knots["motion"]):
             self._free(index.rows["motion", stage][MIDDLE_VELOCITY][reached])
         self.x[:, k, QDD][:, reached] = 0.0
-        self.x[:, k, Q], self.x[:, k, QD] = q, qd
+        self.x[:, k, Q] = q
+        self.x[:, k, QD] = qd
         self._free_release_tool_speed()
         for name in ("clearance", "keep_out", "singularity"):
             if (name, k) in index.rows:
@@ -268,7 +289,8 @@ class Bounds:
         g[:, self._release_rows("landing")] = 0.0
         g[0, self._release_rows("falls")] = FALL_MIN
         low, high = self._release_rows("elevation")
-        above, below = release.min_elevation_rad > -np.pi / 2, release.max_elevation_rad < np.pi / 2
+        above = release.min_elevation_rad > -np.pi / 2
+        below = release.max_elevation_rad < np.pi / 2
         if above and below and release.max_elevation_rad - release.min_elevation_rad < THIN_RAD:
             g[:, low] = 0.0
         else:
@@ -290,14 +312,19 @@ class Bounds:
             share: usable share of the tolerance, in x and in y [-].
             offsets: added to the landing error at each knot of the window (2 n + 1, 2) [m].
         """
-        n, k, error = self.index.stages.window, self.launch, share * tolerance_m
+        n = self.index.stages.window
+        k = self.launch
+        error = share * tolerance_m
         offsets = np.broadcast_to(offsets, (2 * n + 1, 2))
         for knot in (o for o in range(-n, n + 1) if o):
             rows = self._release_rows("landing", knot)
-            self.g[0, rows], self.g[1, rows] = -error - offsets[n + knot], error - offsets[n + knot]
+            self.g[0, rows] = -error - offsets[n + knot]
+            self.g[1, rows] = error - offsets[n + knot]
             self.g[0, self._release_rows("falls", knot)] = FALL_MIN
-        rows, drift = self._release_rows("drift"), DRIFT_SHARE * tolerance_m / window_s
-        self.g[0, rows], self.g[1, rows] = -drift, drift
+        rows = self._release_rows("drift")
+        drift = DRIFT_SHARE * tolerance_m / window_s
+        self.g[0, rows] = -drift
+        self.g[1, rows] = drift
         self.x[:, k - n : k + n, STEP] = window_s / n
 
     def _rows_by_knot(self, block: str) -> Indices:
@@ -314,4 +341,5 @@ class Bounds:
             self._free(self.index.rows["effort", self.launch][LOCAL_CHECKS["tcp_speed"].rows])
 
     def _free(self, rows: Indices) -> None:
-        self.g[0, rows], self.g[1, rows] = -np.inf, np.inf
+        self.g[0, rows] = -np.inf
+        self.g[1, rows] = np.inf

@@ -35,7 +35,8 @@ FORMULA_MODULES = ("emission", "functions", "layout", *(f"symbols/{name}" for na
 LAUNCH_C = tuple(emission.HEADER.with_name(name) for name in ("lanes.h", "linear_algebra.c", "launch.c"))
 CASADI = Path(ca.__file__).parent
 UNIT = "\n/* --- */\n"  # between the parts of the C that are compiled side by side
-AVX2, ANY_PROCESSOR = ("-mavx2",), ()
+AVX2 = ("-mavx2",)
+ANY_PROCESSOR = ()
 MOST_DIFFER = (True, False, True)  # arguments that differ from stage to stage: z and multipliers, not the parameters
 EACH_DIFFERS = (True, True, True)  # of the costs
 

@@ -75,13 +75,15 @@ class _Values:
     """The C names of a function's work vector, and whether each differs from stage to stage."""
 
     def __init__(self, function: Any, differs: Sequence[bool]) -> None:
-        self.function, self.differs = function, differs
+        self.function = function
+        self.differs = differs
         self.names: dict[int, tuple[str, bool]] = {}
 
     def lines(self) -> Iterator[str]:
         """Yields the statements."""
         for k in range(self.function.n_instructions()):
-            inputs, outputs = self.function.instruction_input(k), self.function.instruction_output(k)
+            inputs = self.function.instruction_input(k)
+            outputs = self.function.instruction_output(k)
             line = self._line(k, self.function.instruction_id(k), inputs, outputs)
             if line:
                 yield f"    {line}"
@@ -121,8 +123,10 @@ def _of_lanes(function: Any, differs: Sequence[bool]) -> str:
 
 
 def _for_casadi(function: Any, differs: Sequence[bool]) -> str:
-    inputs, outputs = range(function.n_in()), range(function.n_out())
-    name, sizes = function.name(), [max(function.nnz_in(i), 1) for i in inputs]
+    inputs = range(function.n_in())
+    outputs = range(function.n_out())
+    name = function.name()
+    sizes = [max(function.nnz_in(i), 1) for i in inputs]
     spread = [i for i in inputs if differs[i]]
     results = {i: max(function.nnz_out(i), 1) for i in outputs}
     local = [f"x{i}[{sizes[i]}]" for i in spread] + [f"y{i}[{n}]" for i, n in results.items()]

@@ -33,9 +33,12 @@ from planner.backends.casadi_nlp.layout import COST, NU, SHARED, TIME, StageLayo
 from planner.backends.casadi_nlp.symbols import FORMULAS
 from planner.backends.casadi_nlp.transcription import ALL_SHARED, Indices, Iterates, RowIndex, transcription
 
-ROWS_MAX, OBJECTS_MAX = 64, 2  # [-] of a block, and whose states there may be, as in launch.c
-RESTORATIONS, ANY_NUMBER = "restorations", 1 << 30  # iterations in which the cost may be left aside; without a limit
-SOLVED, LATE = 0, -2  # status of a call, as in launch.c
+ROWS_MAX = 64
+OBJECTS_MAX = 2  # [-] of a block, and whose states there may be, as in launch.c
+RESTORATIONS = "restorations"
+ANY_NUMBER = 1 << 30  # iterations in which the cost may be left aside; without a limit
+SOLVED = 0
+LATE = -2  # status of a call, as in launch.c
 IPOPT = {"tol": 1e-5, "mu_init": 1e-3, "max_iter": 80}
 PATTERNS_KEPT = 64  # solvers cached: a few for each kind of release
 
@@ -98,13 +101,16 @@ class CompiledLaunch:
     """The problem of one layout, as the compiled launch takes it."""
 
     def __init__(self, index: RowIndex, launch: ctypes.CDLL, functions: ctypes.CDLL) -> None:
-        self.index, self._launch, self._functions = index, launch, functions
+        self.index = index
+        self._launch = launch
+        self._functions = functions
         self._kept: list[object] = []  # what the structures point to
         self._offsets, self.parameters = _parameter_offsets(index)
         blocks = (_Block * len(index.blocks))(*(self._block(name) for name in index.blocks))
         owned = self._integers(index.per_stage)
         own = self._integers([rows.start for rows in _own_rows(index)])
-        names, stages = list(index.blocks), index.stages
+        names = list(index.blocks)
+        stages = index.stages
         none = (stages.stages + 1,) * (OBJECTS_MAX - len(stages.objects))
         thrown = (ctypes.c_int * OBJECTS_MAX)(*stages.objects, *none)
         self._problem = _Problem(blocks, own, owned, len(names), names.index("cost"), stages.stages, index.size, thrown)
@@ -122,13 +128,15 @@ class CompiledLaunch:
         """
         lower = np.concatenate([arguments["lbx"], arguments["lbg"]])
         upper = np.concatenate([arguments["ubx"], arguments["ubg"]])
-        guess, p = np.ascontiguousarray(arguments["x0"], float), self._packed(arguments["p"])
+        guess = np.ascontiguousarray(arguments["x0"], float)
+        p = self._packed(arguments["p"])
         if {len(lower), len(upper)} != {self.index.variables + self.index.size} or len(guess) != self.index.variables:
             raise ValueError(f"{len(lower)} bounds and {len(guess)} variables do not fit the problem")
         of_fatrop = _of_fatrop(options)
         names = (ctypes.c_char_p * len(of_fatrop))(*(name.encode() for name in of_fatrop))
         values = np.array(list(of_fatrop.values()), float)
-        x, iterations = np.zeros(self.index.variables), ctypes.c_int(0)
+        x = np.zeros(self.index.variables)
+        iterations = ctypes.c_int(0)
         status = self._launch.solve_launch(
             ctypes.byref(self._problem),
             *(array.ctypes.data for array in (lower, upper, guess, p)),
@@ -150,7 +158,9 @@ class CompiledLaunch:
         Raises:
             ValueError: x has another size than the problem's variables.
         """
-        x, p, rows = np.ascontiguousarray(x, float), self._packed(p), np.zeros(self.index.size)
+        x = np.ascontiguousarray(x, float)
+        p = self._packed(p)
+        rows = np.zeros(self.index.size)
         if len(x) != self.index.variables:
             raise ValueError(f"{len(x)} variables do not fit the problem")
         self._launch.launch_rows(ctypes.byref(self._problem), x.ctypes.data, p.ctypes.data, rows.ctypes.data)
@@ -161,7 +171,9 @@ class CompiledLaunch:
         return np.asarray(p, float)[self.parameters]
 
     def _block(self, name: str) -> _Block:
-        index, block, knots = self.index, self.index.blocks[name], self.index.knots[name]
+        block = self.index.blocks[name]
+        knots = self.index.knots[name]
+        index = self.index
         following = index.following(name)
         if block.n > ROWS_MAX:
             raise ValueError(f"{name} has {block.n} rows; there is room for {ROWS_MAX}")
@@ -202,7 +214,8 @@ def _of_fatrop(options: Mapping[str, float]) -> Options:
 
 def _own_rows(index: RowIndex) -> list[range]:
     """Returns the rows of each stage, beside those of the next state."""
-    rows, begin = [], 0
+    rows = []
+    begin = 0
     for k, own in enumerate(index.per_stage):
         begin += len(index.dynamics[k]) if k < index.stages.stages else 0
         rows.append(range(begin, begin + own))
@@ -238,14 +251,16 @@ def _libraries() -> tuple[ctypes.CDLL, ctypes.CDLL] | None:
     if path is None or not path.exists() or not codegen.loaded_blocks().compiled:
         return None
     try:
-        launch, functions = ctypes.CDLL(str(path)), ctypes.CDLL(str(codegen.library()))
+        launch = ctypes.CDLL(str(path))
+        functions = ctypes.CDLL(str(codegen.library()))
     except OSError as error:
         logging.getLogger(__name__).warning("%s is not used, casadi's interface is: %s", path, error)
         return None
     pointer = ctypes.c_void_p
     numbers = [ctypes.c_double, ctypes.c_int, ctypes.c_int]
     launch.solve_launch.argtypes = [pointer] * 5 + numbers + [pointer] * 4
-    launch.launch_rows.argtypes, launch.launch_rows.restype = [pointer] * 4, None
+    launch.launch_rows.argtypes = [pointer] * 4
+    launch.launch_rows.restype = None
     launch.linear_algebra_agrees()
     return launch, functions
 
@@ -265,7 +280,8 @@ def solve_by_fatrop(stages: StageLayout, arguments: Arguments, options: Options,
     begun = int(stats["iter_count"]) if stats["success"] else len(iterates.seen)  # casadi evaluates the solution, too
     for count, (x, weight, multipliers) in enumerate(iterates.seen[:begun], start=1):
         restorations -= weight == 0.0
-        is_restoring, asks = restorations < 0, latest < math.inf and weight > 0.0
+        is_restoring = restorations < 0
+        asks = latest < math.inf and weight > 0.0
         if is_restoring or (asks and _least_release(functions, ordered, x, multipliers) > latest):
             return Outcome(np.full(len(order), np.nan), count, is_solved=False, is_late=not is_restoring)
     x = np.empty(len(order))
@@ -328,7 +344,8 @@ def _fatrop(
     pattern has a solver of its own, built in 7 ms.
     """
     made = transcription(stages)
-    index, n = made.row_index, stages.stages
+    index = made.row_index
+    n = stages.stages
     functions = made.functions if index.core == index.variables else _reordered(made.functions, index.stagewise)
     roles = {"nlp_grad_f": ("grad_f", ["grad:f:x"]), "nlp_hess_l": ("hess_l", ["grad:gamma:x", "hess:gamma:x:x"])}
     states = [index.states(k) for k in range(n + 1)]
@@ -342,7 +359,8 @@ def _fatrop(
 
 def _reordered(functions: Mapping[str, Any], order: Indices) -> dict[str, Any]:
     """Returns the problem's functions of variables in another order."""
-    back, to = np.argsort(order).tolist(), order.tolist()
+    back = np.argsort(order).tolist()
+    to = order.tolist()
     sorted_ones: dict[str, Any] = {}
     for name, function in functions.items():
         x, *more = inputs = function.mx_in()

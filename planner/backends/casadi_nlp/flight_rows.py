@@ -29,7 +29,8 @@ def constrains_flight(problem: ThrowProblem) -> bool:
     """Returns whether block "flight" says anything about a problem: an edge, a mouth or an opening direction."""
     if problem.ends_at_rest:
         return False
-    release, boxes = problem.release, problem.cell.surroundings.keep_out
+    release = problem.release
+    boxes = problem.cell.surroundings.keep_out
     is_passed = isinstance(release, TargetRelease) and (bool(boxes) or release.opening is not None)
     return is_passed or problem.cell.gripper.opening_direction is not None
 
@@ -57,7 +58,8 @@ def flight_parameters(problem: ThrowProblem, candidate: Candidate, margins: Marg
         arcs = _flight(problem, candidate)
         edges = [*_box_edges(problem, arcs, margins.flight_m), *margins.cuts][:FLIGHT_EDGES]
         if problem.release.opening is not None:
-            (x, y, z), bin_ = problem.release.p_W, problem.release.opening
+            (x, y, z) = problem.release.p_W
+            bin_ = problem.release.opening
             mouth = [x, y, z + bin_.rim_height_m, bin_.radius_m, arcs.radius_m + margins.mouth_m]
     edges += [NO_EDGE] * (FLIGHT_EDGES - len(edges))
     opening = _opening(problem, margins.opening_rad)
@@ -65,14 +67,16 @@ def flight_parameters(problem: ThrowProblem, candidate: Candidate, margins: Marg
 
 
 def _flight(problem: ThrowProblem, candidate: Candidate) -> Arcs:
-    tool, radius = tool_state(problem.cell, candidate.q, candidate.qd), problem.cell.object.radius_m
+    tool = tool_state(problem.cell, candidate.q, candidate.qd)
+    radius = problem.cell.object.radius_m
     arcs = Arcs.onto(tool.p_WT, tool.v_WT, problem.plane_z, problem.gravity_at_tool_speed, radius)
     return arcs.until_landed(problem.plane_z, problem.surfaces)
 
 
 def _opening(problem: ThrowProblem, margin_rad: float) -> list[float]:
     """Returns the opening direction in the flange frame, the cosine of the largest angle from it, the way out (5,)."""
-    gripper, out_m = problem.cell.gripper, problem.cell.object.way_out_m
+    gripper = problem.cell.gripper
+    out_m = problem.cell.object.way_out_m
     if gripper.opening_direction is None or gripper.opening_cone_rad is None:
         return [0.0, 0.0, 0.0, -1.0, out_m]
     direction = problem.cell.tool.X_FT[:3, :3] @ gripper.opening_direction
@@ -81,7 +85,8 @@ def _opening(problem: ThrowProblem, margin_rad: float) -> list[float]:
 
 def _box_edges(problem: ThrowProblem, arcs: Arcs, room_m: float) -> list[FlightEdge]:
     """Returns two edges a box at most, the boxes that the flight passes most closely first."""
-    passed, around = [], problem.cell.surroundings
+    passed = []
+    around = problem.cell.surroundings
     lowest = max(problem.plane_z - arcs.radius_m, around.floor_z_m + CONTACT_M)
     for box in around.keep_out:
         if box.upper[2] > lowest:  # the object comes down above the others
@@ -93,7 +98,8 @@ def _box_edges(problem: ThrowProblem, arcs: Arcs, room_m: float) -> list[FlightE
 def _ways_past(box: Box, arcs: Arcs, room_m: float) -> Iterator[tuple[float, list[FlightEdge]]]:
     """Yields the ways over, beside or below a box: the flight's room [m] and the edges; none where it stays away."""
     grown = arcs.radius_m + room_m
-    lower, upper = box.lower - grown, box.upper + grown
+    lower = box.lower - grown
+    upper = box.upper + grown
     for axis in (0, 1):
         speed = float(arcs.v[axis])
         if abs(speed) < LEAST_SPEED_M_S:
@@ -116,7 +122,8 @@ def _way_onto(box: Box, arcs: Arcs, room_m: float) -> Iterator[tuple[float, list
     coming = float(arcs.until_over(box.lower, box.upper).until_s)
     if coming == arcs.until_s:
         return
-    x, bound = arcs.at(np.asarray(coming)), float(box.upper[2]) + arcs.radius_m + room_m
+    x = arcs.at(np.asarray(coming))
+    bound = float(box.upper[2]) + arcs.radius_m + room_m
     faces = np.where(arcs.v[:2] > 0.0, box.lower[:2], box.upper[:2])
     axis = int(np.abs(x[:2] - faces).argmin())
     starts_over = coming == 0.0 or abs(arcs.v[axis]) < LEAST_SPEED_M_S

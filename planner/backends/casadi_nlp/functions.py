@@ -72,7 +72,9 @@ def interpreted_blocks() -> dict[str, Block]:
 def build_block(name: str, formula: BlockFormula) -> Block:
     """Returns the block of a formula, by symbolic differentiation."""
     size = COST.size if name == "cost" else sum(SHARED[piece].size for piece in formula.parameters)
-    z, p, terms = ca.SX.sym("z", formula.variables), ca.SX.sym("p", size), Terms()
+    z = ca.SX.sym("z", formula.variables)
+    p = ca.SX.sym("p", size)
+    terms = Terms()
     rows = formula.rows(z, p, terms)
     lam = ca.SX.sym("lam", rows.size1())
     jacobian, gradient = terms.jacobian(rows, z), terms.jacobian(ca.dot(lam, rows), z).T
@@ -101,7 +103,8 @@ class _Signature:
 
 @lru_cache(maxsize=SIGNATURES_KEPT)
 def _signature(function: Any) -> _Signature:
-    inputs, outputs = range(function.n_in()), range(function.n_out())
+    inputs = range(function.n_in())
+    outputs = range(function.n_out())
     triplets = (function.sparsity_out(i).get_triplet() for i in outputs)
     return _Signature(
         names=tuple(function.name_in(i) for i in inputs),

@@ -57,7 +57,8 @@ TARGET_GROUPS = (*AT_REST_GROUPS, "grip", "flight", "standing", "passing")  # th
 
 # Stages in half a release window, at most, and their least duration [s]. One alone releases 2 to 3 % later than four.
 # More converge less often; they release a little sooner in windows beyond 30 ms.
-WINDOW_STAGES, WINDOW_STAGE_S = 3, 0.005
+WINDOW_STAGES = 3
+WINDOW_STAGE_S = 0.005
 ROUNDING = 1e-9  # [-] of a number of stages
 DECIMALS = 9  # of arguments in units of one: finer than what a solver heeds, coarser than floating point differs
 
@@ -70,11 +71,13 @@ def stage_layout(problem: ThrowProblem, margins: Margins, resolution: str = "coa
         margins: on every limit; they decide which groups there are.
         resolution: key of `STAGES`.
     """
-    groups, boxes = _applicable_groups(problem, margins), _box_slots(problem)
+    groups = _applicable_groups(problem, margins)
+    boxes = _box_slots(problem)
     launch, brake = STAGES[resolution]
     if problem.ends_at_rest:
         return StageLayout(launch, 0, 0, groups, boxes)
-    window, aims = window_stages(problem), isinstance(problem.release, TargetRelease)
+    window = window_stages(problem)
+    aims = isinstance(problem.release, TargetRelease)
     return StageLayout(launch + window, brake + window, window, groups, boxes, aims)
 
 
@@ -111,7 +114,9 @@ def window_stages(problem: ThrowProblem) -> int:
 
 def common_layouts() -> list[StageLayout]:
     """Returns the layouts whose solvers are built ahead of requests, 0.2 s together; uncompiled, a few 10 ms each."""
-    (launch, brake), fine, n = STAGES["coarse"], STAGES["fine"], WINDOW_STAGES
+    (launch, brake) = STAGES["coarse"]
+    fine = STAGES["fine"]
+    n = WINDOW_STAGES
     throws = ((launch, brake, 0), (launch + n, brake + n, n))
     usual = _subsets(USUAL_GROUPS)
     braking = [groups for groups in usual if "passing" in groups]
@@ -170,7 +175,8 @@ class Instance:
         candidate = seed.candidate
         guess = seed.initial_guess or CubicGuess(problem, candidate)
         stages = stage_layout(problem, margins, resolution)
-        limits, aim = grid_limits(problem.reachable, problem.dt), initial_aim(problem, candidate)
+        limits = grid_limits(problem.reachable, problem.dt)
+        aim = initial_aim(problem, candidate)
         initial, steps = _variables_along(guess, stages, problem)
         longest_step = LONGEST_STEP[resolution]
         return Instance(problem, candidate, margins, stages, limits, aim, initial, steps, longest_step=longest_step)
@@ -188,7 +194,8 @@ class Instance:
     def on_times(self, solution: Vector, release_s: float, end_s: float) -> Instance:
         """Returns this instance with the solution (N + 1, NZ), in SI units, as initial guess and its times fixed."""
         initial = solution.copy()
-        initial[0, TIME], initial[-1, TIME] = -release_s, end_s - release_s
+        initial[0, TIME] = -release_s
+        initial[-1, TIME] = end_s - release_s
         steps = solution[:-1, STEP]
         return replace(self, initial=initial, steps=steps, fixed_times=(release_s, end_s))
 
@@ -201,10 +208,12 @@ class Instance:
                 brake itself.
         """
         brake = z[self.stages.launch :]
-        q, qd = brake[0, Q], brake[0, QD]
+        q = brake[0, Q]
+        qd = brake[0, QD]
         if stretch is not None:
             brake = _even_braking(q, qd, _brake_times(stretch * float(brake[-1, TIME]), self.stages, self.problem))
-        stages, candidate = replace(self.stages, launch=0, aims=False), replace(self.candidate, q=q, qd=qd)
+        stages = replace(self.stages, launch=0, aims=False)
+        candidate = replace(self.candidate, q=q, qd=qd)
         margins = replace(self.margins, local=tuple(each for each in self.margins.local if each.phase >= 1.0))
         return replace(self, candidate=candidate, stages=stages, margins=margins, initial=brake, steps=brake[:-1, STEP])
 
@@ -213,7 +222,8 @@ class Instance:
 
         A brake from a long guess can be one long stage and two short ones: that looks past what is between.
         """
-        launch, longest_s = z[: self.stages.launch], LONGEST_BRAKE_STEP * float(brake[:-1, STEP].mean())
+        launch = z[: self.stages.launch]
+        longest_s = LONGEST_BRAKE_STEP * float(brake[:-1, STEP].mean())
         steps = np.concatenate([launch[:, STEP], brake[:-1, STEP]])
         return replace(self, initial=np.concatenate([launch, brake]), steps=steps, brake_step_max_s=longest_s)
 
@@ -272,10 +282,12 @@ class Instance:
         What they are computed from differs in its last bits between machines, and between the C kernel and numpy. Where
         a solve is ill-conditioned, that would decide whether it succeeds.
         """
-        bounds, index = self._bounds(), self.transcription.row_index
+        bounds = self._bounds()
+        index = self.transcription.row_index
         lower, upper = (bounds.x / self.scales).reshape(2, -1)[:, : index.core]
         free = np.full(index.variables - index.core, np.inf)
-        lower, upper = np.append(lower, -free), np.append(upper, free)
+        lower = np.append(lower, -free)
+        upper = np.append(upper, free)
         exact = {
             "x0": self.with_object(self.initial / self.scales),
             "p": np.concatenate([*self.shared_parameters.values(), self._costs()]),
@@ -287,7 +299,9 @@ class Instance:
         return {name: np.round(value, DECIMALS) for name, value in exact.items()}
 
     def _bounds(self) -> Bounds:
-        problem, margins, bounds = self.problem, self.margins, Bounds(self.transcription.row_index, self.scales[QD])
+        problem = self.problem
+        margins = self.margins
+        bounds = Bounds(self.transcription.row_index, self.scales[QD])
         clearances = {group: self._given_clearances(group) for group in CLEARANCES if group in self.stages.groups}
         bounds.limit_joints(self.limits, margins.position_rad, self._given())
         for group, limits in self._group_limits().items():
@@ -310,7 +324,8 @@ class Instance:
             bounds.watch_long_enough(window_s, self.steps, margins.watched)
         bounds.set_release(problem, self.candidate)
         if problem.is_robust:
-            window_s, tolerance_m = problem.release_window_s, problem.landing_tolerance_m
+            window_s = problem.release_window_s
+            tolerance_m = problem.landing_tolerance_m
             bounds.hold_window(window_s, tolerance_m, margins.window, self.landing_offsets)
         if self.fixed_times is not None:
             bounds.fix_times(*self.fixed_times)
@@ -341,7 +356,8 @@ class Instance:
         They are smaller than the true clearances, and the margins are taken off.
         """
         p = np.concatenate([self.shared_parameters[piece] for piece in FORMULAS[group].parameters])
-        value, states = self.transcription.blocks[group].value, np.pad(self._given(), ((0, 0), (0, NZ - 6)))
+        value = self.transcription.blocks[group].value
+        states = np.pad(self._given(), ((0, 0), (0, NZ - 6)))
         return np.array([evaluate(value, state, p)[0].ravel() for state in states])
 
     def _given(self) -> list[Vector]:
@@ -363,7 +379,8 @@ class Instance:
 
 def _even_braking(q: Vector, qd: Vector, t: Vector) -> Vector:
     """Returns the variables (k, NZ) of braking evenly from q, qd (6,), in SI units, at times (k,) from 0 to the end."""
-    duration_s, z = float(t[-1]), np.zeros((len(t), NZ))
+    duration_s = float(t[-1])
+    z = np.zeros((len(t), NZ))
     z[:, Q] = q + np.outer(t - t**2 / (2.0 * duration_s), qd)
     z[:, QD] = np.outer(1.0 - t / duration_s, qd)
     z[:, QDD] = -qd / duration_s
@@ -377,7 +394,8 @@ def _brake_times(duration_s: float, stages: StageLayout, problem: ThrowProblem) 
 
     Where the object is followed out of the grip, the first stages take as long as that, unless hardly any is left.
     """
-    count, out_s = stages.brake - stages.window, leaving_time(problem)
+    count = stages.brake - stages.window
+    out_s = leaving_time(problem)
     if "leaving" not in stages.groups or duration_s < out_s * (1.0 + 0.5 / OUT_STAGES):
         return np.linspace(0.0, duration_s, count + 1)
     rest = np.linspace(out_s, duration_s, count - OUT_STAGES + 1)
@@ -386,9 +404,12 @@ def _brake_times(duration_s: float, stages: StageLayout, problem: ThrowProblem) 
 
 def _variables_along(guess: InitialGuess, stages: StageLayout, problem: ThrowProblem) -> tuple[Vector, Vector]:
     """Returns variables (N + 1, NZ) and steps (N,) [s] along a motion, with knots at the ends of the window."""
-    release, end, n = guess.release_time_s, guess.duration_s, stages.window
+    release = guess.release_time_s
+    end = guess.duration_s
+    n = stages.window
     around = problem.release_window_s if n else 0.0
-    first, last = max(release - around, release / 2), min(release + around, (release + end) / 2)
+    first = max(release - around, release / 2)
+    last = min(release + around, (release + end) / 2)
     pieces = (0.0, first, stages.launch - n), (first, release, n), (release, last, n)
     t = np.concatenate([[0.0], *(np.linspace(start, stop, count + 1)[1:] for start, stop, count in pieces)])
     if stages.brake > n:

@@ -23,7 +23,8 @@ FLIGHT_EDGES = 8  # [-] slots for edges that the object's flight passes: two for
 # DH frame of each capsule slot: `geometry.arm_capsules` without the foot, which the floor covers; the tool; the object.
 ARM_CAPSULE_FRAMES = (0, 1, 2, 2, 3, 3, 4, 5)  # base, shoulder, upper arm, elbow, forearm, wrists 1, 2, 3
 CAPSULE_FRAMES = ARM_CAPSULE_FRAMES + (6,) * (TOOL_CAPSULES + 1)
-FIRST_TOOL, OBJECT = len(ARM_CAPSULE_FRAMES), len(CAPSULE_FRAMES) - 1
+FIRST_TOOL = len(ARM_CAPSULE_FRAMES)
+OBJECT = len(CAPSULE_FRAMES) - 1
 BASE = 0  # the slot that no joint moves
 PATH_TERMS = 5  # [-] of the polynomial that the object's path is; exact without drag, where the last two are zero
 CHORDS = 10  # [-] that the path past the resting arm is taken for
@@ -38,13 +39,18 @@ PAIRS = (
 NX = 19  # state: q, qd, qdd of six joints, and the time
 NU = 7  # control: jerk of six joints, and the length of the step
 NZ = NX + NU
-Q, QD, QDD, TIME = slice(0, 6), slice(6, 12), slice(12, 18), 18  # positions within z = (state, control)
-JERK, STEP = slice(19, 25), 25
+Q = slice(0, 6)
+QD = slice(6, 12)
+QDD = slice(12, 18)
+TIME = 18  # positions within z = (state, control)
+JERK = slice(19, 25)
+STEP = 25
 # Further states of the stages from a release on, where rows follow an object whose release is free: its position [m]
 # and velocity [m/s] in the world at the release, not scaled. Blocks that depend on them take (z, thrown). In a release
 # window there are two such objects where the way out of the grip is followed: of its first and of its last release.
 N_THROWN = 6
-PLACE, SPEED = slice(NZ, NZ + 3), slice(NZ + 3, NZ + N_THROWN)
+PLACE = slice(NZ, NZ + 3)
+SPEED = slice(NZ + 3, NZ + N_THROWN)
 
 
 @dataclass(frozen=True)
@@ -204,7 +210,8 @@ class FlightEdge:
 NO_EDGE = FlightEdge.at_time(0.0, (0.0, 0.0, 0.0), -1.0)  # holds with 1 m to spare
 
 # Stages before and after the release (or its window) on which singularities are avoided.
-WATCHED_BEFORE, WATCHED_AFTER = 3, 2
+WATCHED_BEFORE = 3
+WATCHED_AFTER = 2
 LEAVING_STAGES = 1  # stages after the release (or its window), 20 to 40 ms, in which the object leaves the open grip
 OUT_STAGES = 2  # the same where its way out is followed, until it is out
 LAST = "_last"  # suffix of the blocks of the object of a window's last release, which have the functions of the others

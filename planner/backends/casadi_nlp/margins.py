@@ -263,7 +263,8 @@ class Margins:
 
 
 def _phase(t: float, motion: Trajectory) -> float:
-    release, end = motion.release_time_s, motion.duration_s
+    release = motion.release_time_s
+    end = motion.duration_s
     return t / release if t <= release else 1.0 + (t - release) / (end - release)
 
 

@@ -72,7 +72,8 @@ def _path(problem: ThrowProblem, thrown: tuple[Vector, Vector], room_m: float, c
         thrown: position [m] and velocity [m/s] (3,) of the object at the release.
         carried: whether these are variables, so that they are not part of the path.
     """
-    (p, v), radius = thrown, problem.cell.object.radius_m
+    (p, v) = thrown
+    radius = problem.cell.object.radius_m
     landing_s = touchdown_s(p, v, problem.plane_z, problem.landing_radius_m, problem.gravity, problem.drag)
     until_s = max(landing_s or 0.0, SHORTEST_S)
     places = path(p, v, until_s * NODES, problem.gravity, problem.drag)
@@ -122,10 +123,12 @@ def initial_aim(problem: ThrowProblem, candidate: Candidate) -> Vector:
     """Returns the landing point of the drag-free flight (3,) [m]; for a target, as from the candidate."""
     release = problem.release
     if isinstance(release, PointRelease):
-        p, v = release.p_WT, release.v_WT
+        p = release.p_WT
+        v = release.v_WT
     else:
         tool = tool_state(problem.cell, candidate.q, candidate.qd)
-        p, v = tool.p_WT, tool.v_WT
+        p = tool.p_WT
+        v = tool.v_WT
     if isinstance(release, TargetRelease):
         return drag_free_aim(problem, release.p_W, p, v)
     flight = None if problem.ends_at_rest else fly(p, v, problem.plane_z, problem.gravity_at_tool_speed)

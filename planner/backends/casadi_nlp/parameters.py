@@ -20,7 +20,10 @@ LARGEST_SLOPE_RAD = 1.57  # [rad] elevations beyond have no finite tangent; they
 UNBOUNDED = 1.0e3  # [m] coordinate of a missing keep-in face
 # Of the fit of a calibrated arm: position and velocity at the release come first; an error of the Jacobian counts as
 # where joints move by 0.3 rad, and lengths change by no more than helps.
-PLACE_WEIGHT, VELOCITY_WEIGHT, JACOBIAN_WEIGHT, CHANGE_WEIGHT = 30.0, 30.0, 0.3, 3e-3  # [-], [s], [rad], [-]
+PLACE_WEIGHT = 30.0
+VELOCITY_WEIGHT = 30.0
+JACOBIAN_WEIGHT = 0.3
+CHANGE_WEIGHT = 3e-3  # [-], [s], [rad], [-]
 TIME_SHARE = 0.4  # [-] of the slowest joint's time to full speed: about 0.1 s, the length of two or three stages
 
 
@@ -57,7 +60,9 @@ def variable_scales(scales: Vector) -> Vector:
 @lru_cache(maxsize=CELLS_KEPT)
 def cell_parameters(cell: Cell) -> Vector:
     """Returns the `ARM` vector without margins, not to be changed; the torque and speed limits are 0."""
-    robot, R_WB, boxes = cell.robot.published, cell.X_WB[:3, :3], cell.surroundings.keep_in
+    robot = cell.robot.published
+    R_WB = cell.X_WB[:3, :3]
+    boxes = cell.surroundings.keep_in
     lower = np.max([box.lower for box in boxes], axis=0) if boxes else np.full(3, -UNBOUNDED)
     upper = np.min([box.upper for box in boxes], axis=0) if boxes else np.full(3, UNBOUNDED)
     return _read_only(
@@ -93,7 +98,8 @@ def closest_arm(cell: Cell, q: Vector, qd: Vector) -> dict[str, Vector]:
         cell: with a calibrated arm.
         q, qd: joint positions and velocities (6,) at the release.
     """
-    robot, X_FT = cell.robot, cell.tool.X_FT
+    robot = cell.robot
+    X_FT = cell.tool.X_FT
     directions, derivatives = _by_lengths(link_poses(robot.published, q))
     missing = forward(robot, q, X_FT) - forward(robot.published, q, X_FT)
     J = (jacobian(robot, q, X_FT) - jacobian(robot.published, q, X_FT))[:3]
@@ -101,7 +107,8 @@ def closest_arm(cell: Cell, q: Vector, qd: Vector) -> dict[str, Vector]:
     wanted = PLACE_WEIGHT * missing[:3, 3], JACOBIAN_WEIGHT * J.ravel(), VELOCITY_WEIGHT * J @ qd
     regular = np.concatenate([*rows, CHANGE_WEIGHT * np.eye(12)]), np.concatenate([*wanted, np.zeros(12)])
     change = np.linalg.lstsq(*regular, rcond=None)[0]
-    own, at = cell_parameters(cell), layout.ARM.slices
+    own = cell_parameters(cell)
+    at = layout.ARM.slices
     base = own[at["base"]].copy()
     base[9:] += cell.X_WB[:3, :3] @ change[9:]
     return {"dh": own[at["dh"]] + change[:6], "tcp": own[at["tcp"]] + change[6:9], "base": base}
@@ -205,7 +212,8 @@ def pair_parameters(cell: Cell) -> Vector:
 
 def arm_parameters(cell: Cell, limits: Limits, margins: Margins) -> Vector:
     """Returns the `ARM` vector, with the margins added to every required clearance."""
-    vector, at = cell_parameters(cell).copy(), ARM.slices
+    vector = cell_parameters(cell).copy()
+    at = ARM.slices
     vector[at["torque"]] = limits.tau_max
     vector[at["speed"]] = limits.tcp_speed_max
     vector[at["floor"]] += margins.floor_m

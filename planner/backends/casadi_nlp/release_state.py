@@ -39,7 +39,8 @@ def with_room(problem: ThrowProblem) -> ThrowProblem:
     release = problem.release
     if problem.cell.robot.fixed is None or not isinstance(release, TargetRelease):
         return problem
-    low, high = release.min_elevation_rad, release.max_elevation_rad
+    low = release.min_elevation_rad
+    high = release.max_elevation_rad
     room = min(ROOM, max(high - low, 0.0) / 4.0)
     inner = replace(
         release,
@@ -67,7 +68,8 @@ def corrected_at(instance: Instance, state: tuple[Vector, Vector]) -> Instance |
     The arm is fitted once: the soonest throw among many like it moves with each fit.
     """
     problem = instance.problem
-    aim, z = measured_aim(problem, state, instance.aim), _stage(instance, state)
+    aim = measured_aim(problem, state, instance.aim)
+    z = _stage(instance, state)
     rows, jacobian = _release_rows(instance, z, aim)
     residual, _ = _release_residual(problem, z, _measured_rows(problem, rows, state, aim), jacobian)
     if np.abs(residual).max() < CLOSE:
@@ -109,7 +111,8 @@ def refined_release(instance: Instance, state: tuple[Vector, Vector], aim: Vecto
     problem = instance.problem
     if problem.fixes_joints:
         return instance.candidate.q, instance.candidate.qd
-    z, is_measured = _stage(instance, state), problem.cell.robot.fixed is not None
+    z = _stage(instance, state)
+    is_measured = problem.cell.robot.fixed is not None
     for _ in range(CALIBRATED_ROUNDS if is_measured else REFINEMENT_ROUNDS):
         rows, jacobian = _release_rows(instance, z, aim)
         if is_measured:
@@ -126,7 +129,8 @@ def refined_release(instance: Instance, state: tuple[Vector, Vector], aim: Vecto
 def _stage(instance: Instance, state: tuple[Vector, Vector]) -> Vector:
     """Returns the scaled variables (NZ,) of a stage that begins at q, qd (6,)."""
     z = np.zeros(NZ)
-    z[Q], z[QD] = state[0], state[1] / instance.scales[QD]
+    z[Q] = state[0]
+    z[QD] = state[1] / instance.scales[QD]
     return z
 
 
@@ -140,8 +144,11 @@ def _release_rows(instance: Instance, z: Vector, aim: Vector) -> tuple[Vector, V
 
 def _measured_rows(problem: ThrowProblem, rows: Vector, state: tuple[Vector, Vector], aim: Vector) -> Vector:
     """Returns `RELEASE_ROWS` with position, velocity and landing of a calibrated arm's measured chain."""
-    tool, rows, at = tool_state(problem.cell, *state), rows.copy(), RELEASE_ROWS.slices
-    rows[at["position"]], rows[at["velocity"]] = tool.p_WT, tool.v_WT
+    tool = tool_state(problem.cell, *state)
+    rows = rows.copy()
+    at = RELEASE_ROWS.slices
+    rows[at["position"]] = tool.p_WT
+    rows[at["velocity"]] = tool.v_WT
     landed = landing_points(tool.p_WT, tool.v_WT, float(aim[2]), problem.gravity_at_tool_speed)
     rows[at["landing"]] = landed[:2] - aim[:2]
     return rows
@@ -156,7 +163,8 @@ def _release_residual(problem: ThrowProblem, z: Vector, rows: Vector, jacobian: 
         rows: of `RELEASE_ROWS`.
         jacobian: theirs, with respect to q and scaled qd.
     """
-    release, at = problem.release, RELEASE_ROWS.slices
+    release = problem.release
+    at = RELEASE_ROWS.slices
     if isinstance(release, PointRelease):
         required = {"position": release.p_WT, "velocity": release.v_WT}
         if problem.ends_at_rest:

@@ -77,8 +77,12 @@ class Solver:
         with_ipopt: bool,
         latest_s: float = math.inf,
     ) -> None:
-        self.iteration_budget, self.deadline_s, self.groups = iteration_budget, deadline_s, groups
-        self.with_ipopt, self.latest_s, self.is_late = with_ipopt, latest_s, False
+        self.iteration_budget = iteration_budget
+        self.deadline_s = deadline_s
+        self.groups = groups
+        self.with_ipopt = with_ipopt
+        self.latest_s = latest_s
+        self.is_late = False
         self.iterations = 0
         self.status = ""
         self.has_converged = False
@@ -100,9 +104,11 @@ class Solver:
 
     def try_correction(self, instance: Instance) -> Vector | None:
         """Returns as `try_solve`, without a part in the budget: who corrects bounds the number of corrections."""
-        spent, was_late = self.iterations, self.is_late
+        spent = self.iterations
+        was_late = self.is_late
         z = self.try_solve(instance)
-        self.iterations, self.is_late = spent, was_late
+        self.iterations = spent
+        self.is_late = was_late
         return z
 
     def try_solve(self, instance: Instance) -> Vector | None:
@@ -111,12 +117,16 @@ class Solver:
         Groups of rows are included as they are violated; the object's path follows each solution. Where the release
         is given, a brake that is clear of the flight is part of the initial guess; without one the solver gives up.
         """
-        guess, kept, moved, awaits_brake = instance.arguments["x0"], None, 0, _brakes_first(instance)
+        guess = instance.arguments["x0"]
+        kept = None
+        moved = 0
+        awaits_brake = _brakes_first(instance)
         starts = [(instance, instance.arguments)]  # each is solved from where the one before fails
         while starts and not (self.is_late or self._is_spent()):
             instance, arguments = starts.pop(0)
             if awaits_brake and "passing" in self.groups:
-                starts, awaits_brake = self._starts_with_brake(instance, arguments), False
+                starts = self._starts_with_brake(instance, arguments)
+                awaits_brake = False
                 continue
             z = self._without_other_groups(instance, arguments)
             if z is None:
@@ -145,7 +155,8 @@ class Solver:
         return True
 
     def _note_lateness(self, is_late: bool, what: str) -> None:
-        self.is_late, self.status = is_late, f"{what}, no sooner than another"
+        self.is_late = is_late
+        self.status = f"{what}, no sooner than another"
 
     def _starts_with_brake(self, instance: Instance, arguments: Arguments) -> list[tuple[Instance, Arguments]]:
         """Returns the starts with rows that keep the brake off the flight: with a brake that is, then as it was.
@@ -190,7 +201,8 @@ class Solver:
             reduced[name] = reduced[name][: transcription(part).row_index.variables]
         kept = _rows_kept(part, whole)
         reduced["lbg"], reduced["ubg"] = reduced["lbg"][kept], reduced["ubg"][kept]
-        options, latest = _fatrop_options(part, instance), self._latest_scaled(instance)
+        options = _fatrop_options(part, instance)
+        latest = self._latest_scaled(instance)
         x, iterations = self._call_fatrop(part, reduced, options, latest)
         ran_out = x is None and iterations >= options["max_iter"] and not self.is_late
         if ran_out and _may_start_afresh(instance) and not self._is_spent():
@@ -287,7 +299,8 @@ def _beyond(values: Vector, lower: Vector, upper: Vector) -> Vector:
 
 def _with_path_of(instance: Instance, z: Vector) -> Vector:
     """Returns the parameters with the path of the object that a solution throws."""
-    p, release = instance.arguments["p"].copy(), z[instance.stages.launch] * instance.scales
+    p = instance.arguments["p"].copy()
+    release = z[instance.stages.launch] * instance.scales
     for name, path in instance.object_paths(release[Q], release[QD]).items():
         p[ALL_SHARED.slices[name]] = path
     return p
@@ -334,7 +347,8 @@ def _free_positions(whole: StageLayout, arguments: Arguments) -> None:
 
 
 def _fatrop_options(part: StageLayout, instance: Instance) -> Options:
-    release, is_windowed = instance.problem.release, part.window > 0
+    release = instance.problem.release
+    is_windowed = part.window > 0
     cases = (
         (is_windowed or isinstance(release, TargetRelease), FATROP_LANDING),
         (not is_windowed and isinstance(release, PointRelease), FATROP_POINT),

@@ -153,7 +153,8 @@ class RowIndex:
 
     def signs(self, block: str) -> np.ndarray:
         """Returns the signs (n,) with which a block's rows enter the problem: F enters as x_{k+1} - F."""
-        signs, following = np.ones(self.blocks[block].n), self.following(block)
+        signs = np.ones(self.blocks[block].n)
+        following = self.following(block)
         signs[: following.stop - following.start] = -1.0
         return signs
 
@@ -185,9 +186,12 @@ def transcription(stages: StageLayout) -> Transcription:
 
 def assemble(index: RowIndex) -> dict[str, Any]:
     """Returns the functions f, g and their derivatives of (x, p)."""
-    x, p = ca.MX.sym("x", index.variables), ca.MX.sym("p", ALL_SHARED.size + COST.size * index.stages.stages)
-    lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", index.size)
-    f, g = _objective(index, x, p), _constraints(index, x, _on_stages(index, "value", x, p))
+    x = ca.MX.sym("x", index.variables)
+    p = ca.MX.sym("p", ALL_SHARED.size + COST.size * index.stages.stages)
+    lam_f = ca.MX.sym("lam_f")
+    lam_g = ca.MX.sym("lam_g", index.size)
+    f = _objective(index, x, p)
+    g = _constraints(index, x, _on_stages(index, "value", x, p))
     slopes = _on_stages(index, "slope", x, p)
     gradient, hessian = _lagrangian(index, x, p, lam_f, lam_g)
     outputs = {
@@ -278,7 +282,8 @@ def _jacobian(index: RowIndex, outputs: Mapping[str, Sequence[MX]]) -> MX:
     entries = [ca.MX.ones(following.nnz())]
     for name, (_, slope) in outputs.items():
         row, column = (np.array(i) for i in index.blocks[name].jacobian.get_triplet())
-        signs, slopes = index.signs(name)[row], ca.vec(slope.nz[:])
+        signs = index.signs(name)[row]
+        slopes = ca.vec(slope.nz[:])
         entries.append(slopes if (signs == 1.0).all() else slopes * np.tile(signs, len(index.knots[name])))
         for k in index.knots[name]:
             rows.append(index.rows[name, k][row])
@@ -306,7 +311,9 @@ def _matrix(positions: tuple[Indices, Indices], entries: MX, rows: int, columns:
 def _lagrangian(index: RowIndex, x: MX, p: MX, lam_f: MX, lam_g: MX) -> tuple[MX, MX]:
     """Returns gradient and Hessian of the Lagrangian."""
     gradient = _next_states(index).T @ lam_g
-    rows, columns, entries = [], [], []
+    rows = []
+    columns = []
+    entries = []
     for name, block in index.blocks.items():
         knots = index.knots[name]
         if name == "cost":

@@ -75,7 +75,8 @@ def least_times(problem: ThrowProblem, candidate: Candidate) -> Vector:
         BackendUnavailable: ruckig is not installed.
     """
     zero = np.zeros(6)
-    start, release = (problem.start, zero, zero), (candidate.q, candidate.qd, zero)
+    start = (problem.start, zero, zero)
+    release = (candidate.q, candidate.qd, zero)
     motion = library.fastest_motion(start, release, problem.limits, problem.dt, on_ticks=False)
     return np.array(motion.independent_min_durations)
 
@@ -92,7 +93,8 @@ def earliest_arrival(problem: ThrowProblem, candidate: Candidate) -> Arrival:
     qdd = np.zeros(6)
     if problem.ends_at_rest:
         return Arrival(float(times.max()), read_only(qdd))
-    limits, time_s = grid_limits(problem.limits, problem.dt), 0.0
+    limits = grid_limits(problem.limits, problem.dt)
+    time_s = 0.0
     joint = _Joint()
     for i in np.argsort(-times):
         if times[i] <= time_s:
@@ -117,9 +119,12 @@ class _Joint:
 
     def earliest(self, distance: float, velocity: float, maxima: tuple[float, float, float]) -> tuple[float, float]:
         """Returns the least time [s] over `distance` [rad] to `velocity` [rad/s], and its final acceleration."""
-        (v_max, a_max, j_max), request = maxima, self.request
-        request.target_position, request.target_velocity = [distance], [velocity]
-        request.max_velocity, request.max_acceleration = [max(v_max, abs(velocity))], [a_max]
+        (v_max, a_max, j_max) = maxima
+        request = self.request
+        request.target_position = [distance]
+        request.target_velocity = [velocity]
+        request.max_velocity = [max(v_max, abs(velocity))]
+        request.max_acceleration = [a_max]
         request.max_jerk = [j_max]
         # Undoing an acceleration a takes |a| / j and changes the velocity by a^2 / 2j, which must keep its limit.
         low = -INSIDE * min(a_max, math.sqrt(max(2.0 * j_max * (v_max + velocity), 0.0)))
@@ -141,15 +146,21 @@ class _Joint:
 
 def golden_section(function: Callable[[float], float], low: float, high: float, sections: int) -> tuple[float, float]:
     """Returns the minimum and its place of a function with one valley in [low, high]."""
-    left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
-    at_left, at_right = function(left), function(right)
+    left = high - GOLDEN * (high - low)
+    right = low + GOLDEN * (high - low)
+    at_left = function(left)
+    at_right = function(right)
     for _ in range(sections):
         if at_left <= at_right:
-            high, right, at_right = right, left, at_left
+            high = right
+            right = left
+            at_right = at_left
             left = high - GOLDEN * (high - low)
             at_left = function(left)
         else:
-            low, left, at_left = left, right, at_right
+            low = left
+            left = right
+            at_left = at_right
             right = low + GOLDEN * (high - low)
             at_right = function(right)
     return min((at_left, left), (at_right, right))

@@ -51,7 +51,8 @@ def fastest_motion(
     """
     ruckig = ruckig_module()
     current, target = ([x[joints].tolist() for x in state] for state in (start, end or 3 * (np.zeros(6),)))
-    request, motion = ruckig.InputParameter(len(current[0])), ruckig.Trajectory(len(current[0]))
+    request = ruckig.InputParameter(len(current[0]))
+    motion = ruckig.Trajectory(len(current[0]))
     request.current_position, request.current_velocity, request.current_acceleration = current
     request.target_position, request.target_velocity, request.target_acceleration = target
     # A release exactly at the velocity limit is allowed; only the launch keeps the reserve for the tick grid.
@@ -82,7 +83,8 @@ def accelerations(motion: Any, dt: float) -> Vector:
     count = max(TICKS_MIN, round(motion.duration / dt))
     if count > TICKS_MAX:
         raise SolverFailed(f"the motion would take {motion.duration:.1f} s")
-    (profiles,), t = motion.profiles, dt * np.arange(count + 1)
+    (profiles,) = motion.profiles
+    t = dt * np.arange(count + 1)
     return np.stack([np.interp(t, *_acceleration_knots(profile)) for profile in profiles], axis=1)
 
 
@@ -91,7 +93,9 @@ def _acceleration_knots(profile: Any) -> tuple[Vector, list[float]]:
 
     Seven phases of constant jerk, after up to two that bring the joint within its limits.
     """
-    lengths, values, before = profile.t, profile.a, profile.brake
+    lengths = profile.t
+    values = profile.a
+    before = profile.brake
     if before.duration > 0.0:
         phases = [(length, a) for length, a in zip(before.t, before.a, strict=True) if length > 0.0]
         lengths = [length for length, _ in phases] + lengths

@@ -47,7 +47,8 @@ def solve(problem: ThrowProblem, candidate: Candidate, variant: LaunchVariant = 
         BackendUnavailable: ruckig is not installed.
     """
     zero = np.zeros(6)
-    start, qdd = (problem.start, zero, zero), zero
+    start = (problem.start, zero, zero)
+    qdd = zero
     if variant == "free":
         qdd = earliest_arrival(problem, candidate).qdd
     if variant == "gentle":
@@ -105,7 +106,9 @@ def initial_guess(problem: ThrowProblem, candidate: Candidate) -> RuckigMotion:
         SolverFailed: Ruckig refuses the states.
         BackendUnavailable: ruckig is not installed.
     """
-    zero, limits, dt = np.zeros(6), problem.limits, problem.dt
+    zero = np.zeros(6)
+    limits = problem.limits
+    dt = problem.dt
     release = (candidate.q, candidate.qd, earliest_arrival(problem, candidate).qdd)
     launch = fastest_motion((problem.start, zero, zero), release, limits, dt, on_ticks=False)
     if problem.ends_at_rest:
@@ -144,5 +147,6 @@ def _independent(start: State, end: State, limits: Limits, dt: float) -> Vector:
 
 def _brake(release: State, limits: Limits, dt: float) -> tuple[State, Vector]:
     """Returns the state of rest at the end of the fastest brake, and the accelerations at its ticks (M+1, 6)."""
-    motion, zero = fastest_motion(release, None, limits, dt), np.zeros(6)
+    motion = fastest_motion(release, None, limits, dt)
+    zero = np.zeros(6)
     return (np.array(motion.at_time(motion.duration)[0]), zero, zero), accelerations(motion, dt)

@@ -30,7 +30,8 @@ LENGTHS = (1.1, 1.6, 2.5, 4.0, 6.5)
 AVERAGE_PASSES = 4  # iterations for the line whose average passes the release; each gains about three digits
 PROFILE_SHARE = 0.98  # [-] of the acceleration limits in the profile that draws the path; TOPP-RA needs the rest
 SAME_POSTURE_RAD = 1e-6  # [rad] rounding error of the inverse kinematics
-RUN_UP, STOP = (0.0, 1.0), (1.0, 0.0)  # [-] path speeds at the ends of a line up to the release, and of one after it
+RUN_UP = (0.0, 1.0)
+STOP = (1.0, 0.0)  # [-] path speeds at the ends of a line up to the release, and of one after it
 STANDSTILL_RAD = 1e-9  # [rad] a shorter move is no move
 
 
@@ -57,7 +58,8 @@ def _raw_motion(problem: ThrowProblem, candidate: Candidate, variant: str, limit
         return _to_rest(problem, candidate, variant, limits, width)
     if variant == "cartesian":
         return _along_tool_line(problem, candidate, limits, width)
-    half, v = width * problem.dt / 2.0, candidate.qd
+    half = width * problem.dt / 2.0
+    v = candidate.qd
     d = candidate.q - v * half - problem.start
     profile = shortest_trapezoid if variant == "joint" else shortest_cubic
     gentler = replace(limits, qdd_max=PROFILE_SHARE * limits.qdd_max)
@@ -69,7 +71,9 @@ def _raw_motion(problem: ThrowProblem, candidate: Candidate, variant: str, limit
 
 def _joint_brake(problem: ThrowProblem, candidate: Candidate, limits: Limits) -> Vector:
     """Returns velocities (M+1, 6) at the ticks of the fastest stop straight along the release velocity."""
-    q, v, stop = candidate.q, candidate.qd, _stopping_path(candidate.qd, limits)
+    q = candidate.q
+    v = candidate.qd
+    stop = _stopping_path(candidate.qd, limits)
     if stop < problem.dt:  # almost at rest: TOPP-RA would only see rounding errors
         return linear_brake(v, limits, problem.dt)
     timing = _first_feasible(lambda share: JointLine(q, v, 0.0, share * stop), problem, limits, STOP)
@@ -96,7 +100,8 @@ def _to_rest(problem: ThrowProblem, candidate: Candidate, variant: str, limits: 
 
 def _tool_line_to_rest(problem: ThrowProblem, candidate: Candidate) -> ToolLine:
     """Returns the tool's straight line from the start to the candidate over s in [-1, 0], turning about one axis."""
-    robot, X_FT = problem.cell.robot, problem.cell.tool.X_FT
+    robot = problem.cell.robot
+    X_FT = problem.cell.tool.X_FT
     X_start, X_end = (forward(robot, q, X_FT) for q in (problem.start, candidate.q))
     turn = matrix_to_rotation_vector(X_end[:3, :3] @ X_start[:3, :3].T)
     twist = np.concatenate([X_end[:3, 3] - X_start[:3, 3], turn])
@@ -120,7 +125,9 @@ def _move(problem: ThrowProblem, start: Vector, d: Vector, limits: Limits) -> li
 
 def _along_tool_line(problem: ThrowProblem, candidate: Candidate, limits: Limits, width: int) -> RawMotion:
     """Returns a joint move to the straight line, the run-up along it, the passage at constant speed and the stop."""
-    cell, dt, half = problem.cell, problem.dt, width * problem.dt / 2.0
+    cell = problem.cell
+    half = width * problem.dt / 2.0
+    dt = problem.dt
     least = max(_stopping_path(candidate.qd, limits), dt)
     q, qd = _centre(problem, candidate, half)
     passage = _passage(ToolLine(cell, q, qd, -half, half), width, dt, limits)
@@ -155,12 +162,15 @@ def _first_feasible(
 def _centre(problem: ThrowProblem, candidate: Candidate, half: float) -> tuple[Vector, Vector]:
     """Returns the state (q, qd) at s = 0 of the tool line whose average over [-half, half] is the release state."""
     nodes, weights = np.polynomial.legendre.leggauss(8)
-    q, qd = candidate.q, candidate.qd
+    q = candidate.q
+    qd = candidate.qd
     for _ in range(AVERAGE_PASSES):
         line = ToolLine(problem.cell, q, qd, -half, half)
         passed = line.at(half * np.array([-1.0, *nodes, 1.0]))[0]
-        average, change = weights / 2.0 @ passed[1:-1], passed[-1] - passed[0]
-        q, qd = q + candidate.q - average, qd + candidate.qd - change / (2.0 * half)
+        average = weights / 2.0 @ passed[1:-1]
+        change = passed[-1] - passed[0]
+        q = q + candidate.q - average
+        qd = qd + candidate.qd - change / (2.0 * half)
     return q, qd
 
 
@@ -175,7 +185,8 @@ def _sampled(timings: list[PathTiming], dt: float, wait: float = 0.0) -> Vector:
     total = sum(timing.duration_s for timing in timings)
     count = whole_ticks(total, dt)
     t = np.arange(count + 1) * dt - wait
-    qd, begin = np.zeros((count + 1, 6)), 0.0
+    qd = np.zeros((count + 1, 6))
+    begin = 0.0
     for timing in timings:
         rows = (t >= begin) & (t <= begin + timing.duration_s + dt / 2.0)
         qd[rows] = timing.velocities(np.minimum(t[rows] - begin, timing.duration_s))

@@ -126,14 +126,17 @@ def _constraint(
     a, b, c = np.concatenate([accelerations, _torque_rows(along, cell, limits, carrying)], axis=2)
     bounds = np.stack([np.zeros(len(a)), _squared_speed(along, cell, limits, ends)], axis=1)
     rows = a.shape[1]
-    F, g = np.concatenate([np.eye(rows), -np.eye(rows)]), np.ones(2 * rows)
+    F = np.concatenate([np.eye(rows), -np.eye(rows)])
+    g = np.ones(2 * rows)
 
     class ArmLimits(toppra.constraint.LinearConstraint):
         """The rows above, independent of the path that TOPP-RA passes in."""
 
         def __init__(self) -> None:
             super().__init__()
-            self.identical, self.dof, self._format_string = True, 6, ""
+            self.identical = True
+            self.dof = 6
+            self._format_string = ""
 
         def compute_constraint_params(self, path, gridpoints):
             lines = toppra.constraint.linear_constraint.canlinear_colloc_to_interpolate
@@ -144,10 +147,12 @@ def _constraint(
 
 def _torque_rows(along: Derivatives, cell: Cell, limits: Limits, carrying: bool) -> tuple[Vector, Vector, Vector]:
     q, dq, ddq = along
-    bound, still = TORQUE_SHARE * limits.tau_max, np.zeros_like(q)
+    bound = TORQUE_SHARE * limits.tau_max
+    still = np.zeros_like(q)
     torques = partial(joint_torques, cell.robot, q, gravity_B=gravity_in_base(cell), payload=payload_of(cell, carrying))
     weight = torques(still, still)
-    inertia, curving = torques(still, dq) - weight, torques(dq, ddq) - weight
+    inertia = torques(still, dq) - weight
+    curving = torques(dq, ddq) - weight
     return inertia / bound, curving / bound, weight / bound
 
 

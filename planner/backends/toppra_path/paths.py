@@ -77,7 +77,8 @@ class ToolLine:
 
     def at(self, s: Vector) -> Derivatives:
         """Returns q, dq/ds, d2q/ds2 (k, 6) at `s` (k,) [s]."""
-        robot, X_FT = self.cell.robot, self.cell.tool.X_FT
+        robot = self.cell.robot
+        X_FT = self.cell.tool.X_FT
         known_s, known_q = self._followed
         near = known_q[np.abs(np.asarray(s)[:, None] - known_s).argmin(axis=1)]
         q = _nearest_turn(self._postures(s), near)

@@ -27,7 +27,8 @@ def box_gaps(flights: Flights, corners: list[Array], boxes: tuple[Array, Array],
     """
     lower, upper = boxes
     heights = [corner[2] for corner in corners]
-    lowest, landed_at = reduce(np.minimum, heights) - bend, flights.lowest_at(corners, bend)
+    lowest = reduce(np.minimum, heights) - bend
+    landed_at = flights.lowest_at(corners, bend)
     above = np.where(falling, np.maximum(lowest, landed_at), lowest) - upper[2]
     in_air = np.maximum(box_bound(corners, lower, upper) - bend, above)
     touching = falling & (lowest < flights.highest_end_at(corners, bend))

@@ -76,7 +76,8 @@ def flight_clearance(motion: MotionSamples) -> Check | None:
     The landing plane, what lies below it, what the object lands on, and what does not let go of it at once do not count
     in it, only whether the object meets them before. None for a move that ends at rest.
     """
-    name, problem = "flight_clearance", motion.problem
+    name = "flight_clearance"
+    problem = motion.problem
     if problem.ends_at_rest:
         return None
     flights = flights_of(motion)
@@ -115,11 +116,14 @@ def _least_gap(flights: Flights) -> LeastGap:
     """Returns the least gap of the flights."""
     begun = _begin(flights, ())
     if begun is not None and begun.apart.any():
-        grid, apart = begun.grid, begun.apart
+        grid = begun.grid
+        apart = begun.apart
         begun = _begin(flights, list(zip(grid.r0[apart], grid.r1[apart], strict=True)))
     if begun is None:
         return LeastGap(math.nan, flights.released_s, "never lands", False)
-    grid, lower, judged = begun.grid, begun.lower, begun.judged
+    grid = begun.grid
+    lower = begun.lower
+    judged = begun.judged
     undecided = judged & (lower < np.where(_only_judged(flights)[: len(lower)], -CONTACT_M, CLOSE_M)[:, None, None])
     least = np.where(begun.counted & judged & ~undecided, lower, np.inf)
     item, _, column = np.unravel_index(int(least.argmin()), lower.shape)
@@ -163,17 +167,21 @@ def _grid(flights: Flights, beyond_s: float, closely: Sequence[tuple[float, floa
 
     Its instants are the motion's knots, then others while the arm rests. Its releases are those of `_releases`.
     """
-    motion, end, (r, p, v) = flights.motion, flights.end, _releases(flights, closely)
+    motion = flights.motion
+    end = flights.end
+    (r, p, v) = _releases(flights, closely)
     assert end is not None
     first = int(np.searchsorted(motion.at_knots.t, motion.gone_from_s - CONTACT_M))
-    t, last = motion.at_knots.t[first:], _latest_end(flights, r, p, v) + beyond_s
+    t = motion.at_knots.t[first:]
+    last = _latest_end(flights, r, p, v) + beyond_s
     moving = 1 + min(int(np.searchsorted(t, last)), len(t) - 1)  # instants while the arm moves
     resting = math.ceil(max(0.0, last - t[moving - 1]) / RESTING_S)
     t = np.concatenate([t[:moving], t[moving - 1] + RESTING_S * np.arange(1, resting + 1)])
     poses = motion.at_knots.X_WL[first : first + moving]
     rates = np.zeros((2, 7, len(t) - 1))
     rates[:, 1:, : moving - 1] = motion.rates.sums[:2, :, first : first + moving - 1]
-    spacing, several = float(np.diff(r).max(initial=0.0)), slice(min(1, len(r) - 1), None)
+    spacing = float(np.diff(r).max(initial=0.0))
+    several = slice(min(1, len(r) - 1), None)
     bounds = patch_bounds(flights, end[0], spacing, v)
     apexes = bounds.apexes(r, v)
     return Grid(
@@ -210,7 +218,8 @@ def _releases(flights: Flights, closely: Sequence[tuple[float, float]]) -> tuple
 def _latest_end(flights: Flights, r: Array, p: Array, v: Array) -> float:
     """Returns when the last flight released at one of `r` ends [s]; with drag, when the nominal one does."""
     assert flights.end is not None
-    (height, nominal), problem = flights.end, flights.motion.problem
+    (height, nominal) = flights.end
+    problem = flights.motion.problem
     if flights.window_s == 0.0 or problem.drag > 0.0:
         return nominal + flights.window_s
     times = time_of_flight(p[2] - height, v[2], problem.gravity)
@@ -231,8 +240,10 @@ def _lower_bounds(flights: Flights, grid: Grid) -> Array:
 
     The bin's wall is among the obstacles only where there is one.
     """
-    bounds, x = grid.bounds, corners_on_grid(grid.x)
-    h, s = np.diff(grid.t), np.maximum(grid.t[1:] - grid.r0[:, None], grid.r1[:, None] - grid.t[:-1])
+    bounds = grid.bounds
+    x = corners_on_grid(grid.x)
+    h = np.diff(grid.t)
+    s = np.maximum(grid.t[1:] - grid.r0[:, None], grid.r1[:, None] - grid.t[:-1])
     across = bounds.release_bend(s, (grid.r1 - grid.r0)[:, None])
     bend = across + bounds.time_bend(s, h)
     falling = grid.t[:-1] >= grid.apexes[:, None]
@@ -253,7 +264,8 @@ def _lower_bounds(flights: Flights, grid: Grid) -> Array:
 
 def _capsule_distances(flights: Flights, grid: Grid, s: Array, h: Array) -> Array:
     """Returns lower bounds on the distances of the capsules (c, m, n) [m], but for the bend of the flights."""
-    body, bounds = flights.motion.body, grid.bounds
+    body = flights.motion.body
+    bounds = grid.bounds
     capsules = body.frames[: body.object], body.ends[: body.object]
     moving = np.array([bounds.speed(s), bounds.time_bend(s, h)])
     return capsule_bounds((grid.x, grid.X_WL, h), capsules, grid.rates, bounds.reach, moving)
@@ -267,8 +279,10 @@ def _decided(flights: Flights, grid: Grid, lower: Array) -> tuple[Mask, Mask, Ma
     ends at 0 where the object lands. Where the two releases of an interval are clear of it far apart, the first one
     decides.
     """
-    in_flight, gripped = np.isfinite(lower), flights.gripped
-    judged, counted = in_flight.copy(), np.ones(lower.shape, np.bool_)
+    in_flight = np.isfinite(lower)
+    gripped = flights.gripped
+    judged = in_flight.copy()
+    counted = np.ones(lower.shape, np.bool_)
     clear = np.logical_or.accumulate((lower[gripped] >= 0.0) & in_flight[gripped], axis=2)
     at_once = (clear | ~in_flight[gripped]).reshape(len(gripped), -1).all(axis=1)
     counted[gripped] = np.asarray(at_once)[:, None, None]
@@ -288,10 +302,13 @@ def _starts_clear(flights: Flights, grid: Grid, held: Mask) -> Mask:
     It begins where the patch does, or with its release: that of the begin and that of the end of each interval, (2,
     gripped, m, n). A bound on a whole patch can be too small to tell, by millimetres.
     """
-    starts, (item, row, column) = np.zeros((2, *held.shape), np.bool_), np.nonzero(held)
-    in_window, body = grid.released.shape[2] > 1, flights.motion.body
+    starts = np.zeros((2, *held.shape), np.bool_)
+    (item, row, column) = np.nonzero(held)
+    in_window = grid.released.shape[2] > 1
+    body = flights.motion.body
     release = np.array([row, row + 1] if in_window else [row])  # without one, both ends are the same release
-    r, X_WL = np.append(grid.r0, grid.r1[-1]), grid.X_WL
+    r = np.append(grid.r0, grid.r1[-1])
+    X_WL = grid.X_WL
     is_later = grid.t[column] >= r[release]
     p, v = grid.released[:, :, release]
     x = flights.flown(p, v, np.where(is_later, grid.t[column] - r[release], 0.0))
@@ -321,7 +338,9 @@ def _only_judged(flights: Flights) -> Mask:
 
 def _refined(found: LeastGap, flights: Flights, bounds: PatchBounds, patches: Patches) -> LeastGap:
     """Returns the least gap with undecided `patches`: their parts are looked at until all are clear, or one is not."""
-    spent, nearest, only_judged = 0, math.inf, _only_judged(flights)
+    spent = 0
+    nearest = math.inf
+    only_judged = _only_judged(flights)
     for _ in range(ROUNDS):
         patches = patches.parts(flights.window_s > 0.0)
         if len(patches.item) <= FEW:
@@ -329,10 +348,12 @@ def _refined(found: LeastGap, flights: Flights, bounds: PatchBounds, patches: Pa
         spent += len(patches.item)
         if spent > EVALUATIONS_MAX:
             break
-        seen, free = bounds.evaluate(patches), ~only_judged[patches.item]
+        seen = bounds.evaluate(patches)
+        free = ~only_judged[patches.item]
         corner, patch = np.unravel_index(int(seen.sampled.argmin()), seen.sampled.shape)
         if seen.sampled[corner, patch] < -CONTACT_M:
-            value, at_s = float(seen.sampled[corner, patch]), float(seen.t[corner, patch])
+            value = float(seen.sampled[corner, patch])
+            at_s = float(seen.t[corner, patch])
             return LeastGap(value, at_s, flights.names[patches.item[patch]], False)
         nearest = min(nearest, float(seen.sampled[:, free].min(initial=math.inf)))
         close = max(-CONTACT_M, min(CLOSE_M, nearest - ACCURACY_M))

@@ -44,11 +44,13 @@ class Flights:
     """
 
     def __init__(self, motion: MotionSamples) -> None:
-        problem, body = motion.problem, motion.body
+        problem = motion.problem
+        body = motion.body
         self.motion = motion
         self.window_s = problem.planned_window_s
         self.released_s = motion.trajectory.release_time_s
-        around, radius = problem.cell.surroundings.keep_out, max(problem.cell.object.radius_m, LEAST_RADIUS_M)
+        around = problem.cell.surroundings.keep_out
+        radius = max(problem.cell.object.radius_m, LEAST_RADIUS_M)
         self.radius_m = radius
         self.boxes = tuple(np.array([getattr(b, side) for b in around]).reshape(-1, 3) for side in ("lower", "upper"))
         capsules = slice(0, body.object)
@@ -74,7 +76,8 @@ class Flights:
     @cached_property
     def nominal(self) -> tuple[Array, Array]:
         """Position (3,) [m] and velocity (3,) [m/s] of the object at the nominal release."""
-        arm, k = self.motion.at_knots, self.motion.release_knot
+        arm = self.motion.at_knots
+        k = self.motion.release_knot
         return arm.p_WT[:, k], self.leaving(arm.v_WT[:, k])
 
     @cached_property
@@ -87,7 +90,8 @@ class Flights:
 
     def _ends_over(self, surface: Surface) -> float:
         """Returns the height of the centre at which a flight ends over a surface [m], the plane's if it never rises."""
-        problem, touching = self.motion.problem, surface.height_m + self.radius_m
+        problem = self.motion.problem
+        touching = surface.height_m + self.radius_m
         rises = fly(*self.nominal, touching, problem.gravity, problem.drag) is not None
         return touching if rises else problem.plane_z
 
@@ -143,8 +147,10 @@ class Flights:
 
     def highest_end_at(self, corners: Sequence[Array], bend: Array) -> Array:
         """Returns the largest heights (...) [m] at which a flight in the patches may be over; see `lowest_at`."""
-        ends, places = np.full(corners[0].shape[1:], self.lowest), [corner[:2] for corner in corners]
-        least, most = np.min(places, axis=0) - bend, np.max(places, axis=0) + bend
+        ends = np.full(corners[0].shape[1:], self.lowest)
+        places = [corner[:2] for corner in corners]
+        least = np.min(places, axis=0) - bend
+        most = np.max(places, axis=0) + bend
         for surface, height in self.landings:
             lower, upper = (corner.reshape(2, *[1] * ends.ndim) for corner in (surface.lower, surface.upper))
             meets = ((least <= upper) & (most >= lower)).all(axis=0)
@@ -176,7 +182,8 @@ class Flights:
 
         A learnt flight that lands beside its aim is as far off there as at the target.
         """
-        shift, height_m = self.motion.problem.aim_shift, self.lies_at_m
+        shift = self.motion.problem.aim_shift
+        height_m = self.lies_at_m
         return np.stack([x[0] - shift[0], x[1] - shift[1], np.full_like(x[2], height_m)])
 
     def _depth_within(self, surface: Surface, x: Array) -> Array:
@@ -190,7 +197,8 @@ class Flights:
         Without a window there is one release, the nominal one.
         """
         if self.window_s == 0.0:
-            arm, where = self.motion.at_knots, np.full(len(r), self.motion.release_knot)
+            arm = self.motion.at_knots
+            where = np.full(len(r), self.motion.release_knot)
         else:
             distinct, where = np.unique(r, return_inverse=True)
             arm = self.motion.at(distinct)
@@ -209,7 +217,8 @@ class Flights:
 
         Before its release a flight is extended by its acceleration at the release.
         """
-        gravity, drag = self.motion.problem.gravity, self.motion.problem.drag
+        gravity = self.motion.problem.gravity
+        drag = self.motion.problem.drag
         x = self._extended(p, v, s)
         if drag > 0.0:
             late = s > 0.0
@@ -218,7 +227,8 @@ class Flights:
 
     def flown_on_grid(self, p: Array, v: Array, s: Array) -> Array:
         """Returns positions (3, m, n) [m] of `flown` at increasing times (m, n) [s] after m releases, both (3, m)."""
-        gravity, drag = self.motion.problem.gravity, self.motion.problem.drag
+        gravity = self.motion.problem.gravity
+        drag = self.motion.problem.drag
         x = self._extended(p[:, :, None], v[:, :, None], s)
         if drag > 0.0:
             flown = paths(p.T, v.T, np.maximum(s, 0.0), gravity, drag).transpose(2, 0, 1)
@@ -227,15 +237,18 @@ class Flights:
 
     def _extended(self, p: Array, v: Array, s: Array) -> Array:
         """Returns positions (3, ...) [m] without drag, before a release with its acceleration at the release."""
-        gravity, drag = self.motion.problem.gravity, self.motion.problem.drag
+        gravity = self.motion.problem.gravity
+        drag = self.motion.problem.drag
         x = p + v * s
         x[2] -= 0.5 * gravity * s * s
         return np.where(s <= 0.0, x - 0.5 * drag * np.sqrt(dot(v, v)) * s * s * v, x) if drag > 0.0 else x
 
     def nearest(self, item: Index, x: Array, t: Array) -> Array:
         """Returns the point (3, k) [m] of obstacle `item[i]` at the time `t[i]` that is nearest to `x[:, i]`."""
-        count, near = len(self.boxes[0]), np.empty_like(x)
-        is_box, is_rim = item < count, item == self.rim
+        count = len(self.boxes[0])
+        near = np.empty_like(x)
+        is_box = item < count
+        is_rim = item == self.rim
         if is_box.any():
             lower, upper = (side[item[is_box]].T for side in self.boxes)
             near[:, is_box] = np.clip(x[:, is_box], lower, upper)
@@ -261,10 +274,13 @@ class Flights:
         """
         if self.opening is None:
             return np.full_like(x, np.inf)
-        (x0, y0), rim = self.axis, self.motion.problem.plane_z + self.opening.rim_height_m
+        (x0, y0) = self.axis
+        rim = self.motion.problem.plane_z + self.opening.rim_height_m
         rho = np.hypot(x[0] - x0, x[1] - y0)
-        off, length = rho > TINY_M, np.maximum(rho, TINY_M)
-        out_x, out_y = np.where(off, (x[0] - x0) / length, 1.0), np.where(off, (x[1] - y0) / length, 0.0)
+        off = rho > TINY_M
+        length = np.maximum(rho, TINY_M)
+        out_x = np.where(off, (x[0] - x0) / length, 1.0)
+        out_y = np.where(off, (x[1] - y0) / length, 0.0)
         return np.stack([x0 + self.opening.radius_m * out_x, y0 + self.opening.radius_m * out_y, np.minimum(x[2], rim)])
 
     def from_mouth(self, x: Array) -> tuple[Array, Array]:
@@ -286,10 +302,12 @@ class Flights:
             x: successive centres (3, n) [m].
             t: their times (n,) [s].
         """
-        items, falls = np.arange(len(self.names)), is_falling(x)
+        items = np.arange(len(self.names))
+        falls = is_falling(x)
         centres = np.repeat(x[:, None], len(items), axis=1)
         centres[:, : len(self.boxes[0])] = self.lying(x, falls)[:, None]
-        every, times = np.repeat(items, len(t)), np.tile(t, len(items))
+        every = np.repeat(items, len(t))
+        times = np.tile(t, len(items))
         gaps = self.gaps_at(every, centres.reshape(3, -1), times).reshape(len(items), -1)
         gaps[falls & (x[2] < self.over_below(items[:, None], self.lowest_at([x])) - TINY_M)] = np.inf
         gaps[self.rim, self.in_bin(x)] = np.inf

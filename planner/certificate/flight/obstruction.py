@@ -81,7 +81,8 @@ def _sampled_gaps(flights: Flights, r: float) -> tuple[Array, Array, Array]:
     x = flights.positions(np.full(len(s), r), r + s)
     rising = np.append(np.diff(x[2]) > 0.0, False)
     flying = rising | (x[2] >= level)
-    s, x = s[flying], x[:, flying]
+    s = s[flying]
+    x = x[:, flying]
     gaps = flights.gaps_along(x, r + s)
     for item in flights.gripped:
         clear = np.logical_or.accumulate(gaps[item] >= 0.0)

@@ -124,7 +124,8 @@ class PatchBounds:
 
         Without drag x = p + f v s - g s^2/2 with s = t - r, and its second derivative by r is (1 - 2f) a + f j s - g.
         """
-        (a, j), drag = self.tool, self.drag
+        (a, j) = self.tool
+        drag = self.drag
         most = a + self.gravity + j * s
         if drag > 0.0:
             # Before the release a flight is a parabola whose acceleration depends on the release's velocity.
@@ -159,20 +160,27 @@ class PatchBounds:
 
     def evaluate(self, patches: Patches) -> Evaluated:
         """Returns bounds and samples of patches."""
-        flights, (item, r0, r1, t0, t1, *rates) = self.flights, patches
-        r, t = np.stack([r0, r0, r1, r1]), np.stack([t0, t1, t0, t1])
+        flights = self.flights
+        (item, r0, r1, t0, t1, *rates) = patches
+        r = np.stack([r0, r0, r1, r1])
+        t = np.stack([t0, t1, t0, t1])
         released = flights.releases(np.concatenate([r0, r1]))
         p, v = (np.repeat(state.reshape(3, 2, -1), 2, axis=1) for state in released)
-        corners, apexes = flights.flown(p, v, t - r), self.apexes(r, v)
-        falling, s, h = t0 >= apexes.max(axis=0), np.maximum(t1 - r0, r1 - t0), t1 - t0
+        corners = flights.flown(p, v, t - r)
+        apexes = self.apexes(r, v)
+        falling = t0 >= apexes.max(axis=0)
+        s = np.maximum(t1 - r0, r1 - t0)
+        h = t1 - t0
         across = self.release_bend(s, r1 - r0)
         bend = across + self.time_bend(s, h)
         far = self.distance_from_base(corners).max(axis=0) + bend
         turned = self.turn_bend(far, s, self.frames(item), (rates[0], rates[1]), h)
         bound, sampled = self._distances(item, corners, t)
-        lower, fallen = bound - bend - np.where(self.is_capsule(item), turned, 0.0), t >= apexes
+        lower = bound - bend - np.where(self.is_capsule(item), turned, 0.0)
+        fallen = t >= apexes
         if (is_box := item < len(flights.boxes[0])).any():
-            x, (low, high) = corners[:, :, is_box], (side[item[is_box]].T for side in flights.boxes)
+            x = corners[:, :, is_box]
+            (low, high) = (side[item[is_box]].T for side in flights.boxes)
             lower[is_box] = box_gaps(flights, _corners(x), (low, high), bend[is_box], falling[is_box])
             x = flights.lying(x, fallen[:, is_box])
             sampled[:, is_box] = _length(x - np.clip(x, low[:, None], high[:, None]))
@@ -205,17 +213,21 @@ class PatchBounds:
             t: their times (4, k) [s].
         """
         flights, count = self.flights, len(self.flights.boxes[0])
-        is_rim, is_capsule = item == flights.rim, self.is_capsule(item)
-        bound, sampled = np.full(len(item), np.nan), np.full(t.shape, np.nan)
+        is_rim = item == flights.rim
+        is_capsule = self.is_capsule(item)
+        bound = np.full(len(item), np.nan)
+        sampled = np.full(t.shape, np.nan)
         if is_rim.any():
             x = corners[:, :, is_rim]
             bound[is_rim] = self.wall_bound(_corners(x))
             sampled[:, is_rim] = _length(x - flights.nearest_on_wall(x))
         if is_capsule.any():
-            body, capsule = flights.motion.body, item[is_capsule] - count
+            body = flights.motion.body
+            capsule = item[is_capsule] - count
             poses = flights.motion.distinct_poses(t[:2, is_capsule])
             found = capsule_distances(poses, (body.frames[capsule], body.ends[capsule]), corners[:, :, is_capsule])
-            bound[is_capsule], sampled[:, is_capsule] = found[0], found[1:]
+            bound[is_capsule] = found[0]
+            sampled[:, is_capsule] = found[1:]
         return bound, sampled
 
     def distance_from_base(self, x: Array) -> Array:
@@ -236,11 +248,13 @@ class PatchBounds:
         one -rho is concave: either is least at a corner.
         """
         centre = mean(corners)
-        near, axis = self.flights.nearest_on_wall(centre), self.flights.axis.reshape(2, *[1] * (centre.ndim - 1))
+        near = self.flights.nearest_on_wall(centre)
+        axis = self.flights.axis.reshape(2, *[1] * (centre.ndim - 1))
         out = near[:2] - axis
         radius = np.hypot(*out)
         out = out / radius
-        along, height = (out * (centre - near)[:2]).sum(axis=0), centre[2] - near[2]
+        along = (out * (centre - near)[:2]).sum(axis=0)
+        height = centre[2] - near[2]
         length = np.maximum(np.hypot(along, height), TINY_M)
         least = []
         for corner in corners:
@@ -252,7 +266,8 @@ class PatchBounds:
 
 def patch_bounds(flights: Flights, height: float, spacing_s: float, v: Array) -> PatchBounds:
     """Returns the bounds of flights with release velocities `v` (3, m) at releases at most `spacing_s` apart."""
-    motion, tool = flights.motion, (0.0, 0.0)
+    motion = flights.motion
+    tool = (0.0, 0.0)
     if flights.window_s > 0.0:
         rate = motion.trajectory.sample_rate_hz
         ticks = np.array([round(t * rate) for t in (motion.gone_from_s, motion.held_until_s)])
@@ -286,8 +301,11 @@ def capsule_bounds(
         reach: of the joints before each frame (7,) [m].
         moving: bounds on the object's speed and on the bend of its flight in time (2, m, n) [m/s, m].
     """
-    (x, X_WL, h), (frames, ends), (w, a) = grid, capsules, rates[:, :, None]
-    R, origins = X_WL[:, :, :3, :3].transpose(2, 3, 1, 0), X_WL[:, :, :3, 3].transpose(2, 1, 0)
+    (x, X_WL, h) = grid
+    (frames, ends) = capsules
+    (w, a) = rates[:, :, None]
+    R = X_WL[:, :, :3, :3].transpose(2, 3, 1, 0)
+    origins = X_WL[:, :, :3, 3].transpose(2, 1, 0)
     apart = x[:, None] - origins[:, :, None]
     local = np.stack([dot(R[:, c, :, None], apart) for c in range(3)])  # (3, 7, m + 1, n + 1)
     far = reduce(np.maximum, corners_on_grid(np.sqrt(dot(local[:, 0], local[:, 0])))) + moving[1]
@@ -315,7 +333,8 @@ def capsule_distances(poses: tuple[Array, Index], capsules: tuple[Index, Array],
         capsules: frames (k,) and ends in them (k, 2, 3).
         corners: of the patches (3, 4, k) [m].
     """
-    (X, at), (frames, ends) = poses, capsules
+    (X, at) = poses
+    (frames, ends) = capsules
     X = X[np.concatenate([at, at]), frames]  # the corners of both releases are at the same two instants
     apart = corners - X[..., :3, 3].transpose(2, 0, 1)
     R = X[..., :3, :3].transpose(2, 3, 0, 1)

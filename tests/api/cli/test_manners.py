@@ -115,7 +115,8 @@ def test_cell_check_names_every_violation_at_home(tmp_path: Path, root: Path):
 
 def test_cell_check_warns_of_a_box_in_millimetres(tmp_path: Path, root: Path):
     boxes = "keep_out = [{lower_m = [0.8, -0.5, 0.0], upper_m = [0.82, 0.5, 0.6]}, {lower_m = %s, upper_m = %s}]"
-    text, file = (root / "cells" / "ur5e-sim.toml").read_text(), tmp_path / "walled.toml"
+    text = (root / "cells" / "ur5e-sim.toml").read_text()
+    file = tmp_path / "walled.toml"
     file.write_text(text.replace("keep_out = []", boxes % ([800, -500, 0], [820, 500, 600])))
     result = fling("cell", "check", str(file))
     assert result.exit_code == 0
@@ -138,7 +139,8 @@ def test_cell_check_warns_of_a_box_in_millimetres(tmp_path: Path, root: Path):
     ],
 )
 def test_cell_check_warns_of_a_wrong_lag_and_a_heavy_payload(tmp_path: Path, root: Path, changes, warning):
-    text, file = (root / "cells" / "ur5e-sim.toml").read_text(), tmp_path / "changed.toml"
+    text = (root / "cells" / "ur5e-sim.toml").read_text()
+    file = tmp_path / "changed.toml"
     for old, new in changes.items():
         assert old in text
         text = text.replace(old, new)
@@ -238,7 +240,8 @@ def test_the_version_is_an_option_too():
 
 
 def test_a_fault_is_acknowledged_once_the_executor_has_cleared_it(monkeypatch: pytest.MonkeyPatch):
-    asked, faults = [], [{"outcome": "late"}, {"outcome": "late"}, None]
+    asked = []
+    faults = [{"outcome": "late"}, {"outcome": "late"}, None]
     monkeypatch.setattr(ServiceClient, "post", lambda _, path: asked.append(path) or {"fault": faults[0]})
     monkeypatch.setattr(ServiceClient, "get", lambda _, path: asked.append(path) or {"fault": faults.pop(0)})
     with ServiceClient("http://127.0.0.1:9", None) as client:

@@ -73,7 +73,8 @@ def fling(monkeypatch: pytest.MonkeyPatch, script: ScriptedService, *arguments: 
 
 
 def test_a_series_takes_the_targets_in_turns_and_loads_in_between(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    file, script = tmp_path / "targets.txt", ScriptedService(outcomes=("completed",) * 4)
+    file = tmp_path / "targets.txt"
+    script = ScriptedService(outcomes=("completed",) * 4)
     file.write_text("1.2 0.3 0\n1.0 0.1 0\n")
     options = ("--targets", str(file), "--repeat", "2", "--load", "enter", "--soonest", "--name", "n")
     result = fling(monkeypatch, script, *options, typed="\n\n\n")

@@ -71,11 +71,13 @@ def test_a_turned_and_shifted_base_means_the_same_to_estimator_and_simulator(tmp
     (planned,) = planned_throws(1, (0.0,), "ruckig")
     throws = Throws([throw_table(planned.problem, planned.trajectory)])
     x, y, turn = *arm["base_offset_m"][:2], arm["base_rotation_vector_rad"][2]
-    zero, one = np.zeros(1), np.ones(1)
+    zero = np.zeros(1)
+    one = np.ones(1)
     learnt = throws.landings(Circumstances(zero, one, np.array([[x, y]]), zero, np.array([turn])))[0]
     straight = throws.landings(Circumstances(zero, one, np.zeros((1, 2)), zero, zero))[0]
     base = planned.problem.cell.X_WB[:2, 3]
-    c, s = np.cos(turn), np.sin(turn)
+    c = np.cos(turn)
+    s = np.sin(turn)
     moved = base + [x, y] + np.array([[c, -s], [s, c]]) @ (straight - base)  # about the base, then with it
     assert learnt == pytest.approx(moved, abs=1e-12)
 

@@ -83,7 +83,8 @@ def test_by_default_a_map_ends_where_every_throw_is_out_of_range_by_proof():
     here = cell()
     of = map_definition(here, SHA := "0", None, MapRequest(resolution_m=0.1), "1")
     assert (of.cell_sha256, of.planes_z_m) == (SHA, (0.0,))
-    first, last = np.array(of.target(0)), np.array(of.target(of.count - 1))
+    first = np.array(of.target(0))
+    last = np.array(of.target(of.count - 1))
     for place, aside in [(first, (-0.06, 1.4)), (last, (0.06, -1.4)), (first, (1.4, -0.06))]:
         beyond = np.array([place[0] + aside[0], place[1] + aside[1], 0.0])
         problem = joint_problem(release=TargetRelease(beyond))

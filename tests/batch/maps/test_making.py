@@ -62,7 +62,9 @@ def test_the_order_of_the_answers_does_not_matter(store, calm, seed):
 def test_a_killed_map_that_goes_on_is_the_same_wherever_it_is_killed(tmp_path, calm, monkeypatch):
     monkeypatch.setattr("batch.maps.making.STORE_EVERY_S", 0.0)  # else nothing is stored in so short a time
     for kill_after in (7, 30, 58, 75):  # in a level, at its end, in the rounds, at the end
-        store, of, kills = Store.open(f"sqlite:///{tmp_path / f'{kill_after}.db'}"), definition(), 0
+        store = Store.open(f"sqlite:///{tmp_path / f'{kill_after}.db'}")
+        of = definition()
+        kills = 0
         row = begun(store, of)
         while True:
             try:

@@ -85,11 +85,13 @@ def test_a_zipped_zarr_is_opened_too_and_equal_maps_are_equal_files(table, tmp_p
 def test_the_picture_has_the_colour_of_each_landing_cell_with_y_upwards(table):
     image = pytest.importorskip("PIL.Image", reason=EMPTY)
     picture = map_picture(table, base_m=(0.0, 0.5))
-    drawn, colours = np.asarray(image.open(io.BytesIO(picture.png))), map_colours(table)
+    drawn = np.asarray(image.open(io.BytesIO(picture.png)))
+    colours = map_colours(table)
     assert drawn.shape == (picture.height, picture.width, 3)
     for k, j, i in [(0, 0, 0), (0, 7, 8), (1, 2, 6), (1, 6, 3)]:
         box = picture.boxes[k]
-        column, row = box.left + (i + 0.5) * box.cell_px, box.top + (7 - j + 0.5) * box.cell_px
+        column = box.left + (i + 0.5) * box.cell_px
+        row = box.top + (7 - j + 0.5) * box.cell_px
         assert tuple(drawn[int(row), int(column)]) == tuple(colours.pixels[k, j, i])
 
 
@@ -136,7 +138,9 @@ def test_the_json_is_a_plane_of_the_map(table, coarse):
     head = [found[name] for name in ("plane_z_m", "shape", "origin", "state")]
     assert head == [0.25, [8, 9], [-0.35, 0.25], "finished"]
     assert found["progress"] == {"done": 144, "total": 144}
-    values, j, i = found["values"], 2, 1
+    values = found["values"]
+    j = 2
+    i = 1
     assert [values[name][j][i] for name in ("state", "landing_shift_10ms_m", "hit_probability")] == [1, 0.02, 0.5]
     assert (values["reason"][j][i], found["plans"][j][i]) == (None, table.plan_ids[1, j, i])
     assert values["state"][7][0] == 2 and values["release_time_s"][7][0] is None and found["plans"][7][0] is None

@@ -41,7 +41,8 @@ def ended(telemetry: Telemetry, prepared: Prepared) -> RunResult:
 
 
 def test_a_perfect_run_has_perfect_metrics(prepared: Prepared) -> None:
-    trajectory, problem = prepared.trajectory, prepared.problem
+    trajectory = prepared.trajectory
+    problem = prepared.problem
     telemetry = perfect(prepared)
     flight = release_flight(problem, trajectory)
     landing = Landing(100.0 + trajectory.release_time_s, flight.landing_point, "bin")
@@ -92,14 +93,16 @@ def test_a_release_that_was_not_as_planned_has_a_verdict(
 
 def test_a_speed_that_the_profile_expects_is_no_warning(prepared: Prepared) -> None:
     """The gains are 1.04: known of, the aim has made up for them; unknown, or 8 % more than known, they are said."""
-    trajectory, cell = prepared.trajectory, prepared.cell
+    trajectory = prepared.trajectory
+    cell = prepared.cell
     nothing = np.zeros((0, 6))
     sure = replace(learn_joint_speeds(nothing, nothing), gain_std=np.full(6, 0.002), shape=50.0, scale=50.0 * 0.003**2)
     known = replace(prior_knowledge(cell), arm=StreamedArm(cell.timing.lag_s, np.full(6, 1.04)), speeds=sure)
     telemetry = perfect(prepared)
     clock = telemetry.scalar("clock_s")
     telemetry.vector("qd")[:] += known.arm.deviation(trajectory, cell.timing.lag_s, clock)[1]
-    run, landing = ended(telemetry, prepared), Landing(100.0 + trajectory.release_time_s, None)
+    run = ended(telemetry, prepared)
+    landing = Landing(100.0 + trajectory.release_time_s, None)
 
     def verdict(knowledge: CellKnowledge | None) -> tuple[str, str] | None:
         numbers = metrics(prepared.problem, trajectory, run, landing, known=knowledge)
@@ -114,7 +117,8 @@ def test_a_speed_that_the_profile_expects_is_no_warning(prepared: Prepared) -> N
 
 
 def test_an_arm_that_is_late_does_not_leave_its_path_and_the_lag_to_set_is_said(prepared: Prepared) -> None:
-    trajectory, lag = prepared.trajectory, prepared.cell.timing.lag_s
+    trajectory = prepared.trajectory
+    lag = prepared.cell.timing.lag_s
     off_path = metrics(prepared.problem, trajectory, ended(perfect(prepared, 0.05), prepared), None)
     assert off_path["path_error_max_m"] > prepared.cell.surroundings.clearance_m
 
@@ -147,13 +151,15 @@ def test_an_object_that_stayed_is_reported_where_that_can_be_observed(
 
 def test_a_late_gripper_command_is_judged_by_the_landing(prepared: Prepared) -> None:
     """Against the flight from where the arm is then, and borne where the landing is held for a window."""
-    problem, trajectory = prepared.problem, prepared.trajectory
+    problem = prepared.problem
+    trajectory = prepared.trajectory
     run = replace(ended(perfect(prepared), prepared), output_late_s=2.0 * problem.dt)
     landing = Landing(run.timestamp_at_zero + trajectory.release_time_s, None)
     numbers = metrics(problem, trajectory, run, landing)
     verdict = release_verdict(problem, trajectory, numbers, landing)
     later = replace(trajectory, release_index=trajectory.release_index + 2)
-    then, planned = release_flight(problem, later), release_flight(problem, trajectory)
+    then = release_flight(problem, later)
+    planned = release_flight(problem, trajectory)
     assert verdict and then and planned
     shift = np.linalg.norm(then.landing_point - planned.landing_point)
     assert shift > 0.005
@@ -176,7 +182,8 @@ def test_the_mcap_holds_the_same_rows(prepared: Prepared) -> None:
     reader = make_reader(io.BytesIO(data))
     schemas = {schema.name for schema in reader.get_summary().schemas.values()}
     assert schemas == {"foxglove.JointStates", "foxglove.Log", "fling.Tick"}
-    ticks, measured = [], []
+    ticks = []
+    measured = []
     for _, channel, message in reader.iter_messages():
         content = orjson.loads(message.data)
         if channel.topic == "/tick":

@@ -270,7 +270,9 @@ class ProgramParts:
     """
 
     def __init__(self, settings: SimulatorSettings = ORDINARY) -> None:
-        self.timeline, self.at_rest, self.turns = Timeline(0.002), True, 0
+        self.timeline = Timeline(0.002)
+        self.at_rest = True
+        self.turns = 0
         self.failure: Exception | None = None
         self.runner = ProgramRunner(self._load, lambda: self.at_rest, self.timeline, settings)
         self.said: list[messages.Message] = []

@@ -128,7 +128,8 @@ def target_moment_holds_the_arm_against_gravity(c: ContractClient) -> None:
 
 
 def move_j(c: ContractClient) -> None:
-    start, goal = c.receive.getTargetQ(), c.aside()
+    start = c.receive.getTargetQ()
+    goal = c.aside()
     assert c.control.moveJ(goal, 1.0, 3.0)
     assert c.near(goal)
     assert c.control.moveJ(start, 1.0, 3.0)
@@ -147,7 +148,8 @@ def move_j_asynchronously(c: ContractClient) -> None:
 
 
 def stop_j_ends_an_asynchronous_move(c: ContractClient) -> None:
-    start, goal = c.receive.getTargetQ(), c.aside(0.15)
+    start = c.receive.getTargetQ()
+    goal = c.aside(0.15)
     assert c.control.moveJ(goal, 0.1, 0.5, True)
     assert c.wait(lambda: c.receive.getTargetQ() != start)
     c.control.stopJ(1.0)
@@ -157,7 +159,8 @@ def stop_j_ends_an_asynchronous_move(c: ContractClient) -> None:
 
 
 def move_j_to_a_pose(c: ContractClient) -> None:
-    start, goal = c.receive.getTargetQ(), c.aside()
+    start = c.receive.getTargetQ()
+    goal = c.aside()
     pose = c.control.getForwardKinematics(goal, c.control.getTCPOffset())
     assert c.control.moveJ_IK(pose, 1.0, 3.0)
     assert c.near(goal)
@@ -174,14 +177,16 @@ def move_l(c: ContractClient) -> None:
 
 
 def move_l_to_joints(c: ContractClient) -> None:
-    start, goal = c.receive.getTargetQ(), c.aside(0.03)
+    start = c.receive.getTargetQ()
+    goal = c.aside(0.03)
     assert c.control.moveL_FK(goal, 0.2, 1.0)
     assert c.near(goal)
     assert c.control.moveL_FK(start, 0.2, 1.0)
 
 
 def move_along_paths(c: ContractClient) -> None:
-    start, goal = c.receive.getTargetQ(), c.aside(0.03)
+    start = c.receive.getTargetQ()
+    goal = c.aside(0.03)
     assert c.control.moveJ([[*goal, 1.0, 3.0, 0.0], [*start, 1.0, 3.0, 0.0]])
     assert c.near(start)
     pose = c.receive.getTargetTCPPose()
@@ -240,7 +245,8 @@ def stream_servo_j(c: ContractClient) -> None:
 
 
 def stream_servo_l(c: ContractClient) -> None:
-    start, pose = c.receive.getTargetQ(), c.receive.getTargetTCPPose()
+    start = c.receive.getTargetQ()
+    pose = c.receive.getTargetTCPPose()
     for k in range(60):
         begin = c.control.initPeriod()
         goal = [*pose[:2], pose[2] + 0.05 * k * c.step, *pose[3:]]
@@ -252,7 +258,8 @@ def stream_servo_l(c: ContractClient) -> None:
 
 
 def servo_c_moves_towards_its_pose(c: ContractClient) -> None:
-    start, pose = c.receive.getTargetQ(), c.receive.getTargetTCPPose()
+    start = c.receive.getTargetQ()
+    pose = c.receive.getTargetTCPPose()
     assert c.control.servoC([*pose[:2], pose[2] + 0.02, *pose[3:]], 0.1, 0.5, 0.0)
     assert c.wait(lambda: c.receive.getTargetQ() != start)
     assert c.at_rest()
@@ -333,7 +340,8 @@ def input_registers_are_accepted(c: ContractClient) -> None:
 
 
 def forward_and_inverse_kinematics(c: ContractClient) -> None:
-    q, offset = c.aside(), c.control.getTCPOffset()
+    q = c.aside()
+    offset = c.control.getTCPOffset()
     pose = c.control.getForwardKinematics(q, offset)
     np.testing.assert_allclose(c.control.getInverseKinematics(pose, q), q, atol=1e-6)
     np.testing.assert_allclose(c.control.getInverseKinematics(pose), q, atol=1e-6)

@@ -41,7 +41,8 @@ def packages(data: bytes) -> list[bytes]:
 
 def sub_packages(state: bytes) -> dict[int, bytes]:
     assert state[4] == 16
-    found, at = {}, 5
+    found = {}
+    at = 5
     while at < len(state):
         size, kind = struct.unpack_from(">iB", state, at)
         found[kind] = state[at + 5 : at + size]
@@ -104,11 +105,13 @@ def test_the_first_state_has_everything_in_the_documented_sizes(clients: Any):
 def test_kinematics_and_configuration_are_those_of_the_arm(clients: Any):
     found = sub_packages(packages(clients("primary").send(b"", PERIOD))[1])
     arm = robot("ur5e")
-    checks, numbers = struct.unpack_from(">6I", found[5]), struct.unpack_from(">24d", found[5], 24)
+    checks = struct.unpack_from(">6I", found[5])
+    numbers = struct.unpack_from(">24d", found[5], 24)
     theta, a, d, alpha = np.reshape(numbers, (4, 6))
     assert checks == (0xFFFFFFFF,) * 6  # as URSim, whose arm is its model
     np.testing.assert_array_equal([theta, a, d, alpha], [np.zeros(6), arm.a, arm.d, arm.alpha])
-    limits, motion = struct.unpack_from(">12d", found[6]), struct.unpack_from(">12d", found[6], 96)
+    limits = struct.unpack_from(">12d", found[6])
+    motion = struct.unpack_from(">12d", found[6], 96)
     np.testing.assert_array_equal(limits[::2], arm.q_lower)
     np.testing.assert_array_equal(motion[::2], arm.qd_max)
     assert struct.unpack_from(">4i", found[6], len(found[6]) - 16)[2:] == (1, 3)  # UR5, e-Series
@@ -116,7 +119,8 @@ def test_kinematics_and_configuration_are_those_of_the_arm(clients: Any):
 
 def test_an_arm_that_differs_from_its_model_has_kinematics_and_checksums_of_its_own():
     cell = make_cell()
-    model, table = nominal_kinematics(cell.robot), controller_table(cell.robot)
+    model = nominal_kinematics(cell.robot)
+    table = controller_table(cell.robot)
     table = replace(table, a=table.a + 1e-4)
     facts = robot_facts(cell, table)
     assert facts.nominal == model
@@ -165,7 +169,8 @@ def test_a_cb3_has_no_tool_communication():
 @pytest.mark.parametrize("port", ["primary", "secondary", "script"])
 def test_a_script_on_any_port_takes_the_place_of_what_runs(clients: Any, sim: Simulation, port: str):
     sim.controller.runner.upload(SCRIPT)
-    listener, other = clients("primary"), clients(port)
+    listener = clients("primary")
+    other = clients(port)
     listener.send(b"", PERIOD)
     assert sim.controller.runner.runtime == PLAYING
     other.send(LOOP.encode())
@@ -187,7 +192,8 @@ def test_a_script_that_does_not_compile_stops_what_runs_too_and_says_why(clients
 
 
 def test_messages_are_for_primary_clients_only(clients: Any):
-    primary, secondary = clients("primary"), clients("secondary")
+    primary = clients("primary")
+    secondary = clients("secondary")
     secondary.send(b"", PERIOD)
     primary.send(b'textmsg("hello")\n', 2 * PERIOD)
     heard = messages(primary.send(b"", 1)) + messages(secondary.send(b"", 2 * PERIOD))
@@ -212,7 +218,8 @@ def test_stops_and_popups_are_said(clients: Any, sim: Simulation):
 
 
 def test_plain_commands_power_the_arm_and_stop_programs(clients: Any, sim: Simulation):
-    client, c = clients("primary"), sim.controller
+    client = clients("primary")
+    c = sim.controller
     client.send(LOOP.encode(), 30)
     assert c.runner.playing
     client.send(b"stop program\n")
@@ -223,7 +230,8 @@ def test_plain_commands_power_the_arm_and_stop_programs(clients: Any, sim: Simul
 
 
 def test_in_local_control_scripts_and_commands_are_refused_with_their_code(clients: Any, sim: Simulation):
-    client, c = clients("primary"), sim.controller
+    client = clients("primary")
+    c = sim.controller
     c.runner.upload(SCRIPT)
     client.send(b"", PERIOD)
     c.runner.remote_control = False
@@ -302,7 +310,9 @@ def received(client: Peer) -> bytes:
 
 def test_the_elbow_moves_as_its_position_changes(sim: Simulation):
     """By finite differences of the planner's kinematics."""
-    c, q, qd = sim.controller, np.array([0.3, -1.1, 1.2, -0.5, 0.4, 0.1]), np.array([0.5, -0.7, 1.1, 2.0, 1.0, -3.0])
+    c = sim.controller
+    q = np.array([0.3, -1.1, 1.2, -0.5, 0.4, 0.1])
+    qd = np.array([0.5, -0.7, 1.1, 2.0, 1.0, -3.0])
     c.arm.measured_q, c.arm.measured_qd = q.tolist(), qd.tolist()
 
     def elbow(at: float) -> np.ndarray:
@@ -316,7 +326,9 @@ def test_the_elbow_moves_as_its_position_changes(sim: Simulation):
 
 def test_the_momentum_is_that_of_links_and_payload(sim: Simulation):
     """By finite differences of the planner's kinematics."""
-    c, q, qd = sim.controller, np.array([0.3, -1.1, 1.2, -0.5, 0.4, 0.1]), np.array([0.5, -0.7, 1.1, 2.0, 1.0, -3.0])
+    c = sim.controller
+    q = np.array([0.3, -1.1, 1.2, -0.5, 0.4, 0.1])
+    qd = np.array([0.5, -0.7, 1.1, 2.0, 1.0, -3.0])
     c.arm.measured_q, c.arm.measured_qd = q.tolist(), qd.tolist()
     bodies = [(i + 1, link.mass, link.com) for i, link in enumerate(c.cell.robot.links)]
     bodies.append((6, c.installation.payload_kg, np.array(c.installation.payload_cog_m)))

@@ -23,8 +23,13 @@ CLIENT = Path(__file__).with_name("fault_client.py")
 AT_ONCE = 6  # scenarios that run at the same time: they mostly sleep
 HANGS_S = 40.0  # [s] after it a client counts as hanging; several times the longest scenario on a loaded machine
 EXPECTED_TO_HANG_S = {"mute_rtde": 4.0, "control_closed": 8.0}
-PROTECTIVE, SAFEGUARD, EMERGENCY, POWER_OFF = 3, 5, 7, 3
-STOPPED, PLAYING, PAUSED = 1, 2, 4
+PROTECTIVE = 3
+SAFEGUARD = 5
+EMERGENCY = 7
+POWER_OFF = 3
+STOPPED = 1
+PLAYING = 2
+PAUSED = 4
 Outcomes = dict[str, dict[str, Any]]
 
 

@@ -63,7 +63,8 @@ LINES = st.one_of(
 @given(data=st.data())
 def test_no_bytes_break_the_loop(simulation: Simulation, port: str, data: st.DataObject) -> None:
     chunks = data.draw(st.lists(PACKAGES if port == "rtde" else LINES, min_size=1, max_size=8))
-    peer, other = Peer(simulation, port), Peer(simulation, "control")
+    peer = Peer(simulation, port)
+    other = Peer(simulation, "control")
     for chunk in chunks:
         peer.send(chunk)
     other.socket.sendall(b'{"op": "stats"}\n')

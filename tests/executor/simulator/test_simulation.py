@@ -291,7 +291,8 @@ def test_published_poses_and_torques_are_those_of_the_planner():
     driven.cycle(80)
     published = OutputValues(driven.controller)
     published.cycle()
-    out, arm = published.values, driven.arm
+    out = published.values
+    arm = driven.arm
     X = kinematics.forward(cell.robot, arm.q, cell.tool.X_FT)
     np.testing.assert_allclose(out["target_TCP_pose"][:3], X[:3, 3], atol=1e-12)
     V = kinematics.jacobian(cell.robot, arm.measured_q, cell.tool.X_FT) @ arm.measured_qd

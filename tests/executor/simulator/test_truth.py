@@ -151,7 +151,8 @@ def test_a_hidden_truth_shows_what_a_controller_and_a_camera_tell(tmp_path: Path
     assert secret.isdisjoint(found["state"])
     shown = answers(None)
     assert secret <= set(shown["state"])
-    (release,), (landing,) = shown["world"]["releases"], shown["world"]["landings"]
+    (release,) = shown["world"]["releases"]
+    (landing,) = shown["world"]["landings"]
     assert release["throw"] == landing["throw"] == observation["throw"]
     assert shown["world"]["observations"][0]["position_m"] == landing["position_m"]
     error = [a - b for a, b in zip(observation["position_m"], landing["position_m"], strict=True)]

@@ -69,7 +69,8 @@ def test_without_real_time_a_gap_is_borne_twice_as_long() -> None:
 
 def lost_until_late(realtime: bool, every: int, delayed_s: float) -> int | None:
     """Returns how many ticks pass until a run ends in which one is lost before every so many that arrive."""
-    lost, ticks = LostTicks(DT, realtime), 0
+    lost = LostTicks(DT, realtime)
+    ticks = 0
     for i in range(1, 2000):
         missed = int(i % every == 0)
         ticks += 1 + missed
@@ -80,7 +81,8 @@ def lost_until_late(realtime: bool, every: int, delayed_s: float) -> int | None:
 
 @pytest.mark.parametrize("delayed_s", [0.0, DT])
 def test_one_tick_in_ten_is_too_late_but_one_in_a_hundred_is_not(delayed_s: float) -> None:
-    rare, often = LostTicks(DT, True), LostTicks(DT, True)
+    rare = LostTicks(DT, True)
+    often = LostTicks(DT, True)
     assert not any(rare.are_too_many(int(i % 100 == 0), delayed_s) for i in range(2000))
     assert any(often.are_too_many(int(i % 5 == 0), delayed_s) for i in range(2000))
 

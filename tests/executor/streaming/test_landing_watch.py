@@ -43,7 +43,11 @@ class OffArm:
     def __post_init__(self) -> None:
         self.memory = shm.SharedMemory.create(2000)
         self.rng = np.random.default_rng(5)
-        self.tick, self.sent_at, self.watchdog_hz, self.delayed_s, self.call_s = 0, 0.0, 20.0, 0.0, 0.0
+        self.tick = 0
+        self.sent_at = 0.0
+        self.watchdog_hz = 20.0
+        self.delayed_s = 0.0
+        self.call_s = 0.0
         self.stamp = self.safety_bits = self.runtime_state = self.scaling = self.outputs = 0.0
         self.current = self.target_qd = [0.0] * 6
         self.true_q, self.true_qd = np.array(self.job.q[0]), np.zeros(6)
@@ -54,9 +58,11 @@ class OffArm:
 
     def read(self) -> None:
         back = self.lag_s / self.job.dt
-        whole, share = int(back), back - int(back)
+        whole = int(back)
+        share = back - int(back)
         past = [np.array(self.sent[-k]) if k <= len(self.sent) else np.zeros(6) for k in (whole, whole + 1)]
-        before, self.true_qd = self.true_qd, self.gain * ((1.0 - share) * past[0] + share * past[1])
+        before = self.true_qd
+        self.true_qd = self.gain * ((1.0 - share) * past[0] + share * past[1])
         self.true_q = self.true_q + 0.5 * self.job.dt * (before + self.true_qd)
         self.states.append((self.true_q, self.true_qd))
         self.q = self.true_q.tolist()
@@ -73,7 +79,8 @@ class OffArm:
 
     def at(self, row: float) -> tuple[np.ndarray, np.ndarray]:
         """The arm's state at a row, from one tick to the next linearly."""
-        i, share = int(row) - 1, row - int(row)
+        i = int(row) - 1
+        share = row - int(row)
         return tuple((1.0 - share) * a + share * b for a, b in zip(self.states[i], self.states[i + 1], strict=True))
 
 
@@ -149,7 +156,8 @@ def test_an_arm_with_its_object_flies_on_to_the_release_and_takes_the_verified_b
     job = done.arm.job
     start = job.brake_row[job.release_row + 1]
     assert done.outcome == "held"
-    planned, sent = np.array(job.qd[job.release_row]), np.array(done.arm.sent[job.release_row - 1])
+    planned = np.array(job.qd[job.release_row])
+    sent = np.array(done.arm.sent[job.release_row - 1])
     assert np.abs(sent - planned).max() <= 0.05  # but for feedback
     assert abs(len(done.arm.sent) - (start + job.brake_ticks[start])) < 30
     assert np.abs(done.arm.true_qd).max() < 0.05
@@ -157,7 +165,8 @@ def test_an_arm_with_its_object_flies_on_to_the_release_and_takes_the_verified_b
 
 def test_what_the_profile_knows_is_no_reason(robust):
     """The aim makes up for known gains: the arm is expected to be off its speed by so much."""
-    cell, gain = robust[0].cell, np.array([1.02, 1.03, 1.02, 1.03, 1.0, 1.0])
+    cell = robust[0].cell
+    gain = np.array([1.02, 1.03, 1.02, 1.03, 1.0, 1.0])
     known = replace(prior_knowledge(cell), arm=StreamedArm(cell.timing.lag_s, gain))
     assert not throw(robust, cell.timing.lag_s, gain, noise=0.005).arm.opened
     assert throw(robust, cell.timing.lag_s, gain, known=known, noise=0.005).arm.opened

@@ -52,7 +52,8 @@ def test_a_replaced_socket_ends_a_run(listener: socket.socket) -> None:
     connection = RtdeConnection.__new__(RtdeConnection)  # without a controller
     interface = SimpleNamespace(isConnected=lambda: True)
     connection.receive = connection.control = cast(Any, interface)
-    connection._run_delay, connection._delay_s = RunDelay(), 0.0
+    connection._run_delay = RunDelay()
+    connection._delay_s = 0.0
     with connected(listener):
         connection._sockets = LibrarySockets()
     with pytest.raises(StreamFault, match="replaced") as fault:

@@ -17,14 +17,16 @@ def moving_row(prepared: Prepared, share: float) -> int:
 
 
 def test_on_the_plan_a_row_is_the_plans(prepared: Prepared) -> None:
-    schedule, job = Schedule(prepared.job), prepared.job
+    schedule = Schedule(prepared.job)
+    job = prepared.job
     for row in (0, job.release_row, len(job.q) - 1):
         q, qd, _ = prepared.trajectory.at(job.first_clock_s + row * job.dt)
         assert schedule.command(row) == (pytest.approx(q), pytest.approx(qd, abs=1e-12))
 
 
 def test_the_reference_is_the_plan_one_lag_before(prepared: Prepared) -> None:
-    schedule, job = Schedule(prepared.job), prepared.job
+    schedule = Schedule(prepared.job)
+    job = prepared.job
     for row in (20, job.release_row, job.release_row + 5):
         q, _, _ = prepared.trajectory.at(job.first_clock_s + (row - job.lag_ticks) * job.dt)
         assert schedule.reference(row)[0] == pytest.approx(q)
@@ -32,7 +34,8 @@ def test_the_reference_is_the_plan_one_lag_before(prepared: Prepared) -> None:
 
 @pytest.mark.parametrize("share", [0.3, 0.7, 1.0])
 def test_the_brake_goes_on_continuously_and_ends_at_rest(prepared: Prepared, share: float) -> None:
-    schedule, job = Schedule(prepared.job), prepared.job
+    schedule = Schedule(prepared.job)
+    job = prepared.job
     start = moving_row(prepared, share)
     before = [schedule.command(row) for row in range(start + 1)]
     schedule.divert(start)
@@ -46,7 +49,8 @@ def test_the_brake_goes_on_continuously_and_ends_at_rest(prepared: Prepared, sha
 
 
 def test_the_streamed_brake_is_the_checked_brake(prepared: Prepared) -> None:
-    schedule, rows = Schedule(prepared.job), prepared.rows
+    schedule = Schedule(prepared.job)
+    rows = prepared.rows
     start = moving_row(prepared, 0.8)
     schedule.divert(start)
     ticks = prepared.brakes.ticks[start]
@@ -58,10 +62,13 @@ def test_the_streamed_brake_is_the_checked_brake(prepared: Prepared) -> None:
 
 
 def test_while_braking_the_reference_follows_one_lag_behind(prepared: Prepared) -> None:
-    schedule, job, rows = Schedule(prepared.job), prepared.job, prepared.rows
+    schedule = Schedule(prepared.job)
+    job = prepared.job
+    rows = prepared.rows
     start = moving_row(prepared, 0.8)
     schedule.divert(start)
-    one, ticks = slice(start, start + 1), prepared.brakes.ticks[start]
+    one = slice(start, start + 1)
+    ticks = prepared.brakes.ticks[start]
     duration = np.array([ticks * job.dt])
     after = np.arange(np.ceil(job.lag_ticks), ticks, dtype=int)  # sent so many ticks after the brake began
     u = (after - job.lag_ticks) / ticks

@@ -48,7 +48,8 @@ def braked_throw(name: str) -> BrakedThrow:
     t = np.arange(first, trajectory.duration_s + REST_TICKS * trajectory.dt, trajectory.dt)
     q, qd, qdd = trajectory.at(t)
     still = (t <= 0.0) | (t >= trajectory.duration_s)
-    qd[still], qdd[still] = 0.0, 0.0
+    qd[still] = 0.0
+    qdd[still] = 0.0
     return BrakedThrow(problem, trajectory, q, qd, qdd, find_brakes(here, q, qd, qdd, trajectory.dt))
 
 

@@ -18,7 +18,8 @@ from tests.planner.problems import cell
 def test_speed_and_acceleration_are_the_derivatives_of_the_path() -> None:
     rng = np.random.default_rng(1)
     q, qd, qdd = rng.normal(size=(3, 4, 6))
-    T, u = np.array([0.1, 0.2, 0.3, 0.4]), np.linspace(0.05, 0.95, 7)
+    T = np.array([0.1, 0.2, 0.3, 0.4])
+    u = np.linspace(0.05, 0.95, 7)
     h = 1e-6
     _, speed, acceleration = brake_path(q, qd, qdd, T, u)
     later, later_speed, _ = brake_path(q, qd, qdd, T, u + h)
@@ -34,7 +35,8 @@ def test_speed_and_acceleration_are_the_derivatives_of_the_path() -> None:
 
 
 def test_every_brake_in_force_is_within_the_arm(throw: BrakedThrow) -> None:
-    cell, ticks = throw.cell, throw.brakes.ticks
+    cell = throw.cell
+    ticks = throw.brakes.ticks
     used = np.unique(throw.brakes.row)
     u = np.linspace(0.0, 1.0, 101)
     moving = used[ticks[used] > 0]
@@ -72,7 +74,8 @@ def test_a_stop_on_a_line_keeps_the_torques_at_any_speed(share: float, hardest: 
     q = np.linspace([0.1, -1.3, 0.2, -1.2, -1.57, 0.0], [0.0, -0.6, 0.3, -1.2, -1.57, 0.0], 50)
     line = (q[-1] - q[0]) / 0.7
     stop = line_stop(here, q, np.tile(line, (50, 1)), 0.5)
-    payload, falling = payload_of(here, with_object=True), np.array([0.0, 0.0, -9.81])
+    payload = payload_of(here, with_object=True)
+    falling = np.array([0.0, 0.0, -9.81])
     for speed in np.linspace(0.0, 1.0, 6):
         tau = joint_torques(here.robot, q, speed * line, -stop * line, falling, payload)
         assert (np.abs(tau) <= here.limits.tau_max).all()
@@ -84,16 +87,19 @@ def test_a_stop_on_a_line_keeps_the_grip() -> None:
     """On this certified approach a stop at 10 rad/s^2 is felt as 18.9 m/s^2."""
     here = cell("ur5e-sim")
     here = replace(here, gripper=replace(here.gripper, hold_acceleration_m_s2=np.array([15.0])))
-    q0, q1 = [0.86, -1.88, 0.93, -1.83, -1.67, -0.16], [0.07, -1.05, 0.9, -1.67, -1.47, 0.23]
+    q0 = [0.86, -1.88, 0.93, -1.83, -1.67, -0.16]
+    q1 = [0.07, -1.05, 0.9, -1.67, -1.47, 0.23]
     approach, _ = find_approach(here, np.array(q0), np.array(q1))
     assert approach is not None and approach.trajectory is not None
-    q, qd = approach.trajectory.q, approach.trajectory.qd
+    q = approach.trajectory.q
+    qd = approach.trajectory.qd
     stop = line_stop(here, q, qd, 1.4)
     assert 1.4 <= stop < 10.0
     assert line_stop(cell("ur5e-sim"), q, qd, 1.4) == 10.0
     leading = np.abs(qd).max(axis=1, keepdims=True)
     moving = leading[:, 0] > 0.01
-    h, line = 1e-4, qd[moving] / leading[moving]
+    h = 1e-4
+    line = qd[moving] / leading[moving]
     before, now, after = (
         tool_pose(here, q[moving] + t * qd[moving] - t**2 / 2.0 * stop * line)[:, :3, 3] for t in (-h, 0.0, h)
     )

@@ -9,8 +9,10 @@ import pytest
 
 from planner.approach.rrt_connect import find_path
 
-LOWER, UPPER = np.array([-5.0, -5.0]), np.array([5.0, 5.0])
-START, GOAL = np.array([-1.0, 0.0]), np.array([1.0, 0.0])
+LOWER = np.array([-5.0, -5.0])
+UPPER = np.array([5.0, 5.0])
+START = np.array([-1.0, 0.0])
+GOAL = np.array([1.0, 0.0])
 
 
 def wall(height: float, gap: tuple[float, float] = (9.0, 9.0)):

@@ -106,9 +106,11 @@ def test_a_call_that_finds_no_step_is_ended(
     if not is_compiled:
         monkeypatch.setattr(solver, "compiled_launch", lambda _stages: None)
     z = _calls().solve(instance)
-    release_s, end_s = float(-z[0, layout.TIME]), float(z[-1, layout.TIME] - z[0, layout.TIME])
+    release_s = float(-z[0, layout.TIME])
+    end_s = float(z[-1, layout.TIME] - z[0, layout.TIME])
     hurried = instance.on_times(z, release_s / 3.0, release_s / 3.0 + end_s - release_s)
-    usual, spent = solver._fatrop_options(instance.stages, instance), []
+    usual = solver._fatrop_options(instance.stages, instance)
+    spent = []
     given = solver._fatrop_options(instance.stages, hurried)
     for allowed in (0, 5, 1000):
         options = Mock(return_value={**given, fatrop.RESTORATIONS: allowed})
@@ -142,9 +144,13 @@ def test_a_seed_that_is_ended_is_late() -> None:
 
 def test_the_estimate_of_a_linear_program_is_a_lower_bound_that_its_multipliers_attain() -> None:
     """Weak and strong duality, by scipy's linear programs: least -x[TIME] with A x >= b, within bounds."""
-    n, m = layout.TIME + 1, 12
-    A, low, high = RNG.normal(size=(m, n)), RNG.uniform(-2.0, -1.0, n), RNG.uniform(1.0, 2.0, n)
-    low[layout.TIME], high[layout.TIME] = -5.0, -1.0  # like the time of a start before the release
+    n = layout.TIME + 1
+    m = 12
+    A = RNG.normal(size=(m, n))
+    low = RNG.uniform(-2.0, -1.0, n)
+    high = RNG.uniform(1.0, 2.0, n)
+    low[layout.TIME] = -5.0
+    high[layout.TIME] = -1.0  # like the time of a start before the release
     b = A @ RNG.uniform(low, high) - 0.1
     cost = -np.eye(n)[layout.TIME]
     best = linprog(cost, A_ub=-A, b_ub=-b, bounds=np.column_stack([low, high]))
@@ -160,7 +166,8 @@ def test_the_estimate_of_a_linear_program_is_a_lower_bound_that_its_multipliers_
     def estimate(at: np.ndarray, by: np.ndarray) -> float:
         return fatrop._least_release(functions, given, at, by)
 
-    at_optimum, inside = best.ineqlin.marginals, RNG.uniform(low, high)
+    at_optimum = best.ineqlin.marginals
+    inside = RNG.uniform(low, high)
     assert estimate(inside, at_optimum) == pytest.approx(best.fun, abs=1e-9)
     others = [estimate(inside, -RNG.exponential(0.2, m)) for _ in range(200)]
     assert max(others) <= best.fun + 1e-9
@@ -169,7 +176,8 @@ def test_the_estimate_of_a_linear_program_is_a_lower_bound_that_its_multipliers_
 
 def test_multipliers_of_zero_say_nothing(instance: Instance) -> None:
     """fatrop begins anew with them where a step fails; the estimate would be the time of the iteration itself."""
-    functions, arguments = instance.transcription.functions, dict(instance.arguments)
+    functions = instance.transcription.functions
+    arguments = dict(instance.arguments)
     n = len(arguments["x0"])
     arguments |= {"lbx": np.full(n, -np.inf), "ubx": np.full(n, np.inf)}
     rows = len(arguments["lbg"])
@@ -182,7 +190,8 @@ def test_a_search_is_as_soon_with_calls_that_are_ended_as_without(monkeypatch: p
     Whether what is unlike the answer is tried depends on the iterations, which are fewer; here it is in any case.
     """
     monkeypatch.setattr(policy, "FEW_ITERATIONS_AT_POINT", 1000)
-    late, note = [], solver.Solver._note_lateness
+    late = []
+    note = solver.Solver._note_lateness
 
     def noting(self: solver.Solver, is_late: bool, what: str) -> None:
         late.append(what)

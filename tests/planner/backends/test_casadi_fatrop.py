@@ -109,7 +109,8 @@ def test_variables_and_iterations_of_a_solve_that_is_given_up_are_those_too(
     instance: Instance, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """So that what counts as a solution does not depend on whether anything is compiled."""
-    found, options = [], solver._fatrop_options
+    found = []
+    options = solver._fatrop_options
     monkeypatch.setattr(solver, "_fatrop_options", lambda *given: {**options(*given), "max_iter": 8})
     monkeypatch.setattr(solver, "_breaks_no_row", lambda _part, x, _arguments: found[-1].append(x.tobytes()))
     for launch in (fatrop.compiled_launch, lambda _stages: None):
@@ -127,7 +128,8 @@ def test_variables_and_iterations_of_a_solve_that_is_given_up_are_those_too(
 def test_where_fatrop_gives_up_what_breaks_no_row_is_a_solution(
     instance: Instance, off: float, is_solution: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    calls, solve = solver.Solver(1000, None, frozenset(), with_ipopt=False), fatrop.CompiledLaunch.solve
+    calls = solver.Solver(1000, None, frozenset(), with_ipopt=False)
+    solve = fatrop.CompiledLaunch.solve
     expected = calls._without_other_groups(instance, instance.arguments)
     assert expected is not None
 
@@ -147,7 +149,8 @@ def test_where_fatrop_gives_up_what_breaks_no_row_is_a_solution(
 def test_a_free_release_without_a_window_starts_afresh_where_the_iterations_do_not_suffice(
     instance: Instance, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    barriers, solve = [], fatrop.CompiledLaunch.solve
+    barriers = []
+    solve = fatrop.CompiledLaunch.solve
 
     def failing_first(
         launch: fatrop.CompiledLaunch, arguments: object, options: dict[str, float], latest: float
@@ -229,7 +232,8 @@ def test_a_flight_that_is_free_is_constrained_from_the_first_solve_with_a_box_an
 
 @needs_launch
 def test_rows_are_those_of_casadi_s_functions(instance: Instance) -> None:
-    launch, arguments = fatrop.compiled_launch(instance.stages), instance.arguments
+    launch = fatrop.compiled_launch(instance.stages)
+    arguments = instance.arguments
     assert launch is not None
     x = arguments["x0"] + RNG.uniform(-0.1, 0.1, len(arguments["x0"]))
     expected = functions.evaluate(instance.transcription.functions["g"], x, arguments["p"])[0].ravel()
@@ -239,7 +243,8 @@ def test_rows_are_those_of_casadi_s_functions(instance: Instance) -> None:
 
 @needs_launch
 def test_arrays_of_another_problem_are_refused(instance: Instance) -> None:
-    launch, arguments = fatrop.compiled_launch(instance.stages), instance.arguments
+    launch = fatrop.compiled_launch(instance.stages)
+    arguments = instance.arguments
     assert launch is not None
     with pytest.raises(ValueError, match=r"bounds and \d+ variables do not fit"):
         launch.solve({**arguments, "lbg": arguments["lbg"][1:]}, {})
@@ -258,7 +263,8 @@ def test_another_launch_from_the_same_arguments_gives_the_same(instance: Instanc
 
 @needs_launch
 def test_a_start_that_is_not_finite_is_not_solved(instance: Instance) -> None:
-    launch, arguments = fatrop.compiled_launch(instance.stages), instance.arguments
+    launch = fatrop.compiled_launch(instance.stages)
+    arguments = instance.arguments
     assert launch is not None
     for name in ("x0", "p"):
         spoilt = arguments[name].copy()
@@ -275,7 +281,8 @@ def test_derivatives_that_are_not_finite_end_a_solve(instance: Instance, calls: 
     libraries = fatrop._libraries()
     assert libraries is not None
     launch = fatrop.CompiledLaunch(instance.transcription.row_index, *libraries)
-    motion, made = launch._problem.block[0], []
+    motion = launch._problem.block[0]
+    made = []
     signature = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 4)
     slope = signature(motion.slope)
 
@@ -334,7 +341,8 @@ def test_products_that_round_otherwise_are_not_used(tmp_path: Path) -> None:
 
 
 def test_what_follows_from_parameters_alone_is_computed_once() -> None:
-    x, p = ca.SX.sym("x", 2), ca.SX.sym("p", 2)
+    x = ca.SX.sym("x", 2)
+    p = ca.SX.sym("p", 2)
     text = emission.written([(ca.Function("f", [x, p], [ca.sin(p[0]) * p[1] + x]), (True, False))])
     body = text[text.index("void f_lanes") : text.index("static const long long f_in_0")]
     assert "double" in body

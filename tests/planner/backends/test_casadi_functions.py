@@ -47,7 +47,8 @@ def test_a_wrong_size_is_refused() -> None:
 
 
 def test_a_solver_is_called_by_names_and_returns_its_statistics() -> None:
-    x, p = ca.SX.sym("x", 2), ca.SX.sym("p", 1)
+    x = ca.SX.sym("x", 2)
+    p = ca.SX.sym("p", 1)
     problem = {"x": x, "p": p, "f": (x[0] - p) ** 2 + x[1] ** 2, "g": x[0] + x[1]}
     solver = ca.nlpsol("solver", "ipopt", problem, {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"})
     call = {"x0": np.zeros(2), "p": np.array([3.0]), "lbg": np.array([1.0]), "ubg": np.array([1.0]),
@@ -68,7 +69,8 @@ def _is_module(name: str) -> bool:
 
 
 def test_every_module_behind_the_compiled_formulas_is_part_of_their_hash() -> None:
-    package, known = "planner.backends.casadi_nlp", set(codegen.FORMULA_MODULES)
+    package = "planner.backends.casadi_nlp"
+    known = set(codegen.FORMULA_MODULES)
     names = {f"{package}.{module}".replace("/", ".").removesuffix(".__init__") for module in known}
     imported = set()
     for module in known:

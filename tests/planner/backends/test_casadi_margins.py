@@ -46,7 +46,8 @@ def test_a_clearance_that_fails_again_at_another_time_is_widened_everywhere() ->
 
 
 def test_singularities_windows_and_positions_have_margins_of_their_own() -> None:
-    near, late = at_least("singularity_distance", 0.04, 0.05, "1"), at_most("landing_window", 6e-3, 5e-3, "m")
+    near = at_least("singularity_distance", 0.04, 0.05, "1")
+    late = at_most("landing_window", 6e-3, 5e-3, "m")
     turned = at_least("joint_position", -1.68, -1.66, "rad", 0.1)
     wide = DEFAULT_MARGINS.widened([near, late, turned], SOLUTION)
     assert wide is not None

@@ -71,7 +71,8 @@ def _solve(problem: ThrowProblem, seeds: int = 3) -> tuple[Trajectory, Candidate
             if not failures:
                 return made, candidate, by_ruckig
             attempts.append(str(failures))
-            guess, margins = made, margins.widened(failures, solution)
+            guess = made
+            margins = margins.widened(failures, solution)
     pytest.fail(f"no candidate gave a certified motion: {attempts}")
 
 
@@ -116,7 +117,8 @@ def test_boxes_are_kept_out_of(cell: Cell) -> None:
 
 def _before_wall(cell: Cell, spare_m: float) -> Cell:
     """The cell with a wall behind the arm alone, as far from its home as is required and `spare_m` [m]."""
-    lower, upper = np.array([-3.0, -2.0, -1.0]), np.array([-2.0, 2.0, 3.0])
+    lower = np.array([-3.0, -2.0, -1.0])
+    upper = np.array([-2.0, 2.0, 3.0])
     gap_m = float(body_model(with_boxes(cell, (lower, upper))).clearances(cell.home[None]).keep_out[0])
     return with_boxes(cell, (lower, upper + np.array([gap_m - spare_m, 0.0, 0.0])))
 
@@ -156,7 +158,8 @@ def test_clearances_are_bounded_by_the_closer_of_start_and_release_and_by_wider_
 def _least_box_clearances(problem: ThrowProblem, margins: casadi_nlp.Margins) -> dict[float, float]:
     """The lower bounds of the boxes' rows, by their place in the motion [stages]."""
     instance = Instance.of(problem, Seed(candidates(problem)[0]), margins)
-    index, bounds = instance.transcription.row_index, instance.arguments["lbg"]
+    index = instance.transcription.row_index
+    bounds = instance.arguments["lbg"]
     places = [(name, k, k + offset) for name, offset in (("keep_out", 0.0), ("keep_out_middle", 0.5))
               for k in index.knots[name]]  # fmt: skip
     return {place: float(bounds[index.rows[name, k]][0]) for name, k, place in places}
@@ -207,7 +210,8 @@ def test_stages_fit_an_even_launch_about_as_long_as_its_guess(cell: Cell, steps,
     instance = Instance.of(problem, Seed(candidates(problem)[0], None), DEFAULT_MARGINS)
     instance = replace(instance, steps=np.append(np.full(8, guessed_s / 8.0), instance.steps[8:]))
     z = np.zeros((12, layout.NZ))
-    z[:8, layout.STEP], z[0, layout.TIME] = steps, -steps.sum()
+    z[:8, layout.STEP] = steps
+    z[0, layout.TIME] = -steps.sum()
     assert answer._stages_fit(instance, z) == fit
 
 
@@ -310,7 +314,8 @@ def test_many_tool_capsules_are_wrapped(cell: Cell) -> None:
 
 def test_the_aim_is_moved_against_drag(cell: Cell) -> None:
     light = replace(cell, object=replace(cell.object, drag_coefficient=0.47, radius_m=0.03, mass_kg=0.02))
-    p, v = np.array([0.0, 0.0, 0.5]), np.array([2.0, 0.0, 1.0])
+    p = np.array([0.0, 0.0, 0.5])
+    v = np.array([2.0, 0.0, 1.0])
     aim = object_path.drag_free_aim(_problem(light, TARGET), np.array([1.0, 0.0, 0.0]), p, v)
     assert aim[0] > 1.0
 
@@ -392,7 +397,8 @@ def test_the_path_of_an_object_with_drag_is_its_flight(cell: Cell, carried: bool
     """From its position and velocity at the release, where these are variables; in the air until the centre passes."""
     cell = replace(cell, object=replace(cell.object, drag_coefficient=0.5))
     problem = _problem(cell, replace(TARGET, p_W=TARGET.p_W + np.array([0.0, 0.0, height_m])))
-    q, qd = candidates(problem)[0].q, candidates(problem)[0].qd
+    q = candidates(problem)[0].q
+    qd = candidates(problem)[0].qd
     p, v = object_path.thrown_state(problem, q, qd)
     numbers = layout.OBJECT_PATH.split(object_path.path_parameters(problem, q, qd, 0.0, carried)["object_path"])
     ends = problem.plane_z + (0.0 if height_m else cell.object.radius_m)
@@ -436,7 +442,8 @@ def test_the_edge_of_a_box_that_carries_the_target_is_passed_with_room(
     cell = with_boxes(cell, ([target[0] - edge_m, -0.5, 0.1], [2.0, 0.5, top_m]))
     problem = _problem(cell, TargetRelease(target))
     candidate = candidates(replace(problem, cell=with_boxes(cell)))[0]
-    (p, v), radius = object_path.thrown_state(problem, candidate.q, candidate.qd), cell.object.radius_m
+    (p, v) = object_path.thrown_state(problem, candidate.q, candidate.qd)
+    radius = cell.object.radius_m
     edges = layout.FLIGHT.split(flight_rows.flight_parameters(problem, candidate, DEFAULT_MARGINS, target))["edges"]
     rows = edges.reshape(layout.FLIGHT_EDGES, -1)
     used = rows[np.any(rows[:, 4:7] != 0.0, axis=1)]
@@ -468,7 +475,8 @@ HIT_SPEED = [0.565, 0.15, 0.918, -1.909, 2.191, -0.193]
 
 
 def _from_first_candidate(name: str, places: tuple[list[float], list[float]], speed: list[float]) -> Trajectory:
-    cell, (start, q) = load_cell(CELLS / f"{name}.toml"), places
+    cell = load_cell(CELLS / f"{name}.toml")
+    (start, q) = places
     problem = replace(_problem(cell, JointRelease(np.array(q), np.array(speed))), start=np.array(start))
     candidate = candidates(problem)[0]
     made = casadi_nlp.solve(problem, Seed(candidate, ruckig_otg.initial_guess(problem, candidate))).trajectory
@@ -485,7 +493,8 @@ def test_a_brake_around_the_flight_is_found_before_the_motion(monkeypatch: pytes
 
 
 def _brake_first_instance() -> Instance:
-    cell, (start, q) = load_cell(CELLS / "ur3e-sim.toml"), BACK
+    cell = load_cell(CELLS / "ur3e-sim.toml")
+    (start, q) = BACK
     problem = replace(_problem(cell, JointRelease(np.array(q), np.array(BACK_SPEED))), start=np.array(start))
     candidate = candidates(problem)[0]
     return Instance.of(problem, Seed(candidate, ruckig_otg.initial_guess(problem, candidate)), DEFAULT_MARGINS)
@@ -496,7 +505,8 @@ def test_no_stage_of_a_brake_that_was_found_first_spans_the_others() -> None:
     calls = solver.Solver(500, None, frozenset({"passing"}), with_ipopt=False)
     (braked, arguments), unchanged = calls._starts_with_brake(instance, instance.arguments)
     assert unchanged == (instance, instance.arguments)
-    k, n = instance.stages.launch, instance.stages.brake
+    k = instance.stages.launch
+    n = instance.stages.brake
     longest_s = arguments["ubx"][k * layout.NZ + layout.STEP :: layout.NZ][:n] * braked.scales[layout.STEP]
     duration_s = float(braked.initial[-1, layout.TIME] - braked.initial[k, layout.TIME])
     assert np.all(longest_s <= 1.5 * duration_s / n + 1e-6)
@@ -526,7 +536,8 @@ def test_no_brake_is_sought_beyond_the_budget() -> None:
 
 
 def test_a_given_release_without_a_brake_is_given_up_before_the_motion(monkeypatch: pytest.MonkeyPatch) -> None:
-    stages, call = [], solver.Solver._call_fatrop
+    stages = []
+    call = solver.Solver._call_fatrop
 
     def recorded(calls: solver.Solver, part: transcription.StageLayout, *more: object) -> object:
         stages.append(part.stages)

@@ -49,7 +49,9 @@ def cell(request: pytest.FixtureRequest) -> Cell:
 
 def _state(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     rng = np.random.default_rng(seed)
-    q, qd, qdd = rng.uniform(-3, 3, 6), rng.uniform(-2, 2, 6), rng.uniform(-10, 10, 6)
+    q = rng.uniform(-3, 3, 6)
+    qd = rng.uniform(-2, 2, 6)
+    qdd = rng.uniform(-10, 10, 6)
     z = np.concatenate([q, qd, qdd, np.zeros(8)]) / variable_scales(SCALES)
     return q, qd, qdd, z
 
@@ -65,7 +67,9 @@ def _rows(block: str, z: np.ndarray, p: np.ndarray) -> np.ndarray:
 
 def test_torques_of_every_arm(cell: Cell) -> None:
     q, qd, qdd, z = _state(1)
-    p_FT, tool, thing = cell.tool.X_FT[:3, 3], cell.tool.mass_kg, cell.object.mass_kg
+    p_FT = cell.tool.X_FT[:3, 3]
+    tool = cell.tool.mass_kg
+    thing = cell.object.mass_kg
     apart = tool * thing / (tool + thing) / 4.0
     payload = Payload(
         tool + thing,
@@ -154,7 +158,8 @@ def test_derivatives_of_the_whole_problem(stages: layout.StageLayout) -> None:
     arm = arm_parameters(cell, cell.limits, NO_MARGINS)
     paths = _object_path(0.02)[1], _object_path(-0.02)[1]
     p = np.concatenate([SCALES, arm, release, box_parameters(cell), _flight_parameters(), *paths, _standing(), costs])
-    along, step = rng.normal(size=x.size), 1e-6
+    along = rng.normal(size=x.size)
+    step = 1e-6
 
     def difference(name: str) -> np.ndarray:
         ahead, behind = (np.array(assembled[name](x + s * along, p)) for s in (step, -step))
@@ -176,7 +181,8 @@ def _flight_parameters() -> np.ndarray:
     edges = np.tile(layout.NO_EDGE.row, (layout.FLIGHT_EDGES, 1))
     edges[0] = layout.FlightEdge.across((1.0, 0.0), 0.9, EXPECTED_SPEED, (0.0, 0.0, 1.0), 0.5).row
     edges[3] = layout.FlightEdge.at_time(0.2, (0.6, 0.0, 0.8), 0.2).row
-    mouth, opening = [1.5, 0.5, -1.0, 0.1, 0.03], [0.0, 1.0, 0.0, 0.3, 0.02]
+    mouth = [1.5, 0.5, -1.0, 0.1, 0.03]
+    opening = [0.0, 1.0, 0.0, 0.3, 0.02]
     return layout.FLIGHT.pack({"edges": edges, "mouth": mouth, "opening": opening})
 
 
@@ -186,7 +192,8 @@ def test_flight_rows(cell: Cell) -> None:
     p = np.concatenate([arm_parameters(cell, cell.limits, NO_MARGINS), release, _flight_parameters()])
     rows = FLIGHT_ROWS.split(_rows("flight", z, p))
     X_WF = cell.X_WB @ forward(cell.robot, q)
-    place, R_WB = (X_WF @ cell.tool.X_FT)[:3, 3], cell.X_WB[:3, :3]
+    place = (X_WF @ cell.tool.X_FT)[:3, 3]
+    R_WB = cell.X_WB[:3, :3]
     v = R_WB @ (jacobian(cell.robot, q, cell.tool.X_FT) @ qd)[:3]
     a = R_WB @ tcp_acceleration(cell.robot, q, qd, qdd, cell.tool.X_FT)[:3]
     crossing = max((0.9 - place[0]) / v[0], 0.0)
@@ -207,7 +214,8 @@ def test_flight_rows(cell: Cell) -> None:
 
 def _object_path(ago_s: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """A flight past the arm, as release position and velocity (2, 3), and as parameters."""
-    p, v = np.array([0.2, 0.1, 0.4]), np.array([-0.8, 0.3, 2.0])
+    p = np.array([0.2, 0.1, 0.4])
+    v = np.array([-0.8, 0.3, 2.0])
     path = [*p, *v, 0.0, 0.0, -9.81 / 2.0, *np.zeros(6)]
     numbers = {"path": path, "landing": LANDING_S, "lands": 0.0, "ground": 0.0, "gravity": 9.81}
     numbers |= {"fall": 9.81, "reach": 0.05, "share": 0.9, "ago": ago_s}
@@ -239,14 +247,18 @@ def _distance_from_links(cell: Cell, q: np.ndarray, x: np.ndarray) -> float:
 def test_room_between_a_flight_and_the_braking_arm(cell: Cell, block: str, share: float, with_states: bool) -> None:
     """The object's position and velocity at the release are variables, or part of the path."""
     (p, v), parameters = _object_path()
-    c, step, since_release = layout.SCALES.split(SCALES), 0.004, 0.15
+    c = layout.SCALES.split(SCALES)
+    step = 0.004
+    since_release = 0.15
     if with_states:
         parameters[layout.OBJECT_PATH.slices["path"]][:6] = 0.0
     for seed in range(8):
         q, qd, qdd, z = _state(seed)
-        z[layout.TIME], z[layout.STEP] = since_release / c["time"][0], step / c["time"][0]
+        z[layout.TIME] = since_release / c["time"][0]
+        z[layout.STEP] = step / c["time"][0]
         z = np.concatenate([z, p, v] if with_states else [z, np.zeros(layout.N_THROWN)])
-        h, at_rest = share * step, np.arange(since_release - passing.AT_REST_S, 0.6, 0.004)
+        h = share * step
+        at_rest = np.arange(since_release - passing.AT_REST_S, 0.6, 0.004)
         flown = flight.path(p, v, at_rest if block == "passing_at_rest" else [since_release + h], 9.81)
         expected = _distance_from_links(cell, q + h * qd + h**2 / 2.0 * qdd, flown) - 0.05
         row = _rows(block, z, np.concatenate([arm_parameters(cell, cell.limits, NO_MARGINS), parameters]))
@@ -255,10 +267,14 @@ def test_room_between_a_flight_and_the_braking_arm(cell: Cell, block: str, share
 
 def test_the_object_is_released_with_its_share_of_the_tool_s_speed(cell: Cell) -> None:
     q, qd, qdd, z = _state(4)
-    c, step, jerk = layout.SCALES.split(SCALES), 0.02, np.array([60.0, -40.0, 30.0, 50.0, -20.0, 10.0])
-    z[layout.JERK], z[layout.STEP] = jerk / c["jerk"], step / c["time"][0]
+    c = layout.SCALES.split(SCALES)
+    step = 0.02
+    jerk = np.array([60.0, -40.0, 30.0, 50.0, -20.0, 10.0])
+    z[layout.JERK] = jerk / c["jerk"]
+    z[layout.STEP] = step / c["time"][0]
     rows = _rows("thrown", z, np.concatenate([arm_parameters(cell, cell.limits, NO_MARGINS), _object_path()[1]]))
-    q, qd = q + step * (qd + step * (qdd / 2.0 + step * jerk / 6.0)), qd + step * (qdd + step * jerk / 2.0)
+    q = q + step * (qd + step * (qdd / 2.0 + step * jerk / 6.0))
+    qd = qd + step * (qdd + step * jerk / 2.0)
     tool = tool_state(cell, q, qd)
     assert rows[:3] == pytest.approx(tool.p_WT)
     assert rows[3:] == pytest.approx(0.9 * tool.v_WT)
@@ -272,7 +288,8 @@ def test_the_way_out_of_the_grip(cell: Cell, factor: float) -> None:
     release = layout.RELEASE.pack(flights)
     p = np.concatenate([arm_parameters(cell, cell.limits, NO_MARGINS), release, _flight_parameters()])
     row = FLIGHT_ROWS.split(_rows("flight", z, p))["out"]
-    R_WB, g = cell.X_WB[:3, :3], np.array([0.0, 0.0, -9.81])
+    R_WB = cell.X_WB[:3, :3]
+    g = np.array([0.0, 0.0, -9.81])
     felt = g - R_WB @ tcp_acceleration(cell.robot, q, qd, qdd, cell.tool.X_FT)[:3]
     s = np.sqrt(2.0 * 0.02 / np.hypot(np.linalg.norm(felt), 9.81))
     arm = cell.X_WB @ forward(cell.robot, np.stack([q, q + s * qd + s**2 / 2.0 * qdd]), cell.tool.X_FT)
@@ -288,16 +305,20 @@ def test_the_way_out_of_the_grip(cell: Cell, factor: float) -> None:
 def test_an_object_is_followed_out_of_the_grip(cell: Cell, with_states: bool, ago_s: float) -> None:
     """Its place against the tool at shares of the step, by the motion of both; it has the tool's own speed."""
     q, qd, qdd, z = _state(6)
-    step, jerk = 0.03, np.array([60.0, -40.0, 30.0, 50.0, -20.0, 10.0])
+    step = 0.03
+    jerk = np.array([60.0, -40.0, 30.0, 50.0, -20.0, 10.0])
     c = layout.SCALES.split(SCALES)
-    z[layout.JERK], z[layout.STEP] = jerk / c["jerk"], step / c["time"][0]
+    z[layout.JERK] = jerk / c["jerk"]
+    z[layout.STEP] = step / c["time"][0]
 
     def moved_by(s: float) -> np.ndarray:
         return q + s * (qd + s * (qdd / 2.0 + s * jerk / 6.0))
 
     then = moved_by(-ago_s), qd - ago_s * (qdd - ago_s * jerk / 2.0)
-    place, v = forward(cell.robot, then[0], cell.tool.X_FT), jacobian(cell.robot, then[0], cell.tool.X_FT) @ then[1]
-    place, v = (cell.X_WB @ place)[:3, 3], cell.X_WB[:3, :3] @ v[:3]
+    place = forward(cell.robot, then[0], cell.tool.X_FT)
+    v = jacobian(cell.robot, then[0], cell.tool.X_FT) @ then[1]
+    place = (cell.X_WB @ place)[:3, 3]
+    v = cell.X_WB[:3, :3] @ v[:3]
     thrown = np.concatenate([place, 0.9 * v])
     parameters = _object_path(ago_s)[1]
     parameters[layout.OBJECT_PATH.slices["path"]][:6] = 0.0 if with_states else thrown
@@ -308,7 +329,8 @@ def test_an_object_is_followed_out_of_the_grip(cell: Cell, with_states: bool, ag
         tool = cell.X_WB @ forward(cell.robot, moved_by(s), cell.tool.X_FT)
         since = s + ago_s
         apart = place + since * v - since**2 / 2.0 * np.array([0.0, 0.0, 9.81]) - tool[:3, 3]
-        opening, size = (tool[:3, :3] @ cell.tool.X_FT[:3, :3].T)[:, 1], np.linalg.norm(apart)
+        opening = (tool[:3, :3] @ cell.tool.X_FT[:3, :3].T)[:, 1]
+        size = np.linalg.norm(apart)
         cosine = apart @ opening / size - 0.3
         if 0.001 <= size <= 0.02:
             assert row == pytest.approx(cosine, abs=0.05)
@@ -380,10 +402,12 @@ NEAR_BOXES = {
 @pytest.mark.parametrize("name", NEAR_BOXES)
 def test_the_room_beside_a_box_is_never_more_than_there_is(name: str) -> None:
     """Where links are nearly parallel to its faces, too: their nearest points are hard to find."""
-    plain, box = load_cell(CELLS / "ur5e-sim.toml"), NEAR_BOXES[name]
+    plain = load_cell(CELLS / "ur5e-sim.toml")
+    box = NEAR_BOXES[name]
     cell = replace(plain, surroundings=replace(plain.surroundings, keep_out=(box,), clearance_m=0.0))
     p = np.concatenate([arm_parameters(cell, cell.limits, NO_MARGINS), box_parameters(cell)])
-    rng, near = np.random.default_rng(1), 0
+    rng = np.random.default_rng(1)
+    near = 0
     while near < 60:
         q = rng.uniform(-3.0, 3.0, 6)
         q[[1, 3]] = rng.choice([-np.pi, -np.pi / 2, 0.0, np.pi / 2], 2) + rng.normal(0.0, 0.03, 2)

@@ -27,7 +27,8 @@ def _numbers(expression: Any, z: Any) -> np.ndarray:
 
 @pytest.mark.parametrize("row", range(3))
 def test_first_and_second_derivatives_are_those_of_the_whole_expression(row: int) -> None:
-    z, terms = ca.SX.sym("z", N), Terms()
+    z = ca.SX.sym("z", N)
+    terms = Terms()
     rows = _nested(z, terms)
     (whole,) = terms.restored([rows])
     slope, second = terms.restored([terms.jacobian(rows, z), terms.hessian(rows[row], z)])
@@ -36,7 +37,8 @@ def test_first_and_second_derivatives_are_those_of_the_whole_expression(row: int
 
 
 def test_a_frozen_term_is_constant_whatever_it_depends_on() -> None:
-    z, terms = ca.SX.sym("z", N), Terms()
+    z = ca.SX.sym("z", N)
+    terms = Terms()
     moved = terms.through(z[0] * z[1])
     frozen = terms.freeze(moved**2)
     row = frozen * moved
@@ -50,7 +52,8 @@ def test_a_frozen_term_is_constant_whatever_it_depends_on() -> None:
 
 
 def test_without_terms_nothing_is_changed() -> None:
-    z, terms = ca.SX.sym("z", N), Terms()
+    z = ca.SX.sym("z", N)
+    terms = Terms()
     row = ca.sumsqr(z)
     np.testing.assert_allclose(_numbers(terms.jacobian(row, z), z)[0], 2.0 * AT)
     np.testing.assert_allclose(_numbers(terms.hessian(row, z), z), 2.0 * np.eye(N))

@@ -116,7 +116,8 @@ def test_the_effect_of_ticks_of_8_ms_on_the_landings_is_corrected(
 
 def test_a_narrower_window_is_held_between_the_knots_too() -> None:
     """Where the certificate found a landing beyond the tolerance between two knots."""
-    asked, narrower = problem(), replace(DEFAULT_MARGINS, window=0.5 * DEFAULT_MARGINS.window)
+    asked = problem()
+    narrower = replace(DEFAULT_MARGINS, window=0.5 * DEFAULT_MARGINS.window)
     delays = np.linspace(-0.02, 0.02, 201)
     first = candidates(asked)[0]
     seed = Seed(first, ruckig_otg.initial_guess(asked, first))
@@ -147,7 +148,8 @@ def test_both_guesses_are_tried_for_a_window_the_throw_without_it_first_where_th
     release: TargetRelease | PointRelease, windows: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Stages of the window in what is solved, where the first solve with a window is made to fail."""
-    solved, seen = answer.solved, []
+    solved = answer.solved
+    seen = []
 
     def first_fails(asked: Instance, solver: Solver) -> object:
         seen.append(asked.stages.window)
@@ -177,7 +179,8 @@ def watched(step: float, always: bool, window: int = 0, window_s: float = 0.0) -
     bounds.x[:, :, TIME] = np.array([-np.inf, np.inf])[:, None]
     bounds.limit_steps(np.full(stages.stages, step), longest=2.5)
     bounds.watch_long_enough(window_s, np.full(stages.stages, step), always)
-    first, last = stages.knots("singularity")[0], stages.knots("singularity")[-1]
+    first = stages.knots("singularity")[0]
+    last = stages.knots("singularity")[-1]
     others = np.delete(np.arange(stages.stages + 1), [first, last])
     assert np.isinf(bounds.x[:, others, TIME]).all()
     assert not always or bounds.x[1, last, TIME] >= 2.0 * bounds.x[0, last, TIME]

@@ -17,7 +17,8 @@ STATES = 12
 
 @pytest.mark.parametrize("variant", profiles.VARIANTS)
 def test_most_random_releases_are_certified_and_no_sooner_than_ruckig(variant):
-    valid, longer = 0, []
+    valid = 0
+    longer = []
     for problem, best in feasible_states(cell(), STATES, seed=17):
         motion = profiles.solve(problem, candidates(problem)[0], variant).trajectory
         if certify(problem, motion).valid:

@@ -24,8 +24,10 @@ def arrival(problem, q, qd):
 def test_a_joint_that_only_speeds_up_arrives_at_full_jerk():
     """Constant jerk j from rest: after T the acceleration is j T, the velocity j T^2 / 2, the distance j T^3 / 6."""
     problem = joint_problem()
-    jerk, T = problem.limits.jerk_max[1], 0.02
-    q, qd = problem.start.copy(), np.zeros(6)
+    jerk = problem.limits.jerk_max[1]
+    T = 0.02
+    q = problem.start.copy()
+    qd = np.zeros(6)
     q[1] += jerk * T**3 / 6.0
     qd[1] = jerk * T**2 / 2.0
     found = arrival(problem, q, qd)
@@ -35,8 +37,10 @@ def test_a_joint_that_only_speeds_up_arrives_at_full_jerk():
 
 def test_no_final_acceleration_of_any_joint_is_sooner():
     for problem, best in feasible_states(cell(), STATES, seed=5):
-        q, qd = problem.release.q, problem.release.qd
-        found, bound = arrival(problem, q, qd), state_bound(problem, q, qd)
+        q = problem.release.q
+        qd = problem.release.qd
+        found = arrival(problem, q, qd)
+        bound = state_bound(problem, q, qd)
         # The velocity limit holds beyond the release too, which the bound leaves out.
         assert bound * (1.0 - 1e-6) <= found.time_s <= max(1.02 * bound, bound + problem.dt)
         assert found.time_s <= best.release_time_s + 1e-9
@@ -61,8 +65,10 @@ def test_the_free_launch_releases_exactly_there_at_the_tick_of_the_slowest_joint
 def test_a_velocity_near_its_limit_is_not_exceeded_beyond_the_release():
     problem = joint_problem()
     limits = problem.limits
-    q, qd = problem.start.copy(), np.zeros(6)
-    q[0], qd[0] = q[0] + 0.4, 0.99 * limits.qd_max[0]
+    q = problem.start.copy()
+    qd = np.zeros(6)
+    q[0] = q[0] + 0.4
+    qd[0] = 0.99 * limits.qd_max[0]
     problem = replace(problem, release=JointRelease(q, qd))
     found = arrival(problem, q, qd)
     assert abs(qd[0]) + found.qdd[0] ** 2 / (2.0 * limits.jerk_max[0]) <= limits.qd_max[0]
@@ -78,7 +84,8 @@ def test_a_move_that_ends_at_rest_arrives_without_acceleration():
 
 def test_auto_optimises_only_where_the_slowest_joint_alone_is_sooner():
     """Poses far from everything: Ruckig's free launch is the answer, and at the joint-wise bound."""
-    here, at_bound = cell(), 0
+    here = cell()
+    at_bound = 0
     for problem, _ in feasible_states(here, 8, seed=7, spread=0.5):
         answer = plan(pose_problem(here, problem.release.q, problem.release.qd))
         if len(answer.attempts) == 1:
@@ -99,7 +106,9 @@ def _released(trajectory):
 def test_accelerations_are_those_that_ruckig_gives_tick_by_tick(share):
     """A state outside its limits makes Ruckig brake before its seven phases."""
     for problem, _ in feasible_states(cell(), STATES, seed=8):
-        limits, dt, signs = problem.limits, problem.dt, np.where(np.arange(6) % 2, 1.0, -1.0)
+        limits = problem.limits
+        dt = problem.dt
+        signs = np.where(np.arange(6) % 2, 1.0, -1.0)
         start = (problem.start, np.zeros(6), share * signs * limits.qdd_max)
         end = (problem.release.q, problem.release.qd, -0.5 * signs * limits.qdd_max)
         for motion in (library.fastest_motion(start, end, limits, dt), library.fastest_motion(end, None, limits, dt)):

@@ -40,7 +40,8 @@ def test_random_releases_are_certified(path):
 @pytest.mark.parametrize("distance", [1.5, 0.3], ids=["with a cruise", "without one"])
 def test_a_straight_move_takes_the_textbook_time(distance):
     limits = free_limits()
-    v, a = limits.qd_max[0], limits.qdd_max[0]
+    v = limits.qd_max[0]
+    a = limits.qdd_max[0]
     known = distance / v + v / a if distance > v**2 / a else 2 * np.sqrt(distance / a)
     move = fastest_timing(JointLine(cell().home, np.eye(6)[0] * distance, 0.0, 1.0), cell(), limits, (0.0, 0.0))
     assert known <= move.duration_s == pytest.approx(known, rel=0.02)
@@ -59,7 +60,8 @@ def test_a_drawn_path_is_run_at_least_as_fast_as_it_was_drawn():
 
 def test_velocity_and_acceleration_limits_hold_along_the_timing():
     problem = joint_problem()
-    candidate, limits = candidates(problem)[0], free_limits()
+    candidate = candidates(problem)[0]
+    limits = free_limits()
     drawn = shortest_trapezoid(
         candidate.q - problem.start, candidate.qd, replace(limits, qdd_max=0.98 * limits.qdd_max), problem.dt
     )
@@ -73,7 +75,8 @@ def test_velocity_and_acceleration_limits_hold_along_the_timing():
 
 def pinocchio_torques(problem_cell, q, qd, qdd):
     """Another library's torques for the arm built from its data, the tool and object as point masses on the flange."""
-    robot, model = problem_cell.robot, pinocchio.Model()
+    robot = problem_cell.robot
+    model = pinocchio.Model()
     parent = 0
     for i, link in enumerate(robot.links):
         before = robot_placement(robot, i - 1) if i else pinocchio.SE3.Identity()
@@ -81,7 +84,8 @@ def pinocchio_torques(problem_cell, q, qd, qdd):
         own = robot_placement(robot, i)
         inertia = pinocchio.Inertia(link.mass, link.com, link.inertia)
         model.appendBodyToJoint(parent, inertia, own)
-    p_FT, flange = problem_cell.tool.X_FT[:3, 3], robot_placement(robot, 5)
+    p_FT = problem_cell.tool.X_FT[:3, 3]
+    flange = robot_placement(robot, 5)
     for mass, place in ((problem_cell.tool.mass_kg, p_FT / 2), (problem_cell.object.mass_kg, p_FT)):
         model.appendBodyToJoint(parent, pinocchio.Inertia(mass, place, np.zeros((3, 3))), flange)
     data = model.createData()
@@ -90,7 +94,8 @@ def pinocchio_torques(problem_cell, q, qd, qdd):
 
 def robot_placement(robot, i):
     """What follows the turn of joint i in its Denavit-Hartenberg step: d, a, alpha."""
-    c, s = np.cos(robot.alpha[i]), np.sin(robot.alpha[i])
+    c = np.cos(robot.alpha[i])
+    s = np.sin(robot.alpha[i])
     return pinocchio.SE3(np.array([[1, 0, 0], [0, c, -s], [0, s, c]]), np.array([robot.a[i], 0.0, robot.d[i]]))
 
 
@@ -110,7 +115,8 @@ def test_a_torque_limit_binds_and_holds():
 
 
 def test_the_tool_speed_limit_binds():
-    here, d = cell(), np.array([1.5, 0.0, 0.0, 0.0, 0.0, 0.0])
+    here = cell()
+    d = np.array([1.5, 0.0, 0.0, 0.0, 0.0, 0.0])
     timing = fastest_timing(JointLine(here.home, d, 0.0, 1.0), here, free_limits(tcp_speed_max=0.5), (0.0, 0.0))
     t = np.linspace(0.0, timing.duration_s, 400)
     radius = np.linalg.norm(forward(here.robot, here.home, here.tool.X_FT)[:2, 3])
@@ -122,7 +128,8 @@ def test_a_tool_line_is_straight_and_even_and_its_derivatives_right():
     problem = joint_problem()
     candidate = candidates(problem)[0]
     line = ToolLine(cell(), candidate.q, candidate.qd, -0.2, 0.1)
-    s, h = np.linspace(-0.19, 0.09, 15), 1e-5
+    s = np.linspace(-0.19, 0.09, 15)
+    h = 1e-5
     q, dq, ddq = line.at(s)
     X = forward(cell().robot, q, cell().tool.X_FT)
     steps = np.diff(X[:, :3, 3], axis=0)

@@ -84,6 +84,9 @@ def product_of(table, q):
     """Pose of the flange (4, 4) by the definition of Denavit and Hartenberg, one matrix after the other."""
     X = np.eye(4)
     for angle, (theta, a, d, alpha) in zip(q, table.rows, strict=True):
-        c, s, ca, sa = np.cos(angle + theta), np.sin(angle + theta), np.cos(alpha), np.sin(alpha)
+        c = np.cos(angle + theta)
+        s = np.sin(angle + theta)
+        ca = np.cos(alpha)
+        sa = np.sin(alpha)
         X = X @ [[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1]]
     return X

@@ -59,7 +59,8 @@ def test_the_published_file_is_the_published_arm_and_has_its_hash(name):
 def test_a_public_file_is_what_pinocchio_makes_of_it():
     rng = np.random.default_rng(3)
     _, arm = parse_calibration(UR5E_FILE, "my_robot_calibration.yaml", robot("ur5e"))
-    model, joint = pin.Model(), 0
+    model = pin.Model()
+    joint = 0
     for link in LINKS:
         origin = yaml.safe_load(UR5E_FILE)["kinematics"][link]
         joint = model.addJoint(joint, pin.JointModelRZ(), placement(origin, False), link)
@@ -73,7 +74,8 @@ def test_a_public_file_is_what_pinocchio_makes_of_it():
 def test_the_table_of_a_public_file_has_offsets_of_many_metres_that_cancel():
     rng = np.random.default_rng(4)
     _, arm = parse_calibration(UR5E_FILE, "my_robot_calibration.yaml", robot("ur5e"))
-    table, q = table_of(arm), postures(rng, 100)
+    table = table_of(arm)
+    q = postures(rng, 100)
     assert np.abs(table.d[1:3]).min() > 0.1
     assert np.abs(arm.d - robot("ur5e").d).max() < 1e-3
     assert np.abs(poses_of(table, q) - forward(arm, q)).max() < EXACT
@@ -84,7 +86,8 @@ def test_the_table_of_a_public_file_has_offsets_of_many_metres_that_cancel():
 def test_offsets_of_hundreds_of_metres_cancel(angle):
     rng = np.random.default_rng(5)
     arm = measured_arm("ur10e", deviated_table("ur10e", rng, length=2e-3, angle=angle))
-    table, q = table_of(arm), postures(rng, 50)
+    table = table_of(arm)
+    q = postures(rng, 50)
     assert np.abs(forward(measured_arm("ur10e", table), q) - forward(arm, q)).max() < EXACT
     assert np.abs(poses_of(table, q) - forward(arm, q)).max() < EXACT
 
@@ -95,7 +98,8 @@ def test_a_measured_table_of_a_ur10_is_kept():
     table = DhTable(
         *(x + y for x, y in zip((model.theta, model.a, model.d, model.alpha), UR10_DEVIATIONS, strict=True))
     )
-    arm, q = measured_arm("ur10", table), postures(rng, 200)
+    arm = measured_arm("ur10", table)
+    q = postures(rng, 200)
     assert np.abs(forward(arm, q) - poses_of(table, q)).max() < EXACT
     assert np.abs(arm.d - model.d).max() < 2e-3
     assert np.abs(poses_of(table_of(arm), q) - poses_of(table, q)).max() < EXACT
@@ -105,10 +109,12 @@ def test_frames_turn_about_the_axes_of_the_joints():
     rng = np.random.default_rng(8)
     arm = measured_arm("ur5e", deviated_table("ur5e", rng))
     for q in postures(rng, 5):
-        X, step = link_poses(arm, q), 1e-6
+        X = link_poses(arm, q)
+        step = 1e-6
         J = jacobian(arm, q)
         for joint, change in enumerate(np.eye(6) * step):
-            moved, back = link_poses(arm, q + change), link_poses(arm, q - change)
+            moved = link_poses(arm, q + change)
+            back = link_poses(arm, q - change)
             assert np.abs((moved - back)[: joint + 1]).max() == 0.0
             linear = (moved[6, :3, 3] - back[6, :3, 3]) / (2.0 * step)
             assert np.abs(J[:3, joint] - linear).max() < 1e-8

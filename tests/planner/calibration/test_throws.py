@@ -49,7 +49,8 @@ def test_a_requested_release_is_that_of_the_measured_arm():
     rng = np.random.default_rng(21)
     table = deviated_table("ur5e", rng)
     cell = measured_cell("ur5e-sim", table)
-    q, qd = cell.home + rng.uniform(-0.3, 0.3, 6), rng.uniform(-1.0, 1.0, 6)
+    q = cell.home + rng.uniform(-0.3, 0.3, 6)
+    qd = rng.uniform(-1.0, 1.0, 6)
     p_WT, v_WT = released(cell, table, q, qd)
     _, *state = planned(cell, {"kind": "point", "position": p_WT.tolist(), "velocity": v_WT.tolist()})
     p, v = released(cell, table, *state)
@@ -64,8 +65,10 @@ def test_the_formulas_arm_has_place_and_velocity_of_the_measured_one():
     rng = np.random.default_rng(22)
     cell = measured_cell("ur5e-sim", deviated_table("ur5e", rng))
     for _ in range(5):
-        q, qd = cell.home + rng.uniform(-1.0, 1.0, 6), rng.uniform(-2.0, 2.0, 6)
-        here, fitted = tool_state(cell, q, qd), closest_arm(cell, q, qd)
+        q = cell.home + rng.uniform(-1.0, 1.0, 6)
+        qd = rng.uniform(-2.0, 2.0, 6)
+        here = tool_state(cell, q, qd)
+        fitted = closest_arm(cell, q, qd)
         assert np.abs(fitted["dh"] - cell_parameters(cell)[:6]).max() < 0.02
         R = fitted["base"][:9].reshape(3, 3).T @ np.array(arm_symbols.turn(q[0]))
         given = (fitted["dh"], fitted["tcp"], q, qd, np.zeros(6))

@@ -36,7 +36,8 @@ def second_differences(function, trajectory):
 
 def test_the_curvature_of_torques_is_within_its_bound():
     for problem, trajectory in random_trajectories(3, seed=15):
-        robot, held = problem.cell.robot, payload_of(problem.cell, with_object=True)
+        robot = problem.cell.robot
+        held = payload_of(problem.cell, with_object=True)
         curvature = second_differences(lambda *s: joint_torques(robot, *s, DOWN, held), trajectory)  # noqa: B023
         bound = torque_curvature(loads_of(problem.cell), joint_rates(trajectory), problem.gravity)
         assert np.all(np.abs(curvature) <= bound.T + 1e-2)
@@ -64,10 +65,12 @@ def test_a_torque_peak_between_samples_is_found():
 
 
 def test_the_mass_matrix_is_within_its_bound():
-    rng, still = np.random.default_rng(4), np.zeros(6)
+    rng = np.random.default_rng(4)
+    still = np.zeros(6)
     for name in ("ur5e-sim", "ur10e-sim"):
         problem = joint_problem(name)
-        robot, held = problem.cell.robot, payload_of(problem.cell, with_object=True)
+        robot = problem.cell.robot
+        held = payload_of(problem.cell, with_object=True)
         for q in rng.uniform(-np.pi, np.pi, (200, 6)):
             weight = joint_torques(robot, q, still, still, DOWN, held)
             mass_matrix = joint_torques(robot, np.tile(q, (6, 1)), still, np.eye(6), DOWN, held) - weight
@@ -99,7 +102,8 @@ def test_the_curvature_of_the_landing_point_is_within_its_bound():
 @pytest.mark.parametrize("half_rad", [0.8, np.pi / 2, 2.0, 3.0])
 def test_a_cell_in_a_cone_is_as_deep_as_claimed(half_rad):
     """Against the angles of dense points of the cell; what is outside a wide cone is the complement."""
-    rng, cone = np.random.default_rng(19), Cone(np.array([0.0, 0.6, 0.8]), half_rad, 0.0, 0.01)
+    rng = np.random.default_rng(19)
+    cone = Cone(np.array([0.0, 0.6, 0.8]), half_rad, 0.0, 0.01)
     share = rng.dirichlet(np.ones(4), 400)
     for _ in range(200):
         corner = rng.uniform(-1.0, 1.0, 3) + rng.uniform(0.0, 1.0) * rng.uniform(-1.0, 1.0, (4, 3))

@@ -158,7 +158,8 @@ def test_each_spoilt_trajectory_is_caught(good, name):
 def test_the_first_failure_of_a_spoilt_trajectory_is_one_of_its_certificate(good, name):
     problem, trajectory = good
     spoilt = SPOILT[name](problem, trajectory)
-    examination, certificate = Examination(problem, spoilt), certify(problem, spoilt)
+    examination = Examination(problem, spoilt)
+    certificate = certify(problem, spoilt)
     assert examination.first_failure in certificate.failures
     assert repr(examination.certificate) == repr(certificate)  # some values are no numbers, which equal nothing
 
@@ -259,7 +260,8 @@ def test_bounds_hold_between_samples():
 
 def test_turning_points_between_samples_are_found():
     """One joint swings through a vertex half way between two ticks."""
-    problem, dt = joint_problem("ur5-sim"), 1.0 / 125.0
+    problem = joint_problem("ur5-sim")
+    dt = 1.0 / 125.0
     qdd = np.zeros((2, 6))
     qdd[:, 0] = [4.0, -4.0]
     jerk = np.diff(qdd, axis=0) / dt
@@ -275,7 +277,9 @@ def test_turning_points_between_samples_are_found():
 
 def random_trajectories(count=6, seed=11):
     """Launches to random states, whatever stands in the way."""
-    rng, here, found = np.random.default_rng(seed), cell(), []
+    rng = np.random.default_rng(seed)
+    here = cell()
+    found = []
     for _ in range(count):
         q, qd = random_state(here, rng)
         problem = joint_problem(release=JointRelease(q, qd))
@@ -285,7 +289,8 @@ def random_trajectories(count=6, seed=11):
 
 def test_rates_bound_the_tools_true_derivatives():
     for problem, trajectory in random_trajectories():
-        robot, X_FT = problem.cell.robot, problem.cell.tool.X_FT
+        robot = problem.cell.robot
+        X_FT = problem.cell.tool.X_FT
         h = trajectory.dt / 40.0
         middles = (trajectory.t[:-1] + trajectory.dt / 2.0)[:, None] + h * np.arange(-2, 3)
         p = forward(robot, trajectory.at(middles)[0], X_FT)[..., :3, 3]

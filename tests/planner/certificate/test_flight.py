@@ -39,16 +39,22 @@ def with_factor(here, factor):
 
 
 def random_throws(count, seed, window_s=0.0, drag=0.0, factor=1.0, here=None):
-    rng, found, given = np.random.default_rng(seed), 0, here
+    rng = np.random.default_rng(seed)
+    found = 0
+    given = here
     names = ("ur5e-sim", "ur3e-sim", "ur10e-sim", "ur5-sim")
     while found < count:
-        here, boxes = with_factor(given or cell(names[found % 4]), factor), []
+        here = with_factor(given or cell(names[found % 4]), factor)
+        boxes = []
         here = replace(here, object=replace(here.object, drag_coefficient=drag))
         for _ in range(rng.integers(0, 4)):
-            angle, distance, size = rng.uniform(-np.pi, np.pi), rng.uniform(0.5, 1.3), rng.uniform(0.02, 0.3, 3)
+            angle = rng.uniform(-np.pi, np.pi)
+            distance = rng.uniform(0.5, 1.3)
+            size = rng.uniform(0.02, 0.3, 3)
             middle = distance * np.array([np.cos(angle), np.sin(angle), 0.0])
             boxes.append((middle - size * [1, 1, 0], middle + size * [1, 1, 4]))
-        angle, distance = rng.uniform(-np.pi, np.pi), rng.uniform(0.25, 1.6)
+        angle = rng.uniform(-np.pi, np.pi)
+        distance = rng.uniform(0.25, 1.6)
         target = [distance * np.cos(angle), distance * np.sin(angle), rng.uniform(0.0, 0.5)]
         opening = Opening(rng.uniform(0.05, 0.2), rng.uniform(0.0, 0.4)) if rng.random() < 0.4 else None
         try:
@@ -71,11 +77,15 @@ def flown(problem, trajectory, delay):
     X_WT, V_WT = tool_state(problem.cell, *trajectory.at(release)[:2])
     s = np.arange(0.0, 2.0, STEP_S)
     x = path(X_WT[:3, 3], problem.cell.gripper.release_speed_factor * V_WT[:3], s, problem.gravity, problem.drag)
-    around, plane, radius = problem.cell.surroundings, problem.plane_z, problem.cell.object.radius_m
-    apex, landed = int(x[:, 2].argmax()), x[:, 2] < plane
+    around = problem.cell.surroundings
+    plane = problem.plane_z
+    radius = problem.cell.object.radius_m
+    apex = int(x[:, 2].argmax())
+    landed = x[:, 2] < plane
     tops = [(box.upper[2], box.lower[:2], box.upper[:2]) for box in around.keep_out]
     tops += [(around.floor_z_m, np.full(2, -np.inf), np.full(2, np.inf))]
-    target, opening = problem.release.p_W, problem.release.opening
+    target = problem.release.p_W
+    opening = problem.release.opening
     below = [top for top in tops if ((target[:2] >= top[1]) & (target[:2] <= top[2])).all() and top[0] <= plane + 1e-9]
     for top, lower, upper in sorted(below, key=lambda top: top[0])[-1:]:  # the highest
         if plane - radius < top and x[:, 2].max() >= top + radius:
@@ -94,7 +104,9 @@ def from_segment(x, start, end):
 
 def dense_gap(problem, trajectory, delays=(0.0,)):
     """Least distance of the object's surface from links, boxes and wall, and from the tool 10 ms after it is clear."""
-    here, radius, gaps = problem.cell, problem.cell.object.radius_m, []
+    here = problem.cell
+    radius = problem.cell.object.radius_m
+    gaps = []
     for delay in delays:
         t, x, apex = flown(problem, trajectory, delay)
         capsules = body_capsules(here.robot, here.tool.capsules)
@@ -108,8 +120,10 @@ def dense_gap(problem, trajectory, delays=(0.0,)):
         for box in here.surroundings.keep_out:
             gaps.append((np.linalg.norm(x - np.clip(x, box.lower, box.upper), axis=1) - radius).min())
         if problem.release.opening is not None:
-            rho, z = np.hypot(*(x - problem.release.p_W).T[:2]), x[:, 2] - problem.release.p_W[2]
-            mouth, rim = problem.release.opening.radius_m, problem.release.opening.rim_height_m
+            rho = np.hypot(*(x - problem.release.p_W).T[:2])
+            z = x[:, 2] - problem.release.p_W[2]
+            mouth = problem.release.opening.radius_m
+            rim = problem.release.opening.rim_height_m
             entered = (np.arange(len(x)) >= apex) & (rho < mouth) & (z < rim)
             gap = np.hypot(rho - mouth, z - np.clip(z, 0.0, rim))[~entered] - radius
             gaps += [gap.min()] if len(gap) else []
@@ -139,10 +153,12 @@ def test_the_flights_clearance_is_below_dense_samples_and_close(count, window_s,
 @pytest.mark.parametrize(("kind", "radius_m"), [("arm", 0.05), ("bin", 0.06), ("box", 0.05)])
 def test_in_the_air_everything_counts_until_the_centre_passes_the_plane(kind, radius_m):
     """A thick object comes within its radius of the target's height long before the target."""
-    rng, late = np.random.default_rng(5), 0
+    rng = np.random.default_rng(5)
+    late = 0
     here = replace(cell(), object=replace(cell().object, radius_m=radius_m))
     for _ in range(60):
-        angle, distance = rng.uniform(-np.pi, np.pi), rng.uniform(*(0.1, 0.5) if kind == "arm" else (0.7, 1.3))
+        angle = rng.uniform(-np.pi, np.pi)
+        distance = rng.uniform(*(0.1, 0.5) if kind == "arm" else (0.7, 1.3))
         target = np.array([distance * np.cos(angle), distance * np.sin(angle), rng.uniform(0.3, 1.0)])
         opening = Opening(radius_m + rng.uniform(0.0, 0.03), rng.uniform(0.0, 0.05)) if kind == "bin" else None
         size = rng.uniform(0.005, 0.1, 3)
@@ -151,7 +167,8 @@ def test_in_the_air_everything_counts_until_the_centre_passes_the_plane(kind, ra
             problem, trajectory = throw(with_boxes(here, *boxes), target, opening)
         except (Infeasible, SolverFailed):
             continue
-        least, check = dense_gap(problem, trajectory), certify(problem, trajectory).check("flight_clearance")
+        least = dense_gap(problem, trajectory)
+        check = certify(problem, trajectory).check("flight_clearance")
         assert not check.ok or least > -SAMPLED_M, target
         on_floor = replace(here.surroundings, floor_z_m=target[2], keep_out=problem.cell.surroundings.keep_out)
         touched = certify(replace(problem, cell=replace(here, surroundings=on_floor)), trajectory)
@@ -261,8 +278,10 @@ def test_the_object_comes_onto_a_box_over_its_edge(window_s):
 def test_what_the_object_lands_on_counts_in_no_value_and_what_is_beside_it_does():
     here = cell()
     problem, trajectory, _, touch = flat_throw(here, 0.0, 0.0)
-    table, below = ([touch[0] - 0.01, -1.0, 0.65], [1.6, 1.0, 0.7]), ([1.27, -0.5, 0.0], [1.5, 0.5, 0.645])
-    aside, radius = touch[1] + 0.055, here.object.radius_m
+    table = ([touch[0] - 0.01, -1.0, 0.65], [1.6, 1.0, 0.7])
+    below = ([1.27, -0.5, 0.0], [1.5, 0.5, 0.645])
+    aside = touch[1] + 0.055
+    radius = here.object.radius_m
     post = ([touch[0] - 0.1, aside, 0.0], [touch[0] - 0.05, aside + 0.1, 0.7])
 
     def of(*boxes):
@@ -288,7 +307,8 @@ def test_a_target_at_the_height_of_the_centre_on_a_table_is_on_it():
 
 
 def test_a_slab_flush_with_the_floor_leaves_the_curve_of_the_flight_be():
-    here, clear = with_boxes(cell(), ([0.4, -2.0, -1.0], [2.0, 2.0, 0.0])), 0
+    here = with_boxes(cell(), ([0.4, -2.0, -1.0], [2.0, 2.0, 0.0]))
+    clear = 0
     for y in np.linspace(-0.6, 0.6, 9):
         problem = ThrowProblem(here, here.home, TargetRelease(np.array([1.2, y, 0.0])), here.limits)
         trajectory = ruckig_otg.solve(problem, candidates(problem)[0]).trajectory
@@ -304,8 +324,10 @@ def test_the_object_lands_on_what_adjoins_and_is_as_high(window_s):
     """A table of two halves is one surface, and what ends lower beside it is not met by what lies on the table."""
     here = cell()
     problem, trajectory, v, touch = flat_throw(here, 0.0, window_s)
-    late, radius = np.hypot(*v[:2]) * 2.0 * window_s, here.object.radius_m
-    edge, seam = touch[0] - late - 1e-4, 0.5 * (touch[0] + late + problem.release.p_W[0])
+    late = np.hypot(*v[:2]) * 2.0 * window_s
+    radius = here.object.radius_m
+    edge = touch[0] - late - 1e-4
+    seam = 0.5 * (touch[0] + late + problem.release.p_W[0])
     assert seam - touch[0] < radius
     assert 1.3 - seam < radius
     whole = ([edge, -1.0, 0.5], [1.6, 1.0, 0.7])
@@ -344,7 +366,8 @@ def flat_landing(radius_m):
 def test_what_is_below_a_plate_is_no_surface_beside_it(below):
     """The sphere touches it before the plate that carries the target, whose side it strikes then."""
     problem, trajectory, at_height = flat_landing(0.04)
-    here, target = problem.cell, problem.release.p_W
+    here = problem.cell
+    target = problem.release.p_W
     rest = target[2] - 0.004
     lying = [([0.5, -1.0, 0.4], [2.0, 1.0, rest])] if below == "table" else []
     here = replace(here, surroundings=replace(here.surroundings, floor_z_m=rest if below == "floor" else 0.0))
@@ -363,15 +386,18 @@ def test_what_is_higher_counts_until_the_object_lies_at_its_target(below, window
     """It touches what the target is on, and would go on through a wall, or under a shelf, in front of the target."""
     problem, trajectory, at_height = flat_landing(0.04)
     problem = replace(problem, release_window_s=window_s, landing_tolerance_m=0.1 if window_s else 0.0)
-    target, top = problem.release.p_W, float(problem.release.p_W[2])
-    touch, late = at_height(top + 0.04), 0.02 if window_s else 0.0
+    target = problem.release.p_W
+    top = float(problem.release.p_W[2])
+    touch = at_height(top + 0.04)
+    late = 0.02 if window_s else 0.0
     under = [([0.0, -1.0, 0.4], [2.0, 1.0, top])] if below == "table" else []
     floor = replace(problem.cell.surroundings, floor_z_m=top if below == "floor" else 0.0)
     problem = replace(problem, cell=replace(problem.cell, surroundings=floor))
 
     def is_met(*boxes):
         asked = replace(problem, cell=with_boxes(problem.cell, *under, *boxes))
-        check, met = certify(asked, trajectory).check("flight_clearance"), flight_obstruction(asked, trajectory)
+        check = certify(asked, trajectory).check("flight_clearance")
+        met = flight_obstruction(asked, trajectory)
         assert check.ok or (check.detail, met.obstacle) == (f"box {len(under)}",) * 2
         assert check.ok == (met is None)
         return not check.ok
@@ -394,7 +420,8 @@ def test_what_is_higher_counts_until_the_object_lies_at_its_target(below, window
 def test_no_flight_lands_beside_its_bin(on_floor):
     """It touches what the bin stands on more than a radius before the bin, and its centre passes below the rim."""
     problem, trajectory, at_height = flat_landing(0.04)
-    here, target = problem.cell, problem.release.p_W
+    here = problem.cell
+    target = problem.release.p_W
     stands = replace(here, surroundings=replace(here.surroundings, floor_z_m=target[2] if on_floor else 0.0))
     stands = with_boxes(stands, *([] if on_floor else [([0.3, -1.0, 0.4], [2.0, 1.0, target[2]])]))
     assert 0.3 < at_height(target[2] + 0.04)[0] < target[0] - 0.06 - 0.04
@@ -437,7 +464,8 @@ def test_arm_and_held_object_keep_clear_of_the_bin(rim_height_m):
     below = tool_pose(here, trajectory.q[trajectory.release_index])[:3, 3] * [1.0, 1.0, 0.0]
     release = replace(problem.release, p_W=below, opening=Opening(0.15, rim_height_m))
     check = certify(replace(problem, release=release), trajectory).check("keep_out")
-    lower, upper = below - np.array([0.15, 0.15, 0.0]), below + np.array([0.15, 0.15, rim_height_m])
+    lower = below - np.array([0.15, 0.15, 0.0])
+    upper = below + np.array([0.15, 0.15, rim_height_m])
     capsules = body_capsules(here.robot, here.tool.capsules)
     ends = capsule_endpoints(here.robot, capsules, trajectory.q, here.X_WB)
     along = np.linspace(0.0, 1.0, 21)[:, None]
@@ -456,7 +484,8 @@ def test_arm_and_held_object_keep_clear_of_the_bin(rim_height_m):
 
 @pytest.mark.parametrize("window_s", [0.0, 0.009])
 def test_an_object_that_starts_clear_of_the_tool_may_not_be_hit_by_it(window_s):
-    hits, answers = 0, []
+    hits = 0
+    answers = []
     for problem, trajectory in random_throws(60, 5, window_s, here=gripped_at_a_distance(0.0003)):
         check = certify(problem, trajectory).check("flight_clearance")
         delays = np.linspace(-window_s, window_s, 7) if window_s else (0.0,)
@@ -495,7 +524,9 @@ def test_an_object_that_leaves_the_tool_it_overlaps_is_not_hit_by_it():
 
 def test_no_release_of_a_window_may_be_hit_by_a_tool_that_leans_over_the_object():
     """The object begins deep within the tool's capsule; releases milliseconds apart come out of it far apart."""
-    hits, window_s, steps = 0, 0.0067, 10
+    hits = 0
+    window_s = 0.0067
+    steps = 10
     for aside_m in ([0.0410, -0.0200, 0.0594], [0.0271, 0.0028, 0.0699], [0.0448, -0.0378, 0.0497]):
         for problem, trajectory in accelerated_throws(gripped_within(aside_m), 8, window_s):
             least = 0.0
@@ -520,9 +551,11 @@ def test_releases_that_come_out_of_the_tool_smoothly_are_not_taken_for_grazes():
 
 def accelerated_throws(here, count, window_s):
     """Throws to random targets by Ruckig with the soonest acceleration at the release, and their problems."""
-    rng, made = np.random.default_rng(3), 0
+    rng = np.random.default_rng(3)
+    made = 0
     while made < count:
-        angle, distance = rng.uniform(-np.pi, np.pi), rng.uniform(0.25, 1.6)
+        angle = rng.uniform(-np.pi, np.pi)
+        distance = rng.uniform(0.25, 1.6)
         release = TargetRelease(np.array([distance * np.cos(angle), distance * np.sin(angle), rng.uniform(0.0, 0.5)]))
         tolerance_m = 5.0 if window_s else 0.0
         problem = ThrowProblem(
@@ -540,7 +573,8 @@ def gripped_at_a_distance(gap_m):
     """A cell whose object, a point, is held beside the tool's capsule, by a gripper that is open to all sides."""
     here = cell()
     tcp = here.tool.X_FT[:3, 3]
-    (capsule, *_), length = here.tool.capsules, np.linalg.norm(tcp)
+    (capsule, *_) = here.tool.capsules
+    length = np.linalg.norm(tcp)
     return gripped_beside(here, replace(capsule, to_m=tcp * (1.0 - (capsule.radius_m + gap_m) / length)), 0.0)
 
 
@@ -552,7 +586,8 @@ def gripped_within(aside_m):
 
 
 def gripped_beside(here, capsule, radius_m):
-    tool, thing = replace(here.tool, capsules=(capsule,)), replace(here.object, radius_m=radius_m)
+    tool = replace(here.tool, capsules=(capsule,))
+    thing = replace(here.object, radius_m=radius_m)
     return replace(here, tool=tool, object=thing, gripper=replace(here.gripper, opening_direction=None))
 
 
@@ -610,7 +645,8 @@ def dense_grip(problem, trajectory, window_s, limit):
 
 def dense_way_out(problem, trajectory, window_s, direction):
     """The widest angle of the way of the object in the tool, from its first millimetre to its radius."""
-    widest, radius = 0.0, problem.cell.object.radius_m
+    widest = 0.0
+    radius = problem.cell.object.radius_m
     for delay in np.linspace(-window_s, window_s, 7) if window_s else (0.0,):
         t, x, _ = flown(problem, trajectory, delay)
         X_WT = tool_pose(problem.cell, trajectory.at(t)[0])

@@ -21,7 +21,9 @@ WINDOW_S = 0.02
 
 def thrown(drag_coefficient: float, count: int, seed: int = 3):
     """Random throws up and away, with a window; the object weighs 2 g, so that drag is heavy."""
-    rng, here, found = np.random.default_rng(seed), cell(), []
+    rng = np.random.default_rng(seed)
+    here = cell()
+    found = []
     light = replace(here, object=replace(here.object, mass_kg=0.002, drag_coefficient=drag_coefficient))
     while len(found) < count:
         q, qd = random_state(light, rng)
@@ -49,7 +51,8 @@ def test_the_landing_points_curvature_is_never_above_its_bound(drag_coefficient,
         problem = replace(known, cell=replace(known.cell, gripper=gripper))
         assert problem.drag == pytest.approx(heaviest[drag_coefficient], abs=0.005)
         fine = window_of(problem, motion, 401)
-        p, v = fine.p_WT.T, factor * fine.v_WT.T
+        p = fine.p_WT.T
+        v = factor * fine.v_WT.T
         points = landing_states(p, v, 0.0, problem.gravity, problem.drag).p
         h = 2.0 * WINDOW_S / 400
         # the jerk is constant in a tick of 2 ms = 20 steps: differences across its ends mix two curvatures
@@ -62,7 +65,8 @@ def test_the_landing_points_curvature_is_never_above_its_bound(drag_coefficient,
 @pytest.mark.parametrize("drag", [0.0, 0.7])
 def test_landing_states_are_those_of_single_flights(drag):
     rng = np.random.default_rng(0)
-    p, v = rng.uniform([-1, -1, 0.2], [1, 1, 1.5], (20, 3)), rng.uniform(-3, 3, (20, 3))
+    p = rng.uniform([-1, -1, 0.2], [1, 1, 1.5], (20, 3))
+    v = rng.uniform(-3, 3, (20, 3))
     together = landing_states(p, v, 0.5, 9.81, drag)
     for i in range(20):
         flight = fly(p[i], v[i], 0.5, 9.81, drag)
@@ -105,9 +109,12 @@ def test_the_object_weighs_until_the_window_ends_and_may_be_gone_from_its_beginn
         q, qd = random_state(heavy, rng)
         nominal = joint_problem(cell=heavy, release=JointRelease(q, qd))
         motion = ruckig_otg.solve(nominal, Candidate(q, qd, 0.0, "random")).trajectory
-        k, reach = motion.release_index, 10
-        until, late = slice(0, k + 1), slice(0, min(len(motion.q), k + reach + 1))
-        early, after = slice(max(0, k - reach), None), slice(k, None)
+        k = motion.release_index
+        reach = 10
+        until = slice(0, k + 1)
+        late = slice(0, min(len(motion.q), k + reach + 1))
+        early = slice(max(0, k - reach), None)
+        after = slice(k, None)
         held, longer = (_worst_share(nominal, motion, rows, True) for rows in (until, late))
         empty, sooner = (_worst_share(nominal, motion, rows, False) for rows in (after, early))
         robust = replace(nominal, release_window_s=WINDOW_S, landing_tolerance_m=10.0)

@@ -37,7 +37,8 @@ def model_of(here, with_object):
 
 def throws(name, count, seed):
     """Launches to random states with a heavy object, whatever stands in the way."""
-    rng, found = np.random.default_rng(seed), []
+    rng = np.random.default_rng(seed)
+    found = []
     here = cell(name)
     here = replace(here, object=replace(here.object, mass_kg=1.5))
     for _ in range(count):
@@ -49,9 +50,11 @@ def throws(name, count, seed):
 
 def dense_truth(problem, motion, per_tick=2):
     """The worst of each quantity by Pinocchio at every half tick; the object counts up to the release."""
-    here, worst = problem.cell, dict.fromkeys(NAMES, 0.0)
+    here = problem.cell
+    worst = dict.fromkeys(NAMES, 0.0)
     elbow = [c for c in arm_capsules(here.robot) if c.name == "elbow"]
-    tau, p_FT = here.robot.tau_max, here.tool.X_FT[:3, 3]
+    tau = here.robot.tau_max
+    p_FT = here.tool.X_FT[:3, 3]
     for with_object in (True, False):
         model = model_of(here, with_object)
         data = model.createData()
@@ -59,7 +62,8 @@ def dense_truth(problem, motion, per_tick=2):
         rows = times <= motion.release_time_s if with_object else times >= motion.release_time_s
         for q, qd, qdd in zip(*(x[rows] for x in motion.at(times)), strict=True):
             effort = pin.rnea(model, data, q, qd, qdd)
-            h, b = pin.nonLinearEffects(model, data, q, qd).copy(), np.array(pin.crba(model, data, q) @ qd)
+            h = pin.nonLinearEffects(model, data, q, qd).copy()
+            b = np.array(pin.crba(model, data, q) @ qd)
             assert (np.abs(h) < tau).all()
             stop = max(0.0, *(np.abs(b) / np.where(b > 0.0, tau + h, tau - h)))
             ends = [capsule_endpoints(here.robot, elbow, q + s * 1e-6 * qd)[0] for s in (1, -1)]
@@ -127,9 +131,12 @@ PUBLISHED_STOPS = {
 
 
 def test_no_published_stop_is_longer_than_the_models():
-    gravity, speed, ratios = np.array([0.0, 0.0, -9.81]), np.radians(183.0), []
+    gravity = np.array([0.0, 0.0, -9.81])
+    speed = np.radians(183.0)
+    ratios = []
     for name, (payload_kg, stops) in PUBLISHED_STOPS.items():
-        arm, payload = robot(name), Payload(payload_kg, np.zeros(3), np.zeros((3, 3)))
+        arm = robot(name)
+        payload = Payload(payload_kg, np.zeros(3), np.zeros((3, 3)))
         for joint, (distance_rad, time_s) in enumerate(stops):
             qd = speed * np.eye(6)[joint]  # stretched towards -x: a positive shoulder moves it down
             h = joint_torques(arm, np.zeros(6), qd, np.zeros(6), gravity, payload)
@@ -160,7 +167,8 @@ def test_a_release_beyond_a_limit_has_no_candidate():
 def curvatures(problem, motion, with_object):
     """Second differences of h, of M qd and of the power inside each tick, by Pinocchio."""
     model = model_of(problem.cell, with_object)
-    data, dt = model.createData(), motion.dt
+    data = model.createData()
+    dt = motion.dt
     t = (motion.t[:-1] + dt / 2.0)[:, None] + 0.2 * dt * np.arange(-1, 2)
     states = [x.reshape(-1, 6) for x in motion.at(t)]
     h = np.array([pin.nonLinearEffects(model, data, q, qd).copy() for q, qd in zip(*states[:2], strict=True)])
@@ -172,7 +180,8 @@ def curvatures(problem, motion, with_object):
 
 def test_the_bounds_between_samples_are_never_below_the_truth():
     for problem, motion in throws("ur5e-sim", 3, 8):
-        rates, loads = joint_rates(motion), loads_of(problem.cell)
+        rates = joint_rates(motion)
+        loads = loads_of(problem.cell)
         h, b, power = curvatures(problem, motion, True)
         noise = 1e-3
         assert np.all(h <= torque_curvature(loads, rates, 9.81) + noise)

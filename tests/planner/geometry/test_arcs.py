@@ -7,7 +7,8 @@ import pytest
 
 from planner.geometry import Arcs
 
-GRAVITY, RADIUS = 9.81, 0.03
+GRAVITY = 9.81
+RADIUS = 0.03
 
 
 def drawn(rng: np.random.Generator, count: int) -> Arcs:
@@ -37,7 +38,8 @@ def test_a_flight_meets_the_grown_box_where_its_samples_do() -> None:
         arcs = drawn(rng, 100)
         lower = rng.uniform([-0.8, -0.8, 0.0], [0.4, 0.4, 0.8])
         upper = lower + rng.uniform(0.02, 0.8, 3)
-        x, grown = sampled(arcs), RADIUS + 0.01
+        x = sampled(arcs)
+        grown = RADIUS + 0.01
         depth = np.minimum(x - lower + grown, upper + grown - x).min(axis=-1).max(axis=0)
         met = arcs.room_beside_box(lower, upper, 0.01) < 0.0
         clear_cut = (np.abs(depth) > 0.01) & (arcs.until_s > 0.0)
@@ -56,8 +58,10 @@ def test_a_vertical_flight_meets_what_is_above_it_alone() -> None:
 
 def test_a_box_lacks_the_height_by_which_a_flight_passes_too_low() -> None:
     arcs = Arcs.onto(np.array([[0.0, 0.0, 0.5]]), np.array([[2.0, 0.0, 1.0]]), 0.0, GRAVITY, RADIUS)
-    top, high = 0.5, 1.0
-    lower, upper = np.array([0.4, -1.0, -1.0]), np.array([0.4, 1.0, top])
+    top = 0.5
+    high = 1.0
+    lower = np.array([0.4, -1.0, -1.0])
+    upper = np.array([0.4, 1.0, top])
     at_wall = arcs.height_at(np.array([[0.2 - RADIUS / 2.0], [0.2 + RADIUS / 2.0]])).min()
     assert arcs.room_beside_box(lower, upper)[0] == pytest.approx(at_wall - top - RADIUS)
     raised = arcs.room_beside_box(lower, upper + np.array([0.0, 0.0, high]))[0]
@@ -71,7 +75,8 @@ def test_flights_that_end_over_a_box_end_where_they_come_over_it() -> None:
         arcs = drawn(rng, 100).until_landed(0.1, ())
         lower = rng.uniform([-1.5, -1.5, 0.0], [0.5, 0.5, 0.05])
         upper = lower + rng.uniform(0.3, 2.0, 3)
-        x, over = sampled(arcs), arcs.until_over(lower, upper)
+        x = sampled(arcs)
+        over = arcs.until_over(lower, upper)
         within = np.all((x[..., :2] >= lower[:2]) & (x[..., :2] <= upper[:2]), axis=-1)
         first = within.argmax(axis=0) / (len(x) - 1)
         ends_over = within[-1] & (arcs.until_s > 0.0)
@@ -108,18 +113,21 @@ def test_flights_that_enter_a_mouth_touch_neither_rim_nor_wall() -> None:
     rng = np.random.default_rng(2)
     entered = refused = 0
     for _ in range(40):
-        radius, rim = rng.uniform(0.06, 0.25), rng.uniform(0.05, 0.4)
+        radius = rng.uniform(0.06, 0.25)
+        rim = rng.uniform(0.05, 0.4)
         centre = np.array([*rng.uniform(-1.5, 1.5, 2), 0.1])
         p = rng.uniform([-0.5, -0.5, 0.0], [0.5, 0.5, 1.2], (200, 3))
         t = rng.uniform(0.4, 1.2, 200)
         v = (centre - p) / t[:, None] + 0.5 * GRAVITY * t[:, None] * np.array([0.0, 0.0, 1.0])
         arcs = Arcs.onto(p, v, 0.1, GRAVITY, RADIUS)
         x = sampled(arcs)
-        out, over = np.hypot(*(x - centre)[..., :2].transpose(2, 0, 1)) - radius, x[..., 2] - 0.1 - rim
+        out = np.hypot(*(x - centre)[..., :2].transpose(2, 0, 1)) - radius
+        over = x[..., 2] - 0.1 - rim
         gap = np.hypot(out, np.maximum(over, 0.0)).min(axis=0)
         inside = arcs.room_in_mouth(centre, radius, rim) >= 0.0
         decided = (np.abs(gap - RADIUS) > 0.003) & (arcs.until_s > 0.0) & (out[0] > 0.0)
         np.testing.assert_array_equal(inside[decided], gap[decided] > RADIUS)
-        entered, refused = entered + int(inside.sum()), refused + int((~inside).sum())
+        entered = entered + int(inside.sum())
+        refused = refused + int((~inside).sum())
     assert entered > 200
     assert refused > 200

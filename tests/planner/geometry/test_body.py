@@ -46,7 +46,8 @@ def capsules_of(here):
 
 def test_ends_are_those_of_the_capsules():
     here = turned_cell()
-    body, q = body_model(here), postures(here)
+    body = body_model(here)
+    q = postures(here)
     X_WL = link_poses(here.robot, q, here.X_WB)
     expected = capsule_endpoints(here.robot, capsules_of(here), q, here.X_WB)
     np.testing.assert_allclose(np.moveaxis(body.end_points(X_WL), -1, 0), expected, atol=1e-12)
@@ -56,7 +57,9 @@ def test_ends_are_those_of_the_capsules():
 
 def test_clearances_are_the_least_of_every_capsule_box_and_pair():
     here = turned_cell()
-    body, q, capsules = body_model(here), postures(here), capsules_of(here)
+    body = body_model(here)
+    q = postures(here)
+    capsules = capsules_of(here)
     ends = capsule_endpoints(here.robot, capsules, q, here.X_WB)
     moving = [i for i, capsule in enumerate(capsules) if capsule.frame > 0]
     floor = np.min([ends[:, i, :, 2].min(axis=1) - capsules[i].radius_m for i in moving], axis=0)
@@ -82,9 +85,11 @@ def test_clearances_are_the_least_of_every_capsule_box_and_pair():
 def test_a_posture_s_violations_name_what_is_too_close():
     here = cell()
     here = replace(here, surroundings=replace(here.surroundings, keep_in=ROOM, keep_out=BOXES, floor_z_m=-0.1))
-    body, names = body_model(here), set()
+    body = body_model(here)
+    names = set()
     for q in postures(here, 40):
-        clear, found = body.clearances(q[None]), {each.constraint: each for each in body.violations_at(q)}
+        clear = body.clearances(q[None])
+        found = {each.constraint: each for each in body.violations_at(q)}
         broken = {name for name in vars(clear) if getattr(clear, name)[0] < 0.0}
         assert set(found) == broken or not broken
         ends = body.end_points(body.link_poses(q[None]))[..., 0]
@@ -93,10 +98,12 @@ def test_a_posture_s_violations_name_what_is_too_close():
             first, second = each.detail.split(", ")[:2]
             names.add(name)
             if name == "keep_out":
-                k, box = body.names.index(first), BOXES[int(second.removeprefix("box "))]
+                k = body.names.index(first)
+                box = BOXES[int(second.removeprefix("box "))]
                 assert each.value == segment_box_distance(*ends[k], box.lower, box.upper) - body.radii[k]
             elif name == "self_collision":
-                i, j = body.names.index(first), body.names.index(second)
+                i = body.names.index(first)
+                j = body.names.index(second)
                 gap = segment_segment_distance(*ends[i], *ends[j]) - body.radii[i] - body.radii[j]
                 assert each.value == pytest.approx(float(gap), abs=1e-12)
             elif name == "floor":
@@ -133,11 +140,13 @@ def test_without_boxes_the_clearance_to_them_is_infinite():
 
 def test_levers_bound_the_distances_from_the_axes():
     here = cell()
-    body, q = body_model(here), postures(here, 200)
+    body = body_model(here)
+    q = postures(here, 200)
     X_BL = link_poses(here.robot, q)
     ends = capsule_endpoints(here.robot, capsules_of(here), q)
     for joint in range(6):
-        axis, origin = X_BL[:, joint, :3, 2], X_BL[:, joint, :3, 3]
+        axis = X_BL[:, joint, :3, 2]
+        origin = X_BL[:, joint, :3, 3]
         offset = ends - origin[:, None, None]
         distance = np.linalg.norm(np.cross(np.broadcast_to(axis[:, None, None], offset.shape), offset), axis=-1)
         moved = body.frames > joint

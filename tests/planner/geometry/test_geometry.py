@@ -23,7 +23,8 @@ from planner.robots import ROBOT_NAMES, robot
 from planner.rotations import matrix_to_quaternion, pose, rotation_vector_to_matrix
 
 RNG = np.random.default_rng(13)
-LOWER, UPPER = np.array([-0.3, -0.2, -0.5]), np.array([0.4, 0.1, 0.2])
+LOWER = np.array([-0.3, -0.2, -0.5])
+UPPER = np.array([0.4, 0.1, 0.2])
 TOOL = (ToolCapsule(np.zeros(3), np.array([0.0, 0.0, 0.15]), 0.05),)
 HOME = np.array([0.0, -1.57, 1.57, -1.57, -1.57, 0.0])
 
@@ -66,7 +67,8 @@ def test_segments_against_a_bounded_quadratic_programme():
 
 def test_nearly_parallel_segments():
     tilt = np.logspace(-16, -1, 40)[:, None] * np.array([0.0, 1.0, 0.0])
-    base, along = np.zeros((40, 3)), np.tile([1.0, 0.0, 0.0], (40, 1))
+    base = np.zeros((40, 3))
+    along = np.tile([1.0, 0.0, 0.0], (40, 1))
     above = np.array([0.2, 0.0, 0.3])
     distance = segment_segment_distance(base, along, base + above - tilt / 2, along + above + tilt / 2)
     np.testing.assert_allclose(distance, 0.3, rtol=0, atol=1e-9)
@@ -74,7 +76,8 @@ def test_nearly_parallel_segments():
 
 def test_points_against_dense_sampling_of_a_segment():
     rng = np.random.default_rng(5)
-    x, (p0, p1) = rng.uniform(-1.0, 1.0, (2, 20, 3)), rng.uniform(-0.5, 0.5, (2, 3))
+    x = rng.uniform(-1.0, 1.0, (2, 20, 3))
+    (p0, p1) = rng.uniform(-0.5, 0.5, (2, 3))
     on_it = p0 + np.linspace(0.0, 1.0, 20001)[:, None] * (p1 - p0)
     sampled = np.linalg.norm(x[..., None, :] - on_it, axis=-1).min(axis=-1)
     np.testing.assert_allclose(point_segment_distance(x, p0, p1), sampled, rtol=0.0, atol=1e-6)
@@ -114,11 +117,13 @@ def mujoco_distances(robot_, capsules, pairs, q):
         for c in capsules
     )
     model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
-    data, out = mujoco.MjData(model), []
+    data = mujoco.MjData(model)
+    out = []
     for X in link_poses(robot_, q):
         for i, c in enumerate(capsules):
             x, y, z, w = matrix_to_quaternion(X[c.frame, :3, :3])
-            data.mocap_pos[i], data.mocap_quat[i] = X[c.frame, :3, 3], [w, x, y, z]
+            data.mocap_pos[i] = X[c.frame, :3, 3]
+            data.mocap_quat[i] = [w, x, y, z]
         mujoco.mj_kinematics(model, data)
         out.append([mujoco.mj_geomDistance(model, data, i, j, 10.0, None) for i, j in pairs])
     return np.array(out)
@@ -138,7 +143,8 @@ def surface_distances(capsules, pairs, ends):
 @pytest.mark.parametrize("name", ["ur3", "ur5e", "ur20"])
 def test_distances_between_the_links_agree_with_mujoco(name):
     arm = robot(name)
-    capsules, q = body_capsules(arm, TOOL), RNG.uniform(-np.pi, np.pi, (40, 6))
+    capsules = body_capsules(arm, TOOL)
+    q = RNG.uniform(-np.pi, np.pi, (40, 6))
     pairs = self_collision_pairs(arm, TOOL)
     found = surface_distances(capsules, pairs, capsule_endpoints(arm, capsules, q))
     expected = mujoco_distances(arm, capsules, pairs, q)
@@ -149,7 +155,8 @@ def test_distances_between_the_links_agree_with_mujoco(name):
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_pairs_left_out_never_meet_or_always_do(name):
     arm = robot(name)
-    capsules, pairs = body_capsules(arm, TOOL), self_collision_pairs(arm, TOOL)
+    capsules = body_capsules(arm, TOOL)
+    pairs = self_collision_pairs(arm, TOOL)
     others = [pair for pair in itertools.combinations(range(len(capsules)), 2) if pair not in pairs]
     q = RNG.uniform(arm.q_lower, arm.q_upper, (4000, 6))
     near = surface_distances(capsules, others, capsule_endpoints(arm, capsules, q)) < SELF_CLEARANCE_M
@@ -166,7 +173,8 @@ def test_known_pairs_of_the_ur5e():
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_the_usual_home_is_free_and_the_folded_arm_is_not(name):
     arm = robot(name)
-    capsules, pairs = body_capsules(arm, TOOL), self_collision_pairs(arm, TOOL)
+    capsules = body_capsules(arm, TOOL)
+    pairs = self_collision_pairs(arm, TOOL)
     folded = np.array([0.0, -1.57, 3.1, 0.0, -1.57, 0.0])
     distances = surface_distances(capsules, pairs, capsule_endpoints(arm, capsules, np.array([HOME, folded])))
     assert distances[0].min() > 0.02
@@ -193,9 +201,11 @@ def test_capsules_hold_the_centres_of_mass(name):
 
 
 def test_endpoints_are_placed_in_the_world():
-    arm, X_WB = robot("ur5e"), pose([0.1, 0.2, 0.3], rotation_vector_to_matrix([0.1, 0.0, 2.0]))
+    arm = robot("ur5e")
+    X_WB = pose([0.1, 0.2, 0.3], rotation_vector_to_matrix([0.1, 0.0, 2.0]))
     capsules = body_capsules(arm, TOOL)
-    in_base, in_world = capsule_endpoints(arm, capsules, HOME), capsule_endpoints(arm, capsules, HOME, X_WB)
+    in_base = capsule_endpoints(arm, capsules, HOME)
+    in_world = capsule_endpoints(arm, capsules, HOME, X_WB)
     assert in_base.shape == (len(capsules), 2, 3)
     np.testing.assert_allclose(in_world, in_base @ X_WB[:3, :3].T + X_WB[:3, 3], rtol=0, atol=1e-14)
     flange = link_poses(arm, HOME)[6]

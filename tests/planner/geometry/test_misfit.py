@@ -22,7 +22,8 @@ def test_an_object_fits_where_its_sphere_touches_no_box(floor_m: float) -> None:
         object=replace(here.object, radius_m=RADIUS_M),
         surroundings=replace(here.surroundings, floor_z_m=floor_m),
     )
-    rng, fits = np.random.default_rng(4), []
+    rng = np.random.default_rng(4)
+    fits = []
     for _ in range(300):
         lower = np.array([1.0, 0.0, rng.choice([0.0, 0.03, 0.09, 0.11])])
         upper = lower + rng.uniform([0.05, 0.05, 0.01], [0.3, 0.3, 0.2])
@@ -45,7 +46,8 @@ def test_a_box_that_ends_at_the_target_may_carry_the_object() -> None:
 @pytest.mark.parametrize("height_m", [0.2, 0.4])
 def test_on_a_box_it_lies_in_the_air_it_passes(height_m: float) -> None:
     """The box ends at 0.4 m. A sphere that lies beside a ridge or under a shelf is a radius higher."""
-    here, lies = cell(), height_m == 0.4
+    here = cell()
+    lies = height_m == 0.4
     here = replace(here, object=replace(here.object, radius_m=RADIUS_M))
     table = ([0.9, -0.2, 0.0], [1.3, 0.2, 0.4]) if lies else ([0.9, -0.2, 0.0], [1.3, 0.2, 0.1])
     target = np.array([1.1, 0.0, height_m])
@@ -79,7 +81,8 @@ def test_a_target_a_little_above_boxes_is_on_them(above_m: float) -> None:
     """What is thrown to a height measured too high comes to lie on the table all the same."""
     here = replace(cell(), object=replace(cell().object, radius_m=RADIUS_M))
     halves = ([0.9, -0.2, 0.0], [1.1, 0.2, 0.4]), ([1.1, -0.1, 0.0], [1.4, 0.1, 0.4])
-    ridge, shelf = ([1.16, -0.2, 0.4], [1.2, 0.2, 0.41]), ([1.0, -0.2, 0.495], [1.3, 0.2, 0.5])
+    ridge = ([1.16, -0.2, 0.4], [1.2, 0.2, 0.41])
+    shelf = ([1.0, -0.2, 0.495], [1.3, 0.2, 0.5])
     for x in (1.09, 1.1, 1.11):
         target = np.array([x, 0.05, 0.4 + above_m])
         assert misfit(with_boxes(here, *halves), target) is None

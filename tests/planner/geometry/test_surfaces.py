@@ -14,7 +14,8 @@ HEIGHT_M = 0.4
 
 
 def test_surfaces_are_on_the_tops_of_boxes_and_the_target_is_over_them() -> None:
-    rng, several = np.random.default_rng(3), 0
+    rng = np.random.default_rng(3)
+    several = 0
     for _ in range(100):
         cuts = np.sort(rng.choice(np.arange(0.0, 1.0, 0.1), (2, 5), replace=True), axis=1)
         cells = [
@@ -66,7 +67,8 @@ def test_a_point_without_a_radius_lands_on_a_top() -> None:
 def test_the_highest_surface_counts_within_a_radius_below_the_target() -> None:
     here = cell()
     here = replace(here, object=replace(here.object, radius_m=0.05))
-    table, plate = ([0.5, -0.5, 0.0], [1.5, 0.5, 0.3]), ([0.9, -0.1, 0.3], [1.1, 0.1, 0.32])
+    table = ([0.5, -0.5, 0.0], [1.5, 0.5, 0.3])
+    plate = ([0.9, -0.1, 0.3], [1.1, 0.1, 0.32])
     stacked = with_boxes(here, table, plate)
     for x, z, height in ((1.0, 0.32, 0.32), (1.0, 0.36, 0.32), (1.0, 0.38, None), (1.3, 0.34, 0.3), (1.3, 0.36, None)):
         found = landing_surfaces(stacked, np.array([x, 0.0, z]))

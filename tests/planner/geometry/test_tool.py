@@ -24,10 +24,12 @@ def test_the_tool_pose_is_that_of_the_flange_in_the_world_times_the_tool():
 
 
 def test_the_tool_twist_is_the_rate_of_its_pose():
-    here, rng = turned_cell(), np.random.default_rng(5)
+    here = turned_cell()
+    rng = np.random.default_rng(5)
     q, qd = rng.uniform(-2.0, 2.0, (2, 20, 6))
     state = tool_state(here, q, qd)
-    before, after = tool_pose(here, q - STEP_S * qd), tool_pose(here, q + STEP_S * qd)
+    before = tool_pose(here, q - STEP_S * qd)
+    after = tool_pose(here, q + STEP_S * qd)
     turn = after[:, :3, :3] @ np.swapaxes(before[:, :3, :3], 1, 2)
     np.testing.assert_array_equal(state.p_WT, tool_pose(here, q)[:, :3, 3])
     np.testing.assert_allclose(state.v_WT, (after - before)[:, :3, 3] / (2 * STEP_S), atol=1e-8)

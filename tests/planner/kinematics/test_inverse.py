@@ -51,7 +51,8 @@ def test_one_pose_gives_every_turn_within_the_limits(name):
 
 
 def test_tightened_limits_leave_only_what_is_inside():
-    arm, width = robot("ur5e"), 0.1
+    arm = robot("ur5e")
+    width = 0.1
     found = inverse(arm, forward(arm, REGULAR), None, REGULAR - width, REGULAR + width)
     np.testing.assert_allclose(found.q, [REGULAR], rtol=0, atol=ATOL)
 
@@ -76,7 +77,8 @@ def shoulder_singular(arm):
     lifts = np.arange(-3.0, 0.0, 0.01)
     sines = -(arm.a[1] * np.cos(lifts) + arm.a[2] * np.cos(lifts + elbow)) / arm.d[4]
     first = np.argmax(np.abs(sines) < 0.9)
-    lift, turn = lifts[first], np.arcsin(sines[first])
+    lift = lifts[first]
+    turn = np.arcsin(sines[first])
     return np.array([0.3, lift, elbow, turn - lift - elbow, 0.9, 0.1])
 
 

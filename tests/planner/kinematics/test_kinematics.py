@@ -34,9 +34,12 @@ def configurations(arm, count):
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_pose_and_jacobian_agree_with_pinocchio(name):
-    arm, model = robot(name), pinocchio_arm(name)
-    data, q = model.createData(), configurations(robot(name), 100)
-    X, J = forward(arm, q), jacobian(arm, q)
+    arm = robot(name)
+    model = pinocchio_arm(name)
+    data = model.createData()
+    q = configurations(robot(name), 100)
+    X = forward(arm, q)
+    J = jacobian(arm, q)
     for i in range(len(q)):
         pin.computeJointJacobians(model, data, q[i])
         J_pin = pin.getJointJacobian(model, data, 6, pin.LOCAL_WORLD_ALIGNED)
@@ -46,8 +49,10 @@ def test_pose_and_jacobian_agree_with_pinocchio(name):
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_acceleration_of_the_flange_agrees_with_pinocchio(name):
-    arm, model = robot(name), pinocchio_arm(name, exact=True)
-    data, q = model.createData(), configurations(robot(name), 30)
+    arm = robot(name)
+    model = pinocchio_arm(name, exact=True)
+    data = model.createData()
+    q = configurations(robot(name), 30)
     qd, qdd = RNG.normal(size=(2, 30, 6))
     acceleration = tcp_acceleration(arm, q, qd, qdd)
     for i in range(len(q)):
@@ -64,8 +69,10 @@ def differences(function, q):
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_jacobian_with_tool_agrees_with_finite_differences(name):
-    arm, q = robot(name), configurations(robot(name), 50)
-    J, X = jacobian(arm, q, X_FT), forward(arm, q, X_FT)
+    arm = robot(name)
+    q = configurations(robot(name), 50)
+    J = jacobian(arm, q, X_FT)
+    X = forward(arm, q, X_FT)
     np.testing.assert_allclose(J[:, :3], differences(lambda q: forward(arm, q, X_FT)[:, :3, 3], q), rtol=0, atol=1e-8)
     turned = differences(lambda q: forward(arm, q, X_FT)[:, :3, :3], q)
     for k in range(6):
@@ -75,7 +82,8 @@ def test_jacobian_with_tool_agrees_with_finite_differences(name):
 
 
 def test_analytical_jacobian_agrees_with_finite_differences():
-    arm, q = robot("ur5e"), configurations(robot("ur5e"), 400)
+    arm = robot("ur5e")
+    q = configurations(robot("ur5e"), 400)
     vector = matrix_to_rotation_vector(forward(arm, q, X_FT)[:, :3, :3])
     q = q[np.linalg.norm(vector, axis=-1) < np.pi - 0.05]  # the rotation vector flips at half a turn
 
@@ -87,22 +95,26 @@ def test_analytical_jacobian_agrees_with_finite_differences():
 
 
 def test_jacobian_rate_agrees_with_finite_differences():
-    arm, q = robot("ur10e"), configurations(robot("ur10e"), 50)
+    arm = robot("ur10e")
+    q = configurations(robot("ur10e"), 50)
     qd = RNG.normal(size=(50, 6))
     rate = (jacobian(arm, q + H * qd, X_FT) - jacobian(arm, q - H * qd, X_FT)) / (2 * H)
     np.testing.assert_allclose(jacobian_dot_qd(arm, q, qd, X_FT), forward_velocity(rate, qd), rtol=0, atol=1e-7)
 
 
 def test_one_sample_is_the_same_as_many():
-    arm, q = robot("ur3e"), configurations(robot("ur3e"), 12)
+    arm = robot("ur3e")
+    q = configurations(robot("ur3e"), 12)
     many = q.reshape(3, 4, 6)
     for function in (link_poses, forward, jacobian, analytical_jacobian, signed_singularity_distances):
         np.testing.assert_array_equal(function(arm, many)[1, 2], function(arm, many[1, 2]))
 
 
 def test_inverse_velocity_of_a_square_jacobian_is_exact():
-    arm, q = robot("ur5e"), configurations(robot("ur5e"), 200)
-    J, qd = jacobian(arm, q, X_FT), RNG.normal(size=(200, 6))
+    arm = robot("ur5e")
+    q = configurations(robot("ur5e"), 200)
+    J = jacobian(arm, q, X_FT)
+    qd = RNG.normal(size=(200, 6))
     regular = singularity_distances(arm, q).minimum > 0.05
     found = inverse_velocity(J[regular], forward_velocity(J, qd)[regular])
     np.testing.assert_allclose(found, qd[regular], rtol=0, atol=1e-11)
@@ -111,7 +123,8 @@ def test_inverse_velocity_of_a_square_jacobian_is_exact():
 @pytest.mark.parametrize(("rows", "joints"), [(3, 6), (6, 7), (3, 9), (6, 4)])
 @pytest.mark.parametrize("damping", [0.0, 0.1])
 def test_inverse_velocity_solves_the_weighted_least_squares(rows, joints, damping):
-    J, twist = RNG.normal(size=(5, rows, joints)), RNG.normal(size=(5, rows))
+    J = RNG.normal(size=(5, rows, joints))
+    twist = RNG.normal(size=(5, rows))
     weights = RNG.uniform(0.5, 2.0, joints)
     small = damping if damping else 1e-6  # the undamped answer is the limit of the damped one
     for i, qd in enumerate(inverse_velocity(J, twist, damping, weights)):
@@ -134,7 +147,8 @@ def test_inverse_velocity_refuses_what_has_no_meaning(arguments):
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_singularity_distances_factor_the_determinant(name):
-    arm, q = robot(name), configurations(robot(name), 500)
+    arm = robot(name)
+    q = configurations(robot(name), 500)
     upper, fore = np.abs(arm.a[1:3])
     distances = singularity_distances(arm, q)
     product = distances.wrist * distances.elbow * distances.shoulder * upper * fore * (upper + fore)

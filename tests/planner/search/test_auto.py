@@ -49,7 +49,8 @@ POINT_IN_REACH = joint_problem(release=PointRelease(np.array([0.5, 0.2, 0.6]), n
 @pytest.fixture
 def solves(monkeypatch):
     """Seed and options of every solve, recorded."""
-    given, solve = [], casadi_nlp.solve
+    given = []
+    solve = casadi_nlp.solve
 
     def recording(problem, seed, options):
         given.append((seed, options))
@@ -89,7 +90,8 @@ def test_a_slow_clock_does_not_change_the_plan(monkeypatch):
 
 def test_a_slow_clock_does_not_change_the_nearest_request(monkeypatch):
     problem = joint_problem(release=PointRelease(np.array([1.6, 0.2, 0.4]), np.array([0.5, 0.0, 0.5])))
-    nearest, ticks = [], itertools.count()
+    nearest = []
+    ticks = itertools.count()
     for clock in (time.perf_counter, lambda: 0.01 * next(ticks)):
         monkeypatch.setattr(time, "perf_counter", clock)
         with pytest.raises(Infeasible) as refusal:
@@ -100,7 +102,8 @@ def test_a_slow_clock_does_not_change_the_nearest_request(monkeypatch):
 
 
 def test_loading_the_solvers_is_no_part_of_the_time_limit(monkeypatch):
-    clock, load = [0.0], casadi_nlp.load
+    clock = [0.0]
+    load = casadi_nlp.load
 
     def loads_slowly():
         clock[0] += 1000.0
@@ -114,7 +117,8 @@ def test_loading_the_solvers_is_no_part_of_the_time_limit(monkeypatch):
 
 
 def test_a_plan_whose_search_the_time_limit_ended_says_so(monkeypatch):
-    problem, ticks = target_problem(), itertools.count()
+    problem = target_problem()
+    ticks = itertools.count()
     monkeypatch.setattr(time, "perf_counter", lambda: 0.001 * next(ticks))
     search = PlanningSearch(problem, 1e6)
     search_thoroughly(search, candidates(problem))
@@ -129,7 +133,8 @@ def test_a_plan_whose_search_the_time_limit_ended_says_so(monkeypatch):
 
 
 def test_a_way_home_beyond_the_time_limit_does_not_cut_the_plan_short(monkeypatch):
-    clock, find = [0.0], planning.best_with_way_home
+    clock = [0.0]
+    find = planning.best_with_way_home
 
     def finds_late(search):
         clock[0] = 1e6
@@ -184,9 +189,11 @@ def test_a_posture_without_a_brake_is_tried_once(monkeypatch):
         raise casadi_nlp.SeedFailed("made to fail", 5, frozenset(), is_late=False, lacks_brake=True)
 
     monkeypatch.setattr(casadi_nlp, "solve", without_brake)
-    here, state = cell("ur5e-sim"), random_state(cell("ur5e-sim"), np.random.default_rng(3))
+    here = cell("ur5e-sim")
+    state = random_state(cell("ur5e-sim"), np.random.default_rng(3))
     problem = replace(pose_problem(here, *state), backend="casadi")
-    found, search = candidates(problem), PlanningSearch(problem, time.perf_counter() + 60.0)
+    found = candidates(problem)
+    search = PlanningSearch(problem, time.perf_counter() + 60.0)
     search_thoroughly(search, found)
     assert search.answer is None
     assert len(_postures([each.q for each in found])) < len(found)
@@ -194,7 +201,8 @@ def test_a_posture_without_a_brake_is_tried_once(monkeypatch):
 
 
 def test_a_posture_that_led_to_a_motion_lacks_no_brake():
-    here, state = cell("ur5e-sim"), random_state(cell("ur5e-sim"), np.random.default_rng(3))
+    here = cell("ur5e-sim")
+    state = random_state(cell("ur5e-sim"), np.random.default_rng(3))
     problem = pose_problem(here, *state)
     first = candidates(problem)[0]
     search = PlanningSearch(problem, time.perf_counter() + 60.0)
@@ -245,7 +253,8 @@ def test_what_is_unlike_an_answer_is_tried_once_or_twice(monkeypatch, problem, s
     search_optimised(search, ranking, stages)
     assert not begun  # without an answer
     search.consider(CertifiedSolution("casadi", made, SimpleNamespace(first_failure=None)))
-    search.has_optimised, search.iterations = True, spent
+    search.has_optimised = True
+    search.iterations = spent
     search_optimised(search, ranking, stages)
     assert len(begun) == len(set(map(id, begun))) == tries
     assert (search.in_vain, search.given_up) == ([], 0)
@@ -253,7 +262,8 @@ def test_what_is_unlike_an_answer_is_tried_once_or_twice(monkeypatch, problem, s
 
 @pytest.mark.parametrize("is_late", [False, True])
 def test_what_is_unlike_an_answer_and_fails_leaves_no_doubt(monkeypatch, is_late):
-    solve, begun = casadi_nlp.solve, []
+    solve = casadi_nlp.solve
+    begun = []
 
     def failing(problem, seed, options):
         if math.isinf(options.latest_s):
@@ -264,7 +274,8 @@ def test_what_is_unlike_an_answer_and_fails_leaves_no_doubt(monkeypatch, is_late
     monkeypatch.setattr(casadi_nlp, "solve", failing)
     monkeypatch.setattr(policy, "FEW_ITERATIONS", 1000)  # so that a second is tried, too
     problem = target_problem()
-    search, ranking = PlanningSearch(problem, time.perf_counter() + 60.0), Ranking(problem, candidates(problem))
+    search = PlanningSearch(problem, time.perf_counter() + 60.0)
+    ranking = Ranking(problem, candidates(problem))
     search_optimised(search, ranking, [stage for stage in POLICY if stage.purpose in ("soonest seeds", UNLIKE)])
     assert search.incumbent is not None
     assert len(begun) == 2
@@ -274,13 +285,15 @@ def test_what_is_unlike_an_answer_and_fails_leaves_no_doubt(monkeypatch, is_late
 @pytest.mark.parametrize("window_s", [0.0, 0.01])
 def test_what_is_unlike_an_answer_begins_gently_unless_there_is_a_release_window(solves, window_s):
     problem = target_problem(release_window_s=window_s, landing_tolerance_m=0.02 if window_s else 0.0)
-    search, ranking = PlanningSearch(problem, time.perf_counter() + 60.0), Ranking(problem, candidates(problem))
+    search = PlanningSearch(problem, time.perf_counter() + 60.0)
+    ranking = Ranking(problem, candidates(problem))
     search_optimised(search, ranking, [stage for stage in POLICY if stage.purpose in ("soonest seeds", UNLIKE)])
     tried = {id(each.candidate): each for each in ranking}
     begun = [seed for seed, options in solves if math.isfinite(options.latest_s) and id(seed.candidate) in tried]
     assert begun
     for seed in begun:
-        own, gentle = tried[id(seed.candidate)].seed.initial_guess, tried[id(seed.candidate)].gentle_seed.initial_guess
+        own = tried[id(seed.candidate)].seed.initial_guess
+        gentle = tried[id(seed.candidate)].gentle_seed.initial_guess
         assert gentle.release_time_s > own.release_time_s
         assert seed.initial_guess.release_time_s == (own if window_s else gentle).release_time_s
 
@@ -366,9 +379,11 @@ def test_an_answer_whose_stages_do_not_fit_is_sooner_when_solved_again():
 def test_an_answer_is_solved_again_once_if_its_stages_do_not_fit(monkeypatch, solves, rejected):
     """From its own motion, whatever the certificate says of what comes of it."""
     problem = target_problem()
-    search, ranking = PlanningSearch(problem, time.perf_counter() + 60.0), Ranking(problem, candidates(problem))
+    search = PlanningSearch(problem, time.perf_counter() + 60.0)
+    ranking = Ranking(problem, candidates(problem))
     search_optimised(search, ranking, [stage for stage in POLICY if stage.purpose == "soonest seeds"])
-    first, stages = search.incumbent, [stage for stage in POLICY if stage.purpose == FROM_ANSWER]
+    first = search.incumbent
+    stages = [stage for stage in POLICY if stage.purpose == FROM_ANSWER]
     assert first is not None
     solves.clear()
     search.incumbent = replace(first, solution=replace(first.solution, stages_fit=True))
@@ -424,7 +439,8 @@ def test_maps_and_repeats_of_an_answer_do_not_solve_it_again():
 @pytest.mark.parametrize("optimised", [False, True])
 def test_ruckig_is_not_tried_where_a_throw_with_a_window_was_optimised(window_s, optimised):
     problem = target_problem(release_window_s=window_s, landing_tolerance_m=0.02 if window_s else 0.0)
-    search, ranking = PlanningSearch(problem, time.perf_counter() + 60.0), Ranking(problem, candidates(problem))
+    search = PlanningSearch(problem, time.perf_counter() + 60.0)
+    ranking = Ranking(problem, candidates(problem))
     made = Solution(plan(target_problem()).trajectory, "")
     search.incumbent = CertifiedSolution("casadi", made, SimpleNamespace(first_failure=None))
     search.has_optimised = optimised
@@ -458,7 +474,8 @@ def test_no_motion_by_ruckig_keeps_the_optimiser_from_a_seed():
 
 
 def test_a_point_is_thrown_from_another_aspect_where_that_is_sooner():
-    here, rng = cell(), np.random.default_rng(1)
+    here = cell()
+    rng = np.random.default_rng(1)
     problem = [point_problem(here, *random_state(here, rng)) for _ in range(21)][-1]
     released = []
     for purposes in ({"soonest seeds"}, {"soonest seeds", "other aspects"}):
@@ -508,7 +525,8 @@ def test_a_remedy_has_iterations_where_its_stage_has_none_left(solves):
 @pytest.mark.parametrize("is_late", [False, True])
 def test_a_remedy_that_fails_from_the_motion_is_begun_from_the_candidates_own_seed(monkeypatch, is_late):
     """With the same margins; but not where the motion would only come too late."""
-    given, solve = [], casadi_nlp.solve
+    given = []
+    solve = casadi_nlp.solve
 
     def failing_from_motions(problem, seed, options):
         given.append((seed, options))

@@ -27,7 +27,8 @@ def problem(*boxes: Box, opening: Opening | None = None, **changes) -> ThrowProb
 
 def flights(made: Plan) -> list[np.ndarray]:
     """The object's centres every millisecond, released as planned and at both ends of the window."""
-    asked, motion = made.problem, made.trajectory
+    asked = made.problem
+    motion = made.trajectory
     arcs = []
     for delay in {-asked.release_window_s, 0.0, asked.release_window_s}:
         q, qd, _ = motion.at(np.array([motion.release_time_s + delay]))
@@ -69,7 +70,8 @@ def test_a_throw_below_a_beam_that_only_part_of_the_flight_passes() -> None:
     (free,) = flights(plan(problem(backend="casadi")))
     rises = free[: int(free[:, 2].argmax())]
     over = rises[int(0.7 * len(rises))]  # where the free flight still rises
-    x, top = float(over[0]), float(over[2])
+    x = float(over[0])
+    top = float(over[2])
     beam = Box(np.array([x, -3.0, top]), np.array([x + 0.05, 3.0, top + 0.3]))
     made = plan(problem(beam, backend="casadi"))
     (arc,) = flights(made)

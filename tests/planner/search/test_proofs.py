@@ -37,19 +37,22 @@ RANDOM_STATES = 4000
 
 @pytest.mark.parametrize("name", ARMS)
 def test_no_random_state_is_beyond_the_bounds_on_reach_and_speed(name):
-    problem, rng = joint_problem(name), np.random.default_rng(4)
+    problem = joint_problem(name)
+    rng = np.random.default_rng(4)
     q = rng.uniform(-np.pi, np.pi, (RANDOM_STATES, 6))
     qd = rng.choice([-1.0, 1.0], (RANDOM_STATES, 6)) * problem.limits.qd_max
     tool = tool_state(problem.cell, q, qd)
     shoulder, reach = farthest_from_shoulder(problem)
-    distance, speed = np.linalg.norm(tool.p_WT - shoulder, axis=1), np.linalg.norm(tool.v_WT, axis=1)
+    distance = np.linalg.norm(tool.p_WT - shoulder, axis=1)
+    speed = np.linalg.norm(tool.v_WT, axis=1)
     assert 0.75 * reach < distance.max() <= reach
     assert speed.max() <= fastest_tool(problem)
     assert all(s <= fastest_tool(problem, p) for s, p in zip(speed[:200], tool.p_WT[:200], strict=True))
 
 
 def test_no_random_throw_within_reach_is_slower_than_the_bound():
-    problem, rng = joint_problem(), np.random.default_rng(5)
+    problem = joint_problem()
+    rng = np.random.default_rng(5)
     shoulder, reach = farthest_from_shoulder(problem)
     for target in rng.uniform(-4.0, 4.0, (20, 3)):
         away = rng.normal(size=(20_000, 3))
@@ -313,7 +316,8 @@ def test_a_search_that_the_time_limit_ends_says_so_and_carries_what_it_has():
 @pytest.mark.parametrize(("taken_s", "limit_s"), [(0.0, 0.5), (0.6, TIME_LIMIT_S)])
 def test_an_offer_has_another_time_limit_where_the_requests_was_too_short(monkeypatch, taken_s, limit_s):
     """A limit that passed before the offer was found would end the search for its plan, too."""
-    problem, clock = joint_problem(release=TargetRelease(np.array([3.0, 0.0, 0.0])), time_limit_s=0.5), [0.0]
+    problem = joint_problem(release=TargetRelease(np.array([3.0, 0.0, 0.0])), time_limit_s=0.5)
+    clock = [0.0]
 
     def slow(search, violations):
         found = nearest_problem(search, violations)

@@ -31,7 +31,9 @@ def depth(problem, q: np.ndarray) -> float:
 
 
 def test_a_points_postures_out_of_the_flights_way_come_first() -> None:
-    rng, here, moved = np.random.default_rng(8), cell(), 0
+    rng = np.random.default_rng(8)
+    here = cell()
+    moved = 0
     for _ in range(40):
         problem = point_problem(here, *random_state(here, rng))
         try:
@@ -67,7 +69,8 @@ def test_a_throw_that_hardly_improves_on_its_candidate_settles_nothing() -> None
     problem = joint_problem(release=TargetRelease(np.array([1.0, 0.3, 0.0])))
     ranking = Ranking(problem, candidates(problem))
     first = ranking.by_bound()[0]
-    bound_s, ramp_s = first.candidate.bound_s, float((problem.limits.qdd_max / problem.limits.jerk_max).max())
+    bound_s = first.candidate.bound_s
+    ramp_s = float((problem.limits.qdd_max / problem.limits.jerk_max).max())
     ranking.settle(first, 1.1 * bound_s + ramp_s)
     assert ranking.may_be_sooner(first, 1.1 * bound_s + ramp_s)
     ranking.settle(first, bound_s + ramp_s)
@@ -106,8 +109,10 @@ def test_a_guess_that_is_given_or_of_little_jerk_is_kept() -> None:
 
 def test_what_is_least_like_an_answer_is_of_its_aspect_untried_and_has_a_joint_that_turns_another_way() -> None:
     problem = joint_problem(release=TargetRelease(np.array([1.0, 0.3, 0.0])))
-    ranking, made = Ranking(problem, candidates(problem)), plan(problem).trajectory
-    q, qd = made.q[made.release_index], made.qd[made.release_index]
+    ranking = Ranking(problem, candidates(problem))
+    made = plan(problem).trajectory
+    q = made.q[made.release_index]
+    qd = made.qd[made.release_index]
     own = [
         each
         for each in ranking
@@ -124,7 +129,8 @@ def test_what_is_least_like_an_answer_is_of_its_aspect_untried_and_has_a_joint_t
 def test_of_a_point_what_is_late_beside_the_answer_is_not_tried_though_it_is_unlike_it() -> None:
     problem = point_problem(cell(), *random_state(cell(), np.random.default_rng(3)))
     found = candidates(problem)
-    ranking, made = Ranking(problem, found), plan(problem).trajectory
+    ranking = Ranking(problem, found)
+    made = plan(problem).trajectory
     aspect = aspects(problem.cell.robot, made.q[made.release_index][None])
     own = [each for each in found if aspects(problem.cell.robot, each.q[None]) == aspect]
     soon = {each.label for each in own if each.bound_s <= LATE_AT_POINT * made.release_time_s}

@@ -42,7 +42,9 @@ def test_a_flight_that_comes_down_on_a_box_is_told_how_to_land_there() -> None:
 
 def test_a_wall_is_met_after_the_touch_of_the_floor() -> None:
     """The sphere touches the floor before the wall, and its centre would come to the floor within a radius of it."""
-    p, v, radius = np.array([0.6, 0.4, 0.3]), np.array([2.28, 0.0, 0.5]), cell().object.radius_m
+    p = np.array([0.6, 0.4, 0.3])
+    v = np.array([2.28, 0.0, 0.5])
+    radius = cell().object.radius_m
     touch, landing = (fly(p, v, height, 9.81).landing_point[0] for height in (radius, 0.0))
     assert landing - touch > 0.008
     trajectory = plan(thrown(v.tolist(), p=(0.6, 0.4, 0.3))).trajectory
@@ -66,12 +68,14 @@ def test_a_flight_over_the_wall_is_not() -> None:
 
 def test_a_flight_that_grazes_is_left_to_the_certificate() -> None:
     t = np.linspace(0.0, 0.3, 30001)
-    x, z = 0.5 + 2.0 * t, 0.6 - 0.5 * 9.81 * t**2
+    x = 0.5 + 2.0 * t
+    z = 0.6 - 0.5 * 9.81 * t**2
 
     def gap(top: float) -> float:
         return float(np.hypot(x - np.clip(x, 0.8, 0.801), np.maximum(z - top, 0.0)).min()) - 0.02
 
-    low, high = 0.3, 0.6
+    low = 0.3
+    high = 0.6
     for _ in range(40):
         low, high = (low, (low + high) / 2) if gap((low + high) / 2) < 0.0 else ((low + high) / 2, high)
     for top, refused in ((low, False), (low + 0.01, True)):

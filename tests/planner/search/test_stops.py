@@ -49,7 +49,8 @@ def test_without_time_nothing_is_tried() -> None:
 
 
 def test_a_last_resort_that_takes_longer_than_the_time_limit_does_not_cut_the_plan_short(monkeypatch) -> None:
-    clock, find = [0.0], planning.search_with_stop
+    clock = [0.0]
+    find = planning.search_with_stop
 
     def finds_late(search: PlanningSearch, found: list[Candidate]) -> None:
         find(search, found)

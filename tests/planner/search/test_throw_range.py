@@ -47,7 +47,8 @@ def test_no_state_exceeds_the_bounds(arm):
 
 @pytest.mark.parametrize("arm", ARMS)
 def test_no_target_of_a_possible_throw_is_ruled_out(arm):
-    here, rng = cell(arm), np.random.default_rng(1)
+    here = cell(arm)
+    rng = np.random.default_rng(1)
     _, p, J = states(here, seed=1)
     outward = np.sign(np.einsum("ni,nij->nj", p, J)) * here.limits.qd_max * rng.uniform(0.5, 1.0, (STATES, 6))
     v = np.einsum("nij,nj->ni", J, outward)

@@ -28,7 +28,8 @@ JERK = TARGET.limits.jerk_max
 @pytest.fixture
 def jerks(monkeypatch):
     """The share of the request's jerk that each solve was given; solves with all of it fail."""
-    shares, solve = [], casadi_nlp.solve
+    shares = []
+    solve = casadi_nlp.solve
 
     def failing(problem, seed, options):
         shares.append(problem.limits.jerk_max[0] / JERK[0])
@@ -43,7 +44,8 @@ def jerks(monkeypatch):
 @pytest.fixture
 def searched(monkeypatch):
     """Every search that is made: its problem, the bounds of its candidates, and the rows that it begins with."""
-    made, search = [], tighter.search_optimised
+    made = []
+    search = tighter.search_optimised
 
     def noted(inner, ranking, *policy):
         made.append((inner.problem, [each.candidate.bound_s for each in ranking], inner.held))
@@ -79,7 +81,8 @@ def test_a_throw_that_is_found_with_half_the_jerk_alone_is_an_answer(jerks):
 
 
 def test_the_answer_is_no_later_than_with_half_the_limits(jerks):
-    answer, half = plan(TARGET), plan(replace(TARGET, limits=replace(TARGET.limits, jerk_max=0.5 * JERK)))
+    answer = plan(TARGET)
+    half = plan(replace(TARGET, limits=replace(TARGET.limits, jerk_max=0.5 * JERK)))
     assert answer.trajectory.release_time_s <= half.trajectory.release_time_s
     assert half.trajectory.release_time_s > 0.0
 
@@ -113,7 +116,8 @@ def test_a_request_with_twice_the_jerk_is_searched_as_this_one_too(searched, mon
 
 def test_a_slower_arrival_is_an_answer_where_the_soonest_is_none(jerks, monkeypatch):
     """As past a post that the soonest motion to the same state meets: stood for by a certificate of another problem."""
-    problem, certified = joint_problem(), auto.certified
+    problem = joint_problem()
+    certified = auto.certified
     elsewhere = replace(problem, start=problem.start + 0.1)
 
     def rejecting(backend, asked, solution):
@@ -165,7 +169,8 @@ def test_torque_is_held_where_nothing_was_optimised_and_the_joints_are_free(in_v
 
 def test_where_there_is_an_answer_a_search_is_repeated_from_what_led_to_none(searched, monkeypatch):
     monkeypatch.setattr(Ranking, "is_slow", lambda *_: True)
-    solve, failed = casadi_nlp.solve, []
+    solve = casadi_nlp.solve
+    failed = []
 
     def failing_first(problem, seed, options):
         if len(failed) < 2:  # from both guesses
@@ -188,7 +193,8 @@ def test_nothing_is_repeated_where_every_candidate_led_to_a_motion(searched, mon
 
 
 def test_a_candidate_whose_motion_is_found_by_another_seed_is_not_in_vain():
-    search, found = PlanningSearch(NEAR, time.perf_counter() + 60.0), candidates(NEAR)[:2]
+    search = PlanningSearch(NEAR, time.perf_counter() + 60.0)
+    found = candidates(NEAR)[:2]
     first, second = Ranking(NEAR, found)
     auto._note_outcome(search, first, False)
     auto._note_outcome(search, second, True)
@@ -213,7 +219,8 @@ def test_an_answer_is_slow_beyond_a_share_of_the_least_bound(release, window_s, 
     """A throw to a target may take as long in addition as its acceleration takes to the limit: 15 at 500 rad/s^3."""
     problem = replace(TARGET, release=release, release_window_s=window_s, landing_tolerance_m=0.02 if window_s else 0.0)
     found = candidates(problem)
-    ranking, least_s = Ranking(problem, found), min(candidate.bound_s for candidate in found)
+    ranking = Ranking(problem, found)
+    least_s = min(candidate.bound_s for candidate in found)
     assert not ranking.is_slow(0.999 * share * least_s + ramp_s)
     assert ranking.is_slow(1.001 * share * least_s + ramp_s)
     assert ranking.is_slow(np.inf)
@@ -256,7 +263,8 @@ def test_where_no_motion_keeps_the_window_the_one_without_it_is_nearest():
     search = PlanningSearch(problem, time.perf_counter() + 60.0)
     tighter.search_from_nominal(search)
     assert search.incumbent is None
-    in_the_way, of_window = {each.constraint for each in search.violations()}, {"flight_clearance", "opening_direction"}
+    in_the_way = {each.constraint for each in search.violations()}
+    of_window = {"flight_clearance", "opening_direction"}
     assert "landing_window" in in_the_way <= {"landing_window", *of_window}
     nearest = nearest_problem(search, [])
     assert nearest is not None
@@ -315,7 +323,8 @@ def test_a_throw_of_which_a_seed_was_given_up_is_in_doubt():
 
 def test_a_slower_motion_is_an_answer_where_the_optimiser_alone_has_one(jerks, monkeypatch):
     """Where the motions to a state with the request's own jerk are rejected, and soonest arrivals of all."""
-    problem, certified = joint_problem(), auto.certified
+    problem = joint_problem()
+    certified = auto.certified
     elsewhere = replace(problem, start=problem.start + 0.1)
 
     def rejecting(backend, asked, solution):
@@ -334,7 +343,8 @@ def test_a_slower_motion_is_an_answer_where_the_optimiser_alone_has_one(jerks, m
 
 
 def test_slower_motions_follow_the_optimiser_where_a_state_is_given(searched, monkeypatch):
-    policies, search = [], tighter.search_optimised
+    policies = []
+    search = tighter.search_optimised
     monkeypatch.setattr(tighter, "search_optimised", lambda *given: policies.append(given[2:]) or search(*given))
     monkeypatch.setattr(PlanningSearch, "is_optimal", False)
     plan(joint_problem())

@@ -23,7 +23,8 @@ MOVE = joint_problem(release=JointRelease(cell().home + 0.3, np.zeros(6)))
 @pytest.mark.parametrize("problem", [THROW, MOVE], ids=["throw", "move to rest"])
 def test_it_leads_from_the_end_to_home_and_is_certified(problem: ThrowProblem) -> None:
     answer = plan(problem)
-    way, home = answer.way_home, problem.cell.home
+    way = answer.way_home
+    home = problem.cell.home
     assert way.trajectory is not None and way.problem is not None
     np.testing.assert_allclose(way.trajectory.q[[0, -1]], [answer.trajectory.q[-1], home], atol=1e-9)
     assert certify(way.problem, way.trajectory).valid
@@ -39,14 +40,17 @@ def test_a_plan_that_ends_at_home_is_there() -> None:
 
 def narrow(wide: Cell) -> Cell:
     """Returns the cell with a first joint that turns no farther than 0.5 rad from home."""
-    lower, upper = wide.limits.q_lower.copy(), wide.limits.q_upper.copy()
-    lower[0], upper[0] = wide.home[0] - 0.5, wide.home[0] + 0.5
+    lower = wide.limits.q_lower.copy()
+    upper = wide.limits.q_upper.copy()
+    lower[0] = wide.home[0] - 0.5
+    upper[0] = wide.home[0] + 0.5
     return replace(wide, limits=replace(wide.limits, q_lower=lower, q_upper=upper))
 
 
 def moves(*turns: float) -> PlanningSearch:
     """Returns a search with certified moves that turn the first joint: beyond 0.5 rad no way leads home."""
-    wide, here = cell().limits, narrow(cell())
+    wide = cell().limits
+    here = narrow(cell())
     search = PlanningSearch(ThrowProblem(here, here.home, MOVE.release, wide), time.perf_counter() + 60.0)
     for turn in turns:
         end = here.home + turn * np.eye(6)[0]
@@ -77,7 +81,8 @@ def test_where_no_motion_has_a_way_home_the_refusal_names_what_blocks_it() -> No
 @pytest.mark.parametrize(("turns", "was_cut_short"), [((0.7, 0.6), False), ((0.7,), True)])
 def test_a_search_without_a_way_home_that_the_time_limit_ended_says_so(turns, was_cut_short) -> None:
     search = moves(*turns)
-    search.deadline_s, search.was_cut_short = 0.0, was_cut_short  # of two motions, the second is left untried
+    search.deadline_s = 0.0
+    search.was_cut_short = was_cut_short  # of two motions, the second is left untried
     with pytest.raises(SolverFailed) as failure:
         best_with_way_home(search)
     assert failure.value.status == TIME_LIMIT

@@ -18,7 +18,8 @@ def random_motions(problem, rng, count, steps, dt):
     """Returns joint positions (steps + 1, count, 6) of random motions from rest within the joint limits, by Euler."""
     limits = problem.limits
     q, qd, qdd = (np.tile(x, (count, 1)) for x in (problem.start, np.zeros(6), np.zeros(6)))
-    favoured, path = rng.choice([-1.0, 1.0], (count, 6)), [q]
+    favoured = rng.choice([-1.0, 1.0], (count, 6))
+    path = [q]
     for _ in range(steps):
         jerk = limits.jerk_max * np.where(rng.uniform(size=(count, 6)) < 0.9, favoured, -favoured)
         qdd = np.clip(qdd + jerk * dt, -limits.qdd_max, limits.qdd_max)
@@ -30,7 +31,9 @@ def random_motions(problem, rng, count, steps, dt):
 
 @pytest.mark.parametrize("name", ["ur5e-sim", "ur3e-sim", "ur10e-sim"])
 def test_no_motion_reaches_an_aspect_before_its_bound(name):
-    rng, dt, reached = np.random.default_rng(3), 0.004, 0
+    rng = np.random.default_rng(3)
+    dt = 0.004
+    reached = 0
     for _ in range(6):
         start = cell(name).home + rng.uniform(-0.8, 0.8, 6)
         problem = joint_problem(name, start=start)

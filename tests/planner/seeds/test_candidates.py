@@ -17,7 +17,8 @@ from tests.planner.problems import cell, joint_problem, point_problem, pose_prob
 
 def states(problem):
     found = candidates(problem)
-    q, qd = np.array([c.q for c in found]), np.array([c.qd for c in found])
+    q = np.array([c.q for c in found])
+    qd = np.array([c.qd for c in found])
     assert np.all(q >= problem.limits.q_lower - 1e-9)
     assert np.all(q <= problem.limits.q_upper + 1e-9)
     assert np.all(np.abs(qd) <= problem.limits.qd_max * (1 + 1e-9))
@@ -26,7 +27,8 @@ def states(problem):
 
 
 def test_pose_candidates_have_pose_and_twist_and_include_the_state_drawn():
-    rng, here = np.random.default_rng(1), cell()
+    rng = np.random.default_rng(1)
+    here = cell()
     for _ in range(20):
         q, qd = random_state(here, rng, 0.9)
         problem = pose_problem(here, q, 0.5 * qd)
@@ -75,7 +77,8 @@ def test_the_states_of_a_pose_are_counted_limit_by_limit():
     X_WT = tool_pose(here, here.home).copy()
     X_WT[2, 3] = 0.03
     problem = ThrowProblem(here, here.home, PoseRelease(X_WT, np.array([0.6, 0.0, 0.3, 0.0, 0.0, 0.0])), here.limits)
-    limits, reach = here.limits, problem.reachable
+    limits = here.limits
+    reach = problem.reachable
     X_BT = np.linalg.inv(here.X_WB) @ X_WT
     q = inverse(here.robot, X_BT, here.tool.X_FT, limits.q_lower, limits.q_upper).q
     twist = np.concatenate([here.X_WB[:3, :3].T @ [0.6, 0.0, 0.3], np.zeros(3)])
@@ -126,7 +129,8 @@ def test_without_a_posture_the_refusal_says_how_many_orientations_were_tried():
 
 
 def test_point_candidates_have_place_and_velocity():
-    rng, here = np.random.default_rng(2), cell()
+    rng = np.random.default_rng(2)
+    here = cell()
     problem = point_problem(here, *random_state(here, rng, 0.6))
     _, X, V = states(problem)
     np.testing.assert_allclose(X[:, :3, 3], np.broadcast_to(problem.release.p_WT, (len(X), 3)), atol=1e-8)
@@ -191,7 +195,8 @@ def test_a_shoulder_singular_pose_is_refused_by_name():
     here = cell()
     q = np.array([0.3, -1.2, 1.1, -1.0, -1.4, 0.2])
     # joint 2 that puts the wrist's centre on the axis of joint 1, by bisection on its horizontal offset
-    low, high = -3.1, 0.0
+    low = -3.1
+    high = 0.0
 
     def offset(lift):
         arm = here.robot
@@ -227,7 +232,8 @@ def test_a_joint_beyond_its_range_is_named():
 def test_the_same_problem_has_the_same_candidates():
     here = cell()
     problem = ThrowProblem(here, here.home, TargetRelease(np.array([1.4, -0.5, 0.1])), here.limits)
-    first, second = candidates(problem), candidates(problem)
+    first = candidates(problem)
+    second = candidates(problem)
     assert [c.q.tolist() for c in first] == [c.q.tolist() for c in second]
 
 
@@ -262,7 +268,9 @@ def test_throws_that_are_a_little_too_fast_are_moved_until_one_is_not(monkeypatc
 @pytest.mark.parametrize(("speed", "moved_on"), [(0.6, False), (1.0, True), (2.0, False)])
 def test_throws_are_moved_on_only_where_all_are_a_little_too_fast(speed, moved_on, monkeypatch):
     """With three fifths of the joints' speed none is nearly slow enough, with twice that some are."""
-    problem, moves, moved = joint_problem(release=NARROW_BIN), [], soonest_states._moved_nearby
+    problem = joint_problem(release=NARROW_BIN)
+    moves = []
+    moved = soonest_states._moved_nearby
     problem = replace(problem, limits=replace(problem.limits, qd_max=speed * problem.limits.qd_max))
     monkeypatch.setattr(soonest_states, "_moved_nearby", lambda *given: moves.append(given[4]) or moved(*given))
     try:

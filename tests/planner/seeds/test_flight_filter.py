@@ -48,7 +48,8 @@ def test_candidates_pass_over_a_wall_that_those_without_it_meet() -> None:
 
 
 def test_candidates_come_down_through_the_mouth() -> None:
-    here, mouth = cell(), Opening(0.08, 0.15)
+    here = cell()
+    mouth = Opening(0.08, 0.15)
     problem = ThrowProblem(here, here.home, TargetRelease(np.array([0.9, 0.3, 0.05]), opening=mouth), here.limits)
     arcs = arcs_of(problem)
     assert len(arcs.p) >= 6
@@ -57,10 +58,12 @@ def test_candidates_come_down_through_the_mouth() -> None:
 
 def test_the_few_clear_flights_from_a_given_place_are_found() -> None:
     """Of a wall and a bin's mouth hardly any of the flights from one place is clear."""
-    mouth, few = Opening(0.05, 0.15), 0
+    mouth = Opening(0.05, 0.15)
+    few = 0
     release = TargetRelease(np.array([1.15, 0.1, 0.1]), opening=mouth)
     problem = ThrowProblem(walled(cell(), WALL), cell().home, release, cell().limits)
-    rng, t = np.random.default_rng(0), np.linspace(0.2, 1.6, 2000)
+    rng = np.random.default_rng(0)
+    t = np.linspace(0.2, 1.6, 2000)
     for candidate in candidates(problem) * 3:
         place = tool_state(problem.cell, candidate.q, candidate.qd).p_WT + rng.uniform(-0.05, 0.05, 3)
         p = np.tile(place, (len(t), 1))
@@ -93,25 +96,32 @@ def test_a_target_may_stand_on_a_box_but_not_in_one() -> None:
 @pytest.mark.parametrize("on_table", [True, False])
 def test_candidates_do_not_go_on_into_what_stands_before_the_target(on_table: bool, above_m: float) -> None:
     """A thick object that comes down flat touches the table, or the floor, before a wall, and the target behind it."""
-    here, top = replace(cell(), object=replace(cell().object, radius_m=0.08)), 0.3 if on_table else 0.0
-    target, lies = np.array([1.2, 0.1, top + above_m]), np.array([1.2, 0.1, top + 0.08])
+    here = replace(cell(), object=replace(cell().object, radius_m=0.08))
+    top = 0.3 if on_table else 0.0
+    target = np.array([1.2, 0.1, top + above_m])
+    lies = np.array([1.2, 0.1, top + 0.08])
     table = [Box(np.array([0.4, -0.5, 0.0]), np.array([1.8, 0.8, top]))] if on_table else []
-    rng, free, blocked = np.random.default_rng(2), 0, 0
+    rng = np.random.default_rng(2)
+    free = 0
+    blocked = 0
     for _ in range(40):
-        place, height = target[:2] + rng.uniform([-0.3, -0.15], [0.05, 0.15]), rng.choice([0.02, 0.1, 0.5])
+        place = target[:2] + rng.uniform([-0.3, -0.15], [0.05, 0.15])
+        height = rng.choice([0.02, 0.1, 0.5])
         post = Box(np.array([*place, top]), np.array([*place + 0.01, top + height]))
         problem = ThrowProblem(walled(here, *table, post), here.home, TargetRelease(target), here.limits)
         p = target + np.column_stack([-rng.uniform(0.3, 0.8, 100), rng.uniform(-0.3, 0.3, 100), np.full(100, 0.3)])
         t = rng.uniform(0.1, 0.5, (100, 1))
         v = (target - p) / t + np.array([0.0, 0.0, 0.5 * problem.gravity]) * t
-        room, arcs = least_room(problem, problem.release, p, v), Arcs.onto(p, v, top, problem.gravity, 0.08)
+        room = least_room(problem, problem.release, p, v)
+        arcs = Arcs.onto(p, v, top, problem.gravity, 0.08)
         touched = arcs.at(arcs.until_s)
         x = touched + np.linspace(0.0, 1.0, 400)[:, None, None] * (lies - touched)
         gap = np.linalg.norm(x - np.clip(x, post.lower, post.upper), axis=-1).min(axis=0) - 0.08
         assert np.all(room[gap < -1e-4] < 0.0)
         in_air = arcs.room_beside_box(post.lower, post.upper, 0.006) >= 0.0
         assert np.all(room[in_air & (gap > 0.001)] >= -1e-9)
-        free, blocked = free + np.sum(in_air & (gap > 0.001)), blocked + np.sum(in_air & (gap < 0.0))
+        free = free + np.sum(in_air & (gap > 0.001))
+        blocked = blocked + np.sum(in_air & (gap < 0.0))
     assert min(free, blocked) > 50
 
 
@@ -148,10 +158,12 @@ def test_the_obstacle_that_the_best_flight_lacks_room_at_is_named() -> None:
 def test_flights_to_a_target_in_the_air_are_followed_to_it() -> None:
     """A flat one is within its radius of the target's height from 12 cm before it."""
     here = cell()
-    p, v = np.array([[0.4, 0.0, 0.72]]), np.array([[4.0, 0.0, 0.0]])
+    p = np.array([[0.4, 0.0, 0.72]])
+    v = np.array([[4.0, 0.0, 0.0]])
     ahead_m = 4.0 * np.sqrt(2.0 * 0.07 / 9.81)
     target = TargetRelease(np.array([0.4 + ahead_m, 0.0, 0.65]))
-    before, edge = target.p_W - [0.05, 0.3, 0.65], target.p_W - [0.01, 0.3, 0.3]
+    before = target.p_W - [0.05, 0.3, 0.65]
+    edge = target.p_W - [0.01, 0.3, 0.3]
     for box, clear in (
         (Box(before, before + np.array([0.001, 0.6, 1.5])), False),  # a wall just before the target
         (Box(before, before + np.array([0.001, 0.6, 0.65])), False),  # one that ends at the height carries nothing
@@ -171,7 +183,8 @@ def test_a_flight_that_ends_beside_a_lower_box_keeps_its_distance_from_the_edge(
     """A box grown by the radius as a cube would be met 4.5 cm aside and as much below, where 13 mm are left."""
     here = replace(cell(), object=replace(cell().object, radius_m=0.05))
     target = TargetRelease(np.array([1.0, 0.0, 0.5]))
-    p, v = np.array([[0.6, 0.0, 0.8]]), np.array([[0.4 / 0.4, 0.0, (0.5 * 9.81 * 0.16 - 0.3) / 0.4]])
+    p = np.array([[0.6, 0.0, 0.8]])
+    v = np.array([[0.4 / 0.4, 0.0, (0.5 * 9.81 * 0.16 - 0.3) / 0.4]])
     for aside, below, clear in ((0.045, 0.045, True), (0.03, 0.03, False), (-0.3, 0.045, True), (0.045, 0.0, False)):
         lower = np.array([1.0 + aside, -0.2, 0.0])
         box = Box(lower, np.array([1.4, 0.2, 0.5 - below]))
@@ -211,7 +224,9 @@ def test_a_bin_that_no_flight_enters_says_what_the_best_one_lacks() -> None:
 
 
 def test_points_have_postures_whose_palm_is_not_in_the_way() -> None:
-    direction, cone, rng = np.array([0.0, 0.0, 1.0]), 1.2, np.random.default_rng(3)
+    direction = np.array([0.0, 0.0, 1.0])
+    cone = 1.2
+    rng = np.random.default_rng(3)
     here = cell()
     palm = replace(here, gripper=replace(here.gripper, opening_direction=direction, opening_cone_rad=cone))
     for _ in range(5):

@@ -39,7 +39,8 @@ def places(count: int) -> np.ndarray:
 @pytest.mark.parametrize("height_m", [0.0, 0.9])
 @pytest.mark.parametrize(("low", "high"), [(0.5, 0.5), (-0.3, -0.299), (0.78, 0.82), (1.3, 1.5)])
 def test_every_place_from_which_a_flight_within_the_elevations_falls_on_the_target_has_one(low, high, height_m):
-    problem, p = thrown(min_elevation_rad=low, max_elevation_rad=high), places(200)
+    problem = thrown(min_elevation_rad=low, max_elevation_rad=high)
+    p = places(200)
     problem = replace(problem, limits=replace(problem.limits, tcp_speed_max=8.0))  # m/s, for those that rise steeply
     release = replace(problem.release, p_W=np.array([1.2, 0.3, height_m]))
     v, allowed = launches(replace(problem, release=release), release, p, thorough=False)
@@ -81,9 +82,11 @@ def test_candidates_and_answers_keep_a_narrow_range_of_elevations(mass_kg, drag_
 
 def test_flights_with_drag_have_the_elevation_that_is_asked_for():
     problem = throwing(thrown(min_elevation_rad=0.5, max_elevation_rad=0.5), mass_kg=0.0027, drag_coefficient=0.5)
-    p, release = places(100), problem.release
+    p = places(100)
+    release = problem.release
     t = time_at_elevation(p, TARGET, 0.5, problem.gravity)
-    p, t = p[np.isfinite(t)], t[np.isfinite(t)]
+    p = p[np.isfinite(t)]
+    t = t[np.isfinite(t)]
     v = with_drag(problem, release, p, t)
     assert np.isfinite(v).all(axis=1).mean() > 0.95
     found = elevation(v[np.isfinite(v).all(axis=1)])
@@ -138,7 +141,8 @@ def test_elevations_from_which_nothing_comes_down_on_the_target_are_named():
 
 
 def test_the_least_speed_is_that_within_the_elevations():
-    problem, p = thrown(min_elevation_rad=1.2, max_elevation_rad=1.3), places(1)
+    problem = thrown(min_elevation_rad=1.2, max_elevation_rad=1.3)
+    p = places(1)
     found = no_flight(problem, problem.release, p)
     t = np.linspace(0.05, 3.0, 200_000)[:, None]
     v = (TARGET - p) / t + np.array([0.0, 0.0, 0.5 * problem.gravity]) * t

@@ -12,7 +12,8 @@ from tests.planner.problems import cell, joint_problem, random_state
 
 
 def test_no_launch_is_sooner_than_the_bound():
-    rng, here = np.random.default_rng(4), cell()
+    rng = np.random.default_rng(4)
+    here = cell()
     for _ in range(60):
         q, qd = random_state(here, rng)
         problem = joint_problem(release=JointRelease(q, qd))
@@ -21,7 +22,8 @@ def test_no_launch_is_sooner_than_the_bound():
 
 
 def test_with_boundless_jerk_ruckig_comes_down_to_the_bound():
-    rng, here = np.random.default_rng(5), cell()
+    rng = np.random.default_rng(5)
+    here = cell()
     limits = replace(here.limits, jerk_max=np.full(6, 1e7))
     for _ in range(30):
         q, qd = random_state(here, rng)
@@ -35,8 +37,10 @@ def test_closed_forms():
     limits = replace(cell().limits, qd_max=np.full(6, 2.0), qdd_max=np.full(6, 4.0))
 
     def bound(distance, speed):
-        d, v = np.zeros(6), np.zeros(6)
-        d[1], v[1] = distance, speed
+        d = np.zeros(6)
+        v = np.zeros(6)
+        d[1] = distance
+        v[1] = speed
         return float(least_time(d, v, limits))
 
     assert bound(1.0, 0.0) == pytest.approx(1.0)  # up and down: 2 sqrt(d / a)

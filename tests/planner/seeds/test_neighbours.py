@@ -27,7 +27,8 @@ def neighbour():
 
 @pytest.mark.parametrize("turn_rad", [0.0, 0.9])  # of the base about z: frames matter
 def test_their_flights_end_at_the_new_target(neighbour, turn_rad):
-    c, s = np.cos(turn_rad), np.sin(turn_rad)
+    c = np.cos(turn_rad)
+    s = np.sin(turn_rad)
     here = cell()
     X_WB = here.X_WB.copy()
     X_WB[:2, :2] = np.array([[c, -s], [s, c]]) @ X_WB[:2, :2]

@@ -20,7 +20,8 @@ from tests.planner.problems import cell
 
 def in_world(here):
     """Returns the rotation (6, 6) of a twist from the base to the world."""
-    R, whole = here.X_WB[:3, :3], np.zeros((6, 6))
+    R = here.X_WB[:3, :3]
+    whole = np.zeros((6, 6))
     whole[:3, :3] = whole[3:, 3:] = R
     return whole
 
@@ -28,9 +29,15 @@ def in_world(here):
 def turned(start: float, q: float, v: float, acceleration: float, jerk: float) -> tuple[float, float]:
     """Returns the least and the largest position [rad] of Ruckig's soonest motion of one joint from rest to q, v."""
     asked = ruckig.InputParameter(1)
-    asked.current_position, asked.current_velocity, asked.current_acceleration = [start], [0.0], [0.0]
-    asked.target_position, asked.target_velocity, asked.target_acceleration = [q], [v], [0.0]
-    asked.max_velocity, asked.max_acceleration, asked.max_jerk = [abs(v) + 1.0], [acceleration], [jerk]
+    asked.current_position = [start]
+    asked.current_velocity = [0.0]
+    asked.current_acceleration = [0.0]
+    asked.target_position = [q]
+    asked.target_velocity = [v]
+    asked.target_acceleration = [0.0]
+    asked.max_velocity = [abs(v) + 1.0]
+    asked.max_acceleration = [acceleration]
+    asked.max_jerk = [jerk]
     found = ruckig.Trajectory(1)
     assert ruckig.Ruckig(1).calculate(asked, found) == ruckig.Result.Working
     positions = [found.at_time(t)[0][0] for t in np.linspace(0.0, found.duration, 2001)]  # not its extrema
@@ -38,10 +45,13 @@ def turned(start: float, q: float, v: float, acceleration: float, jerk: float) -
 
 
 def test_no_motion_of_ruckig_needs_less_room_and_some_hardly_more() -> None:
-    here, rng, spare = cell(), np.random.default_rng(1), []
+    here = cell()
+    rng = np.random.default_rng(1)
+    spare = []
     limits = replace(here.limits, qdd_max=np.full(6, 15.0), jerk_max=np.full(6, 1e6))
     for _ in range(200):
-        q, v = rng.uniform(-1.0, 1.0), rng.uniform(-3.0, 3.0)
+        q = rng.uniform(-1.0, 1.0)
+        v = rng.uniform(-3.0, 3.0)
         least, most = turned(rng.uniform(-1.0, 1.0), q, v, 15.0, 1e6)
         bounded = replace(limits, q_lower=np.full(6, least), q_upper=np.full(6, 10.0))
         bounded = bounded if v > 0.0 else replace(limits, q_lower=np.full(6, -10.0), q_upper=np.full(6, most))
@@ -61,8 +71,10 @@ def test_a_release_too_close_to_a_barrier_is_refused_with_proof_and_offers_a_slo
     speed: float, what: str
 ) -> None:
     here = cell()
-    q, qd = here.home.copy(), np.zeros(6)
-    q[4], qd[4] = -2.93, speed
+    q = here.home.copy()
+    qd = np.zeros(6)
+    q[4] = -2.93
+    qd[4] = speed
     problem = ThrowProblem(here, here.home, JointRelease(q, qd), here.limits)
     with pytest.raises(Infeasible) as refusal:
         plan(problem)
@@ -84,8 +96,10 @@ def test_a_release_too_close_to_a_barrier_is_refused_with_proof_and_offers_a_slo
 
 def test_a_release_too_close_to_a_joint_limit_is_refused_by_that_limit() -> None:
     here = cell()
-    q, qd = here.home.copy(), np.zeros(6)
-    q[0], qd[0] = 6.2, 2.5
+    q = here.home.copy()
+    qd = np.zeros(6)
+    q[0] = 6.2
+    qd[0] = 2.5
     with pytest.raises(Infeasible) as refusal:
         candidates(ThrowProblem(here, here.home, JointRelease(q, qd), here.limits))
     (violation,) = refusal.value.violations
@@ -94,8 +108,11 @@ def test_a_release_too_close_to_a_joint_limit_is_refused_by_that_limit() -> None
 
 
 def test_a_slow_joint_that_may_be_released_a_little_slower_is_not_refused() -> None:
-    here, q, qd = cell(), cell().home.copy(), np.zeros(6)
-    qd[0], limits = 0.3, replace(here.limits, qdd_max=np.full(6, 0.01))
+    here = cell()
+    q = cell().home.copy()
+    qd = np.zeros(6)
+    qd[0] = 0.3
+    limits = replace(here.limits, qdd_max=np.full(6, 0.01))
     stands = q[0] + (0.3 - 1e-4) ** 2 / 0.02  # as slow as the certificate takes it
     limits = replace(limits, q_upper=np.array([stands + 1e-9, *here.limits.q_upper[1:]]))
     problem = ThrowProblem(here, here.home, JointRelease(q, qd), limits)
@@ -108,13 +125,15 @@ def test_a_pose_beside_a_singularity_is_not_refused_for_what_its_tolerance_allow
     here = cell()
     q = np.array([-2.5007176, -0.9623984, -0.8191616, -3.3092865, 0.0631021, -1.0142057])
     qd = np.array([0.064, 0.010, 0.025, 2.9, -0.069, 0.030])
-    X, J = tool_pose(here, q), in_world(here) @ jacobian(here.robot, q, here.tool.X_FT)
+    X = tool_pose(here, q)
+    J = in_world(here) @ jacobian(here.robot, q, here.tool.X_FT)
     problem = ThrowProblem(here, here.home, PoseRelease(X, J @ qd), here.limits)
     turned = qd**2 / 2.0 / here.limits.qdd_max
     error = np.linalg.inv(J) @ (1e-4 * np.sign(np.linalg.inv(J)[3]))  # of the velocity, the largest of joint 4
     slower = (qd - error)[3] ** 2 / 2.0 / here.limits.qdd_max[3]
     assert turned[3] - slower > 5e-3
-    lower, upper = np.full(6, -10.0), np.full(6, 10.0)
+    lower = np.full(6, -10.0)
+    upper = np.full(6, 10.0)
     upper[3] = q[3] + slower
     limits = replace(here.limits, q_lower=lower, q_upper=upper)
     assert lack_of_room(replace(problem, limits=limits, start=q), q[None], qd[None])[0, 3] < 0.0
@@ -122,7 +141,9 @@ def test_a_pose_beside_a_singularity_is_not_refused_for_what_its_tolerance_allow
 
 def test_a_release_with_just_enough_room_is_planned() -> None:
     here = cell()
-    q, qd = here.home.copy(), np.zeros(6)
-    q[4], qd[4] = -2.93, -1.8
+    q = here.home.copy()
+    qd = np.zeros(6)
+    q[4] = -2.93
+    qd[4] = -1.8
     found = plan(ThrowProblem(here, here.home, JointRelease(q, qd), here.limits, time_limit_s=60.0))
     assert found.certificate.valid

@@ -30,7 +30,8 @@ def launch(limits, dt):
 @pytest.mark.parametrize("arm", ["ur5e-sim", "ur5-sim", "ur3e-sim", "ur10e-sim"])
 def test_end_states_are_exact_and_limits_kept(arm):
     here = cell(arm)
-    dt, zero = 1.0 / here.robot.sample_rate_hz, np.zeros(6)
+    dt = 1.0 / here.robot.sample_rate_hz
+    zero = np.zeros(6)
     for _ in range(40):
         end, qdd, motion = launch(grid_limits(here.limits, dt), dt)
         samples = onto_grid((zero, zero, zero), end, qdd, dt, here.limits.jerk_max)
@@ -44,7 +45,8 @@ def test_end_states_are_exact_and_limits_kept(arm):
 
 
 def test_three_ticks_are_enough_for_any_end_state():
-    dt, zero = 0.002, np.zeros(6)
+    dt = 0.002
+    zero = np.zeros(6)
     end = (RNG.normal(size=6) * 1e-6, RNG.normal(size=6) * 1e-3, RNG.normal(size=6) * 0.1)
     samples = onto_grid((zero, zero, zero), end, np.zeros((4, 6)), dt, np.full(6, 500.0))
     for reached, asked in zip(samples, end, strict=True):
@@ -52,7 +54,8 @@ def test_three_ticks_are_enough_for_any_end_state():
 
 
 def test_what_exceeds_a_limit_does_not_fit():
-    limits, dt = cell().limits, 0.002
+    limits = cell().limits
+    dt = 0.002
     still = np.zeros((5, 6))
     assert fits((still, still, still), limits, dt)
     fast = still.copy()

@@ -26,7 +26,9 @@ def to_rest(problem, candidate):
 def test_an_averaged_trapezoid_is_the_double_s(distance):
     """Source: Biagiotti and Melchiorri, section 3.4: the least time with bounded jerk, with and without a cruise."""
     here = cell()
-    v, a, j = 2.0, 10.0, 500.0
+    v = 2.0
+    a = 10.0
+    j = 500.0
     limits = replace(here.limits, qd_max=np.full(6, v), qdd_max=np.full(6, a), jerk_max=np.full(6, j))
     problem = joint_problem(release=JointRelease(here.home + distance * np.eye(6)[0], np.zeros(6)), limits=limits)
     candidate = candidates(problem)[0]

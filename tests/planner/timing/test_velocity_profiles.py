@@ -19,7 +19,8 @@ from planner.timing import (
 from planner.timing.velocity_profiles import trapezoid
 from tests.planner.problems import cell
 
-LIMITS, DT = cell().limits, 0.002
+LIMITS = cell().limits
+DT = 0.002
 RNG = np.random.default_rng(11)
 CASES = [(RNG.uniform(-1.5, 1.5, 6), RNG.uniform(-0.9, 0.9, 6) * LIMITS.qd_max) for _ in range(40)]
 MAKERS = {"cubic": shortest_cubic, "trapezoid": shortest_trapezoid}
@@ -43,7 +44,8 @@ def test_ends_are_met_and_limits_kept(kind, rest):
 def test_velocity_and_acceleration_are_the_derivatives(kind):
     for d, v in CASES[:10]:
         motion = MAKERS[kind](d, v, LIMITS, DT)
-        t, h = np.linspace(0.01, motion.duration_s - 0.01, 301), 1e-6
+        t = np.linspace(0.01, motion.duration_s - 0.01, 301)
+        h = 1e-6
         (early, *_), (late, *_) = motion.at(t - h), motion.at(t + h)
         _, qd, _ = motion.at(t)
         np.testing.assert_allclose((late - early) / (2 * h), qd, atol=1e-4)
@@ -63,7 +65,8 @@ def test_no_shorter_cubic_keeps_the_limits():
 
 def test_the_trapezoid_takes_the_least_time_there_is():
     for d, v in CASES:
-        motion, bound = shortest_trapezoid(d, v, LIMITS, DT), float(least_time(d, v, LIMITS))
+        motion = shortest_trapezoid(d, v, LIMITS, DT)
+        bound = float(least_time(d, v, LIMITS))
         assert bound - 1e-9 <= motion.duration_s <= bound + DT
 
 

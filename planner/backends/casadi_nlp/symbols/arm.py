@@ -35,8 +35,11 @@ def frames(dh: SX, q: SX) -> ArmFrames:
 
     Frame 0 is the base, turned by -q1 in S.
     """
-    x1, y1, z1 = ca.SX([1, 0, 0]), ca.SX([0, 0, 1]), ca.SX([0, -1, 0])
-    a2, a3 = q[1], q[1] + q[2]
+    x1 = ca.SX([1, 0, 0])
+    y1 = ca.SX([0, 0, 1])
+    z1 = ca.SX([0, -1, 0])
+    a2 = q[1]
+    a3 = q[1] + q[2]
     a4 = a3 + q[3]
     along = [ca.cos(a) * x1 + ca.sin(a) * y1 for a in (a2, a3, a4)]
     across = [-ca.sin(a) * x1 + ca.cos(a) * y1 for a in (a2, a3, a4)]
@@ -64,7 +67,8 @@ def frames(dh: SX, q: SX) -> ArmFrames:
 
 def turn(angle: SX) -> SX:
     """Returns the rotation (3, 3) about z."""
-    c, s = ca.cos(angle), ca.sin(angle)
+    c = ca.cos(angle)
+    s = ca.sin(angle)
     return ca.vertcat(ca.horzcat(c, -s, 0), ca.horzcat(s, c, 0), ca.horzcat(0, 0, 1))
 
 
@@ -108,8 +112,11 @@ def torques(dh: SX, links: SX, gravity: SX, q: SX, qd: SX, qdd: SX) -> SX:
         qdd: accelerations (6,) [rad/s^2].
     """
     shifts = _shifts(dh)
-    spin, acc, lift = ca.SX(3, 1), ca.SX(3, 1), gravity
-    rotations, wrenches = [], []
+    spin = ca.SX(3, 1)
+    acc = ca.SX(3, 1)
+    lift = gravity
+    rotations = []
+    wrenches = []
     for i in range(6):
         R = turn(q[i]) @ _tilt(ALPHA_QUARTERS[i])
         up = ca.SX([0, 0, 1])
@@ -135,17 +142,21 @@ def _tilt(quarters: int) -> SX:
 
 def _wrench(link: SX, spin: SX, acc: SX, lift: SX) -> tuple[SX, SX]:
     """Returns the force and the moment about the frame's origin that move one link."""
-    mass, moment, i = link[0], link[1:4], link[4:]
+    mass = link[0]
+    moment = link[1:4]
+    i = link[4:]
     inertia = ca.vertcat(ca.horzcat(i[0], i[1], i[2]), ca.horzcat(i[1], i[3], i[4]), ca.horzcat(i[2], i[4], i[5]))
     force = mass * lift + ca.cross(acc, moment) + ca.cross(spin, ca.cross(spin, moment))
     return force, inertia @ acc + ca.cross(spin, inertia @ spin) + ca.cross(moment, lift)
 
 
 def _propagate(rotations: list[SX], shifts: list[SX], wrenches: list[tuple[SX, SX]]) -> SX:
-    force, moment = ca.SX(3, 1), ca.SX(3, 1)
+    force = ca.SX(3, 1)
+    moment = ca.SX(3, 1)
     tau = []
     for R, shift, (f, m) in reversed(list(zip(rotations, shifts, wrenches, strict=True))):
-        force, moment = force + f, moment + m  # at this frame's origin
+        force = force + f
+        moment = moment + m  # at this frame's origin
         moment = R @ (moment + ca.cross(shift, force))  # at the joint, in the previous frame
         force = R @ force
         tau.append(moment[2])

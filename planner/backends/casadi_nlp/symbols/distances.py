@@ -21,7 +21,8 @@ from planner.backends.casadi_nlp.symbols.terms import Terms
 SX = Any
 
 WIDTH = 0.002  # [m] width of the soft minimum: for two equal distances it is 1.4 mm smaller
-PROJECTIONS, NEWTON_STEPS = 2, 2  # [-] for the point of a segment nearest to a box: within 0.1 mm
+PROJECTIONS = 2
+NEWTON_STEPS = 2  # [-] for the point of a segment nearest to a box: within 0.1 mm
 STIFF = 1e-6  # [m^2] keeps the closest points of parallel segments from moving without bound
 TINY = 1e-9  # [m^2] keeps the length of a segment and a distance away from zero
 
@@ -69,14 +70,16 @@ def segment_distance_at_fixed_points(p1: SX, p2: SX, q1: SX, q2: SX, terms: Term
 
     source: Ericson, Real-Time Collision Detection, 5.1.9.
     """
-    u, v = p2 - p1, q2 - q1
+    u = p2 - p1
+    v = q2 - q1
     s, t = (terms.freeze(share) for share in _closest(p1, u, q1, v))
     return _length(p1 - q1 + s * u - t * v)
 
 
 def segment_distance_at_moving_points(p1: SX, p2: SX, q1: SX, q2: SX, terms: Terms) -> SX:
     """Returns the same distance [m] with exact second derivatives: its closest points move."""
-    u, v = p2 - p1, q2 - q1
+    u = p2 - p1
+    v = q2 - q1
     s, t = (terms.freeze(share) for share in _closest(p1, u, q1, v))
     gap = p1 - q1 + s * u - t * v
     ds, dt = _moved(gap, u, v, s, t, terms)
@@ -89,9 +92,11 @@ def chords_distance(p1: SX, p2: SX, points: list[SX], terms: Terms) -> SX:
     Its first derivatives are exact. The second ones have the links' movement alone: not how directions turn, closest
     points move and the soft minimum changes from chord to chord.
     """
-    apart, lengths = [], []
+    apart = []
+    lengths = []
     for q1, q2 in pairwise(points):
-        u, v = p2 - p1, q2 - q1
+        u = p2 - p1
+        v = q2 - q1
         s, t = (terms.freeze(share) for share in _closest(p1, u, q1, v))
         apart.append(p1 - q1 + s * u - t * v)
         lengths.append(_length(apart[-1]))
@@ -106,8 +111,11 @@ def chords_distance(p1: SX, p2: SX, points: list[SX], terms: Terms) -> SX:
 def _closest(p: SX, u: SX, q: SX, v: SX) -> tuple[SX, SX]:
     """Returns the shares [-] of u and v at which the segments from p along u and from q along v are closest."""
     w = p - q
-    a, b, e = ca.dot(u, u) + TINY, ca.dot(u, v), ca.dot(v, v) + TINY
-    c, f = ca.dot(u, w), ca.dot(v, w)
+    a = ca.dot(u, u) + TINY
+    b = ca.dot(u, v)
+    e = ca.dot(v, v) + TINY
+    c = ca.dot(u, w)
+    f = ca.dot(v, w)
     s = _unit((b * f - c * e) / (a * e - b * b + TINY))
     t = _unit((b * s + f) / e)
     return _unit((b * t - c) / a), t
@@ -118,9 +126,14 @@ def _moved(gap: SX, u: SX, v: SX, s: SX, t: SX, terms: Terms) -> tuple[SX, SX]:
 
     It is 0 and 0 up to rounding. By the implicit function theorem its derivatives are those of the shares.
     """
-    s_moves, t_moves = terms.freeze(_is_within(s)), terms.freeze(_is_within(t))
-    a, b, e = ca.dot(u, u) + STIFF, ca.dot(u, v) * s_moves * t_moves, ca.dot(v, v) + STIFF
-    det, along_u, along_v = a * e - b * b, ca.dot(u, gap), -ca.dot(v, gap)
+    s_moves = terms.freeze(_is_within(s))
+    t_moves = terms.freeze(_is_within(t))
+    a = ca.dot(u, u) + STIFF
+    b = ca.dot(u, v) * s_moves * t_moves
+    e = ca.dot(v, v) + STIFF
+    det = a * e - b * b
+    along_u = ca.dot(u, gap)
+    along_v = -ca.dot(v, gap)
     return -s_moves * (e * along_u + b * along_v) / det, -t_moves * (b * along_u + a * along_v) / det
 
 

@@ -25,19 +25,22 @@ AT_REST_S = 0.03  # [s] before its standstill the arm is where it stays, within 
 
 def passing(z: SX, p: SX, terms: Terms) -> SX:
     """Room between the object in flight and the braking arm at a knot (1) [m]."""
-    scales, p = p[: SCALES.size], p[SCALES.size :]
+    scales = p[: SCALES.size]
+    p = p[SCALES.size :]
     return _beside_path(state(z, scales), z, scales, p, 0.0, terms)
 
 
 def passing_middle(z: SX, p: SX, terms: Terms) -> SX:
     """The same in the middle of the step."""
-    scales, p = p[: SCALES.size], p[SCALES.size :]
+    scales = p[: SCALES.size]
+    p = p[SCALES.size :]
     return _beside_path(through(state_after(z, scales, 0.5), terms), z, scales, p, 0.5, terms)
 
 
 def _beside_path(s: StageState, z: SX, scales: SX, p: SX, share: float, terms: Terms) -> SX:
     """Returns the room between the arm after a share of the step and the object's path a quarter of it around [m]."""
-    a, f = ARM.split(p[: ARM.size]), OBJECT_PATH.split(p[ARM.size :])
+    a = ARM.split(p[: ARM.size])
+    f = OBJECT_PATH.split(p[ARM.size :])
     c = SCALES.split(scales)
     step = z[layout.STEP] * c["time"]
     now = z[layout.TIME] * c["time"] + share * step + f["ago"]
@@ -57,8 +60,10 @@ def passing_at_rest(z: SX, p: SX, terms: Terms) -> SX:
 
     Less what the path bends within a chord: 12 mm where the object flies on for a second.
     """
-    scales, p = p[: SCALES.size], p[SCALES.size :]
-    a, f = ARM.split(p[: ARM.size]), OBJECT_PATH.split(p[ARM.size :])
+    scales = p[: SCALES.size]
+    p = p[SCALES.size :]
+    a = ARM.split(p[: ARM.size])
+    f = OBJECT_PATH.split(p[ARM.size :])
     now = z[layout.TIME] * SCALES.split(scales)["time"] + f["ago"]
     landing = _landing(z, f, terms)
     begin = terms.through(_sooner(now - AT_REST_S, landing))
@@ -71,11 +76,13 @@ def passing_at_rest(z: SX, p: SX, terms: Terms) -> SX:
 
 def standing(s: StageState, p: SX, terms: Terms) -> SX:
     """Room between the flight of an object that is released at a knot and what never moves of the arm (1) [m]."""
-    a, f = ARM.split(p[: ARM.size]), STANDING.split(p[ARM.size :])
+    a = ARM.split(p[: ARM.size])
+    f = STANDING.split(p[ARM.size :])
     tool = arm.tool_motion(a["dh"], a["tcp"], s.q, s.qd, s.qdd)
     R_WS = ca.reshape(a["base"][:9], 3, 3) @ arm.turn(s.q[0])
     released = terms.through(ca.vertcat(R_WS @ tool.position + a["base"][9:], f["share"] * (R_WS @ tool.velocity)))
-    place, speed = released[:3], released[3:]
+    place = released[:3]
+    speed = released[3:]
     landing, _ = flight_time(speed[2], place[2] - f["ground"], f["gravity"])
     landing = terms.through(landing)
     points = []
@@ -114,8 +121,10 @@ def _sooner(time: SX, landing: SX) -> SX:
 
 def thrown(z: SX, p: SX, terms: Terms) -> SX:
     """Position [m] and velocity [m/s] of the object in the world (6), where it is released after the stage's step."""
-    scales, p = p[: SCALES.size], p[SCALES.size :]
-    a, f = ARM.split(p[: ARM.size]), OBJECT_PATH.split(p[ARM.size :])
+    scales = p[: SCALES.size]
+    p = p[SCALES.size :]
+    a = ARM.split(p[: ARM.size])
+    f = OBJECT_PATH.split(p[ARM.size :])
     s = through(state_after(z, scales, 1.0), terms)
     tool = arm.tool_motion(a["dh"], a["tcp"], s.q, s.qd, s.qdd)
     R_WS = ca.reshape(a["base"][:9], 3, 3) @ arm.turn(s.q[0])

@@ -46,7 +46,9 @@ LEAVING_SHARES = (0.25, 0.5, 0.75, 1.0)  # [-] of a step, at which the object is
 IN_PLACE = 6.5e-4  # [m] displacement that counts in no direction, rounded off: at the certificate's 1 mm it counts
 TINY_WAY = 1e-4  # [m] keeps the displacement away from zero
 # [-] An object that has moved by so many times the way out may be anywhere, gradually: wholly so from 1.5 times on.
-OUT, OUT_ROUNDING, IS_OUT = 1.25, 0.05, 4.0
+OUT = 1.25
+OUT_ROUNDING = 0.05
+IS_OUT = 4.0
 
 RELEASE_ROWS = VectorLayout(
     {
@@ -89,7 +91,9 @@ def _tool_motion(a: dict[str, SX], s: StageState, terms: Terms) -> arm.ToolMotio
 
 def motion(z: SX, p: SX, terms: Terms) -> SX:
     """Next state (NX), the velocity's middle control point (6), the position in the middle of the step (6); scaled."""
-    end, s, c = state_after(z, p, 1.0), state(z, p), SCALES.split(p)
+    end = state_after(z, p, 1.0)
+    s = state(z, p)
+    c = SCALES.split(p)
     step = z[layout.STEP] * c["time"]
     middle_velocity = (s.qd + s.qdd * step / 2) / c["qd"]
     following = ca.vertcat(end.q, end.qd / c["qd"], end.qdd / c["qdd"], z[layout.TIME] + z[layout.STEP])
@@ -116,7 +120,8 @@ def clearance(s: StageState, p: SX, terms: Terms) -> SX:
     a = ARM.split(p)
     body = arm.frames(a["dh"], s.q)
     capsules = distances.capsules_in_s(body, a["capsules"])
-    R_WB, p_WB = ca.reshape(a["base"][:9], 3, 3), a["base"][9:]
+    R_WB = ca.reshape(a["base"][:9], 3, 3)
+    p_WB = a["base"][9:]
     R_WS = R_WB @ arm.turn(s.q[0])
     heights = distances.lowest_heights(capsules, R_WS[2, :].T, p_WB[2], FIRST_MOVING_CAPSULE)
     p_WT = R_WS @ body.point(6, a["tcp"]) + p_WB
@@ -130,7 +135,8 @@ def clearance(s: StageState, p: SX, terms: Terms) -> SX:
 
 def keep_out(s: StageState, p: SX, terms: Terms, slots: int = layout.KEEP_OUT_BOXES) -> SX:
     """Distance of arm, tool and object from the first `slots` keep-out boxes, beyond the one required (1) [m]."""
-    a, b = ARM.split(p[: ARM.size]), BOXES.split(p[ARM.size :])
+    a = ARM.split(p[: ARM.size])
+    b = BOXES.split(p[ARM.size :])
     body = distances.capsules_in_s(arm.frames(a["dh"], s.q), a["capsules"])
     R_WS = ca.reshape(a["base"][:9], 3, 3) @ arm.turn(s.q[0])
     in_world = distances.capsules_in_world(body, R_WS, a["base"][9:])
@@ -146,11 +152,15 @@ def singularity(s: StageState, p: SX, terms: Terms) -> SX:
 
 def release(s: StageState, p: SX, terms: Terms) -> SX:
     """The rows of `RELEASE_ROWS`."""
-    a, r = ARM.split(p[: ARM.size]), RELEASE.split(p[ARM.size :])
-    R_WB, p_WB = ca.reshape(a["base"][:9], 3, 3), a["base"][9:]
+    a = ARM.split(p[: ARM.size])
+    r = RELEASE.split(p[ARM.size :])
+    R_WB = ca.reshape(a["base"][:9], 3, 3)
+    p_WB = a["base"][9:]
     R_WS = R_WB @ arm.turn(s.q[0])
     tool = _tool_motion(a, s, terms)
-    position, velocity, acceleration = R_WS @ tool.position + p_WB, R_WS @ tool.velocity, R_WS @ tool.acceleration
+    position = R_WS @ tool.position + p_WB
+    velocity = R_WS @ tool.velocity
+    acceleration = R_WS @ tool.acceleration
     landing, falls = _landing(position, velocity, r)
     drift = _drift(velocity, acceleration, position, r)
     horizontal_speed = ca.sqrt(velocity[0] ** 2 + velocity[1] ** 2 + TINY)
@@ -179,13 +189,18 @@ def grip(s: StageState, p: SX, terms: Terms) -> SX:
 
 def flight(z: SX, p: SX, terms: Terms) -> SX:
     """The rows of `FLIGHT_ROWS`, all positive for a flight that is clear."""
-    scales, p = p[: SCALES.size], p[SCALES.size :]
-    size, s = ARM.size + RELEASE.size, state(z, scales)
-    a, r, f = ARM.split(p[: ARM.size]), RELEASE.split(p[ARM.size : size]), FLIGHT.split(p[size:])
+    scales = p[: SCALES.size]
+    p = p[SCALES.size :]
+    size = ARM.size + RELEASE.size
+    s = state(z, scales)
+    a = ARM.split(p[: ARM.size])
+    r = RELEASE.split(p[ARM.size : size])
+    f = FLIGHT.split(p[size:])
     R_WB = ca.reshape(a["base"][:9], 3, 3)
     R_WS = R_WB @ arm.turn(s.q[0])
     tool = _tool_motion(a, s, terms)
-    position, velocity = R_WS @ tool.position + a["base"][9:], R_WS @ tool.velocity
+    position = R_WS @ tool.position + a["base"][9:]
+    velocity = R_WS @ tool.velocity
     edges = ca.reshape(f["edges"], 8, layout.FLIGHT_EDGES)
     passed = [_beyond(edges[:, i], position, velocity, r["gravity_z"]) for i in range(layout.FLIGHT_EDGES)]
     mouth, rim = _through_mouth(f["mouth"], position, velocity, r)
@@ -198,14 +213,18 @@ def flight(z: SX, p: SX, terms: Terms) -> SX:
 
 def leaving(z: SX, p: SX, terms: Terms) -> SX:
     """The rows of `LEAVING_ROWS`, all positive for an object that is on its way out, or out, after the step."""
-    scales, p = p[: SCALES.size], p[SCALES.size :]
+    scales = p[: SCALES.size]
+    p = p[SCALES.size :]
     size = ARM.size + FLIGHT.size
-    a, f, path = ARM.split(p[: ARM.size]), FLIGHT.split(p[ARM.size : size]), OBJECT_PATH.split(p[size:])
+    a = ARM.split(p[: ARM.size])
+    f = FLIGHT.split(p[ARM.size : size])
+    path = OBJECT_PATH.split(p[size:])
     step = z[layout.STEP] * SCALES.split(scales)["time"]
     released = z[layout.TIME] * SCALES.split(scales)["time"] + path["ago"]
     thrown = z[layout.SPEED] + path["path"][3:6]
     faster = thrown * (1 - path["share"]) / path["share"]  # on its way out the object has the tool's own velocity
-    rows, moved = [], ca.SX.zeros(3)
+    rows = []
+    moved = ca.SX.zeros(3)
     for share in LEAVING_SHARES:
         s = through(state_at(z, scales, share * step), terms)
         time = released + share * step
@@ -222,7 +241,8 @@ def _in_opening(moved: SX, direction: SX, opening: SX) -> SX:
 
     In the first millimetre, and once the object is out, it is positive whatever the direction.
     """
-    least, out_m = opening[3], opening[4]
+    least = opening[3]
+    out_m = opening[4]
     squared = ca.sumsqr(moved) + TINY_WAY**2
     distance = ca.sqrt(squared)
     beyond = distance / out_m - OUT
@@ -262,7 +282,11 @@ def _beyond(edge: SX, position: SX, velocity: SX, gravity: SX) -> SX:
     The time is ahead / speed. A division would have no bound where the flight turns parallel to the edge's plane, and
     the solver would not return from there; so the row is multiplied by speed^2, which is 1 at the expected speed.
     """
-    normal, steady, offset, direction, bound = edge[:2], edge[2], edge[3], edge[4:7], edge[7]
+    normal = edge[:2]
+    steady = edge[2]
+    offset = edge[3]
+    direction = edge[4:7]
+    bound = edge[7]
     speed = ca.dot(normal, velocity[:2]) + steady
     distance = offset - ca.dot(normal, position[:2])
     ahead = (distance + ca.sqrt(distance**2 + PASSING**2)) / 2
@@ -288,7 +312,8 @@ def _landing(position: SX, velocity: SX, r: dict[str, SX]) -> tuple[SX, SX]:
 
 
 def _drift(velocity: SX, acceleration: SX, position: SX, r: dict[str, SX]) -> SX:
-    p, v = ca.SX.sym("p", 3), ca.SX.sym("v", 3)
+    p = ca.SX.sym("p", 3)
+    v = ca.SX.sym("v", 3)
     point, _ = _landing(p, v, r)
     rate = ca.jtimes(point, p, velocity) + ca.jtimes(point, v, acceleration)
     return ca.substitute([rate], [p, v], [position, velocity])[0]

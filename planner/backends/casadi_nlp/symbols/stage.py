@@ -36,7 +36,8 @@ def state_after(z: SX, scales: SX, share: float) -> StageState:
 
 def state_at(z: SX, scales: SX, h: SX) -> StageState:
     """Returns the state at a time after the stage's beginning [s], exact within its step."""
-    s, j = state(z, scales), z[layout.JERK] * SCALES.split(scales)["jerk"]
+    s = state(z, scales)
+    j = z[layout.JERK] * SCALES.split(scales)["jerk"]
     q = s.q + h * (s.qd + h * (s.qdd / 2 + h * j / 6))
     return StageState(q, s.qd + h * (s.qdd + h * j / 2), s.qdd + h * j)
 

@@ -71,9 +71,11 @@ class Terms:
             n = earlier.size1()
             weights = ca.SX.sym("weights", value.size1())
             bent = ca.substitute(ca.hessian(ca.dot(weights, value), earlier)[0], weights, slope[n:])
-            across, own = second[n:, :n], second[n:, n:]
+            across = second[n:, :n]
+            own = second[n:, n:]
             upper = second[:n, :n] + bent + inner.T @ (across + own @ inner) + across.T @ inner
-            second, slope = ca.triu2symm(ca.triu(upper)), slope[:n] + inner.T @ slope[n:]
+            second = ca.triu2symm(ca.triu(upper))
+            slope = slope[:n] + inner.T @ slope[n:]
         return second
 
     def _variables(self, z: SX) -> SX:

@@ -19,14 +19,19 @@ class Machine:
     """A processor shared by a simulator and a client that is interrupted by it; stalls stop both."""
 
     def __init__(self, dt: float, stall: Callable[[], float], stall_tolerant: bool = True) -> None:
-        self.dt, self.stall = dt, stall
-        self.pacing, self.now, self.begun = CyclePacing(dt, stall_tolerant), 0.0, []
-        self.unanswered, self.pacing.is_real_time = 0, True
+        self.dt = dt
+        self.stall = stall
+        self.pacing = CyclePacing(dt, stall_tolerant)
+        self.now = 0.0
+        self.begun = []
+        self.unanswered = 0
+        self.pacing.is_real_time = True
         self.pacing.start(0.0)
 
     def cycle(self) -> None:
         """Sleeps until a cycle is due, as the loop does, and runs it."""
-        pacing, client_s = self.pacing, 0.0
+        pacing = self.pacing
+        client_s = 0.0
         while True:
             rest = pacing.sleep_s(self.now)
             client_s += rest

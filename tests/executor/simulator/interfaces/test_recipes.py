@@ -18,7 +18,9 @@ def test_a_package_is_size_type_body():
 @given(st.lists(st.tuples(st.integers(0, 255), st.binary(max_size=50)), max_size=6), st.data())
 def test_packages_come_out_as_they_went_in_however_they_are_cut(packages, data):
     stream = b"".join(wire.package(kind, body) for kind, body in packages)
-    buffer, found, at = bytearray(), [], 0
+    buffer = bytearray()
+    found = []
+    at = 0
     while at < len(stream):
         size = data.draw(st.integers(1, len(stream) - at))
         buffer += stream[at : at + size]

@@ -59,7 +59,8 @@ def test_values_are_sent_as_they_stand_in_the_dictionary(fake: Fake, connect: Co
 
 
 def test_each_client_has_its_own_frequency(fake: Fake, connect: Connect):
-    fast, slow = connect(fake.server), connect(fake.server)
+    fast = connect(fake.server)
+    slow = connect(fake.server)
     set_up(fast, 500.0, b"timestamp")
     set_up(slow, 125.0, b"timestamp")
     fake.publish(12)
@@ -68,7 +69,8 @@ def test_each_client_has_its_own_frequency(fake: Fake, connect: Connect):
 
 def test_inputs_are_handed_on_and_owned_until_the_connection_ends(fake: Fake, connect: Connect):
     names = wire.package(wire.SETUP_INPUTS, b"input_int_register_3,speed_slider_mask")
-    first, second = connect(fake.server), connect(fake.server)
+    first = connect(fake.server)
+    second = connect(fake.server)
     assert packages(first.send(names)) == [(73, b"\x01INT32,UINT32")]
     assert packages(second.send(names)) == [(73, b"\x00IN_USE,IN_USE")]
     first.send(wire.package(wire.DATA_PACKAGE, struct.pack(">BiI", 1, -5, 1)))
@@ -88,7 +90,8 @@ def test_malformed_packages_are_counted_and_a_malformed_size_ends_the_connection
 
 
 def test_the_role_is_read_from_the_set_up(fake: Fake, connect: Connect):
-    receive, control = connect(fake.server), connect(fake.server)
+    receive = connect(fake.server)
+    control = connect(fake.server)
     set_up(receive, 500.0, b"timestamp")
     control.send(wire.package(wire.SETUP_INPUTS, b"input_int_register_0"))
     assert [session.role for session in fake.server.sessions.values()] == ["receive", "io"]

@@ -11,7 +11,8 @@ from executor.simulator.physics.lag import Lag
 from ..conftest import Driven, make_cell
 
 FIT_WITHIN_S = 0.0005  # what the simulator promises: the fitted shift recovers the configured delay to 0.5 ms
-SPEEDJ, SPEED_STOP = 9, 15
+SPEEDJ = 9
+SPEED_STOP = 15
 
 
 def speed(t):
@@ -23,7 +24,9 @@ def streamed(robot, **sim):
     """Streams `speed` to all joints; returns when each was sent, and times and values of what was measured."""
     driven = Driven(make_cell(robot, **sim))
     dt = driven.controller.timeline.dt
-    sent_at, stamps, measured = [], [], []
+    sent_at = []
+    stamps = []
+    measured = []
     for _ in range(round(1.5 / dt)):
         now = driven.controller.timeline.t
         sent_at.append(now)
@@ -47,7 +50,9 @@ def test_the_fitted_shift_of_measured_speed_is_the_lag(robot, version, lag_s):
 
 
 def test_the_lag_is_a_delay_and_a_first_order_part():
-    dt, lag_s, tau = 0.002, 0.020, 0.004
+    dt = 0.002
+    lag_s = 0.020
+    tau = 0.004
     lag = Lag(dt, lag_s, [tau], [0.0])
     speeds = [lag.step([dt / 2 + dt * k], [1.0])[1][0] for k in range(60)]
     delay = lag_s - dt - tau  # behind the end of the cycle in which the speed was commanded
@@ -63,13 +68,16 @@ def test_position_is_the_integral_of_speed(lag_s):
     dt = 0.002
     lag = Lag(dt, lag_s, [0.002], [0.0])
     q = qd = 0.0
-    before, after = (0.0, 0.0), (0.0, 0.0)
+    before = (0.0, 0.0)
+    after = (0.0, 0.0)
     sums = []
     for k in range(400):
         new = 1.0 - math.cos(0.02 * k)
-        q, qd = q + dt * (qd + new) / 2, new
+        q = q + dt * (qd + new) / 2
+        qd = new
         (x,), (v,) = lag.step([q], [qd])
-        before, after = after, (x, v)
+        before = after
+        after = (x, v)
         sums.append(after[0] - before[0] - dt * (after[1] + before[1]) / 2)
     assert max(map(abs, sums)) < 5e-7  # [rad] the trapezoidal rule's own error over one cycle
 
@@ -78,13 +86,16 @@ def test_position_is_the_integral_of_speed(lag_s):
 def test_between_cycles_the_motion_is_that_of_a_finer_lag(dt, lag_s):
     """The delay falls between two cycles of 125 Hz: there the true motion is still the filtered command, delayed."""
     fine = 16
-    coarse, exact = Lag(dt, lag_s, [0.002], [0.0]), Lag(dt / fine, lag_s - dt + dt / fine, [0.002], [0.0])
-    q, qd = 0.0, 0.0
+    coarse = Lag(dt, lag_s, [0.002], [0.0])
+    exact = Lag(dt / fine, lag_s - dt + dt / fine, [0.002], [0.0])
+    q = 0.0
+    qd = 0.0
     for k in range(60):
         new = math.sin(0.3 * k)
         q_of = [q + dt * s * qd + dt * s * s * (new - qd) / 2 for s in np.arange(1, fine + 1) / fine]
         found = [exact.step([x], [qd + (new - qd) * (i + 1) / fine]) for i, x in enumerate(q_of)]
-        q, qd = q_of[-1], new
+        q = q_of[-1]
+        qd = new
         coarse.step([q], [qd])
         for i, (x, v) in enumerate(found):
             (position,), (speed,) = coarse.before(dt * (1.0 - (i + 1) / fine))

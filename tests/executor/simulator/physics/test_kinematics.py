@@ -23,7 +23,8 @@ def matrix(t):
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_pose_twist_and_jacobian_are_the_planners(name):
-    arm, chain = robot(name), scalar.PublishedChain(robot(name))
+    arm = robot(name)
+    chain = scalar.PublishedChain(robot(name))
     draw = np.random.default_rng(0)
     for q, qd in draw.uniform(-3, 3, (50, 2, 6)):
         pose, twist = chain.motion(q.tolist(), qd.tolist(), TOOL)
@@ -72,7 +73,8 @@ def test_the_arm_of_a_calibrated_cell_is_the_planners(name: str) -> None:
     arm = measured_arm(name, deviated_table(name, rng))
     chain = scalar.kinematic_chain(arm, None)
     for q in rng.uniform(-6.0, 6.0, (20, 6)):
-        X, J = planner.forward(arm, q), planner.jacobian(arm, q)
+        X = planner.forward(arm, q)
+        J = planner.jacobian(arm, q)
         pose, twist = chain.motion(q.tolist(), (qd := rng.uniform(-2.0, 2.0, 6)).tolist())
         assert np.abs(np.array(pose).reshape(3, 4) - X[:3]).max() < 1e-9
         assert np.abs(np.array(twist) - J @ qd).max() < 1e-9

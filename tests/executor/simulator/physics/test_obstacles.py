@@ -13,9 +13,11 @@ from planner.flight import drag_constant, path
 
 from ..conftest import make_cell, world_of
 
-G, RADIUS = 9.81, 0.02
+G = 9.81
+RADIUS = 0.02
 NEAR_M = 3e-4  # the simulator stops an object up to 0.1 mm before it touches
-BOX_LOWER, BOX_UPPER = np.array([0.9, -0.6, 0.0]), np.array([1.1, 0.6, 0.5])
+BOX_LOWER = np.array([0.9, -0.6, 0.0])
+BOX_UPPER = np.array([1.1, 0.6, 0.5])
 WALL = "surroundings = { keep_out = [{ lower_m = [0.9, -0.6, 0.0], upper_m = [1.1, 0.6, 0.5] }] }\n"
 DRAG = "object = { mass_kg = 0.05, radius_m = 0.02, drag_coefficient = 0.47 }\n"
 BIN = RoundBin((1.0, 0.0, 0.1), 0.15, 0.2)
@@ -37,7 +39,8 @@ def landed(state: tuple[float, ...], tables: str = "", bin: RoundBin | None = No
 
 def at(state: tuple[float, ...], t: float) -> np.ndarray:
     """Returns the parabola's position at `t`."""
-    p, v = np.array(state[:3]), np.array(state[3:])
+    p = np.array(state[:3])
+    v = np.array(state[3:])
     return p + v * t - 0.5 * np.array([0.0, 0.0, G]) * t**2
 
 
@@ -63,7 +66,8 @@ def test_the_underside_of_a_box_stops_an_object_that_rises():
 @pytest.mark.parametrize(("tables", "arcs"), [(WALL, 40), (WALL + DRAG, 12)])
 def test_boxes_are_met_where_densely_sampled_flights_meet_them(tables: str, arcs: int):
     """Also where only an edge is touched; arcs that pass within a millimetre of touching are left out."""
-    random, met = np.random.default_rng(5), 0
+    random = np.random.default_rng(5)
+    met = 0
     thrown = make_cell(tables=tables).object
     drag = drag_constant(thrown.mass_kg, thrown.radius_m, thrown.drag_coefficient)
     for _ in range(arcs):
@@ -109,7 +113,8 @@ def test_an_object_on_a_box_goes_on_until_it_meets_what_is_higher(top_m: float, 
 @pytest.mark.parametrize("dt", [0.002, 0.008])
 @pytest.mark.parametrize("rim_height_m", [0.0, 0.01, 0.2])
 def test_an_object_that_enters_the_mouth_lands_on_the_bottom(dt: float, rim_height_m: float):
-    state, bin = (0.8, 0.0, 0.9, 0.4, 0.0, 1.0), RoundBin(BIN.bottom, BIN.radius_m, rim_height_m)
+    state = (0.8, 0.0, 0.9, 0.4, 0.0, 1.0)
+    bin = RoundBin(BIN.bottom, BIN.radius_m, rim_height_m)
     landing = landed(state, bin=bin, dt=dt)
     t = (1.0 + math.sqrt(1.0 + 2.0 * G * 0.8)) / G
     assert landing["surface"] == "bin"
@@ -133,7 +138,8 @@ def test_the_inside_of_a_bin_lets_an_object_fall_to_the_bottom():
     landing = landed(state, bin=BIN)
     assert landing["surface"] == "bin"
     np.testing.assert_allclose(landing["position_m"], [wall, 0.0, 0.1], atol=NEAR_M)
-    speed, drop = G * touches - 1.0, at(state, touches)[2] - 0.1
+    speed = G * touches - 1.0
+    drop = at(state, touches)[2] - 0.1
     falls = (math.sqrt(speed**2 + 2.0 * G * drop) - speed) / G
     assert landing["t"] == pytest.approx(touches + falls, abs=1e-3)
 

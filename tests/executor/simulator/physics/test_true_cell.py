@@ -42,7 +42,8 @@ def truth(cell: Any, **parts: Any) -> Truth:
 
 def delays(opening: GripperOpening, count: int = 4000) -> np.ndarray:
     """Returns the delays of `count` openings of one gripper [s]."""
-    gripper, found = SimulatedGripper("tool_digital", 0, True, opening, 5), []
+    gripper = SimulatedGripper("tool_digital", 0, True, opening, 5)
+    found = []
     for _ in range(count):
         gripper.output_changed(0.0, gripper.open_bits)
         found.append(gripper.take_release(math.inf))
@@ -87,7 +88,8 @@ def test_outputs_have_a_delay_of_their_own() -> None:
 def throw(release: ReleaseSpeed, count: int = 1) -> list[float]:
     """Returns speed at the release over that of the tool centre point, of `count` throws of a steadily turning arm."""
     cell = make_cell()
-    driven, ratios = Driven(cell, truth=truth(cell, release=release)), []
+    driven = Driven(cell, truth=truth(cell, release=release))
+    ratios = []
     for turn in itertools.islice(itertools.cycle((0.5, -0.5)), count):
         driven.write(SPEEDJ, [turn, 0.0, 0.0, 0.0, 0.0, 0.0, 40.0, 0.002])
         driven.cycle(30)
@@ -127,7 +129,8 @@ def test_drag_is_the_true_objects() -> None:
 
 
 def test_the_true_base_is_moved_and_turned_against_the_cells() -> None:
-    offset, turn = (0.004, -0.003, 0.002), (0.01, -0.02, 0.3)
+    offset = (0.004, -0.003, 0.002)
+    turn = (0.01, -0.02, 0.3)
     cell = make_cell(tables="base_in_world = { position_m = [0.3, 0.2, 0.1], rotation_vector_rad = [0.0, 0.1, 0.7] }\n")
     arm = ArmDeviation(base_offset_m=offset, base_rotation_vector_rad=turn)
     driven = Driven(cell, truth=truth(cell, arm=arm))
@@ -146,12 +149,15 @@ def deviation(size: float, draw: np.random.Generator) -> DhDeviation:
 
 def forward_by_matrices(chain: KinematicChain, q: np.ndarray) -> np.ndarray:
     """Returns Rz(q + theta) Tz(d) Tx(a) Rx(alpha) of six joints, each written as a 4x4 matrix."""
-    k, X = chain.table, np.eye(4)
+    k = chain.table
+    X = np.eye(4)
     for theta, a, d, alpha, angle in zip(k.theta, k.a, k.d, k.alpha, q, strict=True):
-        about_z, about_x = np.eye(4), np.eye(4)
+        about_z = np.eye(4)
+        about_x = np.eye(4)
         about_z[:3, :3] = rotation_vector_to_matrix(np.array([0.0, 0.0, angle + theta]))
         about_x[:3, :3] = rotation_vector_to_matrix(np.array([alpha, 0.0, 0.0]))
-        about_z[2, 3], about_x[0, 3] = d, a
+        about_z[2, 3] = d
+        about_x[0, 3] = a
         X = X @ about_z @ about_x
     return X
 
@@ -187,7 +193,8 @@ def test_the_controller_solves_poses_with_its_own_table() -> None:
     cell = make_cell()
     arm = ArmDeviation(dh_deviation=deviation(0.003, np.random.default_rng(2)))
     driven = Driven(cell, truth=truth(cell, arm=arm))
-    context, chain = driven.controller.context, driven.arm.chain
+    context = driven.controller.context
+    chain = driven.arm.chain
     far = [0.8, -1.2, 1.1, -1.3, -1.2, 0.4]
     goal = chain.forward(far, context.tcp)
     found = context.solve(pose_of(goal))

@@ -31,7 +31,8 @@ def true_arm(robot: str = "ur5e", timing: dict[str, Any] | None = None, **arm: A
 
 def stream(driven: Driven, speed: Callable[[float], Any], duration_s: float) -> tuple[np.ndarray, ...]:
     """Streams joint speeds; returns times since the start, and true and measured speeds at them."""
-    dt, start = driven.controller.timeline.dt, driven.controller.timeline.t
+    dt = driven.controller.timeline.dt
+    start = driven.controller.timeline.t
     rows = []
     while (t := driven.controller.timeline.t - start) < duration_s:
         driven.write(SPEEDJ, [*speed(t), 40.0, dt])
@@ -44,7 +45,9 @@ def stream(driven: Driven, speed: Callable[[float], Any], duration_s: float) -> 
 
 def test_first_order_parts_a_joint_add_up_to_the_same_lag() -> None:
     """After a ramp that lasts, every first-order part is the ramp one lag earlier, whatever its time constant."""
-    dt, lag_s, rate = 0.002, 0.030, 5.0
+    dt = 0.002
+    lag_s = 0.030
+    rate = 5.0
     lag = Lag(dt, lag_s, PARTS_S, [0.0] * 6)
     for k in range(1, 101):
         t = k * dt
@@ -53,7 +56,9 @@ def test_first_order_parts_a_joint_add_up_to_the_same_lag() -> None:
 
 
 def test_a_first_order_part_answers_a_ramp_as_its_differential_equation_does() -> None:
-    dt, lag_s, rate = 0.002, 0.030, 5.0
+    dt = 0.002
+    lag_s = 0.030
+    rate = 5.0
     lag = Lag(dt, lag_s, PARTS_S, [0.0] * 6)
     for k in range(1, 31):
         t = k * dt
@@ -78,9 +83,11 @@ def test_the_gain_multiplies_the_speed_and_the_arm_stands_where_it_believes() ->
 
 def test_overshoot_exceeds_a_step_by_its_share_and_dies_away() -> None:
     """The answer to a step that begins between two cycles; the commanded speed is linear over that first cycle."""
-    dt, overshoot = 0.002, [0.05, 0.1, 0.0, 0.02, 0.2, 0.01]
+    dt = 0.002
+    overshoot = [0.05, 0.1, 0.0, 0.02, 0.2, 0.01]
     ahead = Overshoot(dt, overshoot, NO_SCATTER, "seed")
-    q, position = 0.0, [0.0] * 6
+    q = 0.0
+    position = [0.0] * 6
     for k in range(400):
         q += dt * (0.5 if k == 0 else 1.0)
         position, speeds = ahead.step([q] * 6, [1.0] * 6)
@@ -91,7 +98,8 @@ def test_overshoot_exceeds_a_step_by_its_share_and_dies_away() -> None:
 
 
 def test_overshoot_of_a_ramp_and_the_way_back_to_the_commanded_position() -> None:
-    overshoot, length_s = 0.1, 0.25
+    overshoot = 0.1
+    length_s = 0.25
     driven = true_arm(timing={"first_order_s": (0.0,) * 6}, overshoot=(overshoot,) * 6)
     _, true_qd, _ = stream(driven, lambda t: [max(0.0, min(t, 0.5 - t)) * 4.0] * 6, 2.0)
     ahead = overshoot * RECOVERY_S / length_s * (1.0 - math.exp(-length_s / RECOVERY_S))
@@ -116,9 +124,12 @@ def replay(throws: int) -> dict[str, np.ndarray]:
 
     The throws: six joints speed up to 0.4 to 2 rad/s within 0.2 to 0.4 s, and brake within the same.
     """
-    driven, rng = true_arm("ur5", timing={"lag_s": 0.020}, disturbance="ur5-measured"), np.random.default_rng(1)
+    driven = true_arm("ur5", timing={"lag_s": 0.020}, disturbance="ur5-measured")
+    rng = np.random.default_rng(1)
     found: dict[str, list[Any]] = {"ratio": [], "after_peak": [], "moving": [], "release": [], "lag_s": []}
-    peak, rise_s, fall_s = np.zeros(6), 0.0, 0.0
+    peak = np.zeros(6)
+    rise_s = 0.0
+    fall_s = 0.0
     for number in range(throws):
         if number % 2 == 0:
             rise_s, fall_s = rng.uniform(0.2, 0.4, 2)

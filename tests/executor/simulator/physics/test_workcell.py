@@ -13,7 +13,8 @@ from planner.flight import drag_constant, fly
 
 from ..conftest import Driven, make_cell, world_of
 
-SPEEDJ, SPEED_STOP = 9, 15
+SPEEDJ = 9
+SPEED_STOP = 15
 LANDING_TOLERANCE_M = 1e-6  # the drag-free flight is exact, that with drag integrated every 2 ms against every 4 ms
 DRAG = "object = { mass_kg = 0.05, radius_m = 0.05, drag_coefficient = 0.47 }\n"
 TABLE = "surroundings = { keep_out = [{ lower_m = [0.5, -1.0, -0.1], upper_m = [2.0, 1.0, 0.3] }] }\n"
@@ -54,7 +55,8 @@ def test_an_object_lands_on_a_table_that_is_in_its_way():
 def test_a_bouncing_object_comes_down_again_each_time_lower():
     landings = flown(world_of(make_cell(), 0.5), (0.0, 0.0, 1.0, 1.0, 0.0, 0.0))
     assert [entry["bounce"] for entry in landings] == list(range(len(landings)))
-    first, second = landings[0], landings[1]
+    first = landings[0]
+    second = landings[1]
     speed = -first["velocity_m_s"][2]
     assert second["t"] - first["t"] == pytest.approx(2 * 0.5 * speed / 9.81, rel=1e-4)
 
@@ -132,7 +134,8 @@ def test_jitter_scatters_the_delay_and_the_seed_repeats_it():
     def delays():
         wiring = (cell.gripper.output, cell.gripper.index, cell.gripper.open_level)
         truth = truth_of(cell)
-        gripper, found = SimulatedGripper(*wiring, truth.gripper, truth.seed), []
+        gripper = SimulatedGripper(*wiring, truth.gripper, truth.seed)
+        found = []
         for _ in range(400):
             gripper.output_changed(0.0, gripper.open_bits)
             found.append(gripper.take_release(math.inf))

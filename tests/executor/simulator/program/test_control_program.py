@@ -14,9 +14,22 @@ from planner import kinematics
 
 from ..conftest import SCRIPT, Driven, make_cell
 
-MOVEJ, MOVEJ_IK, MOVEL, MOVEL_FK, SPEEDJ, SPEEDL, SERVOJ, SERVOC = 1, 2, 3, 4, 9, 10, 11, 12
-SPEED_STOP, SERVO_STOP, STOPL, STOPJ, WATCHDOG, STOP_SCRIPT = 15, 16, 33, 34, 35, 255
-READY, DONE = 1, 2
+MOVEJ = 1
+MOVEJ_IK = 2
+MOVEL = 3
+MOVEL_FK = 4
+SPEEDJ = 9
+SPEEDL = 10
+SERVOJ = 11
+SERVOC = 12
+SPEED_STOP = 15
+SERVO_STOP = 16
+STOPL = 33
+STOPJ = 34
+WATCHDOG = 35
+STOP_SCRIPT = 255
+READY = 1
+DONE = 2
 HOME = [0.0, -1.57, 1.57, -1.57, -1.57, 0.0]
 NEAR = [0.3, -1.4, 1.4, -1.5, -1.4, 0.2]
 POSITION_TOLERANCE = 1e-9  # [rad] of the end of a move
@@ -75,7 +88,8 @@ def test_moves_to_a_pose_reach_it(driven, command):
 
 
 def test_movel_runs_along_the_straight_line(driven):
-    start, goal = pose_at(driven, HOME)[:3, 3], pose_at(driven, NEAR)
+    start = pose_at(driven, HOME)[:3, 3]
+    goal = pose_at(driven, NEAR)
     driven.write(MOVEL, [*pose_of(from_matrix(goal)), 0.5, 2.0], [0])
     along = (goal[:3, 3] - start) / np.linalg.norm(goal[:3, 3] - start)
     for _ in range(200):

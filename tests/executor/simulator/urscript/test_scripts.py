@@ -137,7 +137,8 @@ def test_moves_reach_their_targets_as_the_planner_computes_them(controller: Scri
     controller.run(
         f"def go():\n  movej({goal}, a=3, v=2)\n  movel(pose_trans(get_target_tcp_pose(), p[0,0,0.05,0,0,0]))\nend\n"
     )
-    arm, cell = controller.arm, controller.controller.cell
+    arm = controller.arm
+    cell = controller.controller.cell
     before = kinematics.forward(cell.robot, np.array(goal), cell.tool.X_FT)
     after = kinematics.forward(cell.robot, np.array(arm.q), cell.tool.X_FT)
     np.testing.assert_allclose(after[:3, 3] - before[:3, 3], 0.05 * before[:3, 2], atol=1e-6)
@@ -152,7 +153,9 @@ def test_a_timed_move_takes_its_time(controller: ScriptedController):
 
 def test_registers_outputs_and_installation(controller: ScriptedController):
     c = controller.controller
-    c.registers.int_in[30], c.registers.double_in[40], c.registers.bit_in[70] = 7, 2.5, True
+    c.registers.int_in[30] = 7
+    c.registers.double_in[40] = 2.5
+    c.registers.bit_in[70] = True
     controller.run(
         """def io():
   write_output_integer_register(30, read_input_integer_register(30) + 1)
