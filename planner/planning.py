@@ -13,20 +13,17 @@ from planner.errors import Infeasible, SolverFailed
 from planner.problem import TIME_LIMIT_S, ThrowProblem
 from planner.request import request_document
 from planner.search import (
-    SHORT_POLICY,
     VARIANTS_BY_BACKEND,
     Attempt,
     CertifiedSolution,
     PlanningSearch,
-    Ranking,
     best_with_way_home,
     load_libraries,
     nearest_problem,
     of_candidates,
     refuse_impossible,
-    search_optimised,
+    search_once,
     search_sequential,
-    search_thoroughly,
     search_with_stop,
 )
 from planner.seeds import Candidate, NoCandidates, ReleaseState, candidates, neighbour_candidates
@@ -138,11 +135,11 @@ def _run(search: PlanningSearch, releases: Sequence[ReleaseState]) -> None:
     refuse_impossible(problem)
     if releases:
         found = _found_or_logged(search, lambda problem: neighbour_candidates(problem, releases))
-        search_optimised(search, Ranking(problem, found), SHORT_POLICY)
+        search_once(search, found)
         search.note_end()
     else:
         _search_ordinarily(search)
-    if search.answer is None:
+    if search.incumbent is None:
         raise search.failure()
 
 
@@ -157,9 +154,9 @@ def _search_ordinarily(search: PlanningSearch) -> None:
     if problem.backend in VARIANTS_BY_BACKEND:
         search_sequential(search, problem.backend, found)
     else:
-        search_thoroughly(search, found)
+        search_once(search, found)
     search.note_end()
-    if search.answer is None and problem.backend == "auto":
+    if search.incumbent is None and problem.backend == "auto":
         search_with_stop(search, found)
 
 

@@ -5,16 +5,11 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from planner.certificate import Certificate, Examination
 from planner.errors import TIME_LIMIT, Infeasible, SolverFailed, Violation
 from planner.problem import ThrowProblem
-from planner.seeds import Candidate
 from planner.solution import Solution
 from planner.trajectory import Trajectory
-
-POSTURE_DECIMALS = 6  # of cosines and sines, by which postures are told apart
 
 
 @dataclass(frozen=True)
@@ -66,7 +61,6 @@ class PlanningSearch:
         deadline_s: of the request, on the clock of `time.perf_counter`.
         incumbent: best valid motion so far.
         certified: every valid motion, in the order in which they were found.
-        in_hand: a valid motion by Ruckig, given where the search finds no better one.
         nominal: the soonest motion that lacks nothing but the release window.
         rejected: every motion that is not valid.
         attempts: log of what was tried.
@@ -74,11 +68,6 @@ class PlanningSearch:
         lower_bound_s: no motion releases earlier [s], as far as is known.
         loading_s: spent on loading solvers [s]; the deadline is later by as much.
         held: groups of rows with which a seed failed: further seeds start with them.
-        led_to_motion: whether the optimiser came to a motion from a candidate that it tried: certified, or too late.
-        given_up: seeds from which the optimiser came to no certified motion, for another reason than its lateness.
-        has_optimised: whether the optimiser came to a motion: certified, or no sooner than one that is.
-        without_brake: postures at a given release from which no brake was found that is clear of the flight.
-        needs_sooner: whether the incumbent was brought along as an optimised motion: none is of use that is no sooner.
         was_cut_short: whether the deadline had passed at the end of the search, and the answer may not be the soonest.
     """
 
@@ -86,7 +75,6 @@ class PlanningSearch:
     deadline_s: float
     incumbent: CertifiedSolution | None = None
     certified: list[CertifiedSolution] = field(default_factory=list)
-    in_hand: CertifiedSolution | None = None
     nominal: CertifiedSolution | None = None
     rejected: list[CertifiedSolution] = field(default_factory=list)
     attempts: list[Attempt] = field(default_factory=list)
@@ -94,11 +82,6 @@ class PlanningSearch:
     lower_bound_s: float = 0.0
     loading_s: float = 0.0
     held: frozenset[str] = frozenset()
-    led_to_motion: dict[Candidate, bool] = field(default_factory=dict)
-    given_up: int = 0
-    has_optimised: bool = False
-    without_brake: set[tuple[float, ...]] = field(default_factory=set)
-    needs_sooner: bool = False
     was_cut_short: bool = False
 
     @property
@@ -117,51 +100,14 @@ class PlanningSearch:
         return self.release_time_s <= self.lower_bound_s
 
     @property
+    def is_over(self) -> bool:
+        """Whether nothing is left to be done: the incumbent is the soonest, or the deadline has passed."""
+        return self.is_optimal or self.out_of_time
+
+    @property
     def latest_useful_s(self) -> float:
-        """Latest release time of an optimised motion that is of use [s]: a tick before that of another one."""
-        return self.release_time_s - self.problem.dt if self._has_answer_to_beat else float("inf")
-
-    @property
-    def _has_answer_to_beat(self) -> bool:
-        """Whether an optimised motion is known: another one is of use only where it is sooner."""
-        return self.has_optimised or self.needs_sooner
-
-    @property
-    def in_vain(self) -> list[Candidate]:
-        """The candidates from which the optimiser came to no motion, by ascending lower bound; none without a brake."""
-        found = [each for each, led in self.led_to_motion.items() if not led and not self.lacks_brake(each)]
-        return sorted(found, key=lambda candidate: candidate.bound_s)
-
-    def note_lack_of_brake(self, candidate: Candidate) -> None:
-        """Notes that no brake from a given release was found, unless the same posture led to a motion before."""
-        posture = _posture(candidate)
-        if not any(led and _posture(each) == posture for each, led in self.led_to_motion.items()):
-            self.without_brake.add(posture)
-
-    def lacks_brake(self, candidate: Candidate) -> bool:
-        """Returns whether no brake was found from a candidate, or from one that differs by whole turns of joints."""
-        return _posture(candidate) in self.without_brake
-
-    @property
-    def answer(self) -> CertifiedSolution | None:
-        """The soonest valid motion: the incumbent, or else the one in hand."""
-        return self.incumbent or self.in_hand
-
-    def continued(self, problem: ThrowProblem, held: frozenset[str] = frozenset()) -> PlanningSearch:
-        """Returns a search for motions that solve another problem and are sooner than this one's incumbent.
-
-        Args:
-            problem: whose motions solve this search's own.
-            held: groups of rows with which seeds start.
-        """
-        return PlanningSearch(
-            problem,
-            self.deadline_s,
-            self.incumbent,
-            held=held,
-            without_brake=set(self.without_brake),  # under tighter limits there is none all the more
-            needs_sooner=self._has_answer_to_beat,
-        )
+        """Latest release time of a motion that is of use [s]: a tick before that of the incumbent."""
+        return self.release_time_s - self.problem.dt
 
     def certify(self, backend: str, solution: Solution) -> CertifiedSolution:
         """Returns a motion with its checks, considered as an answer."""
@@ -174,7 +120,6 @@ class PlanningSearch:
         if not found.is_valid:
             self.note_rejected(found)
             return
-        self.has_optimised |= found.backend == "casadi"
         self.certified.append(found)
         if _sooner(found, self.incumbent):
             self.incumbent = found
@@ -186,11 +131,8 @@ class PlanningSearch:
             self.nominal = found
 
     def by_rank(self) -> list[CertifiedSolution]:
-        """Returns the valid motions, the best first; the one in hand among them."""
-        motions = list(self.certified)
-        if self.in_hand is not None and self.in_hand not in motions:
-            motions.append(self.in_hand)
-        return sorted(motions, key=lambda each: _rank(each.solution.trajectory))
+        """Returns the valid motions, the best first."""
+        return sorted(self.certified, key=lambda each: _rank(each.solution.trajectory))
 
     def log_attempt(self, backend: str, result: str, begun_s: float) -> None:
         """Adds an entry to the attempt log for work that began at `begun_s`."""
@@ -234,11 +176,6 @@ def counted(number: int, thing: str) -> str:
 def certified(backend: str, problem: ThrowProblem, solution: Solution) -> CertifiedSolution:
     """Returns a back end's motion with the checks that it has to pass."""
     return CertifiedSolution(backend, solution, Examination(problem, solution.trajectory))
-
-
-def _posture(candidate: Candidate) -> tuple[float, ...]:
-    """Returns a candidate's joint positions but for whole turns, rounded."""
-    return tuple(np.round(np.stack([np.cos(candidate.q), np.sin(candidate.q)]), POSTURE_DECIMALS).ravel().tolist())
 
 
 def _sooner(found: CertifiedSolution, other: CertifiedSolution | None) -> bool:

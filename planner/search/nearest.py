@@ -25,7 +25,7 @@ from planner.errors import BackendUnavailable, Infeasible, SolverFailed, Violati
 from planner.geometry import tool_pose
 from planner.problem import JointRelease, PointRelease, PoseRelease, Release, TargetRelease, ThrowProblem
 from planner.rotations import matrix_to_rotation_vector, pose, rotation_vector_to_matrix
-from planner.search.auto import search_optimised
+from planner.search.auto import optimise_all
 from planner.search.blocked_postures import blocked_postures
 from planner.search.feasible_releases import (
     PlacedRelease,
@@ -38,9 +38,8 @@ from planner.search.feasible_releases import (
     within,
 )
 from planner.search.incumbent import CertifiedSolution, PlanningSearch, certified
-from planner.search.policy import FIRST_SEEDS_POLICY
 from planner.search.proofs import refuse_impossible
-from planner.search.ranking import Ranking
+from planner.search.ranking import ranked
 from planner.search.sequential import VARIANTS_BY_BACKEND, Solve
 from planner.search.way_home import find_way_home
 from planner.seeds import Candidate, candidates, farthest_reach
@@ -67,6 +66,7 @@ WINDOW_SHARES = (1.0, 0.5, 0.25)  # [-] of the requested release window
 # [-] What the optimiser may spend on targets, and on windows: most of what it finds takes 100 to 300 iterations.
 ITERATIONS_MAX = 900
 ANSWERS_MAX = 3
+SEEDS_MAX = 2  # [-] of the optimiser for one of them
 WINDOW_STEP_S = 1e-4
 DECIMALS = 4  # [s] windows are rounded down to it: no gripper is timed more finely
 ROUNDING = 1e-9  # [-] of a number of steps
@@ -143,7 +143,7 @@ class Optimiser:
         inner = PlanningSearch(problem, self.search.deadline_s)
         try:
             refuse_impossible(problem)
-            search_optimised(inner, Ranking(problem, candidates(problem)), FIRST_SEEDS_POLICY)
+            optimise_all(inner, ranked(problem, candidates(problem)), SEEDS_MAX)
         except (Infeasible, BackendUnavailable):
             return False
         self.search.extend_deadline(inner.loading_s)

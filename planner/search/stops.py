@@ -18,10 +18,9 @@ from planner.arrays import Array
 from planner.errors import Infeasible, InvalidProblem
 from planner.geometry import body_model
 from planner.problem import ThrowProblem
-from planner.search.auto import search_optimised
+from planner.search.auto import search_once, take_motions
 from planner.search.incumbent import CertifiedSolution, PlanningSearch, counted
-from planner.search.policy import POLICY, Stage, no_incumbent
-from planner.search.ranking import Ranking
+from planner.search.ranking import ranked
 from planner.seeds import Candidate, candidates
 from planner.solution import Solution
 from planner.trajectory import Trajectory, in_a_row
@@ -31,11 +30,7 @@ RUN_UPS_S = (0.2, 0.3, 0.5)  # [s] of constant acceleration to the release; 3 ra
 CANDIDATES_MAX = 24  # [-] postures that a move to rest may end in: as many as are ranked; of a pose, all branches
 RUN_UP_CANDIDATES_MAX = 8  # [-] candidates with run-up postures: each costs six certificates where none is valid
 WAYS_MAX = 4  # [-] postures to which a way is searched for; a search in vain takes up to two seconds
-# From a run-up posture to its own candidate, which is near: Ruckig's motions, in a few milliseconds. The others are
-# slower than these, and as blocked.
-RUN_UP_POLICY = (
-    Stage("ruckig", "from a run-up posture", slice(0, 1), no_incumbent, variants=("free", "synchronised")),
-)
+RUN_UP_VARIANTS = ("free", "synchronised")
 
 
 def search_with_stop(search: PlanningSearch, found: Sequence[Candidate]) -> None:
@@ -70,31 +65,30 @@ def _launches(search: PlanningSearch, found: Sequence[Candidate]) -> Iterator[tu
         yield from ((candidate.q, None) for candidate in found[:CANDIDATES_MAX])
         return
     home = problem.cell.home
-    if not np.array_equal(home, problem.start) and (throw := _from(search, home, None, POLICY)) is not None:
+    if not np.array_equal(home, problem.start) and (throw := _from(search, home, None)) is not None:
         yield home, throw
     for candidate in found[:RUN_UP_CANDIDATES_MAX]:
         for run_up_s in RUN_UPS_S:
             stop = candidate.q - 0.5 * run_up_s * candidate.qd
-            if (throw := _from(search, stop, candidate, RUN_UP_POLICY)) is not None:
+            if (throw := _from(search, stop, candidate)) is not None:
                 yield stop, throw
                 break
 
 
-def _from(
-    search: PlanningSearch, stop: Array, candidate: Candidate | None, policy: Sequence[Stage]
-) -> CertifiedSolution | None:
-    """Returns the best certified motion from a posture to a candidate, or to all of its own; None if there is none."""
+def _from(search: PlanningSearch, stop: Array, candidate: Candidate | None) -> CertifiedSolution | None:
+    """Returns the best certified motion from a posture to a candidate, by Ruckig, or to all of its own; None if none."""
     if search.out_of_time or body_model(search.problem.cell_with_bin).clearances(stop[None]).least[0] < 0.0:
         return None
     try:
-        problem = replace(search.problem, start=stop)
-        found = [candidate] if candidate is not None else candidates(problem)
+        inner = PlanningSearch(replace(search.problem, start=stop), search.deadline_s)
+        if candidate is None:
+            search_once(inner, candidates(inner.problem))
+        else:
+            take_motions(inner, ranked(inner.problem, [candidate]), RUN_UP_VARIANTS)
     except (InvalidProblem, Infeasible):
         return None
-    inner = PlanningSearch(problem, search.deadline_s)
-    search_optimised(inner, Ranking(problem, found), policy)
     search.iterations += inner.iterations
-    return inner.answer
+    return inner.incumbent
 
 
 def _way(problem: ThrowProblem, stop: Array) -> Trajectory | None:

@@ -9,11 +9,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
-from planner.backends.casadi_nlp.flight_rows import flight_cuts, starts_with_flight
-from planner.backends.casadi_nlp.layout import FlightEdge
-from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, Margins, meets_arm, meets_base, too_coarse
+from planner.backends.casadi_nlp.flight_rows import starts_with_flight
+from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, Margins, meets_arm
 from planner.errors import BackendUnavailable, SolverFailed
 from planner.kernel import compile_kernel
 from planner.problem import TargetRelease, ThrowProblem
@@ -26,17 +25,13 @@ if TYPE_CHECKING:
 
 __all__ = [
     "DEFAULT_MARGINS",
-    "FlightEdge",
     "Margins",
     "SeedFailed",
     "SolveOptions",
     "build_solvers",
-    "flight_cuts",
     "load",
     "meets_arm",
-    "meets_base",
     "solve",
-    "too_coarse",
     "warm",
 ]
 
@@ -49,18 +44,14 @@ class SolveOptions:
 
     Attributes:
         margins: on every limit; wider ones after a certificate's failed checks.
-        resolution: "fine" takes more stages, and among keep-out boxes every row from the beginning.
         iteration_budget: no further solver call begins when the iterations of all calls reach it.
         deadline_s: on `time.perf_counter`; no further solver call begins after it. None for no deadline.
-        with_ipopt: whether IPOPT is called where fatrop gives up.
         latest_s: a motion that releases later than this is of no use; infinite for no such time.
     """
 
     margins: Margins = DEFAULT_MARGINS
-    resolution: Literal["coarse", "fine"] = "coarse"
     iteration_budget: int = ITERATION_BUDGET
     deadline_s: float | None = None
-    with_ipopt: bool = False
     latest_s: float = math.inf
 
 
@@ -89,7 +80,7 @@ def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOption
     Args:
         problem: the problem.
         seed: the candidate, which `joint` and `pose` releases are held to, and a motion through it.
-        options: margins, resolution and budgets.
+        options: margins and budgets.
 
     Raises:
         SeedFailed: no motion was found within the budget, or none that releases in time.
@@ -102,13 +93,12 @@ def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOption
     from planner.backends.casadi_nlp.solver import Solver
 
     problem = with_room(problem)
-    instance = Instance.of(problem, seed, options.margins, options.resolution)
-    among_boxes = options.resolution == "fine" and "keep_out" in instance.stages.groups
-    groups = frozenset(instance.stages.groups) if among_boxes else options.margins.held
+    instance = Instance.of(problem, seed, options.margins)
+    groups = options.margins.held
     groups |= {"flight"} if starts_with_flight(problem) else set()
     groups |= {"leaving"} if options.margins.leaves else set()  # it decides which objects have states
     latest_s = options.latest_s + SHORTENED_TICKS * problem.dt
-    solver = Solver(options.iteration_budget, options.deadline_s, groups, options.with_ipopt, latest_s)
+    solver = Solver(options.iteration_budget, options.deadline_s, groups, latest_s)
     try:
         return _answer(instance, seed, options, solver)
     except SolverFailed as failure:

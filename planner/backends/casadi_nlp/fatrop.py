@@ -1,4 +1,4 @@
-"""Calls of the solvers: fatrop with compiled rows, or through casadi, and IPOPT.
+"""Calls of the solver: fatrop with compiled rows, or through casadi.
 
 casadi's interface evaluates the whole problem as sparse matrices and takes them apart again for every stage, which
 takes as long as the rows themselves. The compiled launch (`c/launch.c`) hands fatrop each stage's matrices, several
@@ -39,7 +39,6 @@ RESTORATIONS = "restorations"
 ANY_NUMBER = 1 << 30  # iterations in which the cost may be left aside; without a limit
 SOLVED = 0
 LATE = -2  # status of a call, as in launch.c
-IPOPT = {"tol": 1e-5, "mu_init": 1e-3, "max_iter": 80}
 PATTERNS_KEPT = 64  # solvers cached: a few for each kind of release
 
 # The blocks have all derivatives; casadi must not differentiate again.
@@ -319,11 +318,6 @@ def _least_within(slope: Vector, values: Vector, lower: Vector, upper: Vector) -
     return float(slope[bounded] @ (end - values)[bounded])
 
 
-def solve_by_ipopt(stages: StageLayout, arguments: Arguments) -> tuple[Vector, dict[str, Any]]:
-    """Returns the variables that IPOPT comes to, and its statistics."""
-    return first_result(_ipopt(stages), arguments)
-
-
 def _pattern(arguments: Arguments) -> bytes:
     """Returns which variables and rows are fixed (2), bounded (1) or free (0)."""
     lower = np.concatenate([arguments["lbx"], arguments["lbg"]])
@@ -373,21 +367,6 @@ def _reordered(functions: Mapping[str, Any], order: Indices) -> dict[str, Any]:
             results = [results[0][to], results[1][to, to]]
         sorted_ones[name] = ca.Function(name, inputs, results)
     return sorted_ones
-
-
-@cache
-def _ipopt(stages: StageLayout) -> Any:
-    """Returns the IPOPT solver of the same problem."""
-    functions = dict(transcription(stages).functions)
-    inputs = x, p, *_ = functions["hess_l"].mx_in()
-    functions["upper"] = ca.Function("upper", inputs, [ca.triu(functions["hess_l"](*inputs)[1])])
-    both = [functions["f"](x, p), functions["grad_f"](x, p)]
-    functions["value_and_grad_f"] = ca.Function("value_and_grad_f", [x, p], both)
-    roles = {
-        "nlp_grad_f": ("value_and_grad_f", ["f", "grad:f:x"]),
-        "nlp_hess_l": ("upper", ["triu:hess:gamma:x:x"]),
-    }
-    return _nlpsol("ipopt", functions, roles, {"ipopt": {"print_level": 0, "sb": "yes", **IPOPT}})
 
 
 def _nlpsol(plugin: str, functions: Mapping[str, Any], roles: Roles, settings: Mapping[str, Any]) -> Any:

@@ -22,7 +22,6 @@ from planner.seeds import Candidate
 UNBOUNDED_RADIUS_M = 1.0e3  # [m] radius where there is no bin
 LEAST_SPEED_M_S = 0.05  # [m/s] a flight slower than this along an axis hardly crosses the planes across it
 DOWN = (0.0, 0.0, -1.0)
-CUT_ROOM_M = 0.012  # [m] by which a cut keeps the object off the arm: the arm moves on in the next solution, too
 
 
 def constrains_flight(problem: ThrowProblem) -> bool:
@@ -49,14 +48,14 @@ def flight_parameters(problem: ThrowProblem, candidate: Candidate, margins: Marg
     Args:
         problem: the problem.
         candidate: whose flight decides how boxes are passed.
-        margins: room beside edges, within the opening's cone, and cuts.
+        margins: room beside edges and within the opening's cone.
         aim: landing point of the drag-free flight (3,) [m].
     """
     edges: list[FlightEdge] = []
     mouth = [*aim, UNBOUNDED_RADIUS_M, 0.0]
     if isinstance(problem.release, TargetRelease):
         arcs = _flight(problem, candidate)
-        edges = [*_box_edges(problem, arcs, margins.flight_m), *margins.cuts][:FLIGHT_EDGES]
+        edges = _box_edges(problem, arcs, margins.flight_m)[:FLIGHT_EDGES]
         if problem.release.opening is not None:
             (x, y, z) = problem.release.p_W
             bin_ = problem.release.opening
@@ -151,15 +150,3 @@ def _sides(axis: int, lower: Vector, upper: Vector) -> Iterator[tuple[Vector, fl
 def _edge(axis: int, face: float, speed: float, direction: Vector, bound: float) -> FlightEdge:
     x, y, z = direction.tolist()
     return FlightEdge.across((float(axis == 0), float(axis == 1)), float(face), speed, (x, y, z), bound)
-
-
-def flight_cuts(times: Vector, directions: Vector, offsets: Vector) -> tuple[FlightEdge, ...]:
-    """Returns cuts: half-spaces at fixed times that keep a flight off what an earlier one met.
-
-    Args:
-        times: after the release (n,) [s].
-        directions: unit vectors (n, 3) away from the obstacle.
-        offsets: of the half-spaces in which object and obstacle do not overlap (n,) [m].
-    """
-    rows = zip(times.tolist(), directions.tolist(), offsets.tolist(), strict=True)
-    return tuple(FlightEdge.at_time(t, m, offset + CUT_ROOM_M) for t, m, offset in rows)

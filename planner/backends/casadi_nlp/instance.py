@@ -41,10 +41,10 @@ from planner.timing import CubicGuess, grid_limits
 Arguments = dict[str, Vector]
 
 # Stages of launch and brake. A jerk-optimal motion has few switches, and braking is not hurried: more stages gain
-# nothing. With "fine" the rows are enforced at more times, for motions that come too close to something in between.
-STAGES = {"coarse": (8, 3), "fine": (12, 4)}
+# nothing.
+STAGES = 8, 3
 # [-] Of its initial length that a step may have. Motions dip below the floor in a stage of twice the others' length.
-LONGEST_STEP = {"coarse": 2.5, "fine": 1.5}
+LONGEST_STEP = 2.5
 BRAKE_WEIGHT = 0.05  # [-] cost of a second of braking, relative to a second of launch
 JERK_WEIGHT = 1e-3  # [-] cost of the mean squared scaled jerk: decides for joints that have time to spare
 STEP_WEIGHT = 6e-2  # [-] cost of the mean squared relative change of a step: keeps steps from collapsing
@@ -63,17 +63,16 @@ ROUNDING = 1e-9  # [-] of a number of stages
 DECIMALS = 9  # of arguments in units of one: finer than what a solver heeds, coarser than floating point differs
 
 
-def stage_layout(problem: ThrowProblem, margins: Margins, resolution: str = "coarse") -> StageLayout:
+def stage_layout(problem: ThrowProblem, margins: Margins) -> StageLayout:
     """Returns the stages that a problem needs, with every lazy group of rows that applies to it.
 
     Args:
         problem: the problem.
         margins: on every limit; they decide which groups there are.
-        resolution: key of `STAGES`.
     """
     groups = _applicable_groups(problem, margins)
     boxes = _box_slots(problem)
-    launch, brake = STAGES[resolution]
+    launch, brake = STAGES
     if problem.ends_at_rest:
         return StageLayout(launch, 0, 0, groups, boxes)
     window = window_stages(problem)
@@ -85,7 +84,7 @@ def _applicable_groups(problem: ThrowProblem, margins: Margins) -> tuple[str, ..
     applies = {
         "keep_out": _box_slots(problem) > 0,
         "grip": problem.cell.gripper.hold_acceleration_m_s2 is not None and not problem.ends_at_rest,
-        "flight": bool(margins.cuts) or constrains_flight(problem),
+        "flight": constrains_flight(problem),
         "standing": isinstance(problem.release, TargetRelease),
         "leaving": margins.leaves,
         "passing": not problem.ends_at_rest,
@@ -114,20 +113,16 @@ def window_stages(problem: ThrowProblem) -> int:
 
 def common_layouts() -> list[StageLayout]:
     """Returns the layouts whose solvers are built ahead of requests, 0.2 s together; uncompiled, a few 10 ms each."""
-    (launch, brake) = STAGES["coarse"]
-    fine = STAGES["fine"]
+    (launch, brake) = STAGES
     n = WINDOW_STAGES
     throws = ((launch, brake, 0), (launch + n, brake + n, n))
     usual = _subsets(USUAL_GROUPS)
     braking = [groups for groups in usual if "passing" in groups]
-    clear = [groups for groups in usual if "clearance" in groups]  # too close between coarse stages
     layouts = [StageLayout(*stages, groups=groups) for stages in throws for groups in usual]
     layouts += [StageLayout(*stages, groups=groups, aims=True) for stages in throws for groups in braking]
-    layouts += [StageLayout(*stages, groups=TARGET_GROUPS, aims=True) for stages in (*throws, fine)]
-    layouts += [StageLayout(0, n, groups=groups) for n in (brake, fine[1]) for groups in braking]
-    layouts += [StageLayout(*fine, groups=groups) for groups in clear]
-    layouts += [StageLayout(*fine, groups=groups, aims=True) for groups in clear if "passing" in groups]
-    return layouts + [StageLayout(n, 0, groups=each) for n in (launch, fine[0]) for each in _subsets(AT_REST_GROUPS)]
+    layouts += [StageLayout(*stages, groups=TARGET_GROUPS, aims=True) for stages in throws]
+    layouts += [StageLayout(0, brake, groups=groups) for groups in braking]
+    return layouts + [StageLayout(launch, 0, groups=each) for each in _subsets(AT_REST_GROUPS)]
 
 
 def _subsets(groups: tuple[str, ...]) -> list[tuple[str, ...]]:
@@ -149,7 +144,6 @@ class Instance:
         steps: lengths (N,) [s] that the solution's steps are kept close to.
         fixed_times: times of release and end [s], if they are fixed.
         landing_offsets: added to the landing error at each knot of the window (2 n + 1, 2) [m].
-        longest_step: of each step, relative to `steps` [-].
         brake_step_max_s: of each step of the brake [s].
         fitted_at: release state q, qd (6,) at which the formulas' arm is closest to a calibrated one; by default the
             candidate.
@@ -165,21 +159,19 @@ class Instance:
     steps: Vector
     fixed_times: tuple[float, float] | None = None
     landing_offsets: Vector | float = 0.0
-    longest_step: float = LONGEST_STEP["coarse"]
     brake_step_max_s: float = math.inf
     fitted_at: tuple[Vector, Vector] | None = None
 
     @staticmethod
-    def of(problem: ThrowProblem, seed: Seed, margins: Margins, resolution: str = "coarse") -> Instance:
+    def of(problem: ThrowProblem, seed: Seed, margins: Margins) -> Instance:
         """Returns the instance of a seed."""
         candidate = seed.candidate
         guess = seed.initial_guess or CubicGuess(problem, candidate)
-        stages = stage_layout(problem, margins, resolution)
+        stages = stage_layout(problem, margins)
         limits = grid_limits(problem.reachable, problem.dt)
         aim = initial_aim(problem, candidate)
         initial, steps = _variables_along(guess, stages, problem)
-        longest_step = LONGEST_STEP[resolution]
-        return Instance(problem, candidate, margins, stages, limits, aim, initial, steps, longest_step=longest_step)
+        return Instance(problem, candidate, margins, stages, limits, aim, initial, steps)
 
     def from_guess(self, guess: InitialGuess, landing_offsets: Vector | float) -> Instance:
         """Returns the instance with another initial guess and other offsets of the landings."""
@@ -314,7 +306,7 @@ class Instance:
         for group, given in clearances.items() if self.stages.launch else ():
             bounds.ease_first_stage(group, given[0])
         bounds.fix_ends(problem.start)
-        bounds.limit_steps(self.steps, self.longest_step, self.brake_step_max_s)
+        bounds.limit_steps(self.steps, LONGEST_STEP, self.brake_step_max_s)
         if "leaving" in self.stages.groups:
             bounds.follow_object(leaving_time(problem))
         if not problem.ends_at_rest and self.limits.singularity_distance_min > 0.0:  # 0 does not limit: sides are free

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from planner.backends.casadi_nlp.layout import FlightEdge
 from planner.solution import Solution
 from planner.trajectory import Trajectory
 
@@ -24,7 +23,6 @@ MOST_RAD = 0.2  # [rad] the same for a joint position
 FOLLOWED_OPENING_RAD = 0.1  # [rad] by which the opening is narrower where the object's way out is followed
 OPENING_FACTOR = 2.5  # [-] of an angle missing there, with `FOLLOWED_OPENING_RAD` once more: by releases without rows
 MOST_OPENING_RAD = 0.6  # [rad] missing angle beyond which a margin is no remedy
-TOO_COARSE_M = 0.005  # [m] clearance missing between knots and midpoints that calls for more stages
 # Checks of what the arm's own safety system watches, which no rows bound: the power of limit over value that the tool's
 # speed at the worst time is to be multiplied by.
 SLOWED = {"stopping_time": 1.0, "stopping_distance": 0.5, "elbow_speed": 1.0, "momentum": 1.0, "power": 1.0}
@@ -131,7 +129,6 @@ class Margins:
         leaves: whether block "leaving" follows the object on its way out of the grip, in place of the row "out".
         passing_m: room between the object in flight and the braking arm.
         standing_m: the same for what never moves of the arm.
-        cuts: half-spaces that keep the flight clear of the arm; see `flight_rows.flight_cuts`.
         window: usable share of the landing tolerance in the release window, in x and in y [-].
         local: margins around a time.
         held: groups of rows to include from the beginning.
@@ -153,7 +150,6 @@ class Margins:
     leaves: bool = False
     passing_m: float = 0.002
     standing_m: float = 0.002
-    cuts: tuple[FlightEdge, ...] = ()
     window: float = 0.62
     local: tuple[LocalMargin, ...] = ()
     held: frozenset[str] = frozenset()
@@ -167,8 +163,6 @@ class Margins:
         self,
         failures: Iterable[FailedCheck],
         solution: Solution,
-        cuts: tuple[FlightEdge, ...] = (),
-        beyond_rad: float = 0.0,
         tool_speed: Callable[[float], float] | None = None,
     ) -> Margins | None:
         """Returns the margins after a solution's failed checks, None if a margin is no remedy for one of them.
@@ -176,24 +170,15 @@ class Margins:
         Args:
             failures: the failed checks.
             solution: that failed them.
-            cuts: that keep a flight like the solution's clear of the arm; none where it was.
-            beyond_rad: by which the solution turned a joint past where the two capsules that collide block it [rad].
             tool_speed: the solution's at a time [s], over its limit; without it there is no remedy for `SLOWED` checks.
         """
-        wider: Margins | None = replace(self, held=self.held | solution.held, cuts=(*cuts, *self.cuts))
+        wider: Margins | None = replace(self, held=self.held | solution.held)
         for check in failures:
-            if check.name == "self_collision" and beyond_rad > 0.0:
-                wider = wider and wider._within_positions(beyond_rad)
-            elif check.name in SLOWED and check.at_s is not None and tool_speed is not None:
+            if check.name in SLOWED and check.at_s is not None and tool_speed is not None:
                 wider = wider and wider._slower(check, tool_speed(check.at_s))
             else:
-                wider = wider and wider._widened_for(check, solution.trajectory, bool(cuts))
+                wider = wider and wider._widened_for(check, solution.trajectory)
         return wider
-
-    def holding(self, failures: Iterable[FailedCheck], solution: Solution) -> Margins:
-        """Returns the same margins with the rows that a solution was solved with, and those of its failed checks."""
-        failed = {LOCAL_CHECKS[check.name].group for check in failures if check.name in LOCAL_CHECKS}
-        return replace(self, held=self.held | solution.held | failed)
 
     def _slower(self, check: FailedCheck, speed: float) -> Margins | None:
         """Returns the margins with a slower tool all along, which had that speed at the worst time, over its limit."""
@@ -203,13 +188,7 @@ class Margins:
         slower = min(speed, self.tcp_speed) * share
         return replace(self, tcp_speed=slower, held=self.held | {LOCAL_CHECKS["tcp_speed"].group})
 
-    def _within_positions(self, missing_rad: float) -> Margins | None:
-        if missing_rad > MOST_RAD:
-            return None
-        position_rad = self.position_rad + BETWEEN_KNOTS_FACTOR * missing_rad
-        return replace(self, position_rad=position_rad, held=self.held | {POSITIONS})
-
-    def _widened_for(self, check: FailedCheck, failed: Trajectory, is_cut: bool) -> Margins | None:
+    def _widened_for(self, check: FailedCheck, failed: Trajectory) -> Margins | None:
         missing = abs(check.value - check.limit)
         if check.name == "singularity_distance":
             more = (missing / check.limit if self.watched else 0.0) + SPARE_SHARE  # at first it may not be watched
@@ -220,15 +199,13 @@ class Margins:
             left = self.window - missing / check.limit / DIAGONAL - SPARE_SHARE
             return replace(self, window=left) if left > 0.0 else None
         if check.name in ("flight_clearance", "opening_direction"):
-            return self._widened_for_flight(check, missing, is_cut)
+            return self._widened_for_flight(check, missing)
         return self._widened_locally(check, missing, failed)
 
-    def _widened_for_flight(self, check: FailedCheck, missing: float, is_cut: bool) -> Margins | None:
+    def _widened_for_flight(self, check: FailedCheck, missing: float) -> Margins | None:
         held = replace(self, held=self.held | {"flight"})
         if check.name == "opening_direction":
             return self._with_way_out(missing)
-        if is_cut:
-            return held
         more = BETWEEN_KNOTS_FACTOR * missing + SPARE_M
         if meets_base(check):
             wider = replace(self, held=self.held | {"standing"}, standing_m=self.standing_m + more)
@@ -279,17 +256,3 @@ def meets_arm(check: FailedCheck) -> bool:
 def meets_base(check: FailedCheck) -> bool:
     """Returns whether a failed check is of a flight that meets what never moves of the arm."""
     return check.name == "flight_clearance" and check.detail in STANDING
-
-
-def too_coarse(failures: Iterable[FailedCheck], margins: Margins = DEFAULT_MARGINS) -> bool:
-    """Returns whether more stages are needed: a clearance is violated by much between knots and midpoints, or again.
-
-    Where one that has a margin is violated again, the stages have become longer, and the motion passes as close between
-    others.
-    """
-    clearances = {name for name, local in LOCAL_CHECKS.items() if not local.is_relative}
-    widened = {margin.check for margin in margins.local}
-    return any(
-        check.name in clearances and (check.limit - check.value > TOO_COARSE_M or check.name in widened)
-        for check in failures
-    )

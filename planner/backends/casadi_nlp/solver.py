@@ -17,7 +17,6 @@ from planner.backends.casadi_nlp.fatrop import (
     Options,
     compiled_launch,
     solve_by_fatrop,
-    solve_by_ipopt,
 )
 from planner.backends.casadi_nlp.functions import evaluate
 from planner.backends.casadi_nlp.instance import Arguments, Instance
@@ -40,7 +39,6 @@ FATROP_LANDING: Options = {"linsol_lu_fact_tol": 1e-3}
 FATROP_POINT: Options = {"max_iter": 70, RESTORATIONS: 0}
 FATROP_FIXED_TIMES: Options = {"mu_init": 1e-4, "max_iter": 40}  # starts close to its optimum
 FATROP_BRAKE: Options = {"max_iter": 40}  # alone: what takes longer hardly ever succeeds
-FATROP_AFRESH: Options = {"mu_init": 1.0}  # a larger barrier leads elsewhere
 # [-, m, rad] A row left out is included when it is this far beyond its bound, and what fatrop gives up is a solution if
 # none is: ten times the tolerance.
 VIOLATED = 1e-3
@@ -58,7 +56,6 @@ class Solver:
         iteration_budget: no further call begins when the iterations of all calls reach it.
         deadline_s: on `time.perf_counter`; no further call begins after it. None for no deadline.
         groups: rows included so far: of `LAZY_GROUPS`, or `POSITIONS`.
-        with_ipopt: whether IPOPT is called where fatrop gives up.
         latest_s: no further call begins from a solution that releases later than this; infinite for no such time.
         iterations: spent so far.
         status: outcome of the last call.
@@ -74,13 +71,11 @@ class Solver:
         iteration_budget: int,
         deadline_s: float | None,
         groups: frozenset[str],
-        with_ipopt: bool,
         latest_s: float = math.inf,
     ) -> None:
         self.iteration_budget = iteration_budget
         self.deadline_s = deadline_s
         self.groups = groups
-        self.with_ipopt = with_ipopt
         self.latest_s = latest_s
         self.is_late = False
         self.iterations = 0
@@ -95,9 +90,6 @@ class Solver:
             SolverFailed: the solver gave up, or the budget is spent.
         """
         z = self.try_solve(instance)
-        if z is None and self.with_ipopt and not self.is_late and not self._is_spent():
-            scaled = self._call_ipopt(instance)
-            z = None if scaled is None else scaled * instance.scales
         if z is None:
             raise SolverFailed(self.status, self.iterations)
         return z
@@ -117,7 +109,6 @@ class Solver:
         Groups of rows are included as they are violated; the object's path follows each solution. Where the release
         is given, a brake that is clear of the flight is part of the initial guess; without one the solver gives up.
         """
-        guess = instance.arguments["x0"]
         kept = None
         moved = 0
         awaits_brake = _brakes_first(instance)
@@ -142,8 +133,6 @@ class Solver:
                 moved += 1
             self.groups |= violated
             starts = [(instance, arguments)]
-            if _may_begin_again(instance):  # what was solved before may be too far off
-                starts.append((instance, {**arguments, "x0": guess}))
         return None if self.is_late else kept
 
     def _releases_late(self, release_s: float) -> bool:
@@ -203,21 +192,15 @@ class Solver:
         reduced["lbg"], reduced["ubg"] = reduced["lbg"][kept], reduced["ubg"][kept]
         options = _fatrop_options(part, instance)
         latest = self._latest_scaled(instance)
-        x, iterations = self._call_fatrop(part, reduced, options, latest)
-        ran_out = x is None and iterations >= options["max_iter"] and not self.is_late
-        if ran_out and _may_start_afresh(instance) and not self._is_spent():
-            x, _ = self._call_fatrop(part, reduced, options | FATROP_AFRESH, latest)
-        return x
+        return self._call_fatrop(part, reduced, options, latest)
 
     def _latest_scaled(self, instance: Instance) -> float:
         """Returns `latest_s` as a solver's variable; infinite where the time of the release is given."""
         is_free = instance.fixed_times is None and instance.stages.launch > 0
         return self.latest_s / float(instance.scales[TIME]) if is_free else math.inf
 
-    def _call_fatrop(
-        self, part: StageLayout, arguments: Arguments, options: Options, latest: float
-    ) -> tuple[Vector | None, int]:
-        """Returns the solution, None where there is none, and the number of iterations.
+    def _call_fatrop(self, part: StageLayout, arguments: Arguments, options: Options, latest: float) -> Vector | None:
+        """Returns the solution, None where there is none.
 
         A call is ended, and its lateness noted, as soon as it is clear that it would release after `latest`, scaled.
         What breaks no row where fatrop gives up is a solution, too, if not an optimal one: it often turns on the spot,
@@ -232,14 +215,9 @@ class Solver:
         if was_late:
             self.iterations += iterations
             self._note_lateness(True, f"would release after {self.latest_s:.3f} s")
-            return None, iterations
+            return None
         is_solved = self.has_converged or _breaks_no_row(part, x, arguments)
-        return self._result("fatrop", _stagewise(part, x), iterations, is_solved), iterations
-
-    def _call_ipopt(self, instance: Instance) -> Vector | None:
-        x, stats = solve_by_ipopt(instance.stages, instance.arguments)
-        z = _stagewise(instance.stages, x)
-        return self._result("ipopt", z, int(stats["iter_count"]), bool(stats["success"]))
+        return self._result("fatrop", _stagewise(part, x), iterations, is_solved)
 
     def _result(self, name: str, z: Vector, iterations: int, is_solved: bool) -> Vector | None:
         self.iterations += iterations
@@ -256,23 +234,6 @@ def _brakes_first(instance: Instance) -> bool:
     """
     given = instance.problem.fixes_joints and not instance.stages.window and instance.fixed_times is None
     return given and instance.stages.brake > 0
-
-
-def _may_start_afresh(instance: Instance) -> bool:
-    """Returns whether fatrop is called once more, with a larger barrier, where its iterations did not suffice.
-
-    Where the release is free, that leads to a third to a half of the solutions that are missed; where it is given, most
-    of what is not solved has no solution. In a window, more iterations lead to more.
-    """
-    return not (instance.problem.fixes_joints or instance.stages.window or instance.fixed_times)
-
-
-def _may_begin_again(instance: Instance) -> bool:
-    """Returns whether further rows are solved from the initial guess, too, where that from the first solution failed.
-
-    Where the release is given, without a window, 120 of 128 fail again.
-    """
-    return not instance.problem.fixes_joints or instance.stages.window > 0
 
 
 def _breaks_no_row(part: StageLayout, x: Vector, arguments: Arguments) -> bool:
