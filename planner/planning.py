@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,17 +13,14 @@ from planner.errors import Infeasible, SolverFailed
 from planner.problem import TIME_LIMIT_S, ThrowProblem
 from planner.request import request_document
 from planner.search import (
-    VARIANTS_BY_BACKEND,
     Attempt,
-    CertifiedSolution,
     PlanningSearch,
     best_with_way_home,
     load_libraries,
     nearest_problem,
     of_candidates,
     refuse_impossible,
-    search_once,
-    search_sequential,
+    search_candidates,
     search_with_stop,
 )
 from planner.seeds import Candidate, NoCandidates, ReleaseState, candidates, neighbour_candidates
@@ -95,7 +92,18 @@ def plan(problem: ThrowProblem, hints: SearchHints = ORDINARY) -> Plan:
     load_libraries(problem.backend)
     begun_s = time.perf_counter()
     search = PlanningSearch(problem, begun_s + problem.time_limit_s)
-    best, way_home = _best(search, hints)
+    try:
+        refuse_impossible(problem)
+        found = _candidates(search, hints.releases)
+        search_candidates(search, found)
+        search.note_end()
+        if search.best is None and problem.backend == "auto" and not hints.releases:
+            search_with_stop(search, found)
+        best, way_home = best_with_way_home(search)
+    except (Infeasible, SolverFailed) as refusal:
+        if hints.offers_nearest:
+            refusal.nearest = _nearest(search, refusal)
+        raise
     return Plan(
         problem=problem,
         backend=best.backend,
@@ -110,58 +118,10 @@ def plan(problem: ThrowProblem, hints: SearchHints = ORDINARY) -> Plan:
     )
 
 
-def _best(search: PlanningSearch, hints: SearchHints) -> tuple[CertifiedSolution, Approach]:
-    """Returns the answer of a search: its best motion from whose end there is a way home, and that way.
+def _candidates(search: PlanningSearch, releases: Sequence[ReleaseState]) -> list[Candidate]:
+    """Returns a search's candidates, from other plans' release states where some are given.
 
-    Raises:
-        Infeasible, SolverFailed: there is none; with the nearest feasible request, if asked for.
-    """
-    try:
-        _run(search, hints.releases)
-        return best_with_way_home(search)
-    except (Infeasible, SolverFailed) as refusal:
-        if hints.offers_nearest:
-            refusal.nearest = _nearest(search, refusal)
-        raise
-
-
-def _run(search: PlanningSearch, releases: Sequence[ReleaseState]) -> None:
-    """Searches for a motion; from the release states of other plans, where some are given, by one walk of the policy.
-
-    Raises:
-        Infeasible, SolverFailed: there is none.
-    """
-    problem = search.problem
-    refuse_impossible(problem)
-    if releases:
-        found = _found_or_logged(search, lambda problem: neighbour_candidates(problem, releases))
-        search_once(search, found)
-        search.note_end()
-    else:
-        _search_ordinarily(search)
-    if search.incumbent is None:
-        raise search.failure()
-
-
-def _search_ordinarily(search: PlanningSearch) -> None:
-    """Searches from candidates of its own, to the end.
-
-    Raises:
-        Infeasible: there are no candidates.
-    """
-    problem = search.problem
-    found = _found_or_logged(search, candidates)
-    if problem.backend in VARIANTS_BY_BACKEND:
-        search_sequential(search, problem.backend, found)
-    else:
-        search_once(search, found)
-    search.note_end()
-    if search.incumbent is None and problem.backend == "auto":
-        search_with_stop(search, found)
-
-
-def _found_or_logged(search: PlanningSearch, find: Callable[[ThrowProblem], list[Candidate]]) -> list[Candidate]:
-    """Returns the candidates that are found for a search's problem; without any, what was looked at is its attempt.
+    Without any, what was looked at is an attempt of the search.
 
     Raises:
         Infeasible: there are none.
@@ -169,7 +129,7 @@ def _found_or_logged(search: PlanningSearch, find: Callable[[ThrowProblem], list
     problem = search.problem
     begun_s = time.perf_counter()
     try:
-        return find(problem)
+        return neighbour_candidates(problem, releases) if releases else candidates(problem)
     except Infeasible as refusal:
         tried = refusal.tried if isinstance(refusal, NoCandidates) else NO_RELEASE_STATE
         search.log_attempt("candidates", tried, begun_s)

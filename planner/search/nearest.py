@@ -25,7 +25,6 @@ from planner.errors import BackendUnavailable, Infeasible, SolverFailed, Violati
 from planner.geometry import tool_pose
 from planner.problem import JointRelease, PointRelease, PoseRelease, Release, TargetRelease, ThrowProblem
 from planner.rotations import matrix_to_rotation_vector, pose, rotation_vector_to_matrix
-from planner.search.auto import optimise_all
 from planner.search.blocked_postures import blocked_postures
 from planner.search.feasible_releases import (
     PlacedRelease,
@@ -37,10 +36,9 @@ from planner.search.feasible_releases import (
     position,
     within,
 )
-from planner.search.incumbent import CertifiedSolution, PlanningSearch, certified
 from planner.search.proofs import refuse_impossible
-from planner.search.ranking import ranked
-from planner.search.sequential import VARIANTS_BY_BACKEND, Solve
+from planner.search.record import CertifiedSolution, PlanningSearch, certified
+from planner.search.search import MOTIONS, Solve, search_candidates
 from planner.search.way_home import find_way_home
 from planner.seeds import Candidate, candidates, farthest_reach
 
@@ -98,7 +96,7 @@ class Feasibility:
         """
         if blocked_postures(problem):
             return None
-        variants = VARIANTS_BY_BACKEND.get(problem.backend, VARIANTS_BY_BACKEND["ruckig"])[::-1]  # the gentlest first
+        variants = MOTIONS.get(problem.backend, MOTIONS["ruckig"])[::-1]  # the gentlest first
         try:
             found = candidates(problem, wide=thorough)[: CANDIDATES_MAX if thorough else FEW_CANDIDATES]
         except Infeasible:
@@ -143,15 +141,15 @@ class Optimiser:
         inner = PlanningSearch(problem, self.search.deadline_s)
         try:
             refuse_impossible(problem)
-            optimise_all(inner, ranked(problem, candidates(problem)), SEEDS_MAX)
+            search_candidates(inner, candidates(problem))
         except (Infeasible, BackendUnavailable):
             return False
         self.search.extend_deadline(inner.loading_s)
         self.iterations += inner.iterations
-        if inner.incumbent is None:
+        if inner.best is None:
             return False
         self.answers += 1
-        return find_way_home(problem, inner.incumbent)[0] is not None
+        return find_way_home(problem, inner.best)[0] is not None
 
 
 def nearest_problem(search: PlanningSearch, violations: Sequence[Violation]) -> ThrowProblem | None:

@@ -1,85 +1,100 @@
-"""The optimiser from one seed: solved, certified, and solved again with wider margins after failed checks."""
+"""The optimiser from one candidate: solved, certified, and solved again with wider margins after failed checks."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from planner.backends import casadi_nlp
+from planner.backends import casadi_nlp, ruckig_otg
 from planner.backends.casadi_nlp import SolveOptions
 from planner.certificate import Check
+from planner.errors import SolverFailed
 from planner.geometry import tool_state
 from planner.problem import TargetRelease, ThrowProblem
-from planner.search.incumbent import PlanningSearch
-from planner.seeds import Seed
+from planner.search.record import PlanningSearch
+from planner.seeds import Candidate, InitialGuess, Seed
 from planner.solution import Solution
 from planner.trajectory import Trajectory
 
-ROUNDS = 4  # [-] solves from one seed at most
-SOLVE_ITERATIONS = (
-    150  # [-] at least for a solve that is begun: what is left of a budget is no reason to give up half way
-)
-NOT_COMPILED = "the solvers are not compiled: the same answer, later; `fling warm` compiles them"
+ROUNDS = 4  # [-] solves from one initial guess, each after failed checks of the one before
+ITERATIONS = 150  # [-] of the optimiser in one solve, all of its calls together
+CERTIFIED = "certified"
+GENTLE_RAMP_S = 0.1  # [s] that an acceleration takes to its limit in a gentle initial guess
 
 
-def optimise(search: PlanningSearch, problem: ThrowProblem, own: Seed, end: int, rounds: int = ROUNDS) -> bool:
-    """Optimises from a seed until a motion is certified; returns whether one is.
+def optimise(search: PlanningSearch, candidate: Candidate) -> None:
+    """Optimises from a candidate until a motion is certified, or known to be no sooner than the best.
 
-    After failed checks it solves again with wider margins, from that motion, or where that leads nowhere from the seed
-    itself.
+    Args:
+        search: updated in place.
+        candidate: of its problem.
+    """
+    begun_s = time.perf_counter() + _load(search)
+    result = "no initial guess"
+    for guess in _guesses(search.problem, candidate):
+        try:
+            result = _optimise_from(search, Seed(candidate, guess))
+        except casadi_nlp.SeedFailed as failure:
+            search.iterations += failure.iterations
+            result = str(failure)
+            if failure.is_late:
+                break
+        if result == CERTIFIED:
+            break
+    search.log_attempt("casadi", f"{candidate.label}: {result}", begun_s)
+
+
+def _load(search: PlanningSearch) -> float:
+    """Loads the optimiser, once a process; returns the seconds it took, for which the request's clock stands still."""
+    begun_s = time.perf_counter()
+    casadi_nlp.load()
+    taken_s = time.perf_counter() - begun_s
+    search.extend_deadline(taken_s)
+    return taken_s
+
+
+def _guesses(problem: ThrowProblem, candidate: Candidate) -> Iterator[InitialGuess | None]:
+    """Yields the initial guesses from a candidate: Ruckig's motion within the limits, then one with little jerk.
+
+    None leaves the motion to the optimiser, where Ruckig refuses the candidate.
+    """
+    limits = problem.limits
+    gentle = np.minimum(limits.jerk_max, limits.qdd_max / GENTLE_RAMP_S)
+    for jerk_max in (limits.jerk_max, gentle):
+        try:
+            yield ruckig_otg.initial_guess(replace(problem, limits=replace(limits, jerk_max=jerk_max)), candidate)
+        except SolverFailed:
+            yield None
+        if np.array_equal(gentle, limits.jerk_max):
+            return
+
+
+def _optimise_from(search: PlanningSearch, seed: Seed) -> str:
+    """Optimises from an initial guess, after failed checks again from there with wider margins; returns how it ends.
 
     Raises:
-        SeedFailed: the optimiser came to no motion, or to none that is sooner than the incumbent.
+        SeedFailed: the optimiser came to no motion, or to none that is sooner than the best.
     """
-    options = SolveOptions(
-        replace(casadi_nlp.DEFAULT_MARGINS, held=search.held),
-        deadline_s=search.deadline_s,
-        latest_s=search.latest_useful_s,
-    )
-    seeds = (own,)
-    for _ in range(rounds):
-        solution = _from_any(search, problem, seeds, options, end)
+    problem = search.problem
+    options = SolveOptions(iteration_budget=ITERATIONS, deadline_s=search.deadline_s, latest_s=search.latest_useful_s)
+    failures = ""
+    for _ in range(ROUNDS):
+        solution = casadi_nlp.solve(problem, seed, options)
+        search.iterations += solution.iterations
         found = search.certify("casadi", solution)
         if found.is_valid:
-            return True
-        wider = _wider(search.problem, options.margins, found.certificate.failures, solution)
+            return CERTIFIED
+        failures = ", ".join(check.name for check in found.certificate.failures)
+        wider = _wider(problem, options.margins, found.certificate.failures, solution)
         if wider is None:
-            return False
-        seeds = (Seed(own.candidate, solution.trajectory), own)
+            break
+        seed = Seed(seed.candidate, solution.trajectory)
         options = replace(options, margins=wider)
-    return False
-
-
-def load_optimiser(search: PlanningSearch) -> None:
-    """Loads the optimiser; the request's clock stands still meanwhile."""
-    begun = time.perf_counter()
-    compiled = casadi_nlp.load()
-    search.extend_deadline(time.perf_counter() - begun)
-    if not compiled and all(attempt.result != NOT_COMPILED for attempt in search.attempts):
-        search.log_attempt("casadi", NOT_COMPILED, begun)
-
-
-def _from_any(
-    search: PlanningSearch, problem: ThrowProblem, seeds: Sequence[Seed], options: SolveOptions, end: int
-) -> Solution:
-    """Returns the optimiser's motion from the first seed that leads to one, until it is clear that it is too late."""
-    for i, seed in enumerate(seeds):
-        budget = max(end - search.iterations, SOLVE_ITERATIONS)
-        try:
-            solution = casadi_nlp.solve(problem, seed, replace(options, iteration_budget=budget))
-        except casadi_nlp.SeedFailed as error:
-            search.iterations += error.iterations
-            search.held |= error.held
-            if error.is_late or i == len(seeds) - 1:
-                raise
-        else:
-            search.iterations += solution.iterations
-            return solution
-    raise AssertionError("no seed")
+    return f"not certified for {failures}"
 
 
 def _wider(
@@ -87,10 +102,9 @@ def _wider(
 ) -> casadi_nlp.Margins | None:
     """Returns the margins after a solution's failed checks; None where another motion would fail them, too."""
     aims = isinstance(problem.release, TargetRelease)
-    made = solution.trajectory
     if not aims and all(check.name == "flight_clearance" and not casadi_nlp.meets_arm(check) for check in failures):
         return None  # the flight is given, and meets something but a link
-    return margins.widened(failures, solution, partial(_tool_speed, problem, made))
+    return margins.widened(failures, solution, partial(_tool_speed, problem, solution.trajectory))
 
 
 def _tool_speed(problem: ThrowProblem, made: Trajectory, at_s: float) -> float:

@@ -18,9 +18,8 @@ from planner.arrays import Array
 from planner.errors import Infeasible, InvalidProblem
 from planner.geometry import body_model
 from planner.problem import ThrowProblem
-from planner.search.auto import search_once, take_motions
-from planner.search.incumbent import CertifiedSolution, PlanningSearch, counted
-from planner.search.ranking import ranked
+from planner.search.record import CertifiedSolution, PlanningSearch, counted
+from planner.search.search import MOTIONS, search_candidates, try_motions
 from planner.seeds import Candidate, candidates
 from planner.solution import Solution
 from planner.trajectory import Trajectory, in_a_row
@@ -30,14 +29,13 @@ RUN_UPS_S = (0.2, 0.3, 0.5)  # [s] of constant acceleration to the release; 3 ra
 CANDIDATES_MAX = 24  # [-] postures that a move to rest may end in: as many as are ranked; of a pose, all branches
 RUN_UP_CANDIDATES_MAX = 8  # [-] candidates with run-up postures: each costs six certificates where none is valid
 WAYS_MAX = 4  # [-] postures to which a way is searched for; a search in vain takes up to two seconds
-RUN_UP_VARIANTS = ("free", "synchronised")
 
 
 def search_with_stop(search: PlanningSearch, found: Sequence[Candidate]) -> None:
-    """Looks for a launch with a stop until one is certified; the incumbent's status says so.
+    """Looks for a launch with a stop until one is certified; its status says so.
 
     Args:
-        search: without incumbent; updated in place.
+        search: without a motion; updated in place.
         found: candidates of its problem.
     """
     begun_s = time.perf_counter()
@@ -51,9 +49,9 @@ def search_with_stop(search: PlanningSearch, found: Sequence[Candidate]) -> None
             motion = way if throw is None else in_a_row(way, throw.solution.trajectory)
             status = "planned path" if throw is None else f"after a stop; {throw.solution.status}"
             search.certify("approach" if throw is None else throw.backend, Solution(motion, status))
-        if search.incumbent is not None or search.out_of_time or launches == WAYS_MAX:
+        if search.best is not None or search.out_of_time or launches == WAYS_MAX:
             break
-    made = f"{counted(int(search.incumbent is not None), 'motion')} certified"
+    made = f"{counted(int(search.best is not None), 'motion')} certified"
     result = f"{made}, {counted(ways, 'way')} to {counted(launches, 'posture')}" if launches else "no launch"
     search.log_attempt("approach", f"with a stop: {result}", begun_s)
 
@@ -76,19 +74,19 @@ def _launches(search: PlanningSearch, found: Sequence[Candidate]) -> Iterator[tu
 
 
 def _from(search: PlanningSearch, stop: Array, candidate: Candidate | None) -> CertifiedSolution | None:
-    """Returns the best certified motion from a posture to a candidate, by Ruckig, or to all of its own; None if none."""
+    """Returns the best certified motion from a posture, by Ruckig where a candidate is given; None if there is none."""
     if search.out_of_time or body_model(search.problem.cell_with_bin).clearances(stop[None]).least[0] < 0.0:
         return None
     try:
         inner = PlanningSearch(replace(search.problem, start=stop), search.deadline_s)
         if candidate is None:
-            search_once(inner, candidates(inner.problem))
+            search_candidates(inner, candidates(inner.problem))
         else:
-            take_motions(inner, ranked(inner.problem, [candidate]), RUN_UP_VARIANTS)
+            try_motions(inner, "ruckig", [candidate], MOTIONS["ruckig"])
     except (InvalidProblem, Infeasible):
         return None
     search.iterations += inner.iterations
-    return inner.incumbent
+    return inner.best
 
 
 def _way(problem: ThrowProblem, stop: Array) -> Trajectory | None:

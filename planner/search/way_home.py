@@ -12,7 +12,7 @@ from planner.approach import Approach, find_approach, obstacle_words
 from planner.certificate import Check
 from planner.errors import TIME_LIMIT, Infeasible, SolverFailed, Violation
 from planner.problem import ThrowProblem
-from planner.search.incumbent import CertifiedSolution, PlanningSearch, counted
+from planner.search.record import CertifiedSolution, PlanningSearch, counted
 
 MOTIONS_MAX = 3  # [-] best motions whose ends are tried: a search for a path takes some seconds where there is none
 
@@ -21,9 +21,12 @@ def best_with_way_home(search: PlanningSearch) -> tuple[CertifiedSolution, Appro
     """Returns the best certified motion of a finished search whose end has a way home, and that way.
 
     Raises:
-        Infeasible: no motion has one; the violation `way_home` names what blocks the straight move from the best one.
+        Infeasible: there is no motion, or none with a way home: the violation `way_home` names what blocks the
+            straight move from the best one.
         SolverFailed: the same, of a search that the time limit ended, or that left motions untried for want of time.
     """
+    if search.best is None:
+        raise search.failure()
     begun_s = time.perf_counter()
     blocked = []
     motions = search.by_rank()[:MOTIONS_MAX]

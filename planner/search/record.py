@@ -1,4 +1,4 @@
-"""State of one planning search: incumbent, rejected motions, attempt log, work spent, deadline."""
+"""Record of one planning search: best motion, rejected ones, attempt log, work spent, deadline."""
 
 from __future__ import annotations
 
@@ -59,29 +59,25 @@ class PlanningSearch:
     Attributes:
         problem: to be solved.
         deadline_s: of the request, on the clock of `time.perf_counter`.
-        incumbent: best valid motion so far.
+        best: the valid motion that releases soonest, so far.
         certified: every valid motion, in the order in which they were found.
         nominal: the soonest motion that lacks nothing but the release window.
         rejected: every motion that is not valid.
         attempts: log of what was tried.
         iterations: spent by the optimiser so far.
-        lower_bound_s: no motion releases earlier [s], as far as is known.
         loading_s: spent on loading solvers [s]; the deadline is later by as much.
-        held: groups of rows with which a seed failed: further seeds start with them.
         was_cut_short: whether the deadline had passed at the end of the search, and the answer may not be the soonest.
     """
 
     problem: ThrowProblem
     deadline_s: float
-    incumbent: CertifiedSolution | None = None
+    best: CertifiedSolution | None = None
     certified: list[CertifiedSolution] = field(default_factory=list)
     nominal: CertifiedSolution | None = None
     rejected: list[CertifiedSolution] = field(default_factory=list)
     attempts: list[Attempt] = field(default_factory=list)
     iterations: int = 0
-    lower_bound_s: float = 0.0
     loading_s: float = 0.0
-    held: frozenset[str] = frozenset()
     was_cut_short: bool = False
 
     @property
@@ -91,22 +87,12 @@ class PlanningSearch:
 
     @property
     def release_time_s(self) -> float:
-        """Release time of the incumbent [s]; infinite without one."""
-        return float("inf") if self.incumbent is None else self.incumbent.solution.trajectory.release_time_s
-
-    @property
-    def is_optimal(self) -> bool:
-        """Whether the incumbent is known to be the soonest: it reaches the lower bound."""
-        return self.release_time_s <= self.lower_bound_s
-
-    @property
-    def is_over(self) -> bool:
-        """Whether nothing is left to be done: the incumbent is the soonest, or the deadline has passed."""
-        return self.is_optimal or self.out_of_time
+        """Release time of the best [s]; infinite without one."""
+        return float("inf") if self.best is None else self.best.solution.trajectory.release_time_s
 
     @property
     def latest_useful_s(self) -> float:
-        """Latest release time of a motion that is of use [s]: a tick before that of the incumbent."""
+        """Latest release time of a motion that is of use [s]: a tick before that of the best."""
         return self.release_time_s - self.problem.dt
 
     def certify(self, backend: str, solution: Solution) -> CertifiedSolution:
@@ -116,13 +102,13 @@ class PlanningSearch:
         return found
 
     def consider(self, found: CertifiedSolution) -> None:
-        """Keeps a motion, as the incumbent if it is the best valid one."""
+        """Keeps a motion, as the best if it is the best valid one."""
         if not found.is_valid:
             self.note_rejected(found)
             return
         self.certified.append(found)
-        if _sooner(found, self.incumbent):
-            self.incumbent = found
+        if _sooner(found, self.best):
+            self.best = found
 
     def note_rejected(self, found: CertifiedSolution) -> None:
         """Keeps a rejected motion for the refusal; the soonest that lacks its window alone also as such."""
@@ -145,7 +131,7 @@ class PlanningSearch:
 
     def note_end(self) -> None:
         """Notes that the search has ended, by itself or by the deadline; what looks for a last resort may follow."""
-        self.was_cut_short = self.out_of_time and not self.is_optimal
+        self.was_cut_short = self.out_of_time
 
     def failure(self) -> Infeasible | SolverFailed:
         """Returns the error of a search without an answer: what ended it, and what stood in the way of every motion."""

@@ -1,0 +1,148 @@
+"""The search for the soonest motion of a problem.
+
+    candidates, in order of a proven lower bound on their release time
+      → from each of the first few: Ruckig where the joint states are given, and the optimiser
+      → certificate
+      → keep the best; drop what its release time excludes
+      → nothing certified: Ruckig's slower motions, then a launch from another posture at rest
+
+Counts alone decide what is tried, so the answer does not depend on the load of the machine. The only clock is the
+request's own time limit.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from planner.backends import profiles, ruckig_otg, toppra_path
+from planner.errors import SolverFailed
+from planner.problem import ThrowProblem
+from planner.search.optimise import optimise
+from planner.search.record import PlanningSearch, counted
+from planner.seeds import Candidate, aspects, least_times_to_aspects
+from planner.solution import Solution
+
+Solve = Callable[[ThrowProblem, Candidate], Solution]
+
+OPTIMISED = 8  # [-] candidates that the optimiser starts from
+AN_ASPECT = 4  # [-] of these in one aspect: from most states of one it comes to the same motion
+ARRIVALS = 2  # [-] given joint states to which Ruckig's soonest motions are tried
+JERK_SHARES = (1.0, 0.5, 0.25, 0.125, 0.0625, 0.03125)  # [-] of the limit, of these motions in turn
+FALLBACKS = 24  # [-] candidates to which all of Ruckig's motions are tried; of a pose the others are full turns away
+TICK_SLACK = 1e-6  # [ticks] for rounding
+
+# Every motion of the back ends that try them all on every candidate.
+MOTIONS: dict[str, tuple[Solve, ...]] = {
+    "ruckig": tuple(partial(ruckig_otg.solve, variant=variant) for variant in ruckig_otg.VARIANTS),
+    "toppra": tuple(partial(toppra_path.solve, variant=variant) for variant in toppra_path.VARIANTS),
+    **{variant: (partial(profiles.solve, variant=variant),) for variant in profiles.VARIANTS},
+}
+
+# What each back end imports when it is used first; "auto" and "casadi" load the optimiser only where they come to it.
+LIBRARIES: dict[str, Callable[[], object]] = {
+    "auto": ruckig_otg.ruckig_module,
+    "casadi": ruckig_otg.ruckig_module,
+    "ruckig": ruckig_otg.ruckig_module,
+    "toppra": toppra_path.toppra_module,
+}
+
+
+def load_libraries(backend: str) -> None:
+    """Imports the libraries of a back end.
+
+    Raises:
+        BackendUnavailable: one is not installed.
+    """
+    if backend in LIBRARIES:
+        LIBRARIES[backend]()
+
+
+def search_candidates(search: PlanningSearch, found: Sequence[Candidate]) -> None:
+    """Searches for the soonest motion to one of the candidates, by the problem's back end.
+
+    Args:
+        search: updated in place.
+        found: candidates of its problem, by ascending lower bound on the launch time.
+    """
+    problem = search.problem
+    if problem.backend in MOTIONS:
+        try_motions(search, problem.backend, found, MOTIONS[problem.backend])
+        return
+    is_auto = problem.backend == "auto"
+    if is_auto and problem.fixes_joints:
+        try_motions(search, "ruckig", found[:ARRIVALS], [partial(_soonest_motion, share) for share in JERK_SHARES])
+    tried = 0
+    for candidate, least_s in _first(problem, found):
+        if tried < OPTIMISED and least_s < search.release_time_s and not search.out_of_time:
+            optimise(search, candidate)
+            tried += 1
+    if is_auto and search.best is None:
+        try_motions(search, "ruckig", found[:FALLBACKS], MOTIONS["ruckig"])
+
+
+def try_motions(search: PlanningSearch, backend: str, found: Sequence[Candidate], solvers: Sequence[Solve]) -> None:
+    """Certifies the motions of a back end to candidates where they are sooner than the best.
+
+    Args:
+        search: updated in place.
+        backend: that makes them.
+        found: candidates by ascending lower bound.
+        solvers: each makes one motion to a candidate.
+    """
+    begun_s = time.perf_counter()
+    tried = 0
+    valid = 0
+    failure = ""
+    for candidate in found:
+        for solve in solvers:
+            if candidate.bound_s >= search.release_time_s or search.out_of_time:
+                break
+            try:
+                motion = solve(search.problem, candidate)
+            except SolverFailed as error:
+                failure = f"; {error}"
+                continue
+            if motion.trajectory.release_time_s < search.release_time_s:
+                tried += 1
+                valid += search.certify(backend, motion).is_valid
+    made = f"{valid} of {tried} motions certified" if tried else "no motion"
+    search.log_attempt(backend, f"{made} from {counted(len(found), 'candidate')}{failure}", begun_s)
+
+
+def _soonest_motion(jerk_share: float, problem: ThrowProblem, candidate: Candidate) -> Solution:
+    """Returns Ruckig's soonest motion to a candidate with a share of the jerk; it heeds nothing that couples joints."""
+    limits = problem.limits
+    gentler = replace(problem, limits=replace(limits, jerk_max=jerk_share * limits.jerk_max))
+    return ruckig_otg.solve(gentler, candidate, "free")
+
+
+def _first(problem: ThrowProblem, found: Sequence[Candidate]) -> Iterator[tuple[Candidate, float]]:
+    """Yields the candidates to optimise from, each with a lower bound on the release time of what comes of it [s].
+
+    Where the joint states are given, the optimiser keeps them: none releases before its slowest joint alone arrives.
+    Otherwise it moves them within their aspect, and none releases before the arm can be there. The aspects that can be
+    reached soonest come first, the start's own before all others.
+    """
+    if problem.fixes_joints:
+        yield from ((candidate, _least_release_time(problem, candidate)) for candidate in found[:OPTIMISED])
+        return
+    aspect = aspects(problem.cell.robot, np.array([each.q for each in found])).tolist()
+    least_s = least_times_to_aspects(problem)
+    order = sorted(range(len(found)), key=lambda row: (least_s[aspect[row]], found[row].bound_s))
+    for row in order:
+        if aspect[:row].count(aspect[row]) < AN_ASPECT:
+            yield found[row], float(least_s[aspect[row]])
+
+
+def _least_release_time(problem: ThrowProblem, candidate: Candidate) -> float:
+    """Returns the first tick at which the slowest joint can be at a given state [s]; infinite if Ruckig refuses it."""
+    arrival = ruckig_otg.arrival(problem, candidate)
+    if arrival is None:
+        return math.inf
+    return problem.dt * (max(math.ceil(arrival.time_s / problem.dt - TICK_SLACK), ruckig_otg.TICKS_MIN) + TICK_SLACK)
