@@ -5,11 +5,11 @@ Source of names and meanings: Universal Robots, RTDE guide, "Robot controller ou
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 
+from planner.calibration import published_table
 from simulator.controller import Controller
-from simulator.physics import Transform, kinematics
+from simulator.physics import kinematics
 from simulator.settings import BIT_REGISTERS, BIT_WORDS_END, REGISTERS
 
 DEVIATION_MAX_RAD = 0.2  # [rad] chosen: deviation of a joint at which its ratio is 1; UR publishes none
@@ -29,7 +29,7 @@ class DerivedValues:
     def __init__(self, controller: Controller) -> None:
         self.controller = controller
         # A measured table may have the second frame far along its axis: the elbow is where the published one has it.
-        self.elbow_links = kinematics.PublishedChain(controller.cell.robot.published).links[:2]
+        self.published = kinematics.KinematicChain(published_table(controller.cell.robot))
         self.functions: dict[str, Callable[[], Vector]] = {
             "elbow_position": lambda: self._elbow()[0],
             "elbow_velocity": lambda: self._elbow()[1],
@@ -57,9 +57,10 @@ class DerivedValues:
                 found[name] = lambda bits=bits, first=first: [word_of(bits[first : first + 32])]
         return found
 
-    def _elbow(self) -> tuple[list[float], list[float]]:
+    def _elbow(self) -> tuple[Vector, Vector]:
+        """Returns position and velocity of the elbow, the origin of the second link's frame."""
         arm = self.controller.arm
-        return point_motion(self.elbow_links, arm.measured_q, arm.measured_qd, kinematics.IDENTITY)
+        return kinematics.point_motion(self.published.frames(arm.measured_q)[:3], arm.measured_qd)
 
     def _tcp_acceleration(self) -> list[float]:
         """Returns the change of the commanded twist over the last cycle."""
@@ -80,67 +81,3 @@ class DerivedValues:
 def word_of(bits: Sequence[bool]) -> int:
     """Returns the number with these bits, the first one the lowest."""
     return sum(bit << i for i, bit in enumerate(bits))
-
-
-def point_motion(
-    links: Sequence[tuple[float, float, float, float]], q: Vector, qd: Vector, place: Transform
-) -> tuple[list[float], list[float]]:
-    """Returns position and velocity, in the base, of a point that moves with the last of some links.
-
-    Args:
-        links: a, d, cosine and sine of alpha of each link from the base on (Denavit-Hartenberg).
-        q, qd: joint positions and speeds [rad, rad/s]; those beyond the links are ignored.
-        place: frame at the point, in the frame of the last link.
-    """
-    pose = kinematics.IDENTITY
-    axes = []
-    for (a, d, ca, sa), angle in zip(links, q, strict=False):
-        axes.append((pose[2], pose[6], pose[10], pose[3], pose[7], pose[11]))
-        c = math.cos(angle)
-        s = math.sin(angle)
-        pose = kinematics.product(pose, (c, -s * ca, s * sa, a * c, s, c * ca, -c * sa, a * s, 0.0, sa, ca, d))
-    pose = kinematics.product(pose, place)
-    velocity = [0.0, 0.0, 0.0]
-    for (zx, zy, zz, px, py, pz), rate in zip(axes, qd, strict=False):
-        rx = pose[3] - px
-        ry = pose[7] - py
-        rz = pose[11] - pz
-        velocity[0] += rate * (zy * rz - zz * ry)
-        velocity[1] += rate * (zz * rx - zx * rz)
-        velocity[2] += rate * (zx * ry - zy * rx)
-    return [pose[3], pose[7], pose[11]], velocity
-
-
-def linear_momentum(
-    links: Sequence[tuple[float, float, float, float]], bodies: Sequence[tuple[float, Vector]], q: Vector, qd: Vector
-) -> float:
-    """Returns the norm of the linear momentum [kg m/s] of bodies that move with the links, in one pass over them.
-
-    Args:
-        links: as for `point_motion`.
-        bodies: mass [kg] and centre of mass, in the frame of its link, of the body on each link.
-        q, qd: joint positions, with the offsets of the arm's table, and speeds [rad, rad/s].
-    """
-    pose = kinematics.IDENTITY
-    wx = wy = wz = vx = vy = vz = mx = my = mz = 0.0  # spin and speed of the link's origin; momentum so far
-    for (a, d, ca, sa), angle, rate, (mass, (x, y, z)) in zip(links, q, qd, bodies, strict=True):
-        wx = wx + pose[2] * rate
-        wy = wy + pose[6] * rate
-        wz = wz + pose[10] * rate
-        px = pose[3]
-        py = pose[7]
-        pz = pose[11]
-        c = math.cos(angle)
-        s = math.sin(angle)
-        pose = kinematics.product(pose, (c, -s * ca, s * sa, a * c, s, c * ca, -c * sa, a * s, 0.0, sa, ca, d))
-        rx = pose[3] - px
-        ry = pose[7] - py
-        rz = pose[11] - pz
-        vx = vx + wy * rz - wz * ry
-        vy = vy + wz * rx - wx * rz
-        vz = vz + wx * ry - wy * rx
-        rx, ry, rz = (pose[i] * x + pose[i + 1] * y + pose[i + 2] * z for i in (0, 4, 8))
-        mx += mass * (vx + wy * rz - wz * ry)
-        my += mass * (vy + wz * rx - wx * rz)
-        mz += mass * (vz + wx * ry - wy * rx)
-    return math.hypot(mx, my, mz)

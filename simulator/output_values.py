@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
+
+from planner.dynamics import Payload, joint_torques
 from simulator.controller import Controller
-from simulator.derived_values import DerivedValues, linear_momentum
+from simulator.derived_values import DerivedValues
 from simulator.interfaces import OUTPUT_TYPES, WIDTH
-from simulator.physics import JointTorques, kinematics
+from simulator.physics import kinematics
 
 JOINT_RUNNING = 253  # joint_mode; source: RTDE guide
 JOINT_TEMPERATURE_C = 30.0  # chosen
@@ -29,13 +34,14 @@ class OutputValues:
 
     def __init__(self, controller: Controller) -> None:
         self.controller = controller
-        self.joint_torques = JointTorques(controller.cell.robot)
         self.torque_every = max(1, controller.timeline.cycles_in(controller.settings.torque_every_s))
         self.values: dict[str, list[float]] = {name: [0] * WIDTH[kind] for name, kind in OUTPUT_TYPES.items()}
         registers = controller.registers
         self.values |= {f"output_int_register_{i}": output for i, output in enumerate(registers.int_out)}
         self.values |= {f"output_double_register_{i}": output for i, output in enumerate(registers.double_out)}
-        self.bodies = [(link.mass, link.com.tolist()) for link in controller.cell.robot.links]
+        # number, mass [kg] and centre of mass [m] of each link
+        links = enumerate(controller.cell.robot.links, 1)
+        self.links = [(i, float(link.mass), link.com.tolist()) for i, link in links]
         self.derived = DerivedValues(controller).functions
         self._constants()
         self.torques()
@@ -111,9 +117,9 @@ class OutputValues:
         arm = self.controller.arm
         installation = self.controller.installation
         values = self.values
-        (ux, uy, uz) = installation.gravity_m_s2
-        (x, y, z) = installation.payload_cog_m
-        moments = self.joint_torques.of(arm.q, arm.qd, arm.qdd, (ux, uy, uz), installation.payload_kg, (x, y, z))
+        payload = Payload(installation.payload_kg, np.array(installation.payload_cog_m), np.zeros((3, 3)))
+        gravity_B = -np.array(installation.gravity_m_s2)
+        moments = joint_torques(self.controller.cell.robot, arm.q, arm.qd, arm.qdd, gravity_B, payload).tolist()
         values["target_moment"] = moments
         values["target_current"] = values["actual_current"] = [AMPERE_PER_NM * m for m in moments]
         values["joint_control_output"] = values["target_current"]
@@ -121,12 +127,13 @@ class OutputValues:
         values["actual_momentum"] = [self._momentum()]
 
     def _momentum(self) -> float:
-        """Returns the norm of the linear momentum [kg m/s]: of the links, and of the payload on the last one."""
+        """Returns the norm of the linear momentum [kg m/s] of the links, and of the payload on the last one."""
         arm = self.controller.arm
         installation = self.controller.installation
-        *others, (mass, com) = self.bodies
-        total = mass + installation.payload_kg
-        loads = zip(com, installation.payload_cog_m, strict=True)
-        common = [(mass * x + installation.payload_kg * y) / total for x, y in loads]
-        turned = [q + theta for q, theta in zip(arm.measured_q, arm.chain.theta, strict=True)]
-        return linear_momentum(arm.chain.links, [*others, (total, common)], turned, arm.measured_qd)
+        frames = arm.chain.frames(arm.measured_q)
+        payload = (6, installation.payload_kg, installation.payload_cog_m)
+        total = [0.0, 0.0, 0.0]
+        for i, mass, com in (*self.links, payload):
+            _, velocity = kinematics.point_motion(frames[: i + 1], arm.measured_qd, com)
+            total = [p + mass * v for p, v in zip(total, velocity, strict=True)]
+        return math.hypot(*total)

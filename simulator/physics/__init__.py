@@ -3,7 +3,6 @@
 from simulator.physics import kinematics
 from simulator.physics.arm import Arm, MotionConflict
 from simulator.physics.controller_kinematics import checksums
-from simulator.physics.dynamics import JointTorques
 from simulator.physics.kinematics import Transform
 from simulator.physics.obstacles import RoundBin
 from simulator.physics.workcell import Workcell
@@ -11,7 +10,6 @@ from simulator.physics.workcell import Workcell
 __all__ = [
     "Arm",
     "checksums",
-    "JointTorques",
     "MotionConflict",
     "RoundBin",
     "Transform",

@@ -14,10 +14,8 @@ from planner.calibration import DhTable, published_table, table_of
 from planner.robots import Robot
 from simulator.truth import DhDeviation
 
-PUBLISHED = DhDeviation()  # no deviation
 
-
-def controller_table(robot: Robot, deviation: DhDeviation | None = PUBLISHED) -> DhTable:
+def controller_table(robot: Robot, deviation: DhDeviation | None = None) -> DhTable:
     """Returns the table of an arm that deviates from the published one; None: of the arm as the cell has it."""
     if deviation is None:
         return table_of(robot)

@@ -12,9 +12,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from planner.calibration import DhTable
-from planner.robots import Robot
-from simulator.physics.controller_kinematics import controller_table
-from simulator.truth import DhDeviation
 
 Transform = tuple[float, float, float, float, float, float, float, float, float, float, float, float]
 Vector = Sequence[float]
@@ -111,58 +108,41 @@ class KinematicChain:
 
     Attributes:
         table: the parameters, as the controller tells them.
-        theta: its offsets of the joint positions (6,) [rad].
     """
 
     def __init__(self, table: DhTable) -> None:
         self.table = table
-        self.theta: list[float] = table.theta.tolist()
-        self.links = [(a, d, math.cos(alpha), math.sin(alpha)) for _, a, d, alpha in table.rows]
+        self.links = [(theta, a, d, math.cos(alpha), math.sin(alpha)) for theta, a, d, alpha in table.rows]
+
+    def frames(self, q: Vector) -> list[Transform]:
+        """Returns the frames of base and links (7) in the base; joint i turns about the z axis of frame i."""
+        found = [IDENTITY]
+        for (theta, a, d, ca, sa), angle in zip(self.links, q, strict=True):
+            c = math.cos(angle + theta)
+            s = math.sin(angle + theta)
+            found.append(product(found[-1], (c, -s * ca, s * sa, a * c, s, c * ca, -c * sa, a * s, 0.0, sa, ca, d)))
+        return found
 
     def forward(self, q: Vector, tool: Transform = IDENTITY) -> Transform:
         """Returns the pose of the tool in the base."""
-        return self.motion(q, (0.0,) * 6, tool)[0]
+        return product(self.frames(q)[-1], tool)
 
     def motion(self, q: Vector, qd: Vector, tool: Transform = IDENTITY) -> tuple[Transform, list[float]]:
         """Returns the pose of the tool and its twist (vx, vy, vz, wx, wy, wz), both in the base."""
-        axes, pose = self._axes(q, tool)
-        px = pose[3]
-        py = pose[7]
-        pz = pose[11]
-        vx = vy = vz = wx = wy = wz = 0.0
-        for (zx, zy, zz, ox, oy, oz), v in zip(axes, qd, strict=True):
-            rx = px - ox
-            ry = py - oy
-            rz = pz - oz
-            vx += v * (zy * rz - zz * ry)
-            vy += v * (zz * rx - zx * rz)
-            vz += v * (zx * ry - zy * rx)
-            wx = wx + v * zx
-            wy = wy + v * zy
-            wz = wz + v * zz
-        return pose, [vx, vy, vz, wx, wy, wz]
+        columns, pose = self._columns(q, tool)
+        return pose, [sum(v * x for v, x in zip(qd, row, strict=True)) for row in zip(*columns, strict=True)]
 
     def jacobian(self, q: Vector, tool: Transform = IDENTITY) -> tuple[np.ndarray, Transform]:
         """Returns the geometric Jacobian (6, 6) of the tool in the base, rows v then w, and its pose."""
-        axes, pose = self._axes(q, tool)
-        columns = []
-        for zx, zy, zz, px, py, pz in axes:
-            rx = pose[3] - px
-            ry = pose[7] - py
-            rz = pose[11] - pz
-            columns.append((zy * rz - zz * ry, zz * rx - zx * rz, zx * ry - zy * rx, zx, zy, zz))
+        columns, pose = self._columns(q, tool)
         return np.array(columns).T, pose
 
-    def _axes(self, q: Vector, tool: Transform) -> tuple[list[tuple[float, ...]], Transform]:
-        """Returns direction and origin of each joint's axis, and the pose of the tool."""
-        axes = []
-        pose = IDENTITY
-        for (a, d, ca, sa), angle, offset in zip(self.links, q, self.theta, strict=True):
-            axes.append((pose[2], pose[6], pose[10], pose[3], pose[7], pose[11]))
-            c = math.cos(angle + offset)
-            s = math.sin(angle + offset)
-            pose = product(pose, (c, -s * ca, s * sa, a * c, s, c * ca, -c * sa, a * s, 0.0, sa, ca, d))
-        return axes, product(pose, tool)
+    def _columns(self, q: Vector, tool: Transform) -> tuple[list[tuple[float, ...]], Transform]:
+        """Returns the twist of the tool by the unit speed of each joint, and the pose of the tool."""
+        *joints, flange = self.frames(q)
+        pose = product(flange, tool)
+        point = (pose[3], pose[7], pose[11])
+        return [(*_turned(joint, point), joint[2], joint[6], joint[10]) for joint in joints], pose
 
     def solve(self, goal: Transform, near: Vector, tool: Transform = IDENTITY) -> list[float] | None:
         """Returns joint angles (6,) near `near` that put the tool at `goal`, None if Newton's method finds none."""
@@ -179,89 +159,29 @@ class KinematicChain:
         return None
 
 
-class PublishedChain(KinematicChain):
-    """An arm exactly as published: its motion has a closed form, which all arms of Universal Robots share.
+def point_motion(frames: Sequence[Transform], qd: Vector, place: Vector = (0.0, 0.0, 0.0)) -> tuple[Vector, Vector]:
+    """Returns position and velocity, in the base, of a point that moves with the last of some frames [m, m/s].
 
-    Joint 1 is vertical; joints 2, 3 and 4 are parallel; joints 5 and 6 are each perpendicular to the one before.
+    Args:
+        frames: of the base and the links up to the one that carries the point.
+        qd: joint speeds [rad/s]; those beyond the links are ignored.
+        place: of the point in the last frame [m].
     """
-
-    def __init__(self, robot: Robot) -> None:
-        super().__init__(controller_table(robot))
-        self.lengths = tuple(float(x) for x in (robot.d[0], robot.a[1], robot.a[2], robot.d[3], robot.d[4], robot.d[5]))
-
-    def motion(self, q: Vector, qd: Vector, tool: Transform = IDENTITY) -> tuple[Transform, list[float]]:
-        """Returns the pose of the tool and its twist (vx, vy, vz, wx, wy, wz), both in the base.
-
-        e and the vertical span the plane of the arm; n is its normal, the axis of joints 2 to 4. The lengths r and h
-        are the coordinates of elbow (1) and wrist (2) along e and upwards. One formula, hence one long function.
-        """
-        q1, q2, q3, q4, q5, q6 = q
-        d1, a2, a3, d4, d5, d6 = self.lengths
-        ex = math.cos(q1)
-        ey = math.sin(q1)
-        nx = math.sin(q1)
-        ny = -math.cos(q1)
-        c4 = math.cos(q2 + q3 + q4)
-        s4 = math.sin(q2 + q3 + q4)
-        c5 = math.cos(q5)
-        s5 = math.sin(q5)
-        c6 = math.cos(q6)
-        s6 = math.sin(q6)
-        r1 = a2 * math.cos(q2)
-        h1 = a2 * math.sin(q2) + d1
-        r2 = r1 + a3 * math.cos(q2 + q3)
-        h2 = h1 + a3 * math.sin(q2 + q3)
-        xx = c4 * ex
-        xy = c4 * ey
-        xz = s4  # x axis of frame 4
-        bx = s4 * ex
-        by = s4 * ey
-        bz = -c4  # axis of joint 5
-        ax = c5 * nx - s5 * xx
-        ay = c5 * ny - s5 * xy
-        az = -s5 * xz  # axis of joint 6
-        ux = c5 * xx + s5 * nx
-        uy = c5 * xy + s5 * ny
-        uz = c5 * xz  # x axis of frame 5
-        p4x = r2 * ex + d4 * nx
-        p4y = r2 * ey + d4 * ny
-        p5x = p4x + d5 * bx
-        p5y = p4y + d5 * by
-        p5z = h2 + d5 * bz
-        pose: Transform = (
-            c6 * ux - s6 * bx, -s6 * ux - c6 * bx, ax, p5x + d6 * ax,
-            c6 * uy - s6 * by, -s6 * uy - c6 * by, ay, p5y + d6 * ay,
-            c6 * uz - s6 * bz, -s6 * uz - c6 * bz, az, p5z + d6 * az,
-        )  # fmt: skip
-        if tool is not IDENTITY:
-            pose = product(pose, tool)
-        v1, v2, v3, v4, v5, v6 = qd
-        px = pose[3]
-        py = pose[7]
-        pz = pose[11]
-        v234 = v2 + v3 + v4
-        along = ex * px + ey * py  # coordinate of the tool along e
-        out = -(v2 * (pz - d1) + v3 * (pz - h1) + v4 * (pz - h2))
-        up = v234 * along - v3 * r1 - v4 * r2
-        fx = px - p4x
-        fy = py - p4y
-        fz = pz - h2
-        gx = px - p5x
-        gy = py - p5y
-        gz = pz - p5z
-        return pose, [
-            out * ex - v1 * py + v5 * (by * fz - bz * fy) + v6 * (ay * gz - az * gy),
-            out * ey + v1 * px + v5 * (bz * fx - bx * fz) + v6 * (az * gx - ax * gz),
-            up + v5 * (bx * fy - by * fx) + v6 * (ax * gy - ay * gx),
-            v234 * nx + v5 * bx + v6 * ax, v234 * ny + v5 * by + v6 * ay, v1 + v5 * bz + v6 * az,
-        ]  # fmt: skip
+    *joints, t = frames
+    x, y, z = place
+    point = [t[i] * x + t[i + 1] * y + t[i + 2] * z + t[i + 3] for i in (0, 4, 8)]
+    velocity = [0.0, 0.0, 0.0]
+    for joint, rate in zip(joints, qd, strict=False):
+        velocity = [v + rate * w for v, w in zip(velocity, _turned(joint, point), strict=True)]
+    return point, velocity
 
 
-def kinematic_chain(robot: Robot, deviation: DhDeviation | None) -> KinematicChain:
-    """Returns the chain of an arm that deviates from the published one; None: the arm as the cell has it."""
-    if deviation is None and robot.fixed is None:
-        return PublishedChain(robot)
-    return KinematicChain(controller_table(robot, deviation))
+def _turned(joint: Transform, point: Vector) -> tuple[float, float, float]:
+    """Returns the velocity of a point that turns with unit speed about the z axis of a frame."""
+    x = point[0] - joint[3]
+    y = point[1] - joint[7]
+    z = point[2] - joint[11]
+    return (joint[6] * z - joint[10] * y, joint[10] * x - joint[2] * z, joint[2] * y - joint[6] * x)
 
 
 def pose_error(goal: Transform, pose: Transform) -> list[float]:

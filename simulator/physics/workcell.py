@@ -7,8 +7,9 @@ import random
 from planner.cell import Cell
 from simulator.physics import kinematics
 from simulator.physics.arm import Arm, Response
+from simulator.physics.controller_kinematics import controller_table
 from simulator.physics.gripper import SimulatedGripper
-from simulator.physics.kinematics import Transform, kinematic_chain
+from simulator.physics.kinematics import KinematicChain, Transform
 from simulator.physics.lag import Lag
 from simulator.physics.outputs import Outputs
 from simulator.physics.overshoot import NO_SCATTER, Overshoot, Scatter
@@ -40,7 +41,7 @@ class Workcell:
         gripper = cell.gripper
         timing = truth.timing
         noise = (settings.position_noise_rad, settings.velocity_noise_rad_s)
-        chain = kinematic_chain(cell.robot, truth.arm.dh_deviation)
+        chain = KinematicChain(controller_table(cell.robot, truth.arm.dh_deviation))
         self.arm = Arm(chain, dt, home, _response(truth, dt, home), noise, truth.seed)
         self.gripper = SimulatedGripper(gripper.output, gripper.index, gripper.open_level, truth.gripper, truth.seed)
         self.outputs = Outputs(dt, timing.output_delay_s, self.gripper.closed_bits)

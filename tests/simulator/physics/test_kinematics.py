@@ -9,6 +9,7 @@ from planner import kinematics as planner
 from planner.robots import ROBOT_NAMES, robot
 from planner.rotations import rotation_vector_to_matrix
 from simulator.physics import kinematics as scalar
+from simulator.physics.controller_kinematics import checksums, controller_table
 from simulator.truth import DhDeviation
 from tests.planner.calibration.arms import deviated_table, measured_arm
 
@@ -24,7 +25,7 @@ def matrix(t):
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_pose_twist_and_jacobian_are_the_planners(name):
     arm = robot(name)
-    chain = scalar.PublishedChain(robot(name))
+    chain = scalar.KinematicChain(controller_table(robot(name)))
     draw = np.random.default_rng(0)
     for q, qd in draw.uniform(-3, 3, (50, 2, 6)):
         pose, twist = chain.motion(q.tolist(), qd.tolist(), TOOL)
@@ -56,7 +57,7 @@ def test_half_turns_keep_axis_and_sign(axis, short_of_pi):
 
 @given(ANGLES, st.lists(st.floats(-0.05, 0.05), min_size=6, max_size=6))
 def test_newton_finds_the_pose_again(q, step):
-    chain = scalar.PublishedChain(robot("ur5e"))
+    chain = scalar.KinematicChain(controller_table(robot("ur5e")))
     goal = chain.forward(q, TOOL)
     found = chain.solve(goal, [a + b for a, b in zip(q, step, strict=True)], TOOL)
     if found is not None:  # next to a singularity Newton's method may fail; the caller then uses the closed form
@@ -71,7 +72,7 @@ def test_inverse_of_a_transform():
 def test_the_arm_of_a_calibrated_cell_is_the_planners(name: str) -> None:
     rng = np.random.default_rng(len(name))
     arm = measured_arm(name, deviated_table(name, rng))
-    chain = scalar.kinematic_chain(arm, None)
+    chain = scalar.KinematicChain(controller_table(arm))
     for q in rng.uniform(-6.0, 6.0, (20, 6)):
         X = planner.forward(arm, q)
         J = planner.jacobian(arm, q)
@@ -83,5 +84,5 @@ def test_the_arm_of_a_calibrated_cell_is_the_planners(name: str) -> None:
 def test_a_true_arm_that_deviates_is_not_the_calibrated_one() -> None:
     arm = measured_arm("ur5e", deviated_table("ur5e", np.random.default_rng(3)))
     deviation = DhDeviation(a_m=(0.0, 0.003, 0.0, 0.0, 0.0, 0.0))
-    of_model = scalar.kinematic_chain(robot("ur5e"), deviation)
-    assert scalar.kinematic_chain(arm, deviation).links == of_model.links
+    of_model = controller_table(robot("ur5e"), deviation)
+    assert checksums(controller_table(arm, deviation)) == checksums(of_model)

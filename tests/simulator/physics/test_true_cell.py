@@ -15,9 +15,9 @@ from planner.kinematics import forward
 from planner.robots import ROBOT_NAMES, robot
 from planner.rotations import rotation_vector_to_matrix
 from simulator.physics.camera import ObservingCamera
-from simulator.physics.controller_kinematics import checksums
+from simulator.physics.controller_kinematics import checksums, controller_table
 from simulator.physics.gripper import SimulatedGripper
-from simulator.physics.kinematics import KinematicChain, PublishedChain, kinematic_chain, pose_error, pose_of
+from simulator.physics.kinematics import KinematicChain, pose_error, pose_of
 from simulator.physics.world import World
 from simulator.truth import (
     ArmDeviation,
@@ -164,7 +164,7 @@ def forward_by_matrices(chain: KinematicChain, q: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_an_arm_of_its_own_moves_by_its_own_table(name: str) -> None:
     draw = np.random.default_rng(4)
-    chain = kinematic_chain(robot(name), deviation(0.01, draw))
+    chain = KinematicChain(controller_table(robot(name), deviation(0.01, draw)))
     for q, qd in draw.uniform(-3.0, 3.0, (10, 2, 6)):
         pose, twist = chain.motion(q.tolist(), qd.tolist())
         np.testing.assert_allclose(np.reshape(pose, (3, 4)), forward_by_matrices(chain, q)[:3], atol=1e-12)
@@ -176,12 +176,12 @@ def test_an_arm_of_its_own_moves_by_its_own_table(name: str) -> None:
 
 
 def test_the_controller_tells_its_own_table_and_another_arm_has_other_checksums() -> None:
-    published = PublishedChain(robot("ur5e")).table
+    published = controller_table(robot("ur5e"))
     assert not published.theta.any()
     np.testing.assert_allclose([published.a, published.d, published.alpha],
                                [robot("ur5e").a, robot("ur5e").d, robot("ur5e").alpha])  # fmt: skip
     change = DhDeviation(d_m=(0.0, 0.0, 0.0, 0.001, 0.0, 0.0))
-    other = kinematic_chain(robot("ur5e"), change).table
+    other = controller_table(robot("ur5e"), change)
     assert other.d[3] == published.d[3] + 0.001
     told = checksums(other)
     assert [a == b for a, b in zip(checksums(published), told, strict=True)] == [True] * 3 + [False] + [True] * 2
