@@ -9,9 +9,9 @@ from planner.cell import Cell
 from simulator.client_interfaces import ClientInterfaces
 from simulator.clock import CyclePacing, LatenessHistogram, SlipCounts
 from simulator.controller import Controller
-from simulator.interfaces import DashboardServer, Network, RtdeServer, ServicePort
+from simulator.interfaces import DashboardServer, Network, RobotFacts, RtdeServer, ServicePort
 from simulator.output_values import OutputValues
-from simulator.robot_facts import robot_facts
+from simulator.physics import told_checksums
 from simulator.settings import DASHBOARD_PORT, RTDE_PORT, SimulatorSettings
 from simulator.truth import Truth
 
@@ -36,7 +36,9 @@ class Simulation:
         values = self.output_values.values
         derived = self.output_values.derived
         self.rtde = RtdeServer(c.identity, c.timeline, values, c.take_inputs, derived)
-        self.client_interfaces = ClientInterfaces(c, values, derived, robot_facts(cell, c.arm.chain.table))
+        table = c.arm.chain.table
+        facts = RobotFacts(cell.robot, table, told_checksums(cell.robot, table))
+        self.client_interfaces = ClientInterfaces(c, values, derived, facts)
         dashboard = DashboardServer(c.identity, c.stops, settings.programs)
         self.network = Network(host)
         self.network.add(

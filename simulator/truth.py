@@ -15,9 +15,8 @@ from typing import Any
 from planner.cell import Cell, choice, merge_defaults, number, vector
 from planner.errors import CellError
 
-FIRST_ORDER_S = (
-    0.002  # [s] chosen: first-order part of the lag where none is given; at most half of what a cycle leaves
-)
+# [s] chosen: first-order part of the lag where none is given; at most half of what a cycle leaves
+FIRST_ORDER_S = 0.002
 DISTURBANCES = ("none", "ur5-measured")
 JITTER_SHAPES = ("gaussian", "skewed", "quantised")
 
@@ -26,17 +25,18 @@ LAG_MAX_S = 0.5  # [s] as the cell file's timing.lag_s
 GAIN_MIN = 0.5
 GAIN_MAX = 1.5  # [-]
 OVERSHOOT_MAX = 0.5  # [-]
-DELAY_MAX_S = 5.0  # [s] grippers that take longer do not throw
-JITTER_MAX_S = 0.5  # [s]
-DRIFT_MAX_S = 0.01  # [s]
-SPEED_FACTOR_MAX = 1.5  # [-]
 DRAG_MAX = 10.0  # [-]
 OFFSET_MAX_M = 1.0  # [m] joints 2 and 3 are almost parallel: calibrated arms have large opposite offsets there
 DH_ANGLE_MAX_RAD = 0.5  # [rad]
 DH_BOUNDS = {"a_m": OFFSET_MAX_M, "d_m": OFFSET_MAX_M, "alpha_rad": DH_ANGLE_MAX_RAD, "theta_rad": DH_ANGLE_MAX_RAD}
 TURN_MAX_RAD = 3.2  # [rad] half a turn
-CAMERA_STD_MAX_M = 1.0  # [m]
-OUTLIER_STD_MAX_M = 10.0  # [m]
+GRIPPER_BOUNDS = {
+    "delay_s": (0.0, 5.0),  # grippers that take longer do not throw
+    "jitter_s": (0.0, 0.5),
+    "drift_s_per_throw": (-0.01, 0.01),
+}
+RELEASE_BOUNDS = {"speed_factor": (0.0, 1.5), "cling_share": (0.0, 1.0), "cling_speed_factor": (0.0, 1.5)}
+CAMERA_BOUNDS = {"std_m": (0.0, 1.0), "outlier_share": (0.0, 1.0), "outlier_std_m": (0.0, 10.0)}
 CUT_STD = 3.0  # [-] standard deviations below the mean at which an opening would be before its output: 1 in 1,000
 
 SixNumbers = tuple[float, ...]
@@ -223,23 +223,26 @@ def _defaults(cell: Cell) -> dict[str, Any]:
 
 
 def _truth(document: Mapping[str, Any], cell: Cell, hidden: bool) -> Truth:
+    seed = document["seed"]
+    if isinstance(seed, bool) or not isinstance(seed, int):
+        raise CellError("seed", seed, "must be a whole number")
+    gripper = document["gripper"]
+    shape = choice(gripper, "jitter_shape", "gripper.", JITTER_SHAPES)
     return Truth(
-        seed=_seed(document),
+        seed=seed,
         timing=_timing(document["timing"], _cycle_s(cell)),
-        gripper=_gripper(document["gripper"]),
-        release=_release(document["release"]),
+        gripper=GripperOpening(**_numbers(gripper, "gripper.", GRIPPER_BOUNDS), jitter_shape=shape),
+        release=ReleaseSpeed(**_numbers(document["release"], "release.", RELEASE_BOUNDS)),
         drag_coefficient=number(document["object"], "drag_coefficient", "object.", 0.0, DRAG_MAX),
         arm=_arm(document["arm"]),
-        camera=_camera(document["camera"]),
+        camera=CameraNoise(**_numbers(document["camera"], "camera.", CAMERA_BOUNDS)),
         hidden=hidden,
     )
 
 
-def _seed(document: Mapping[str, Any]) -> int:
-    value = document["seed"]
-    if isinstance(value, bool) or not isinstance(value, int):
-        raise CellError("seed", value, "must be a whole number")
-    return value
+def _numbers(table: Mapping[str, Any], where: str, bounds: Mapping[str, tuple[float, float]]) -> dict[str, Any]:
+    """Returns the numbers of a table, each within its bounds."""
+    return {key: number(table, key, where, lower, upper) for key, (lower, upper) in bounds.items()}
 
 
 def _timing(table: Mapping[str, Any], cycle_s: float) -> MotionTiming:
@@ -256,25 +259,6 @@ def _timing(table: Mapping[str, Any], cycle_s: float) -> MotionTiming:
         first_order_s=_six(values, "first_order_s", where, 0.0, left_s),
         gain=_six(values, "gain", where, GAIN_MIN, GAIN_MAX),
         output_delay_s=number(values, "output_delay_s", where, 0.0, LAG_MAX_S),
-    )
-
-
-def _gripper(table: Mapping[str, Any]) -> GripperOpening:
-    where = "gripper."
-    return GripperOpening(
-        delay_s=number(table, "delay_s", where, 0.0, DELAY_MAX_S),
-        jitter_s=number(table, "jitter_s", where, 0.0, JITTER_MAX_S),
-        jitter_shape=choice(table, "jitter_shape", where, JITTER_SHAPES),
-        drift_s_per_throw=number(table, "drift_s_per_throw", where, -DRIFT_MAX_S, DRIFT_MAX_S),
-    )
-
-
-def _release(table: Mapping[str, Any]) -> ReleaseSpeed:
-    where = "release."
-    return ReleaseSpeed(
-        speed_factor=number(table, "speed_factor", where, 0.0, SPEED_FACTOR_MAX),
-        cling_share=number(table, "cling_share", where, 0.0, 1.0),
-        cling_speed_factor=number(table, "cling_speed_factor", where, 0.0, SPEED_FACTOR_MAX),
     )
 
 
@@ -299,15 +283,6 @@ def _dh_deviation(given: object) -> DhDeviation | None:
     table = merge_defaults(given, {key: list(NONE_OF_SIX) for key in DH_BOUNDS}, f"{where}.")
     where = f"{where}."
     return DhDeviation(**{key: _six(table, key, where, -most, most) for key, most in DH_BOUNDS.items()})
-
-
-def _camera(table: Mapping[str, Any]) -> CameraNoise:
-    where = "camera."
-    return CameraNoise(
-        std_m=number(table, "std_m", where, 0.0, CAMERA_STD_MAX_M),
-        outlier_share=number(table, "outlier_share", where, 0.0, 1.0),
-        outlier_std_m=number(table, "outlier_std_m", where, 0.0, OUTLIER_STD_MAX_M),
-    )
 
 
 def _six(table: Mapping[str, Any], key: str, where: str, lower: float, upper: float) -> SixNumbers:

@@ -7,7 +7,7 @@ from simulator.interfaces.network import Network, ServicePort
 from simulator.interfaces.primary_server import PrimaryServer
 from simulator.interfaces.realtime_server import RealtimeServer
 from simulator.interfaces.recipes import InputValues
-from simulator.interfaces.robot_state import DenavitHartenberg, RobotFacts
+from simulator.interfaces.robot_state import RobotFacts
 from simulator.interfaces.rtde_server import RtdeServer
 from simulator.interfaces.script_server import Commands, ScriptServer
 from simulator.interfaces.variables import OUTPUT_TYPES, WIDTH
@@ -21,7 +21,6 @@ __all__ = [
     "ConnectionHandler",
     "ControlServer",
     "DashboardServer",
-    "DenavitHartenberg",
     "Document",
     "InputValues",
     "Network",

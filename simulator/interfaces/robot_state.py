@@ -11,6 +11,11 @@ import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from planner.calibration import DhTable, published_table
+from planner.robots import Robot
+
 ROBOT_STATE = 16
 HEAD = struct.Struct(">iB")
 PROTECTIVE_BIT = 1 << 2
@@ -26,42 +31,25 @@ TOOL_DEFAULTS = (0.25, 1.20)  # [m/s, m/s^2] source: URScript manual, movel
 EQ_RADIUS_M = 0.25  # chosen: the lever of a rotation; UR's own use
 MASTERBOARD_VERSION = 6
 CONTROLLER_BOX = 4  # chosen: what an e-Series control box reports
+ROBOT_TYPES = {"UR5": 1, "UR10": 2, "UR3": 3, "UR16": 4, "UR20": 7, "UR30": 8}  # source: UR client interfaces
+SUB_TYPES = {"CB3": 1, "e-Series": 3}  # chosen; 3 is what an e-Series arm reports
 
 Values = Mapping[str, Sequence[float]]
-Six = tuple[float, float, float, float, float, float]
 
 
-@dataclass(frozen=True)
-class DenavitHartenberg:
-    """Parameters of the six joints: theta [rad], a [m], d [m], alpha [rad]."""
-
-    theta: Six
-    a: Six
-    d: Six
-    alpha: Six
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RobotFacts:
     """What does not change while the controller runs.
 
     Attributes:
-        nominal: kinematics of the model.
-        calibrated: kinematics of this very arm.
-        checksum: of the calibration, one number for each of the six joints.
-        q_lower, q_upper, qd_max, qdd_max: limits a joint [rad, rad/s, rad/s^2].
-        robot_type, robot_sub_type: numbers of the model.
+        robot: model and limits.
+        table: kinematics of this very arm.
+        checksums: of the calibration, one number for each of the six joints.
     """
 
-    nominal: DenavitHartenberg
-    calibrated: DenavitHartenberg
-    checksum: tuple[int, ...]
-    q_lower: Six
-    q_upper: Six
-    qd_max: Six
-    qdd_max: Six
-    robot_type: int
-    robot_sub_type: int
+    robot: Robot
+    table: DhTable
+    checksums: tuple[int, ...]
 
 
 def _package(kind: int, form: str, *numbers: float) -> bytes:
@@ -112,17 +100,19 @@ def _cartesian(v: Values) -> bytes:
 
 
 def _kinematics(facts: RobotFacts) -> bytes:
-    k = facts.calibrated
-    return _package(5, "6I24dI", *facts.checksum, *k.theta, *k.a, *k.d, *k.alpha, 0)
+    k = facts.table
+    return _package(5, "6I24dI", *facts.checksums, *k.theta, *k.a, *k.d, *k.alpha, 0)
 
 
 def _configuration(facts: RobotFacts) -> bytes:
-    limits = [x for pair in zip(facts.q_lower, facts.q_upper, strict=True) for x in pair]
-    motion = [x for pair in zip(facts.qd_max, facts.qdd_max, strict=True) for x in pair]
-    k = facts.nominal
+    robot = facts.robot
+    limits = np.ravel([robot.q_lower, robot.q_upper], order="F")  # lower and upper of the first joint, of the second …
+    motion = np.ravel([robot.qd_max, robot.qdd_max], order="F")
+    k = published_table(robot)
     defaults = (*JOINT_DEFAULTS, *TOOL_DEFAULTS, EQ_RADIUS_M)
-    model = (MASTERBOARD_VERSION, CONTROLLER_BOX, facts.robot_type, facts.robot_sub_type)
-    return _package(6, "53d4i", *limits, *motion, *defaults, *k.a, *k.d, *k.alpha, *k.theta, *model)
+    model = (ROBOT_TYPES[robot.name.upper().rstrip("E")], SUB_TYPES[robot.generation])
+    numbers = (*limits, *motion, *defaults, *k.a, *k.d, *k.alpha, *k.theta)
+    return _package(6, "53d4i", *numbers, MASTERBOARD_VERSION, CONTROLLER_BOX, *model)
 
 
 def _force_mode(v: Values) -> bytes:

@@ -2,17 +2,17 @@
 
 from simulator.physics import kinematics
 from simulator.physics.arm import Arm, MotionConflict
-from simulator.physics.controller_kinematics import checksums
+from simulator.physics.controller_kinematics import told_checksums
 from simulator.physics.kinematics import Transform
 from simulator.physics.obstacles import RoundBin
 from simulator.physics.workcell import Workcell
 
 __all__ = [
     "Arm",
-    "checksums",
     "MotionConflict",
     "RoundBin",
     "Transform",
     "Workcell",
     "kinematics",
+    "told_checksums",
 ]

@@ -14,6 +14,8 @@ from planner.calibration import DhTable, published_table, table_of
 from planner.robots import Robot
 from simulator.truth import DhDeviation
 
+UNCALIBRATED = (0xFFFFFFFF,) * 6  # what URSim reports, whose arm is its model
+
 
 def controller_table(robot: Robot, deviation: DhDeviation | None = None) -> DhTable:
     """Returns the table of an arm that deviates from the published one; None: of the arm as the cell has it."""
@@ -27,3 +29,9 @@ def controller_table(robot: Robot, deviation: DhDeviation | None = None) -> DhTa
 def checksums(table: DhTable) -> tuple[int, ...]:
     """Returns a checksum a joint (6,): CRC-32 of its four numbers. UR publishes no formula; clients compare them."""
     return tuple(zlib.crc32(struct.pack(">4d", *row)) for row in table.rows)
+
+
+def told_checksums(robot: Robot, table: DhTable) -> tuple[int, ...]:
+    """Returns the checksums (6,) that the controller of an arm with this table tells."""
+    own = checksums(table)
+    return UNCALIBRATED if own == checksums(published_table(robot)) else own

@@ -55,7 +55,7 @@ class Script(Program):
         body = statements if program is None else program.block
         self.context = context
         self.globals: Frame = {}
-        self.functions = {f.name: f for f in _functions_in(body)}
+        self.functions = {node.name: node for node in _walk(body) if isinstance(node, Function)}
         self.handles = self.spent = self.calls = 0
         check_names(body, self.functions)
         super().__init__(program.name if program else UNNAMED, self._main(body))
@@ -260,13 +260,6 @@ def _parsed(text: str) -> tuple[Node, ...]:
         return parse(text)
     except (ValueError, RecursionError) as error:  # a number of thousands of digits, brackets without an end
         raise ProgramError(f"syntax_error_on_line:1:{error}:", 1, 1) from error
-
-
-def _functions_in(nodes: Sequence[Node]) -> Iterator[Function]:
-    for node in nodes:
-        if isinstance(node, Function):
-            yield node
-        yield from _functions_in(children(node))
 
 
 def check_names(body: Sequence[Node], functions: dict[str, Function]) -> None:

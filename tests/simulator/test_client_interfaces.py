@@ -13,11 +13,12 @@ import pytest
 
 from planner import kinematics
 from planner.robots import robot
+from simulator.interfaces import RobotFacts
 from simulator.interfaces.realtime_server import packet_size
+from simulator.interfaces.robot_state import robot_state
 from simulator.loop import SimulatorLoop
-from simulator.physics.controller_kinematics import checksums, controller_table
+from simulator.physics.controller_kinematics import checksums, controller_table, told_checksums
 from simulator.program.runner import PLAYING, STOPPED
-from simulator.robot_facts import nominal_kinematics, robot_facts
 from simulator.settings import SimulatorSettings
 from simulator.simulation import Simulation
 from tests.simulator.conftest import SCRIPT, Peer, make_cell, unique_address
@@ -116,15 +117,17 @@ def test_kinematics_and_configuration_are_those_of_the_arm(clients: Any):
     assert struct.unpack_from(">4i", found[6], len(found[6]) - 16)[2:] == (1, 3)  # UR5, e-Series
 
 
-def test_an_arm_that_differs_from_its_model_has_kinematics_and_checksums_of_its_own():
-    cell = make_cell()
-    model = nominal_kinematics(cell.robot)
-    table = controller_table(cell.robot)
+def test_an_arm_that_differs_from_its_model_has_kinematics_and_checksums_of_its_own(sim: Simulation):
+    model = robot("ur5e")
+    table = controller_table(model)
     table = replace(table, a=table.a + 1e-4)
-    facts = robot_facts(cell, table)
-    assert facts.nominal == model
-    assert facts.calibrated == replace(model, a=tuple(a + 1e-4 for a in model.a))
-    assert facts.checksum == checksums(table)
+    facts = RobotFacts(model, table, told_checksums(model, table))
+    found = sub_packages(robot_state(sim.output_values.values, facts, e_series=True))
+    assert struct.unpack_from(">6I", found[5]) == checksums(table)
+    theta, a, d, alpha = np.reshape(struct.unpack_from(">24d", found[5], 24), (4, 6))
+    np.testing.assert_array_equal([theta, a, d, alpha], [table.theta, model.a + 1e-4, model.d, model.alpha])
+    nominal = np.reshape(struct.unpack_from(">24d", found[6], (12 + 12 + 5) * 8), (4, 6))
+    np.testing.assert_array_equal(nominal, [model.a, model.d, model.alpha, np.zeros(6)])
 
 
 def test_a_checksum_changes_with_every_parameter():
