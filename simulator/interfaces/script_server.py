@@ -19,7 +19,7 @@ Commands = Mapping[str, Callable[[], object]]
 
 
 class ScriptReader:
-    """Cuts the text that arrives on one connection into programs and single lines; every byte is looked at once."""
+    """Cuts the text that arrives on one connection into programs and single lines; each byte is scanned once."""
 
     def __init__(self) -> None:
         self.scanned = self.depth = 0  # bytes of the present text already looked at, and its open blocks there
