@@ -20,32 +20,25 @@ class ClientInterfaces:
     def __init__(self, controller: Controller, values: Values, derived: Derived, facts: RobotFacts) -> None:
         """`values` are RTDE's output variables, `derived` the functions of those computed on request only."""
         c = controller
-        self.values = values
-        self.derived = derived
         runner = c.runner
         note = c.timeline.note
-        commands = plain_commands(c)
-        takes = (runner.upload, commands)
-        refuses = (lambda text: note("script refused: a port to read from only"), {})
-        self.primary: dict[int, PrimaryServer] = {}
-        self.realtime: dict[int, RealtimeServer] = {}
-        for offset, (upload, obeyed) in ((0, takes), (READ_ONLY, refuses)):
-            for port, board in ((PRIMARY_PORT, runner.board), (SECONDARY_PORT, None)):
-                server = PrimaryServer(c.identity, c.timeline, values, facts, upload, obeyed, board)
-                self.primary[port + offset] = server
-            server = RealtimeServer(values, self.refresh, c.identity.version, upload, note, obeyed)
-            self.realtime[SCRIPT_PORT + offset] = server
-        self._streams = [*self.realtime.values()]
-        self.timeline, self.every = c.timeline, c.timeline.cycles_in(PERIOD_S)
-
-    def ports(self) -> list[ServicePort]:
-        """Returns the ports; the real-time one is named for what ur_rtde uses it for."""
-        names = {PRIMARY_PORT: "primary", SECONDARY_PORT: "secondary", SCRIPT_PORT: "script"}
-        names |= {number + READ_ONLY: f"{name} read-only" for number, name in names.items()}
-        return [ServicePort(names[number], number, server) for number, server in self._servers().items()]
-
-    def _servers(self) -> dict[int, PrimaryServer | RealtimeServer]:
-        return {**self.primary, **self.realtime}
+        self.values = values
+        self.derived = derived
+        self.primary: list[PrimaryServer] = []
+        self.realtime: list[RealtimeServer] = []
+        self.ports: list[ServicePort] = []
+        takes = (0, "", runner.upload, plain_commands(c))
+        refuses = (READ_ONLY, " read-only", lambda text: note("script refused: a port to read from only"), {})
+        for offset, suffix, upload, commands in (takes, refuses):
+            for port, name, board in ((PRIMARY_PORT, "primary", runner.board), (SECONDARY_PORT, "secondary", None)):
+                server = PrimaryServer(c.identity, c.timeline, values, facts, upload, commands, board)
+                self.primary.append(server)
+                self.ports.append(ServicePort(f"{name}{suffix}", port + offset, server))
+            server = RealtimeServer(values, self.refresh, c.identity.version, upload, note, commands)
+            self.realtime.append(server)
+            self.ports.append(ServicePort(f"script{suffix}", SCRIPT_PORT + offset, server))  # ur_rtde's use of it
+        self.timeline = c.timeline
+        self.every = c.timeline.cycles_in(PERIOD_S)
 
     def refresh(self, names: Sequence[str]) -> None:
         """Computes variables that are computed on request only."""
@@ -54,10 +47,10 @@ class ClientInterfaces:
 
     def publish(self) -> None:
         """Sends the state of this cycle to the clients that are due for it."""
-        for server in self._streams:
+        for server in self.realtime:
             server.publish()
         if self.timeline.cycles % self.every == self.every // 2:  # other work is done at 0
-            for server in self.primary.values():
+            for server in self.primary:
                 server.publish()
 
 

@@ -44,7 +44,7 @@ class Simulation:
         self.network.add(
             ServicePort("rtde", RTDE_PORT, self.rtde),
             ServicePort("dashboard", DASHBOARD_PORT, dashboard),
-            *self.client_interfaces.ports(),
+            *self.client_interfaces.ports,
         )
 
     def tick(self) -> None:
