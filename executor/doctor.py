@@ -52,12 +52,12 @@ class DoctorFinding:
     advice: str = ""
 
 
-def examine(cell: Cell, duration_s: float = DURATION_S) -> list[DoctorFinding]:
+def examine(cell: Cell) -> list[DoctorFinding]:
     """Returns the findings about this machine and the link to the cell's controller."""
     dt = 1.0 / cell.robot.sample_rate_hz
     before = stolen_s()
     began = time.monotonic()
-    late = measure_wakeups(dt, duration_s)
+    late = measure_wakeups(dt, DURATION_S)
     stolen = (stolen_s() - before) / (time.monotonic() - began) / (os.cpu_count() or 1)
     sleep = grade_sleep(realtime.is_virtual(), realtime.may_set_latency(), stolen)
     return [
@@ -65,7 +65,7 @@ def examine(cell: Cell, duration_s: float = DURATION_S) -> list[DoctorFinding]:
         _kernel(),
         sleep,
         grade_jitter(late, dt),
-        _link(cell, min(duration_s, LINK_S)),
+        _link(cell),
         _kinematics(cell),
     ]
 
@@ -183,10 +183,10 @@ def _kernel() -> DoctorFinding:
     return DoctorFinding("kernel", "warning", f"{text}, not a real-time kernel", advice)
 
 
-def _link(cell: Cell, duration_s: float) -> DoctorFinding:
+def _link(cell: Cell) -> DoctorFinding:
     advice = "check that the controller is on, that its address is right, and that one cable connects it directly"
     try:
-        stamps = receive_timestamps(cell.link.host, cell.robot.sample_rate_hz, duration_s)
+        stamps = receive_timestamps(cell.link.host, cell.robot.sample_rate_hz, LINK_S)
     except (OSError, ValueError) as error:
         return DoctorFinding("link", "bad", f"{cell.link.host}: {error}", advice)
     dt = 1.0 / cell.robot.sample_rate_hz
