@@ -53,7 +53,7 @@ class ImportedCalibration:
 
 
 def import_calibration(cell_path: Path) -> ImportedCalibration:
-    """Writes what the controller of a cell tells of its arm to the file that the cell names, or will have to name.
+    """Writes the kinematics that a cell's controller reports to the file that the cell names, or will have to name.
 
     Raises:
         ImportFailed: the cell file is refused, the controller does not answer, its arm is of another model, or the
@@ -68,7 +68,7 @@ def import_calibration(cell_path: Path) -> ImportedCalibration:
     try:
         arm = calibrated(cell.robot, transforms_of_table(info.table))
     except ImplausibleChain as error:
-        raise ImportFailed(f"the controller's arm is no {cell.robot.name}: {error}") from error
+        raise ImportFailed(f"the controller's arm is not a {cell.robot.name}: {error}") from error
     assert arm.fixed is not None
     path = named or cell_path.with_name(f"{cell_path.stem}-kinematics.yaml")
     _replace(path, calibration_text(arm.fixed, info.table.hash))
@@ -80,7 +80,7 @@ def _told_by(cell: Cell) -> KinematicsInfo:
     try:
         return read_kinematics(cell.link.host)
     except (OSError, ValueError) as error:
-        raise ImportFailed(f"the controller at {cell.link.host} does not tell its kinematics: {error}") from error
+        raise ImportFailed(f"the controller at {cell.link.host} does not report its kinematics: {error}") from error
 
 
 def _replace(path: Path, text: str) -> None:

@@ -40,7 +40,7 @@ class CellWatch:
         except CellError as error:
             self.fault = {
                 "outcome": "cell_file",
-                "reason": f"the cell file is refused: {error}; repair it: it is read anew by itself",
+                "reason": f"the cell file is refused: {error}; correct it, and the executor reads it again",
                 "execution_id": None,
                 "at": time.time(),
             }

@@ -35,7 +35,11 @@ STOLEN = 8  # column of a processor's line; source: proc(5)
 ROOT = Path(__file__).parents[1]
 MARKS = {"ok": "ok     ", "warning": "warning", "bad": "BAD    "}
 CODES = {"ok": 0, "warning": 1, "bad": 2}
-VERDICTS = ("fit to stream", "fit for simulation; resolve the warnings before using a real arm", "unfit to stream")
+VERDICTS = (
+    "ready to stream",
+    "ready for simulation; resolve the warnings before using a real arm",
+    "cannot stream",
+)
 
 
 @dataclass(frozen=True)
@@ -48,12 +52,12 @@ class DoctorFinding:
     advice: str = ""
 
 
-def examine(cell: Cell, duration_s: float = DURATION_S) -> list[DoctorFinding]:
+def examine(cell: Cell) -> list[DoctorFinding]:
     """Returns the findings about this machine and the link to the cell's controller."""
     dt = 1.0 / cell.robot.sample_rate_hz
     before = stolen_s()
     began = time.monotonic()
-    late = measure_wakeups(dt, duration_s)
+    late = measure_wakeups(dt, DURATION_S)
     stolen = (stolen_s() - before) / (time.monotonic() - began) / (os.cpu_count() or 1)
     sleep = grade_sleep(realtime.is_virtual(), realtime.may_set_latency(), stolen)
     return [
@@ -61,7 +65,7 @@ def examine(cell: Cell, duration_s: float = DURATION_S) -> list[DoctorFinding]:
         _kernel(),
         sleep,
         grade_jitter(late, dt),
-        _link(cell, min(duration_s, LINK_S)),
+        _link(cell),
         _kinematics(cell),
     ]
 
@@ -113,9 +117,9 @@ def grade_sleep(is_virtual: bool, may_set_latency: bool, stolen: float) -> Docto
         text = f"a virtual machine; its host took {stolen:.1%} of the processors' time meanwhile"
         return DoctorFinding("processors", "warning", text, "stream to a real arm from a physical machine")
     if may_set_latency:
-        return DoctorFinding("processors", "ok", "they are kept awake during an execution")
+        return DoctorFinding("processors", "ok", "kept awake during an execution")
     advice = 'a udev rule: KERNEL=="cpu_dma_latency", GROUP="realtime", MODE="0660"'
-    text = f"idle ones may sleep deeply: {realtime.LATENCY} is not permitted"
+    text = f"idle processors may sleep deeply: no permission to write {realtime.LATENCY}"
     return DoctorFinding("processors", "warning", text, advice)
 
 
@@ -156,7 +160,7 @@ def grade_lag(cell: Cell, pooled: dict[str, Any] | None) -> DoctorFinding:
     """Returns the finding about the arm's lag, from its timing as `known_timing` returns it."""
     if pooled is None:
         advice = f"fling calibrate lag --cell {cell.name}"
-        return DoctorFinding("lag", "warning", "not measured: no execution of this cell shows it", advice)
+        return DoctorFinding("lag", "warning", "not measured yet: no execution of this cell shows it", advice)
     text = f"{1e3 * pooled['lag_s']:.1f} ± {1e3 * pooled['lag_std_s']:.1f} ms over {pooled['runs']} runs"
     if pooled["advice"] is None:
         return DoctorFinding("lag", "ok", f"{text}, as in {'the profile' if pooled['profile'] else 'the cell file'}")
@@ -179,10 +183,10 @@ def _kernel() -> DoctorFinding:
     return DoctorFinding("kernel", "warning", f"{text}, not a real-time kernel", advice)
 
 
-def _link(cell: Cell, duration_s: float) -> DoctorFinding:
+def _link(cell: Cell) -> DoctorFinding:
     advice = "check that the controller is on, that its address is right, and that one cable connects it directly"
     try:
-        stamps = receive_timestamps(cell.link.host, cell.robot.sample_rate_hz, duration_s)
+        stamps = receive_timestamps(cell.link.host, cell.robot.sample_rate_hz, LINK_S)
     except (OSError, ValueError) as error:
         return DoctorFinding("link", "bad", f"{cell.link.host}: {error}", advice)
     dt = 1.0 / cell.robot.sample_rate_hz
@@ -204,21 +208,22 @@ def _kinematics(cell: Cell) -> DoctorFinding:
 
 
 def grade_kinematics(cell: Cell, info: KinematicsInfo | None) -> DoctorFinding:
-    """Returns the finding about the cell's calibration and what the controller tells of its arm."""
+    """Returns the finding about the cell's calibration and the kinematics that the controller reports."""
     name = "kinematics"
     advice = "fling cell kinematics --from-robot reads the controller's own"
     if reasons := kinematics_refusals(cell, info):
         return DoctorFinding(name, "bad", reasons[0], advice)
     if cell.calibration is not None:
-        return DoctorFinding(name, "ok", f"{cell.calibration.name} is this arm's")
+        return DoctorFinding(name, "ok", f"{cell.calibration.name} belongs to this arm")
     if info is None and cell.link.kind == "sim":
-        return DoctorFinding(name, "ok", "the simulated controller tells none: its arm is as published")
+        return DoctorFinding(name, "ok", "the simulated controller reports none: its arm is as published")
     if info is None:
-        text = "no calibration in the cell file, and the controller does not tell its arm's; it may be off by 1 cm"
+        text = "no calibration in the cell file, and the controller does not report its arm's; it may be off by 1 cm"
         return DoctorFinding(name, "warning", text, advice)
     apart = difference_from(cell, info)
     if apart is None:
-        return DoctorFinding(name, "bad", f"the controller's arm is no {cell.robot.name}", "check `robot` in the cell")
+        text = f"the controller's arm is not a {cell.robot.name}"
+        return DoctorFinding(name, "bad", text, "check `robot` in the cell file")
     if apart.largest_m <= KINEMATICS_M:
         return DoctorFinding(name, "ok", "the arm is as published")
     text = f"no calibration in the cell file: this arm is off by {apart.words()}"

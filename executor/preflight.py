@@ -79,7 +79,7 @@ def verify_plan(
     certificate = certify(problem, trajectory)
     if not certificate.valid:
         names = ", ".join(f"{c.name} ({c.value:.4g} against {c.limit:.4g} {c.unit})" for c in certificate.failures)
-        raise ExecutionRefused(f"the certificate made again does not hold: {names}")
+        raise ExecutionRefused(f"the plan fails the certificate that the executor made: {names}")
     return problem, trajectory, shift
 
 
@@ -141,7 +141,7 @@ def kinematics_refusals(cell: Cell, info: KinematicsInfo | None) -> list[str]:
     file = cell.calibration.name
     known_as = cell.calibration.hash or "no hash"
     if info is None:
-        return [f"kinematic_calibration: the controller at {cell.link.host} does not tell its arm's kinematics"]
+        return [f"kinematic_calibration: the controller at {cell.link.host} does not report its arm's kinematics"]
     apart = difference_from(cell, info)
     if apart is None or apart.largest_m > KINEMATICS_M:
         size = "of another model" if apart is None else f"up to {apart.largest_m * 1e3:.1f} mm away"
@@ -161,7 +161,7 @@ def kinematics_warnings(cell: Cell, info: KinematicsInfo | None) -> list[str]:
         return [f"kinematic_calibration: none in the cell file; arms are off by up to a centimetre; {advice}"]
     apart = difference_from(cell, info)
     if apart is None:
-        return [f"kinematic_calibration: the controller's arm ({info.table.hash}) is no {cell.robot.name}"]
+        return [f"kinematic_calibration: the controller's arm ({info.table.hash}) is not a {cell.robot.name}"]
     if apart.largest_m <= KINEMATICS_M:
         return []
     return [f"kinematic_calibration: none in the cell file; this arm is off by {apart.words()}; {advice}"]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,7 @@ from executor import realtime
 from executor.settings import ExecutorSettings
 from executor.stream_job import ExpectedLanding, JobRows, StreamJob
 from learning import CellKnowledge
-from planner.approach import APPROACH_ACCELERATION, APPROACH_SPEED, Approach, Brakes, find_brakes, line_stop
+from planner.approach import APPROACH_ACCELERATION, APPROACH_SPEED, Approach, find_brakes, line_stop
 from planner.cell import Cell
 from planner.certificate import window_landing_points
 from planner.feedback import FEEDBACK_GAIN, FEEDBACK_MAX
@@ -100,32 +99,40 @@ def prepare_job(
         settings: of the executor.
         landing: where the object is to land; None: it is let go wherever it lands.
     """
-    dt = 1.0 / problem.cell.robot.sample_rate_hz
     cell = problem.cell
-    rows, plan_brakes = _sample(problem, trajectory)
+    dt = 1.0 / cell.robot.sample_rate_hz
+    rows = sample_rows(cell, trajectory, throws=not problem.ends_at_rest)
     acceleration = settings.approach_pace**2 * APPROACH_ACCELERATION
     deceleration = acceleration
     approach_rows = None
     if approach.is_straight and approach.trajectory is not None:
         deceleration = line_stop(cell, approach.trajectory.q, approach.trajectory.qd, acceleration)
     elif approach.problem is not None and approach.trajectory is not None:
-        sampled = _sample(approach.problem, approach.trajectory, APPROACH_BRAKE_EVERY)
-        approach_rows = JobRows(**_streamed(*sampled))
+        sampled = sample_rows(approach.problem.cell, approach.trajectory, throws=False)
+        approach_rows = _job_rows(approach.problem, approach.trajectory, sampled, APPROACH_BRAKE_EVERY)
     return StreamJob(
         host=cell.link.host,
         mode=mode,
         dry_run=dry_run,
         dt=dt,
         lag_ticks=cell.timing.lag_s / dt,
-        **_streamed(rows, plan_brakes),
-        **_release_terms(cell, rows),
+        **vars(_job_rows(problem, trajectory, rows)),
+        release_row=rows.release_row,
+        output_row=rows.output_row,
+        output=cell.gripper.output,
+        output_index=cell.gripper.index,
+        output_level=cell.gripper.open_level,
         start=rows.q[0].tolist(),
         landing=None if problem.ends_at_rest else landing,
         approach=approach_rows,
         approach_speed=settings.approach_pace * APPROACH_SPEED,
         approach_acceleration=acceleration,
         approach_deceleration=deceleration,
-        **_tracking_terms(cell),
+        qd_max=cell.robot.qd_max.tolist(),
+        acceleration=float(np.min(cell.robot.qdd_max)),
+        feedback_gain=FEEDBACK_GAIN,
+        feedback_max=FEEDBACK_MAX,
+        tracking_max=TRACKING_MAX_RAD,
         watchdog_hz=settings.watchdog_hz,
         core=settings.core,
         priority=realtime.STREAM_PRIORITY,
@@ -185,43 +192,16 @@ def _landings(problem: ThrowProblem, q: Vector, qd: Vector) -> Vector:
     return landing_points(state.p_WT, leaves, problem.plane_z, problem.gravity, problem.drag)[:, :2]
 
 
-def _sample(problem: ThrowProblem, trajectory: Trajectory, brake_every: int = 1) -> tuple[StreamRows, Brakes]:
-    """Returns a motion on the controller's ticks, and the brakes from its rows."""
-    rows = sample_rows(problem.cell, trajectory, throws=not problem.ends_at_rest)
-    return rows, find_brakes(problem.cell, rows.q, rows.qd, rows.qdd, trajectory.dt, brake_every)
-
-
-def _release_terms(cell: Cell, rows: StreamRows) -> dict[str, Any]:
-    """Returns the fields of `StreamJob` on the release and the gripper's output."""
-    return {
-        "release_row": rows.release_row,
-        "output_row": rows.output_row,
-        "output": cell.gripper.output,
-        "output_index": cell.gripper.index,
-        "output_level": cell.gripper.open_level,
-    }
-
-
-def _tracking_terms(cell: Cell) -> dict[str, Any]:
-    """Returns the fields of `StreamJob` on what the arm follows by, and how closely it must."""
-    return {
-        "qd_max": cell.robot.qd_max.tolist(),
-        "acceleration": float(np.min(cell.robot.qdd_max)),
-        "feedback_gain": FEEDBACK_GAIN,
-        "feedback_max": FEEDBACK_MAX,
-        "tracking_max": TRACKING_MAX_RAD,
-    }
-
-
-def _streamed(rows: StreamRows, row_brakes: Brakes) -> dict[str, Any]:
-    """Returns the fields of `JobRows`."""
-    return {
-        "first_clock_s": rows.first_clock_s,
-        "q": rows.q.tolist(),
-        "qd": rows.qd.tolist(),
-        "qdd": rows.qdd.tolist(),
-        "reference_q": rows.reference_q.tolist(),
-        "reference_qd": rows.reference_qd.tolist(),
-        "brake_row": row_brakes.row.tolist(),
-        "brake_ticks": row_brakes.ticks.tolist(),
-    }
+def _job_rows(problem: ThrowProblem, trajectory: Trajectory, rows: StreamRows, brake_every: int = 1) -> JobRows:
+    """Returns the rows of a motion with the brake from each of them, as plain lists."""
+    brakes = find_brakes(problem.cell, rows.q, rows.qd, rows.qdd, trajectory.dt, brake_every)
+    return JobRows(
+        first_clock_s=rows.first_clock_s,
+        q=rows.q.tolist(),
+        qd=rows.qd.tolist(),
+        qdd=rows.qdd.tolist(),
+        reference_q=rows.reference_q.tolist(),
+        reference_qd=rows.reference_qd.tolist(),
+        brake_row=brakes.row.tolist(),
+        brake_ticks=brakes.ticks.tolist(),
+    )

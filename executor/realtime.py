@@ -20,7 +20,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-CORE_VARIABLE = "FLING_STREAM_CORE"  # processor shared by the stream and a simulated controller
+CORE_VARIABLE = "FLING_STREAM_CORE"  # processor of the stream; a simulated controller reads it too
 ANY_CORE = -1
 STREAM_PRIORITY = 50  # of SCHED_FIFO; below the kernel's interrupt threads
 DAEMON_PRIORITY = 10  # of SCHED_FIFO; above ordinary processes, below the stream
@@ -61,33 +61,6 @@ def is_permitted() -> bool:
         return False
     os.sched_setscheduler(0, before, os.sched_param(0))
     return True
-
-
-def request_real_time(priority: int, core: int) -> str:
-    """Requests a real-time priority, and binds the process to a processor if it is granted.
-
-    At ordinary priority the process stays free to run on any processor.
-
-    Args:
-        priority: SCHED_FIFO priority; 0 or less keeps the ordinary one.
-        core: processor number; -1 for any.
-
-    Returns:
-        A description of what was granted.
-    """
-    if priority <= 0:
-        return "ordinary priority"
-    try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
-    except (OSError, AttributeError):
-        return "ordinary priority (real-time priority is not permitted)"
-    if core < 0:
-        return f"real-time priority {priority}"
-    try:
-        os.sched_setaffinity(0, {core})
-    except OSError:
-        return f"real-time priority {priority} (processor {core} is not permitted)"
-    return f"real-time priority {priority} on processor {core}"
 
 
 def prepare_stream(core: int, priority: int) -> list[str]:

@@ -30,7 +30,7 @@ UNRECORDED_RAD_S = 0.022  # [rad/s] of a joint speed that was not recorded; sour
 UNKNOWN_STD_M = 0.010  # [m] of a position that was reported without one: by eye, with a tape
 LEAST_STD_M = 0.001  # [m] of a position that claims to be exact: the model is no better
 COUNTED = ("completed", "late")  # outcomes of throws whose gripper opened at a known time on a known motion
-WITHOUT_TARGET = "hit, edge or miss says nothing without a target and the radius of a hit"
+WITHOUT_TARGET = "a hit, edge or miss counts only with a target and the radius of a hit"
 IN_THE_WAY = ("keep_out", "bin")  # beginnings of what an object may land on instead of the plane
 
 

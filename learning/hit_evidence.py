@@ -1,4 +1,4 @@
-"""What hits and misses say of a cell where nobody measured the landing: particles of the posterior, weighed by them."""
+"""What hits and misses teach where no landing was measured: particles of the posterior, weighted by them."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ DRAG_KNOWN = 0.5  # [-] of the prior's width, below which a drag was learnt and 
 
 @dataclass(frozen=True, eq=False)
 class CellKnowledge:
-    """What is known of a cell: its arm, the release, and the joints' speeds.
+    """What is known about a cell: its arm, the release, and the joints' speeds.
 
     Attributes:
         arm: lag, with which it is streamed, and gains.
@@ -68,7 +68,7 @@ class CellKnowledge:
 
 
 def prior_knowledge(cell: Cell) -> CellKnowledge:
-    """Returns what the cell file alone says, its jitter included, with the uncertainty of what nobody measured."""
+    """Returns the knowledge before any throw: the cell file's numbers, with the uncertainty of unmeasured ones."""
     prior = prior_state(cell.gripper.delay_s + cell.timing.lag_s, cell.object.drag_coefficient)
     nothing = np.zeros((0, 6))
     release = learn_release([], prior)

@@ -149,7 +149,7 @@ def learn_release(throws: Sequence[ObservedThrow], prior: Array) -> ReleasePoste
     log_prior = log_prior - 0.5 * (scatter / SCATTER_STD_RAD_S) ** 2 + np.log(scatter)
     if throws:
         fit = _Fit(throws, prior, jitter, scatter)
-        fit.run()
+        fit.run(_best_lead(throws, prior))
         evidence = fit.evidence()
         z = fit.z
         covariance = fit.covariance()
@@ -187,9 +187,9 @@ class _Fit:
         self.z = np.zeros((len(jitter), len(STATE)))
         self.late = np.zeros((len(jitter), len(throws)))  # each throw's own part of the jitter [s]
 
-    def run(self) -> None:
-        """Iterates from the best lead of a scan."""
-        self.z[:, LEAD] = self._best_start() / PRIOR_STD[LEAD]
+    def run(self, lead_s: float) -> None:
+        """Iterates from a lead about the prior's [s]."""
+        self.z[:, LEAD] = lead_s / PRIOR_STD[LEAD]
         for i in range(ITERATIONS):
             extra = TEMPERING_M[i] if i < len(TEMPERING_M) else 0.0
             self._linearise(extra)
@@ -276,27 +276,23 @@ class _Fit:
         pulls = zip(weights, inverses, rests, strict=True)
         self.pull = np.sum([w[..., None] * (inverse @ rest[..., None])[..., 0] for w, inverse, rest in pulls], axis=0)
 
-    def _best_start(self) -> float:
-        """Returns the lead about the prior's from which the throws are likeliest [s], the rest of the state linear."""
-        z = self.z
-        jitter = self.jitter
-        scatter = self.scatter
-        late = self.late
-        n = len(SCAN_S)
-        self.z, self.late = np.zeros((n, len(STATE))), np.zeros((n, len(self.lead)))
-        self.z[:, LEAD] = SCAN_S / PRIOR_STD[LEAD]
-        self.jitter, self.scatter = np.full(n, SCAN_JITTER_S), np.full(n, SCATTER_STD_RAD_S)
+    def likeliest(self) -> int:
+        """Returns the point of the highest evidence after one step in which only the leads stay as they are."""
         self._linearise(TEMPERING_M[1])
-        pinned = self.normal + 1e9 * np.outer(np.eye(len(STATE))[LEAD], np.eye(len(STATE))[LEAD])
-        step = np.linalg.solve(pinned, (self.gradient - self.z * (np.arange(len(STATE)) != LEAD))[..., None])[..., 0]
+        is_lead = np.arange(len(STATE)) == LEAD
+        pinned = self.normal + 1e9 * np.diag(is_lead.astype(float))
+        step = np.linalg.solve(pinned, (self.gradient - self.z * ~is_lead)[..., None])[..., 0]
         self.z = self.z + np.clip(step, -2.0, 2.0)
         self._linearise(TEMPERING_M[1])
-        best = float(SCAN_S[np.argmax(self.evidence())])
-        self.z = z
-        self.jitter = jitter
-        self.scatter = scatter
-        self.late = late
-        return best
+        return int(np.argmax(self.evidence()))
+
+
+def _best_lead(throws: Sequence[ObservedThrow], prior: Array) -> float:
+    """Returns the lead about the prior's from which the throws are likeliest [s], the rest of the state linear."""
+    n = len(SCAN_S)
+    scan = _Fit(throws, prior, np.full(n, SCAN_JITTER_S), np.full(n, SCATTER_STD_RAD_S))
+    scan.z[:, LEAD] = SCAN_S / PRIOR_STD[LEAD]
+    return float(SCAN_S[scan.likeliest()])
 
 
 def _outer(x: Array) -> Array:

@@ -53,7 +53,7 @@ def write_audit(connection: Connection, line: AuditLine | None, resource: str) -
 
     Args:
         connection: The act's transaction.
-        line: Who does what; None where the act is nobody's, as in tests.
+        line: Who does what; None where nobody is named, as in tests.
         resource: Path of what was acted on.
     """
     if line is not None:

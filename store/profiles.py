@@ -25,7 +25,7 @@ class ProfileRepository(Repository):
         audit: AuditLine | None = None,
         cell_version: int | None = None,
     ) -> ProfileRow:
-        """Stores one profile; it is not adopted by that."""
+        """Stores one profile, without adopting it."""
         hash = hashlib.sha256(document).hexdigest()
         row = ProfileRow(new_id(), time.time(), cell, cell_sha256, created_by, hash, document, cell_version)
         with writing(self._engine) as connection:
@@ -56,8 +56,7 @@ class ProfileRepository(Repository):
     def profile_in_use(self, cell: str, cell_sha256: str) -> ProfileRow | None:
         """Returns the profile that a cell uses; None where it uses the cell file's numbers.
 
-        What was learnt with another version of the cell's files says nothing of an arm or a gripper that may have been
-        exchanged with them.
+        A profile of another version of the cell's files does not count: arm or gripper may have been exchanged.
 
         Args:
             cell: name of the cell.

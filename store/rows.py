@@ -31,7 +31,7 @@ def new_id() -> str:
 
 
 def derived_id(owner: str, part: str) -> str:
-    """Returns the id of a part of what has an id: the same one whoever makes the part, and however often.
+    """Returns the id of a part of something that has an id; always the same for the same owner and part.
 
     A UUID of version 7: the time of the owner's own id, then bits of a hash.
     """
@@ -227,7 +227,7 @@ class BatchRow:
         state: queued, running, finished.
         outcome: completed, cancelled or failed.
         counts: Number of results by outcome.
-        driver_id: The process that plans it, which gave a sign of life at `heartbeat_at`.
+        driver_id: The process that plans it; its last heartbeat was at `heartbeat_at`.
         started_at: When that took it up, with `started_done` results there.
     """
 
@@ -256,13 +256,13 @@ class BatchRow:
 
     @property
     def is_driven(self) -> bool:
-        """Whether its driver gave a sign of life not long ago."""
+        """Whether its driver has sent a heartbeat within `DRIVER_FRESH_S`."""
         fresh = self.heartbeat_at is not None and time.time() - self.heartbeat_at < DRIVER_FRESH_S
         return self.state == "running" and fresh
 
     @property
     def rate_per_s(self) -> float | None:
-        """Results per second since it was taken up [1/s]; None while nobody plans it, or nothing is known."""
+        """Results per second since it was taken up [1/s]; None while it is not being planned, or nothing is known."""
         if self.state != "running" or self.started_at is None or self.heartbeat_at is None:
             return None
         new = self.done - self.started_done

@@ -1,270 +1,106 @@
-"""Table definitions.
+"""The tables as queries name them: a column for each field of their rows, of the type that the field has.
 
-A comment names the writer of each table, or of a column where a table has two: `api` is the service, `executor` the
-executor daemon of the cell, `the driver` the process that plans a batch. Of an execution that no executor claimed, api
-may also write the aborted result.
-
-The tables are created by `store/migrations.py`; a test compares the two.
+`store/migrations.py` makes them, with keys, references and indices; a test compares the two. A comment names the writer
+of each table, or of a column where a table has two: `api` is the service, `executor` the executor daemon of the cell,
+`the driver` the process that plans a batch. Of an execution that no executor claimed, api may also write the aborted
+result.
 """
 
 from __future__ import annotations
 
-from sqlalchemy import JSON, Boolean, Column, Double, ForeignKey, Index, LargeBinary, MetaData, Table, Text, text
-from sqlalchemy.types import BigInteger, Integer
+from collections.abc import Mapping, Sequence
+from types import NoneType, UnionType
+from typing import Any, get_args, get_origin, get_type_hints
+
+from sqlalchemy import JSON, BigInteger, Boolean, Column, Double, LargeBinary, MetaData, Table, Text
+
+from store.rows import (
+    BatchResultRow,
+    BatchRow,
+    CellRow,
+    CellVersionRow,
+    EventRow,
+    ExecutionRow,
+    ExperimentRow,
+    LandingCellRow,
+    LandingRow,
+    MapRow,
+    PlanRow,
+    ProfileRow,
+    RecordingRow,
+)
 
 METADATA = MetaData()
-ROW_ID = BigInteger().with_variant(Integer, "sqlite")
+TYPES: dict[Any, Any] = {
+    str: Text(),
+    float: Double(),
+    int: BigInteger(),
+    bool: Boolean(),
+    bytes: LargeBinary(),
+    Mapping: JSON(none_as_null=True),
+    Sequence: JSON(none_as_null=True),
+}
 
-plans = Table(  # written by api, never changed
-    "plans",
+
+def _columns(hints: Mapping[str, Any]) -> list[Column[Any]]:
+    """Returns a column for each name with a type."""
+    return [_column(name, hint) for name, hint in hints.items()]
+
+
+def _column(name: str, hint: Any) -> Column[Any]:
+    """Returns the column of a type, nullable where that is `… | None`."""
+    kinds = get_args(hint) if get_origin(hint) is UnionType else (hint,)
+    (kind,) = (kind for kind in kinds if kind is not NoneType)
+    return Column(name, TYPES[get_origin(kind) or kind], nullable=NoneType in kinds)
+
+
+def _table(name: str, row: type, **renamed: str) -> Table:
+    """Returns the table of a row's class; `renamed` are columns that have another name than their field."""
+    hints = {renamed.get(field, field): hint for field, hint in get_type_hints(row).items()}
+    return Table(name, METADATA, *_columns(hints))
+
+
+plans = _table("plans", PlanRow, earlier_document="document")  # written by api, never changed
+experiments = _table("experiments", ExperimentRow)  # written by api, never changed
+
+# api: id, plan_id, cell, mode, dry_run, requested_by, created_at, experiment_id, request_id, abort_requested_at; it
+# inserts the state 'queued'. executor: all others. An index allows one unfinished execution a cell.
+executions = _table("executions", ExecutionRow)
+events = _table("events", EventRow)  # written by executor; the first event of an execution by api
+recordings = _table("recordings", RecordingRow, earlier_csv="csv")  # written by executor
+landings = _table("landings", LandingRow)  # written by api; by executor for a simulated camera; never changed
+
+# api: acknowledge_requested_at, acknowledged_by. executor: all others.
+cells = _table("cells", CellRow)
+cell_versions = _table("cell_versions", CellVersionRow)  # append only: api or executor, whoever sees a version first
+
+profiles = _table("profiles", ProfileRow)  # written by api, never changed
+adoptions = Table(  # written by api, append only; a cell's newest line is what it uses, null the cell file's numbers
+    "adoptions",
     METADATA,
-    Column("id", Text, primary_key=True),
-    Column("created_at", Double, nullable=False),
-    Column("cell", Text, nullable=False),
-    Column("cell_sha256", Text, nullable=False),
-    Column("backend", Text, nullable=False),
-    Column("summary", LargeBinary, nullable=False),  # the document without its trajectory
-    Column("document", LargeBinary, nullable=False),  # the whole document of an earlier version; else empty
-    Column("request_id", Text),  # of the HTTP request that made it
-    Column("samples", LargeBinary),  # the trajectory; see `store.samples`
+    *_columns({"id": int, "at": float, "cell": str, "profile_id": str | None, "adopted_by": str}),
 )
 
-experiments = Table(  # written by api, never changed
-    "experiments",
-    METADATA,
-    Column("id", Text, primary_key=True),
-    Column("created_at", Double, nullable=False),
-    Column("name", Text, nullable=False),
-    Column("created_by", Text, nullable=False),
-    Column("settings", JSON, nullable=False),
-)
-
-executions = Table(
-    "executions",
-    METADATA,
-    Column("id", Text, primary_key=True),  # api
-    Column("plan_id", Text, ForeignKey("plans.id"), nullable=False),  # api
-    Column("cell", Text, nullable=False),  # api
-    Column("mode", Text, nullable=False),  # api
-    Column("dry_run", Boolean, nullable=False),  # api
-    Column("requested_by", Text, nullable=False),  # api
-    Column("created_at", Double, nullable=False),  # api
-    Column("abort_requested_at", Double),  # api
-    Column("claimed_at", Double),  # executor
-    Column("executor_id", Text),  # executor
-    Column("state", Text, nullable=False),  # executor; api inserts 'queued'
-    Column("outcome", Text),  # executor
-    Column("reason", Text),  # executor
-    Column("metrics", JSON(none_as_null=True)),  # executor
-    Column("finished_at", Double),  # executor
-    Column("experiment_id", Text, ForeignKey("experiments.id")),  # api
-    Column("request_id", Text),  # api
-)
-executions_of_experiment = Index("executions_of_experiment", executions.c.experiment_id)
-
-# The database itself enforces one unfinished execution per cell.
-one_active = Index(
-    "one_active_execution_per_cell",
-    executions.c.cell,
-    unique=True,
-    sqlite_where=text("state <> 'finished'"),
-    postgresql_where=text("state <> 'finished'"),
-)
-
-events = Table(  # written by executor; the first event of an execution by api
-    "events",
-    METADATA,
-    Column("id", ROW_ID, primary_key=True, autoincrement=True),
-    Column("execution_id", Text, ForeignKey("executions.id"), nullable=False),
-    Column("at", Double, nullable=False),
-    Column("kind", Text, nullable=False),
-    Column("data", JSON, nullable=False),
-)
-events_of_execution = Index("events_of_execution", events.c.execution_id, events.c.id)
-
-recordings = Table(  # written by executor
-    "recordings",
-    METADATA,
-    Column("execution_id", Text, ForeignKey("executions.id"), primary_key=True),
-    Column("mcap", LargeBinary, nullable=False),
-    Column("csv", LargeBinary, nullable=False),  # the rows of an earlier version; else empty
-    Column("samples", LargeBinary),  # the rows; see `store.samples`
-)
-
-landings = Table(  # written by api; by executor for what a simulated camera observed; never changed
-    "landings",
-    METADATA,
-    Column("id", Text, primary_key=True),
-    Column("execution_id", Text, ForeignKey("executions.id"), nullable=False),
-    Column("at", Double, nullable=False),
-    Column("source", Text, nullable=False),
-    Column("reported_by", Text, nullable=False),
-    Column("position", JSON(none_as_null=True)),
-    Column("std_m", Double),
-    Column("result", Text),
-    Column("radius_m", Double),
-)
-landings_of_execution = Index("landings_of_execution", landings.c.execution_id, landings.c.id)
-
-cells = Table(
-    "cells",
-    METADATA,
-    Column("cell", Text, primary_key=True),  # executor
-    Column("executor_id", Text, nullable=False),  # executor
-    Column("heartbeat_at", Double, nullable=False),  # executor
-    Column("link_kind", Text, nullable=False),  # executor
-    Column("robot", JSON, nullable=False),  # executor
-    Column("fault", JSON(none_as_null=True)),  # executor
-    Column("read_only", Boolean, nullable=False),  # executor
-    Column("acknowledge_handled_at", Double),  # executor
-    Column("acknowledge_requested_at", Double),  # api
-    Column("acknowledged_by", Text),  # api
-)
+# api: id, created_at, created_by, request_id, driven_by, specification, total, cancel_requested_at; it inserts the
+# state 'queued', and finishes what nobody drives. The driver: all others.
+batches = _table("batches", BatchRow)
+batch_results = _table("batch_results", BatchResultRow)  # written by the driver of the batch, append only
+maps = _table("maps", MapRow)  # written by whoever makes the map; cancel_requested_at by api
+landing_cells = _table("landing_cells", LandingCellRow)  # written by whoever makes the map
 
 idempotency = Table(  # written by api
     "idempotency",
     METADATA,
-    Column("scope", Text, primary_key=True),
-    Column("key", Text, primary_key=True),
-    Column("body_sha256", Text, nullable=False),
-    Column("resource_id", Text, nullable=False),
-    Column("created_at", Double, nullable=False),
+    *_columns({"scope": str, "key": str, "body_sha256": str, "resource_id": str, "created_at": float}),
 )
-
-audit = Table(  # written by api, append only
+audit = Table(  # written by api, append only; a null outcome is "done", by an earlier version
     "audit",
     METADATA,
-    Column("id", ROW_ID, primary_key=True, autoincrement=True),
-    Column("at", Double, nullable=False),
-    Column("who", Text, nullable=False),
-    Column("action", Text, nullable=False),
-    Column("resource", Text, nullable=False),
-    Column("remote", Text, nullable=False),
-    Column("request_id", Text),
-    Column("outcome", Text),  # "done", or the problem that it was refused with; null: done, by an earlier version
-    Column("reason", Text),  # of a refusal
+    *_columns({"id": int, "at": float, "who": str, "action": str, "resource": str, "remote": str}),
+    *_columns({"request_id": str | None, "outcome": str | None, "reason": str | None}),
 )
-
-profiles = Table(  # written by api, never changed
-    "profiles",
-    METADATA,
-    Column("id", Text, primary_key=True),
-    Column("created_at", Double, nullable=False),
-    Column("cell", Text, nullable=False),
-    Column("cell_sha256", Text, nullable=False),
-    Column("created_by", Text, nullable=False),
-    Column("sha256", Text, nullable=False),  # of the document
-    Column("document", LargeBinary, nullable=False),
-    Column("cell_version", Integer),  # null: of an earlier version of Fling
-)
-profiles_of_cell = Index("profiles_of_cell", profiles.c.cell, profiles.c.id)
-
-adoptions = Table(  # written by api, append only; a cell's newest line is what it uses
-    "adoptions",
-    METADATA,
-    Column("id", ROW_ID, primary_key=True, autoincrement=True),
-    Column("at", Double, nullable=False),
-    Column("cell", Text, nullable=False),
-    Column("profile_id", Text, ForeignKey("profiles.id")),  # null: the cell file's numbers again
-    Column("adopted_by", Text, nullable=False),
-)
-adoptions_of_cell = Index("adoptions_of_cell", adoptions.c.cell, adoptions.c.id)
-
 probes = Table(  # written by api: one row, to see whether the database can be written to
     "probes",
     METADATA,
-    Column("id", Integer, primary_key=True, autoincrement=False),
-    Column("at", Double, nullable=False),
+    *_columns({"id": int, "at": float}),
 )
-
-cell_versions = Table(  # written by api and executor, append only: whoever sees a version first
-    "cell_versions",
-    METADATA,
-    Column("cell", Text, primary_key=True),
-    Column("version", Integer, primary_key=True, autoincrement=False),
-    Column("sha256", Text, nullable=False),
-    Column("text", LargeBinary, nullable=False),
-    Column("calibration", LargeBinary),
-    Column("seen_at", Double, nullable=False),
-    Column("seen_by", Text, nullable=False),
-)
-
-batches = Table(
-    "batches",
-    METADATA,
-    Column("id", Text, primary_key=True),  # api
-    Column("created_at", Double, nullable=False),  # api
-    Column("created_by", Text, nullable=False),  # api
-    Column("request_id", Text),  # api
-    Column("driven_by", Text, nullable=False),  # api: "service" or "command", whose drivers take it up
-    Column("specification", LargeBinary, nullable=False),  # api: its requests, see `batch.runs`
-    Column("total", Integer, nullable=False),  # api: number of requests
-    Column("state", Text, nullable=False),  # the driver; api inserts 'queued', and finishes what nobody drives
-    Column("outcome", Text),  # the driver; see `state`
-    Column("reason", Text),  # the driver; see `state`
-    Column("counts", JSON, nullable=False),  # the driver: results by outcome
-    Column("cancel_requested_at", Double),  # api
-    Column("driver_id", Text),  # the driver
-    Column("heartbeat_at", Double),  # the driver
-    Column("started_at", Double),  # the driver: when it took the batch up
-    Column("started_done", Integer, nullable=False),  # the driver: number of results there were then
-    Column("finished_at", Double),  # the driver; see `state`
-)
-
-batch_results = Table(  # written by the driver of the batch, append only; a row a request
-    "batch_results",
-    METADATA,
-    Column("batch_id", Text, ForeignKey("batches.id"), primary_key=True),
-    Column("number", Integer, primary_key=True, autoincrement=False),
-    Column("problem_sha256", Text, nullable=False),
-    Column("outcome", Text, nullable=False),  # "planned", or the type of the problem
-    Column("planning_time_s", Double, nullable=False),
-    Column("plan_id", Text),
-    Column("trajectory_sha256", Text),
-    Column("release_time_s", Double),
-    Column("duration_s", Double),
-    Column("release_speed_m_s", Double),
-    Column("hit_probability", Double),
-    Column("refusal", JSON(none_as_null=True)),
-)
-batch_results_of_problem = Index("batch_results_of_problem", batch_results.c.batch_id, batch_results.c.problem_sha256)
-batch_results_of_plan = Index("batch_results_of_plan", batch_results.c.plan_id)
-
-maps = Table(  # written by whoever makes the map: its runner process or `fling map`
-    "maps",
-    METADATA,
-    Column("id", Text, primary_key=True),
-    Column("created_at", Double, nullable=False),
-    Column("cell", Text, nullable=False),
-    Column("cell_version", Integer, nullable=False),
-    Column("created_by", Text, nullable=False),
-    Column("made_by", Text, nullable=False),
-    Column("definition_sha256", Text, nullable=False),
-    Column("definition", JSON, nullable=False),
-    Column("state", Text, nullable=False),
-    Column("beat_at", Double),
-    Column("cancel_requested_at", Double),  # api
-    Column("finished_at", Double),
-)
-maps_of_cell = Index("maps_of_cell", maps.c.cell, maps.c.id)
-one_map = Index("one_map_per_definition", maps.c.definition_sha256, unique=True)
-
-landing_cells = Table(  # written by whoever makes the map
-    "landing_cells",
-    METADATA,
-    Column("map_id", Text, ForeignKey("maps.id"), primary_key=True),
-    Column("number", Integer, primary_key=True, autoincrement=False),
-    Column("round", Integer, nullable=False),
-    Column("state", Integer, nullable=False),
-    Column("plan_id", Text, ForeignKey("plans.id")),
-    Column("samples_sha256", Text),
-    Column("release_time_s", Double),
-    Column("shift_early_m", Double),
-    Column("shift_late_m", Double),
-    Column("hit_probability", Double),
-    Column("margin", Double),
-    Column("margin_check", Text),
-    Column("constraint_name", Text),
-    Column("reason", Text),
-)
-landing_cells_of_plan = Index("landing_cells_of_plan", landing_cells.c.plan_id)

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-ROOMS = ("fling", "planner", "store", "learning", "batch", "api", "executor", "benchmarks")
+ROOMS = ("fling", "planner", "store", "learning", "batch", "api", "executor", "simulator", "benchmarks")
 FOLDERS = (*ROOMS, "tests", "docs")  # that hold code of this project
 # contract: (module of the copy, the module that a forbidden import of it names). One line each.
 PLANTED = {
@@ -28,7 +28,7 @@ PLANTED = {
     "streaming": ("executor/shared_memory.py", "numpy"),
     "robot-client": ("executor/daemon.py", "rtde_control"),
     "sql": ("executor/daemon.py", "sqlalchemy"),
-    "simulator": ("executor/daemon.py", "executor.simulator.interfaces"),
+    "simulator": ("executor/daemon.py", "simulator.interfaces"),
     "benchmarks": ("planner/planning.py", "benchmarks.results"),
     "peers": ("benchmarks/peers/arm.py", "planner.kinematics"),
 }

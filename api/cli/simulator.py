@@ -69,7 +69,7 @@ def sim(context: click.Context, cell: str | None, host: str | None, **given: Any
         arguments = ["--cell", str(path), *(["--host", host] if host else []), *_behaviour(**given)]
         advice = f"or choose another loopback address: --host 127.0.0.2, and {OTHER_HOST}"
         require_free(host or _host(path), SIMULATOR_PORTS, "the simulated controller", advice)
-        os.execv(sys.executable, [sys.executable, "-P", "-m", "executor.simulator", *arguments])
+        os.execv(sys.executable, [sys.executable, "-P", "-m", "simulator", *arguments])
     context.obj = lambda: host or _host(path)
 
 

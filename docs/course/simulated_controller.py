@@ -25,7 +25,7 @@ def simulated_controller(host: str, cell: str = "ur5e-sim") -> Iterator[str]:
     with tempfile.TemporaryDirectory() as folder:
         text = (cells_folder() / f"{cell}.toml").read_text()
         (Path(folder) / f"{cell}.toml").write_text(re.sub(r'host = "127[^"]*"', f'host = "{host}"', text))
-        command = [sys.executable, "-P", "-m", "executor.simulator", "--cell", f"{folder}/{cell}.toml"]
+        command = [sys.executable, "-P", "-m", "simulator", "--cell", f"{folder}/{cell}.toml"]
         process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         try:
             assert process.stdout is not None

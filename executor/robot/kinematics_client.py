@@ -29,7 +29,7 @@ BODY = struct.Struct(">6I6d6d6d6dI")
 
 @dataclass(frozen=True, eq=False)
 class KinematicsInfo:
-    """What a controller tells of its arm.
+    """What a controller reports about its arm.
 
     Attributes:
         table: Denavit-Hartenberg table of the arm.
@@ -43,7 +43,7 @@ class KinematicsInfo:
 
 
 def read_kinematics(host: str, wait_s: float = WAIT_S) -> KinematicsInfo:
-    """Returns what the controller at `host` tells of its arm, within `wait_s` [s].
+    """Returns what the controller at `host` reports about its arm, within `wait_s` [s].
 
     Raises:
         OSError: no connection, or no table in time.
@@ -55,7 +55,7 @@ def read_kinematics(host: str, wait_s: float = WAIT_S) -> KinematicsInfo:
             info = _kinematics(body) if kind == ROBOT_STATE else None
             if info is not None:
                 return info
-    raise ConnectionError("the controller closed the connection without telling its kinematics")
+    raise ConnectionError("the controller closed the connection without reporting its kinematics")
 
 
 def _packages(connection: socket.socket, end: float) -> Iterator[tuple[int, bytes]]:
@@ -73,7 +73,7 @@ def _packages(connection: socket.socket, end: float) -> Iterator[tuple[int, byte
             return
         buffer += received
         if time.monotonic() > end:
-            raise TimeoutError("the controller does not tell its kinematics")
+            raise TimeoutError("the controller does not report its kinematics")
 
 
 def _kinematics(state: bytes) -> KinematicsInfo | None:
@@ -87,7 +87,7 @@ def _kinematics(state: bytes) -> KinematicsInfo | None:
 
 
 class KinematicsReader:
-    """What one controller tells of its arm, read again now and then. Not safe for two threads."""
+    """What one controller reports about its arm, read again from time to time. Not safe for two threads."""
 
     def __init__(self, host: str) -> None:
         self.host = host

@@ -40,7 +40,7 @@ class ProgramWatch:
         self._socket: socket.socket | None = None
 
     def connect(self) -> None:
-        """Connects; without this interface nothing is ever seen."""
+        """Connects; without this interface no foreign program is noticed."""
         with contextlib.suppress(OSError):
             self._socket = socket.create_connection((self.host, PORT), CONNECT_S)
             self._socket.setblocking(False)

@@ -228,7 +228,7 @@ class RobotSession:
             return None
 
     def kinematics(self) -> KinematicsInfo | None:
-        """Returns what the controller tells of its arm; None without an answer, or where nobody asks.
+        """Returns what the controller reports about its arm; None without an answer, or where it is not asked.
 
         A simulated arm without a calibration is the published one, whatever its controller says.
         """

@@ -1,7 +1,7 @@
 """Batches of planning requests and their results: queued by service or command line, planned by one driver at a time.
 
-A driver claims a batch, and every write of its own checks that it still has it: who was taken for dead, and comes back,
-writes nothing. A result is written once, in one transaction with its plan and the batch's counts.
+A driver claims a batch, and every write of its own checks that it still has it: a driver that was presumed dead and
+comes back writes nothing. A result is written once, in one transaction with its plan and the batch's counts.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class UnknownBatch(StoreError):
 
 
 class BatchDriven(StoreError):
-    """Another driver has the batch, and gave a sign of life not long ago."""
+    """Another driver has the batch, and is alive."""
 
 
 class BatchLost(StoreError):
@@ -111,7 +111,7 @@ class BatchRepository(Repository):
         raise BatchDriven(f"batch {id} is being planned by {row.driver_id}")
 
     def beat_batch(self, id: str, driver_id: str) -> BatchRow:
-        """Gives a sign of life of a batch's driver; returns the batch.
+        """Records a heartbeat of a batch's driver; returns the batch.
 
         Raises:
             BatchLost: It is not this driver's any more.
@@ -159,7 +159,7 @@ class BatchRepository(Repository):
             return _finish(connection, id, outcome, reason)
 
     def cancel_batch(self, id: str, audit: AuditLine | None = None) -> BatchRow:
-        """Asks a batch's driver to stop; a batch that nobody drives ends at once. Repeated, it changes nothing.
+        """Asks a batch's driver to stop; a batch without a driver ends immediately. Repeated requests change nothing.
 
         Raises:
             UnknownBatch: There is no such batch.

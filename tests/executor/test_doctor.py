@@ -32,7 +32,7 @@ def test_jitter_is_graded(late: list[float], grade: str) -> None:
 
 @pytest.mark.parametrize(
     ("grades", "code", "verdict"),
-    [(["ok", "ok"], 0, "fit to stream."), (["ok", "warning"], 1, "warnings"), (["warning", "bad"], 2, "unfit")],
+    [(["ok", "ok"], 0, "ready to stream."), (["ok", "warning"], 1, "warnings"), (["bad", "ok"], 2, "cannot stream")],
 )
 def test_the_worst_finding_decides(prepared: Prepared, grades: list[str], code: int, verdict: str) -> None:
     text, found = report(prepared.cell, [DoctorFinding("x", grade, "a value", "do this") for grade in grades])

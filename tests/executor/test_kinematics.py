@@ -121,9 +121,9 @@ def test_the_import_is_the_controllers_arm(path: Path, table: DhTable) -> None:
 
 def test_another_model_is_not_imported(path: Path) -> None:
     other = robot_state(published_table(robot("ur10e")))
-    with controller("127.0.61.1", other), pytest.raises(ImportFailed, match="is no ur5e"):
+    with controller("127.0.61.1", other), pytest.raises(ImportFailed, match="is not a ur5e"):
         import_calibration(path)
-    with pytest.raises(ImportFailed, match="does not tell its kinematics"):
+    with pytest.raises(ImportFailed, match="does not report its kinematics"):
         import_calibration(path)
     assert not path.with_name("lab-kinematics.yaml").exists()
 
@@ -146,7 +146,7 @@ def test_another_arm_is_refused_by_the_name_of_its_file(calibrated_cell: Cell, t
 
 
 def test_an_arm_that_does_not_tell_is_refused(calibrated_cell: Cell) -> None:
-    assert "does not tell" in kinematics_refusals(calibrated_cell, None)[0]
+    assert "does not report" in kinematics_refusals(calibrated_cell, None)[0]
 
 
 def test_a_missing_calibration_is_a_warning_with_its_size(path: Path, table: DhTable) -> None:

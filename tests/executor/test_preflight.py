@@ -121,7 +121,7 @@ class TestPlan:
         samples = [row.copy() for row in document["trajectory"][name]]
         samples[100 % len(samples)][2] += 0.05
         tampered = {**document, "trajectory": {**document["trajectory"], name: samples}}
-        with pytest.raises(ExecutionRefused, match="certificate made again does not hold"):
+        with pytest.raises(ExecutionRefused, match="fails the certificate that the executor made"):
             verify_plan(orjson.dumps(tampered), prepared.cell)
 
     def test_a_plan_without_its_samples_is_refused(self, prepared: Prepared, document: dict) -> None:

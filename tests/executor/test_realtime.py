@@ -12,8 +12,8 @@ import psutil
 import pytest
 
 from executor import realtime
-from tests.executor.simulator.fault_client import wait
 from tests.processes import children_with
+from tests.simulator.fault_client import wait
 
 CORE = max(os.sched_getaffinity(0))
 

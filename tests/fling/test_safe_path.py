@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-INSTALLED = ("fling", "planner", "store", "learning", "api", "executor")
+INSTALLED = ("fling", "planner", "store", "learning", "api", "executor", "simulator")
 
 
 def interpreters(code: str) -> Iterator[tuple[int, str]]:

@@ -87,7 +87,7 @@ class Rig:
 
     def start_simulator(self, *options: str) -> None:
         """Starts the simulated controller alone."""
-        self.simulator = _start([*self.wrap, sys.executable, "-m", "executor.simulator", "--cell", str(self.path),
+        self.simulator = _start([*self.wrap, sys.executable, "-m", "simulator", "--cell", str(self.path),
                                  "--protective-stop-lock-s", "0.1", *options], self.environment)  # fmt: skip
 
     def start_executor(self, *flags: str) -> None:

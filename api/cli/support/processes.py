@@ -205,7 +205,7 @@ def start_simulator(children: ChildProcesses, cell: Path, truth: Sequence[str] =
     Raises:
         ChildFailed: It did not start.
     """
-    children.start("simulator", "executor.simulator", ["--cell", str(cell), *truth], ready_s)
+    children.start("simulator", "simulator", ["--cell", str(cell), *truth], ready_s)
 
 
 def are_interpreted(url: str) -> bool:

@@ -17,8 +17,8 @@ from api.cli import main
 from api.cli.simulator import CONTROL_PORT
 from api.cli.support.twin import truth_of_profile, truth_text
 from benchmarks.learning.plans import benchmark_cell, planned_throws
-from executor.simulator.truth import load_truth
 from learning.throws import Circumstances, Throws, throw_table
+from simulator.truth import load_truth
 
 PROFILE = {
     "lag_s": 0.0264,

@@ -11,15 +11,15 @@ import pytest
 
 from executor.records import expect_throw, wait_for_landing
 from executor.robot import simulator_client
-from executor.simulator.control_operations import control_operations
-from executor.simulator.settings import SimulatorSettings
-from executor.simulator.simulation import Simulation
-from executor.simulator.truth import CameraNoise, truth_of
 from planner.cell import Cell, load_cell
 from planner.problem import ThrowProblem
 from planner.request import problem_from_request
+from simulator.control_operations import control_operations
+from simulator.settings import SimulatorSettings
+from simulator.simulation import Simulation
+from simulator.truth import CameraNoise, truth_of
 from tests.executor.conftest import CELLS
-from tests.executor.simulator.conftest import unique_address
+from tests.simulator.conftest import unique_address
 
 TARGET_M = [0.9, 0.18, 0.1]
 STATE = (0.5, 0.1, 0.9, 1.0, 0.2, 0.0)  # of the object at its release [m, m/s]

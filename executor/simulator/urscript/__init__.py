@@ -1,5 +1,0 @@
-"""URScript: the text of a script becomes a program of the controller, run cycle by cycle."""
-
-from executor.simulator.urscript.interpreter import Script
-
-__all__ = ["Script"]

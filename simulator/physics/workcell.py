@@ -1,0 +1,107 @@
+"""The physical workcell: the arm with its true tool, outputs, gripper and objects, advanced cycle by cycle."""
+
+from __future__ import annotations
+
+import random
+
+from planner.cell import Cell
+from simulator.physics import kinematics
+from simulator.physics.arm import Arm, Response
+from simulator.physics.controller_kinematics import controller_table
+from simulator.physics.gripper import SimulatedGripper
+from simulator.physics.kinematics import KinematicChain, Transform
+from simulator.physics.lag import Lag
+from simulator.physics.outputs import Outputs
+from simulator.physics.overshoot import NO_SCATTER, Overshoot, Scatter
+from simulator.physics.world import World
+from simulator.settings import SimulatorSettings
+from simulator.truth import Truth
+
+# The arm as measured: 211 recorded throws of a real UR5 (CB3, 125 Hz, speedj). Replayed throws have the same overshoot,
+# the same residual after the commanded peak, the same scatter of the lag: docs/simulator.md, "The arm as measured".
+UR5_OVERSHOOT = 0.024  # [-] gives measured over commanded peaks of 1.02 in the median
+UR5_SCATTER = Scatter(speed_share=0.02, correlation_s=0.008, lag_std_s=0.00035)
+
+
+class Workcell:
+    """The true arm, tool, outputs, gripper and objects, as opposed to the controller's belief.
+
+    Attributes:
+        truth: how all of it really behaves.
+        moved_at: controller time of the last cycle in which the arm truly moved [s].
+        tool: true pose of the tool centre point in the flange.
+        base: true pose of the base in the world.
+    """
+
+    def __init__(self, cell: Cell, settings: SimulatorSettings, truth: Truth, dt: float) -> None:
+        self.dt = dt
+        self.truth = truth
+        self.moved_at = 0.0
+        home = cell.home.tolist()
+        gripper = cell.gripper
+        timing = truth.timing
+        noise = (settings.position_noise_rad, settings.velocity_noise_rad_s)
+        chain = KinematicChain(controller_table(cell.robot, truth.arm.dh_deviation))
+        self.arm = Arm(chain, dt, home, _response(truth, dt, home), noise, truth.seed)
+        self.gripper = SimulatedGripper(gripper.output, gripper.index, gripper.open_level, truth.gripper, truth.seed)
+        self.outputs = Outputs(dt, timing.output_delay_s, self.gripper.closed_bits)
+        self.world = World(cell, settings.restitution, truth)
+        self.tool = kinematics.from_matrix(cell.tool.X_FT)
+        self.base = _true_base(kinematics.from_matrix(cell.X_WB), truth)
+        self._clings = random.Random(f"{truth.seed} cling")
+
+    def cycle(self, t: float) -> None:
+        """Advances everything to the end of the cycle at `t` [s]: the arm follows its command, objects fly."""
+        self.arm.finish_cycle()
+        if self.arm.moves:
+            self.moved_at = t
+        for at, bits in self.outputs.cycle(t):
+            self.gripper.output_changed(at, bits)
+        self.world.cycle(t, self.dt)
+        left_at = self.gripper.take_release(t)
+        if left_at is not None:
+            self.world.release(self.gripper.let_go(), left_at, self._object_state(t - left_at), t)
+        self.gripper.rearm(self.arm.stands)
+
+    def _object_state(self, back_s: float) -> tuple[float, ...]:
+        """Returns position and velocity in the world with which the held object left, `back_s` [s] ago."""
+        pose, twist = self.arm.true_motion_before(min(back_s, self.dt), self.tool)
+        b = self.base
+        point = kinematics.product(b, pose)
+        factor = self._speed_factor()
+        velocity = [factor * (b[r] * twist[0] + b[r + 1] * twist[1] + b[r + 2] * twist[2]) for r in (0, 4, 8)]
+        return (point[3], point[7], point[11], *velocity)
+
+    def _speed_factor(self) -> float:
+        """Returns the speed of the leaving object over that of the tool centre point."""
+        release = self.truth.release
+        clings = self._clings.random() < release.cling_share
+        return release.speed_factor * (release.cling_speed_factor if clings else 1.0)
+
+    def in_contact(self) -> bool:
+        """Whether the tool centre point is in the floor or in a keep-out box."""
+        point = kinematics.product(self.base, self.arm.chain.forward(self.arm.true_q, self.tool))
+        return self.world.solid_at((point[3], point[7], point[11]))
+
+
+def _response(truth: Truth, dt: float, home: list[float]) -> Response:
+    """Returns how the arm's motion follows its commands."""
+    timing = truth.timing
+    arm = truth.arm
+    lag = Lag(dt, timing.lag_s, timing.first_order_s, home)
+    overshoot = list(arm.overshoot)
+    scatter = NO_SCATTER
+    if arm.disturbance == "ur5-measured":
+        overshoot = [x + UR5_OVERSHOOT for x in overshoot]
+        scatter = UR5_SCATTER
+    if not any(overshoot) and scatter is NO_SCATTER:
+        return Response(timing.gain, lag)
+    return Response(timing.gain, lag, Overshoot(dt, overshoot, scatter, f"{truth.seed} disturbance"))
+
+
+def _true_base(believed: Transform, truth: Truth) -> Transform:
+    """Returns the true pose of the base in the world: moved and turned against that of the cell file."""
+    dx, dy, dz = truth.arm.base_offset_m
+    turned = kinematics.transform([0.0, 0.0, 0.0, *truth.arm.base_rotation_vector_rad])
+    r0, r1, r2, _, r4, r5, r6, _, r8, r9, r10, _ = kinematics.product(turned, believed)
+    return (r0, r1, r2, believed[3] + dx, r4, r5, r6, believed[7] + dy, r8, r9, r10, believed[11] + dz)

@@ -1,0 +1,255 @@
+"""The world around the arm: objects in flight and their landings; all releases and landings are recorded.
+
+An object is a sphere. It lands where its centre comes down through a plane: that of `sim.landing_height_m`, the floor,
+the bottom of a bin, or the top of a keep-out box that it touched. The sides of boxes and bins stop it (`obstacles`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from planner.arrays import Array
+from planner.cell import Cell
+from planner.flight import drag_constant
+from planner.geometry import LEVEL_M
+from simulator.physics.camera import ObservingCamera
+from simulator.physics.obstacles import BIN, Contact, Obstacle, Point, RoundBin, SolidBox
+from simulator.truth import Truth
+
+BOUNCES_MAX = 20  # a bouncing object is at rest after this many
+BOUNCE_SPEED_MIN = 0.1  # [m/s] vertical speed below which an object does not bounce any more
+RECORDS_MAX = 10000  # releases kept, and landings kept
+FALL_MAX_M = 50.0  # [m] an object this far below every surface is forgotten
+BISECTIONS = 40  # of the contact time; a cycle divided by 2^40 is far below rounding
+CLEAR_OF_PLANE_M = 1e-9  # [m] height above the plane at which a bouncing object starts again
+CONTACT_M = 1e-4  # [m] gap that counts as contact; far below any landing error, and bounds the steps past an obstacle
+
+State = tuple[float, ...]  # x y z vx vy vz in the world [m, m/s]
+
+
+@dataclass(frozen=True)
+class Plane:
+    """A horizontal plane on which objects land."""
+
+    name: str
+    z_m: float
+
+
+@dataclass
+class FlyingObject:
+    """One object in the air: of which throw, the number of its bounces so far, what it touched if it was caught."""
+
+    number: int
+    state: State
+    throw: int = 0
+    bounces: int = 0
+    caught: Contact | None = None
+
+
+class World:
+    """Objects, obstacles and gravity: everything that is not the robot.
+
+    Attributes:
+        bin: the bin that stands in the world, None without one.
+        throw: number of the throw that was announced last; objects released from then on belong to it.
+        observations: what the camera reports of the landings.
+    """
+
+    def __init__(self, cell: Cell, restitution: float, truth: Truth) -> None:
+        self.gravity = cell.surroundings.gravity_m_s2
+        thrown = cell.object
+        self.drag = drag_constant(thrown.mass_kg, thrown.radius_m, truth.drag_coefficient)
+        self.camera = ObservingCamera(truth.camera, truth.seed)
+        self.throw = 0
+        self.observations: list[dict[str, Any]] = []
+        self.radius_m = thrown.radius_m
+        self.restitution = restitution
+        self.floor_z_m = cell.surroundings.floor_z_m
+        boxes = enumerate(cell.surroundings.keep_out)
+        self.boxes = [SolidBox(f"keep_out[{i}]", _point(box.lower), _point(box.upper)) for i, box in boxes]
+        self.bin: RoundBin | None = None
+        self.usual_landing_z_m = cell.sim.landing_height_m
+        self.planes: list[Plane] = []
+        self.expect_throw(self.usual_landing_z_m)
+        self.flights: list[FlyingObject] = []
+        self.releases: list[dict[str, Any]] = []
+        self.landings: list[dict[str, Any]] = []
+
+    def expect_throw(self, landing_z_m: float) -> int:
+        """Returns the number of the throw that comes next; its objects land on the plane at `landing_z_m` [m]."""
+        self.planes = [Plane("floor", self.floor_z_m), Plane("landing plane", landing_z_m)]
+        self.throw += 1
+        return self.throw
+
+    def release(self, number: int, at_s: float, state: State, now_s: float) -> None:
+        """Releases object `number` with `state` at `at_s` [s], and advances its flight to `now_s` [s]."""
+        record = {"object": number, "throw": self.throw, "t": at_s}
+        record |= {"position_m": list(state[:3]), "velocity_m_s": list(state[3:])}
+        self.releases.append(record)
+        del self.releases[:-RECORDS_MAX]
+        flight = FlyingObject(number, state, self.throw)
+        self.flights.append(flight)
+        self._fly(flight, at_s, now_s - at_s)
+
+    def cycle(self, t: float, dt: float) -> None:
+        """Moves every object from `t` - `dt` to `t` [s]."""
+        for flight in list(self.flights):
+            self._fly(flight, t - dt, dt)
+
+    def solid_at(self, point: Point) -> bool:
+        """Whether a point in the world lies in the floor or in a keep-out box."""
+        return point[2] <= self.floor_z_m or any(box.holds(point) for box in self.boxes)
+
+    def _fly(self, flight: FlyingObject, start: float, duration: float) -> None:
+        """Advances a flight by `duration` [s], contact by contact."""
+        end = start + duration
+        while flight in self.flights and start < end:
+            reached = self._reached(flight, end - start)
+            until = end - start if reached is None else reached[0]
+            touched = self._first_contact(flight, until)
+            passed = until if touched is None else touched[0]
+            start += passed
+            flight.state = self._after(flight, passed)
+            if touched is not None:
+                self._touch(flight, touched[1].contact(flight.state[:3]), start)
+            elif reached is not None:
+                self._land(flight, reached[1], start)
+            elif flight.state[2] < min(p.z_m for p in self.planes) - FALL_MAX_M:
+                self.flights.remove(flight)
+
+    def _after(self, flight: FlyingObject, duration: float) -> State:
+        return step(flight.state, duration, self.gravity, self.drag)
+
+    def _reached(self, flight: FlyingObject, duration: float) -> tuple[float, Plane] | None:
+        """Returns time [s] and plane of the first plane that the centre comes down through within `duration`."""
+        highest = flight.state[2]
+        lowest = self._after(flight, duration)[2]
+        met = [plane for plane in self._planes(flight) if highest >= plane.z_m >= lowest]
+        for plane in sorted(met, key=lambda plane: -plane.z_m):
+            passed = self._crossing(flight, duration, plane)
+            if self.bin is None or plane.name != BIN or self.bin.spans(self._after(flight, passed)):
+                return passed, plane
+        return None
+
+    def _planes(self, flight: FlyingObject) -> list[Plane]:
+        """Returns the planes on which an object can land; a caught one has only its own, one in a bin the bottom."""
+        if flight.caught is not None and flight.caught.lies_at_z_m is not None:
+            return [Plane(flight.caught.name, flight.caught.lies_at_z_m)]
+        if self.bin is None:
+            return self.planes
+        bottom = Plane(BIN, self.bin.bottom[2])
+        return [bottom] if self.bin.encloses(flight.state) else [bottom, *self.planes]
+
+    def _crossing(self, flight: FlyingObject, duration: float, plane: Plane) -> float:
+        """Returns the time until the centre comes down through the plane [s], by bisection."""
+        low = 0.0
+        high = duration
+        for _ in range(BISECTIONS):
+            middle = 0.5 * (low + high)
+            if self._after(flight, middle)[2] > plane.z_m:
+                low = middle
+            else:
+                high = middle
+        return high
+
+    def _first_contact(self, flight: FlyingObject, duration: float) -> tuple[float, Obstacle] | None:
+        """Returns time [s] and obstacle of the first contact within `duration`, None where the way is free.
+
+        The flight advances by what the nearest gap leaves free at its greatest speed, until the gap is closed. Where
+        its centre is lower, the object lies on the floor or on what it touched, and goes on over it.
+        """
+        lies_on_z = self._carrier(flight)
+        obstacles = self._obstacles(flight)
+        if not obstacles:
+            return None
+        fastest = math.hypot(*flight.state[3:]) + self.gravity * duration
+        passed = 0.0
+        while True:
+            x, y, z = self._after(flight, passed)[:3]
+            p = (x, y, max(z, lies_on_z + self.radius_m))
+            gap, nearest = min(((o.gap(p, self.radius_m), o) for o in obstacles), key=lambda pair: pair[0])
+            if gap < CONTACT_M:
+                return passed, nearest
+            passed += gap / fastest
+            if passed >= duration:
+                return None
+
+    def _obstacles(self, flight: FlyingObject) -> list[Obstacle]:
+        """Returns what an object can touch: once it lies on something, what is higher, and a bin's wall outside it."""
+        if flight.caught is None:
+            return [*self.boxes, *self._bins()]
+        if flight.caught.name == BIN or any(each.spans(flight.state) for each in self._bins()):
+            return []
+        level_z = self._carrier(flight) + LEVEL_M
+        return [*(box for box in self.boxes if box.upper[2] > level_z), *self._bins()]
+
+    def _bins(self) -> list[RoundBin]:
+        return [] if self.bin is None else [self.bin]
+
+    def _carrier(self, flight: FlyingObject) -> float:
+        """Returns the height [m] of what an object lies on, or of the floor below."""
+        lies_at_z_m = None if flight.caught is None else flight.caught.lies_at_z_m
+        return self.floor_z_m if lies_at_z_m is None else lies_at_z_m
+
+    def _touch(self, flight: FlyingObject, contact: Contact, t: float) -> None:
+        """Lets an object that touches an obstacle stop there, or fall to where it comes to lie."""
+        if contact.lies_at_z_m is None:
+            self._record(flight, contact.name, t)
+            self.flights.remove(flight)
+            return
+        flight.caught = contact
+        if not contact.slides:
+            x, y, z, _, _, vz = flight.state
+            flight.state = (x, y, z, 0.0, 0.0, vz)
+
+    def _land(self, flight: FlyingObject, plane: Plane, t: float) -> None:
+        x, y, _, vx, vy, vz = flight.state
+        flight.state = (x, y, plane.z_m, vx, vy, vz)
+        self._record(flight, plane.name, t)
+        up = -self.restitution * vz
+        if up < BOUNCE_SPEED_MIN or flight.bounces >= BOUNCES_MAX:
+            self.flights.remove(flight)
+            return
+        flight.bounces += 1
+        flight.state = (x, y, plane.z_m + CLEAR_OF_PLANE_M, vx, vy, up)
+
+    def _record(self, flight: FlyingObject, surface: str, t: float) -> None:
+        record = {
+            "object": flight.number,
+            "throw": flight.throw,
+            "t": t,
+            "position_m": list(flight.state[:3]),
+            "velocity_m_s": list(flight.state[3:]),
+            "surface": surface,
+            "bounce": flight.bounces,
+        }
+        self.landings.append(record)
+        del self.landings[:-RECORDS_MAX]
+        if flight.bounces == 0:
+            self.observations.append({"throw": flight.throw, **self.camera.observe(record)})
+            del self.observations[:-RECORDS_MAX]
+
+
+def _point(values: Array) -> Point:
+    x, y, z = map(float, values)
+    return (x, y, z)
+
+
+def step(state: State, h: float, gravity: float, drag: float) -> State:
+    """Returns the state after `h` [s]: exact without drag, else one Runge–Kutta step of fourth order."""
+    x, y, z, vx, vy, vz = state
+    if drag <= 0.0:
+        return (x + vx * h, y + vy * h, z + vz * h - 0.5 * gravity * h * h, vx, vy, vz - gravity * h)
+    k1 = _rate(state, gravity, drag)
+    k2 = _rate([s + 0.5 * h * k for s, k in zip(state, k1, strict=True)], gravity, drag)
+    k3 = _rate([s + 0.5 * h * k for s, k in zip(state, k2, strict=True)], gravity, drag)
+    k4 = _rate([s + h * k for s, k in zip(state, k3, strict=True)], gravity, drag)
+    return tuple(s + h / 6.0 * (a + 2.0 * b + 2.0 * c + d) for s, a, b, c, d in zip(state, k1, k2, k3, k4, strict=True))
+
+
+def _rate(state: State | list[float], gravity: float, drag: float) -> tuple[float, ...]:
+    _, _, _, vx, vy, vz = state
+    k = drag * math.sqrt(vx * vx + vy * vy + vz * vz)
+    return (vx, vy, vz, -k * vx, -k * vy, -gravity - k * vz)

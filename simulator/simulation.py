@@ -1,0 +1,77 @@
+"""The simulation: a controller with its services on the network, advanced tick by tick."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from planner.cell import Cell
+from simulator.client_interfaces import ClientInterfaces
+from simulator.clock import CyclePacing, LatenessHistogram, SlipCounts
+from simulator.controller import Controller
+from simulator.interfaces import DashboardServer, Network, RobotFacts, RtdeServer, ServicePort
+from simulator.output_values import OutputValues
+from simulator.physics import told_checksums
+from simulator.settings import DASHBOARD_PORT, RTDE_PORT, SimulatorSettings
+from simulator.truth import Truth
+
+
+class Simulation:
+    """All parts of one simulated controller, on the ports that a real one has.
+
+    Attributes:
+        freeze_s: fault: time for which controller and world are about to stand still [s].
+    """
+
+    def __init__(self, cell: Cell, settings: SimulatorSettings, host: str, truth: Truth | None = None) -> None:
+        """Listens on `host`.
+
+        Raises:
+            OSError: an address is not available.
+        """
+        self.controller = c = Controller(cell, settings, truth)
+        self.output_values = OutputValues(c)
+        self.pacing = CyclePacing(c.timeline.dt, settings.stall_tolerant)
+        self.freeze_s = 0.0
+        values = self.output_values.values
+        derived = self.output_values.derived
+        self.rtde = RtdeServer(c.identity, c.timeline, values, c.take_inputs, derived)
+        table = c.arm.chain.table
+        facts = RobotFacts(cell.robot, table, told_checksums(cell.robot, table))
+        self.client_interfaces = ClientInterfaces(c, values, derived, facts)
+        dashboard = DashboardServer(c.identity, c.stops, settings.programs)
+        self.network = Network(host)
+        self.network.add(
+            ServicePort("rtde", RTDE_PORT, self.rtde),
+            ServicePort("dashboard", DASHBOARD_PORT, dashboard),
+            *self.client_interfaces.ports,
+        )
+
+    def tick(self) -> None:
+        """Runs one controller cycle and sends its state."""
+        self.controller.cycle()
+        self.output_values.cycle()
+        self.rtde.publish()
+        self.client_interfaces.publish()
+        self.network.tick()
+        if self.controller.timeline.cycles % self.output_values.torque_every == 0:
+            self.output_values.torques()
+
+    def stats(self) -> dict[str, Any]:
+        """Returns the counts of a client's commands and of this process's timing."""
+        timeline = self.controller.timeline
+        return {
+            "t": timeline.t,
+            "cycle_s": timeline.dt,
+            "commands_per_cycle": dict(self.controller.stream.counts),
+            "lateness": self.pacing.lateness.as_document(),
+            "slips": dict(vars(self.pacing.slips)),
+            "malformed_packages": self.rtde.malformed,
+            "cpu_s": time.process_time(),
+        }
+
+    def reset_stats(self) -> None:
+        """Restarts all counts."""
+        self.controller.stream.reset()
+        self.pacing.lateness, self.pacing.slips = LatenessHistogram(), SlipCounts()
+        self.rtde.malformed = 0

@@ -1,0 +1,293 @@
+"""The truth of a simulated cell: how arm, gripper, object and camera really behave.
+
+By default that is the table [sim] of the cell file. A truth file replaces parts of it by what nobody but the simulator
+knows; docs/simulator.md describes its keys. Frames and the units of the fields are those of the keys.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from planner.cell import Cell, choice, merge_defaults, number, vector
+from planner.errors import CellError
+
+# [s] chosen: first-order part of the lag where none is given; at most half of what a cycle leaves
+FIRST_ORDER_S = 0.002
+DISTURBANCES = ("none", "ur5-measured")
+JITTER_SHAPES = ("gaussian", "skewed", "quantised")
+
+# Bounds of the keys; they catch typing errors, and what the simulated controller could not do.
+LAG_MAX_S = 0.5  # [s] as the cell file's timing.lag_s
+GAIN_MIN = 0.5
+GAIN_MAX = 1.5  # [-]
+OVERSHOOT_MAX = 0.5  # [-]
+DRAG_MAX = 10.0  # [-]
+OFFSET_MAX_M = 1.0  # [m] joints 2 and 3 are almost parallel: calibrated arms have large opposite offsets there
+DH_ANGLE_MAX_RAD = 0.5  # [rad]
+DH_BOUNDS = {"a_m": OFFSET_MAX_M, "d_m": OFFSET_MAX_M, "alpha_rad": DH_ANGLE_MAX_RAD, "theta_rad": DH_ANGLE_MAX_RAD}
+TURN_MAX_RAD = 3.2  # [rad] half a turn
+GRIPPER_BOUNDS = {
+    "delay_s": (0.0, 5.0),  # grippers that take longer do not throw
+    "jitter_s": (0.0, 0.5),
+    "drift_s_per_throw": (-0.01, 0.01),
+}
+RELEASE_BOUNDS = {"speed_factor": (0.0, 1.5), "cling_share": (0.0, 1.0), "cling_speed_factor": (0.0, 1.5)}
+CAMERA_BOUNDS = {"std_m": (0.0, 1.0), "outlier_share": (0.0, 1.0), "outlier_std_m": (0.0, 10.0)}
+CUT_STD = 3.0  # [-] standard deviations below the mean at which an opening would be before its output: 1 in 1,000
+
+SixNumbers = tuple[float, ...]
+NONE_OF_SIX: SixNumbers = (0.0,) * 6
+ONE_OF_SIX: SixNumbers = (1.0,) * 6
+
+
+class TruthError(Exception):
+    """A truth file is refused; the text names file, field, value and limit."""
+
+
+@dataclass(frozen=True)
+class MotionTiming:
+    """Response of the controller to its commands.
+
+    Attributes:
+        lag_s: time from a command to its motion [s]: one cycle, a pure delay and the first-order part together.
+        first_order_s: time constants of the first-order part, a joint (6,) [s].
+        gain: joint speed over the speed commanded by speedj, speedl or servoj, a joint (6,) [-].
+        output_delay_s: time from a command to the change of a digital output [s].
+    """
+
+    lag_s: float
+    first_order_s: SixNumbers
+    gain: SixNumbers
+    output_delay_s: float
+
+
+@dataclass(frozen=True)
+class GripperOpening:
+    """Time from the change of the gripper's output to the object leaving.
+
+    Attributes:
+        delay_s: its mean at the first throw [s].
+        jitter_s: its standard deviation, without that of the quantisation [s].
+        jitter_shape: one of `JITTER_SHAPES`.
+        drift_s_per_throw: growth of the mean from throw to throw [s].
+    """
+
+    delay_s: float
+    jitter_s: float
+    jitter_shape: str = "gaussian"
+    drift_s_per_throw: float = 0.0
+
+    @property
+    def cut_short(self) -> str:
+        """Why some openings come at once, as none comes before its output; empty where none does."""
+        if self.delay_s >= CUT_STD * self.jitter_s:
+            return ""
+        times = f"delay_s of {1e3 * self.delay_s:g} ms is less than {CUT_STD:g} jitter_s of {1e3 * self.jitter_s:g} ms"
+        return f"gripper.{times}: openings before 0 are at 0"
+
+
+@dataclass(frozen=True)
+class ReleaseSpeed:
+    """Speed of the leaving object over that of the tool centre point.
+
+    Attributes:
+        speed_factor: of every throw [-].
+        cling_share: share of throws in which the object clings to the gripper [-].
+        cling_speed_factor: a further factor in those throws [-].
+    """
+
+    speed_factor: float = 1.0
+    cling_share: float = 0.0
+    cling_speed_factor: float = 1.0
+
+
+@dataclass(frozen=True)
+class DhDeviation:
+    """Deviations (6,) from the arm's published Denavit–Hartenberg table [m, rad]."""
+
+    a_m: SixNumbers = NONE_OF_SIX
+    d_m: SixNumbers = NONE_OF_SIX
+    alpha_rad: SixNumbers = NONE_OF_SIX
+    theta_rad: SixNumbers = NONE_OF_SIX
+
+
+@dataclass(frozen=True)
+class ArmDeviation:
+    """What distinguishes the arm from an ideal one where the cell file has it.
+
+    Attributes:
+        disturbance: one of `DISTURBANCES`.
+        overshoot: share by which a joint exceeds a step of its commanded speed (6,) [-].
+        base_offset_m: true position of the base less the cell file's, in the world (3,) [m].
+        base_rotation_vector_rad: turn of the true base against the cell file's, about axes of the world (3,) [rad].
+        dh_deviation: of the arm's own table from the published one; None: the arm is as the cell has it.
+    """
+
+    disturbance: str = "none"
+    overshoot: SixNumbers = NONE_OF_SIX
+    base_offset_m: tuple[float, ...] = (0.0,) * 3
+    base_rotation_vector_rad: tuple[float, ...] = (0.0,) * 3
+    dh_deviation: DhDeviation | None = None
+
+
+@dataclass(frozen=True)
+class CameraNoise:
+    """Errors of the camera that observes where the object landed, along x and y each.
+
+    Attributes:
+        std_m: standard deviation of every observation [m].
+        outlier_share: share of observations with a gross error [-].
+        outlier_std_m: standard deviation of that error [m].
+    """
+
+    std_m: float = 0.0
+    outlier_share: float = 0.0
+    outlier_std_m: float = 0.0
+
+
+@dataclass(frozen=True)
+class Truth:
+    """How a simulated cell really behaves.
+
+    Attributes:
+        seed: of all random numbers.
+        timing, gripper, release, arm, camera: its parts.
+        drag_coefficient: of the object [-].
+        hidden: whether clients learn only what a real controller and a camera tell.
+    """
+
+    seed: int
+    timing: MotionTiming
+    gripper: GripperOpening
+    release: ReleaseSpeed
+    drag_coefficient: float
+    arm: ArmDeviation
+    camera: CameraNoise
+    hidden: bool = False
+
+
+def truth_of(cell: Cell) -> Truth:
+    """Returns the truth of a cell without a truth file: its table [sim]."""
+    return _truth(merge_defaults({}, _defaults(cell)), cell, hidden=False)
+
+
+def load_truth(path: Path, cell: Cell, hidden: bool = True) -> Truth:
+    """Returns the truth of a file; what it leaves out is as in the cell's table [sim].
+
+    Raises:
+        TruthError: the file cannot be read, or a field of it is refused: an unknown key, a number out of its bounds.
+    """
+    try:
+        given = tomllib.loads(path.read_text(encoding="utf-8"))
+        return _truth(merge_defaults(given, _defaults(cell)), cell, hidden)
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, CellError) as error:
+        raise TruthError(f"the truth file {path} is refused: {error}") from error
+
+
+def _cycle_s(cell: Cell) -> float:
+    return 1.0 / cell.robot.sample_rate_hz
+
+
+def _defaults(cell: Cell) -> dict[str, Any]:
+    """Returns the values of the keys that a truth file leaves out; None: they follow from others."""
+    sim = cell.sim
+    return {
+        "seed": sim.seed,
+        "timing": {
+            "lag_s": max(sim.lag_s, _cycle_s(cell)),
+            "first_order_s": None,
+            "gain": list(ONE_OF_SIX),
+            "output_delay_s": None,
+        },
+        "gripper": {
+            "delay_s": sim.gripper_delay_s,
+            "jitter_s": sim.gripper_jitter_s,
+            "jitter_shape": "gaussian",
+            "drift_s_per_throw": 0.0,
+        },
+        "release": {"speed_factor": 1.0, "cling_share": 0.0, "cling_speed_factor": 1.0},
+        "object": {"drag_coefficient": cell.object.drag_coefficient},
+        "arm": {
+            "disturbance": "none",
+            "overshoot": list(NONE_OF_SIX),
+            "base_offset_m": [0.0] * 3,
+            "base_rotation_vector_rad": [0.0] * 3,
+            "dh_deviation": None,
+        },
+        "camera": {"std_m": 0.0, "outlier_share": 0.0, "outlier_std_m": 0.0},
+    }
+
+
+def _truth(document: Mapping[str, Any], cell: Cell, hidden: bool) -> Truth:
+    seed = document["seed"]
+    if isinstance(seed, bool) or not isinstance(seed, int):
+        raise CellError("seed", seed, "must be a whole number")
+    gripper = document["gripper"]
+    shape = choice(gripper, "jitter_shape", "gripper.", JITTER_SHAPES)
+    return Truth(
+        seed=seed,
+        timing=_timing(document["timing"], _cycle_s(cell)),
+        gripper=GripperOpening(**_numbers(gripper, "gripper.", GRIPPER_BOUNDS), jitter_shape=shape),
+        release=ReleaseSpeed(**_numbers(document["release"], "release.", RELEASE_BOUNDS)),
+        drag_coefficient=number(document["object"], "drag_coefficient", "object.", 0.0, DRAG_MAX),
+        arm=_arm(document["arm"]),
+        camera=CameraNoise(**_numbers(document["camera"], "camera.", CAMERA_BOUNDS)),
+        hidden=hidden,
+    )
+
+
+def _numbers(table: Mapping[str, Any], where: str, bounds: Mapping[str, tuple[float, float]]) -> dict[str, Any]:
+    """Returns the numbers of a table, each within its bounds."""
+    return {key: number(table, key, where, lower, upper) for key, (lower, upper) in bounds.items()}
+
+
+def _timing(table: Mapping[str, Any], cycle_s: float) -> MotionTiming:
+    where = "timing."
+    lag_s = number(table, "lag_s", where, cycle_s, LAG_MAX_S)
+    left_s = lag_s - cycle_s
+    values = dict(table)
+    if values["first_order_s"] is None:
+        values["first_order_s"] = min(FIRST_ORDER_S, left_s / 2.0)
+    if values["output_delay_s"] is None:
+        values["output_delay_s"] = lag_s
+    return MotionTiming(
+        lag_s=lag_s,
+        first_order_s=_six(values, "first_order_s", where, 0.0, left_s),
+        gain=_six(values, "gain", where, GAIN_MIN, GAIN_MAX),
+        output_delay_s=number(values, "output_delay_s", where, 0.0, LAG_MAX_S),
+    )
+
+
+def _arm(table: Mapping[str, Any]) -> ArmDeviation:
+    where = "arm."
+    turn = vector(table, "base_rotation_vector_rad", where, 3, -TURN_MAX_RAD, TURN_MAX_RAD)
+    return ArmDeviation(
+        disturbance=choice(table, "disturbance", where, DISTURBANCES),
+        overshoot=_six(table, "overshoot", where, 0.0, OVERSHOOT_MAX),
+        base_offset_m=tuple(vector(table, "base_offset_m", where, 3, -OFFSET_MAX_M, OFFSET_MAX_M).tolist()),
+        base_rotation_vector_rad=tuple(turn.tolist()),
+        dh_deviation=_dh_deviation(table["dh_deviation"]),
+    )
+
+
+def _dh_deviation(given: object) -> DhDeviation | None:
+    where = "arm.dh_deviation"
+    if given is None:
+        return None
+    if not isinstance(given, Mapping):
+        raise CellError(where, given, "must be a table")
+    table = merge_defaults(given, {key: list(NONE_OF_SIX) for key in DH_BOUNDS}, f"{where}.")
+    where = f"{where}."
+    return DhDeviation(**{key: _six(table, key, where, -most, most) for key, most in DH_BOUNDS.items()})
+
+
+def _six(table: Mapping[str, Any], key: str, where: str, lower: float, upper: float) -> SixNumbers:
+    """Returns one number for all joints, or six, as six numbers within the bounds."""
+    value = table[key]
+    if isinstance(value, list | tuple):
+        return tuple(vector(table, key, where, 6, lower, upper).tolist())
+    return (number(table, key, where, lower, upper),) * 6
