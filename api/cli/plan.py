@@ -48,7 +48,6 @@ def plan(file: Path, cells: Path | None, cell: str | None, odds: float | None) -
     plan_document = planned.document.decode()
     click.echo(plan_document)
     click.echo(plan_text(json.loads(plan_document)), err=True)
-    _note_uncompiled(planned.summary)
 
 
 @click.command()
@@ -88,11 +87,3 @@ def _plan(body: Any, cells: Path | None, cell: str | None) -> Planned:
     request = {**body.model_dump(exclude_none=True), "cell": name}
     job = PlanningJob(new_id(), iso_time(time.time()) or "", source, request)
     return solve(job)
-
-
-def _note_uncompiled(summary: bytes) -> None:
-    """Says on standard error where the plan took longer for want of compiled solvers."""
-    from planner.search import NOT_COMPILED
-
-    if any(attempt["result"] == NOT_COMPILED for attempt in json.loads(summary)["solver"]["attempts"]):
-        click.echo(f"fling: {NOT_COMPILED}", err=True)
