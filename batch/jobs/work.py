@@ -17,7 +17,7 @@ from planner.cell import Cell, CellSource, cell_of
 from planner.errors import PlannerError
 from store import join_plan, pack_trajectory
 
-NICENESS = 5  # planning can wait for the stream to the arm, but not until its time limit (docs/decisions/0021)
+NICENESS = 5  # planning can wait for the stream to the arm, but not until its time limit (docs/decisions/0020)
 
 
 @dataclass(frozen=True)
