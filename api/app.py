@@ -36,8 +36,8 @@ from api.planning import BatchDrivers, MapRunners, PlannerPool, compile_when_idl
 from api.routes import ROUTERS
 from api.settings import ServiceSettings, is_loopback_host
 from api.store_probe import StoreProbe
-from batch.jobs import PlanningJob, warm_up_job
 from fling import tracing
+from jobs.planning import PlanningJob, warm_up_job
 from store import Retention, Store, StoreError
 
 DESCRIPTION = (

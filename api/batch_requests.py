@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from api.cell_repository import CellRepository
 from api.http import invalid_field, invalid_request
 from api.schemas import BatchRequest, PlanRequest, iso_time
-from batch.runs import BatchRequests, BatchSpecification, CellUse
+from jobs.batches import BatchRequests, BatchSpecification, CellUse
 from store import BatchRow, Store
 
 ERRORS_MAX = 20  # errors that are listed; a template's fault is one of every request

@@ -27,8 +27,8 @@ from typing import Any
 import httpx2
 import numpy as np
 
-from batch.jobs import PlanningJob, initialise, solve
 from benchmarks.results import write_report
+from jobs.planning import PlanningJob, initialise, solve
 from planner.cell import read_source
 from store import Store
 

@@ -197,7 +197,7 @@ batches = Table(
     Column("created_by", Text, nullable=False),  # api
     Column("request_id", Text),  # api
     Column("driven_by", Text, nullable=False),  # api: "service" or "command", whose drivers take it up
-    Column("specification", LargeBinary, nullable=False),  # api: its requests, see `batch.runs`
+    Column("specification", LargeBinary, nullable=False),  # api: its requests, see `jobs.batches`
     Column("total", Integer, nullable=False),  # api: number of requests
     Column("state", Text, nullable=False),  # the driver; api inserts 'queued', and finishes what nobody drives
     Column("outcome", Text),  # the driver; see `state`

@@ -18,7 +18,7 @@ from api.cli.support.options import json_option, service_options
 
 if TYPE_CHECKING:
     from api.schemas import BatchRequest
-    from batch.runs import BatchDriver, Parameters
+    from jobs.batches import BatchDriver, Parameters
     from store import BatchResultRow, BatchRow, Store
 
 POLL_S = 0.5  # [s] between two looks at the progress of a service's batch
@@ -58,7 +58,7 @@ def batch(
     --resume goes on. A batch whose requests are infeasible one and all is done nevertheless.
     """
     from api.settings import read_settings
-    from batch.runs import writes_to
+    from jobs.batches import writes_to
 
     if sum(given is not None for given in (file, resume, cancel)) != 1:
         raise click.UsageError("give FILE, --resume ID or --cancel ID")
@@ -114,7 +114,7 @@ def _queue(store: Store, settings: Any, body: BatchRequest) -> str:
     from api.cell_repository import CellRepository
     from api.cli.support.errors import RefusedRequest
     from api.http import ProblemDetails, problem_document, translate
-    from batch.runs import BATCH_MAX
+    from jobs.batches import BATCH_MAX
     from planner.errors import PlannerError
 
     try:
@@ -126,8 +126,8 @@ def _queue(store: Store, settings: Any, body: BatchRequest) -> str:
 
 def _drive(store: Store, settings: Any, id: str, as_json: bool) -> BatchRow:
     """Plans a batch with a progress bar; Ctrl-C stops it, a second one at once."""
-    from batch.pool import PoolBroken
-    from batch.runs import BatchDriver, wait_and_claim
+    from jobs.batches import BatchDriver, wait_and_claim
+    from jobs.pool import PoolBroken
 
     claimed = wait_and_claim(store, id, f"fling batch {os.getpid()}")
     if not as_json:
@@ -221,7 +221,7 @@ def _watch(client: Any, document: dict[str, Any], as_json: bool) -> dict[str, An
 
 def _results_of_store(store: Store, id: str) -> Iterator[tuple[BatchResultRow, Parameters]]:
     """Yields the results of a batch with what its grid gave each request."""
-    from batch.runs import BatchSpecification
+    from jobs.batches import BatchSpecification
 
     requests = BatchSpecification.stored(store, id).requests
     yield from ((row, requests.parameters(row.number)) for row in store.all_batch_results(id))
@@ -241,7 +241,7 @@ def _results_of_service(client: Any, id: str) -> Iterator[tuple[BatchResultRow, 
 
 
 def _write(out: Path, results: Iterator[tuple[BatchResultRow, Parameters]]) -> None:
-    from batch.runs import ParquetMissing, write_table
+    from jobs.batches import ParquetMissing, write_table
 
     try:
         write_table(out, results)

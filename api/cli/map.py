@@ -16,7 +16,7 @@ from api.cli.support.options import cell_option, json_option
 from api.cli.support.terminal import say
 
 if TYPE_CHECKING:
-    from batch.maps import MapRequest, MapTable, Step
+    from jobs.maps import MapRequest, MapTable, Step
     from planner.cell import CellSource
     from store import MapRow, Store
 
@@ -49,7 +49,7 @@ def map_command(
     Coarse points come first; the files of --out are written after each level. Every answer is stored: the same command
     goes on where it was interrupted.
     """
-    from batch.maps import MapRequest
+    from jobs.maps import MapRequest
     from store import Store
 
     _check_outputs(out)
@@ -71,7 +71,7 @@ class _MapCommand:
         self, store: Store, source: CellSource, request: MapRequest, out: Sequence[Path], as_json: bool
     ) -> None:
         from api import fling_version
-        from batch.maps import begin_map
+        from jobs.maps import begin_map
 
         self.store = store
         self.source = source
@@ -95,8 +95,8 @@ class _MapCommand:
         return state
 
     def _make(self, workers: int | None, ray_address: str | None) -> str:
-        from batch.maps import make_map, map_inputs
-        from batch.pool import PoolBroken, open_pool
+        from jobs.maps import make_map, map_inputs
+        from jobs.pool import PoolBroken, open_pool
 
         try:
             with open_pool(workers, ray_address) as pool:
@@ -124,14 +124,14 @@ class _MapCommand:
             say("\n".join(_words(table, state, self.out)))
 
     def _table(self) -> MapTable:
-        from batch.maps import map_table
+        from jobs.maps import map_table
 
         row = self.store.map(self.row.id)
         assert row is not None  # it was begun, and nobody deletes maps
         return map_table(row, self.store.landing_cells(row.id))
 
     def _write(self, table: MapTable) -> None:
-        from batch.maps import map_html, map_picture, why_void, write_zarr
+        from jobs.maps import map_html, map_picture, why_void, write_zarr
         from planner.cell import cell_of
 
         void = why_void(self.store, table.row, self.source)
@@ -196,7 +196,7 @@ def _files(out: Sequence[Path]) -> list[Path]:
 
 
 def _summary(table: MapTable, state: str) -> dict[str, Any]:
-    from batch.maps import LandingState
+    from jobs.maps import LandingState
 
     counts = {each.name.lower(): table.count_of(each) for each in LandingState}
     head = {"id": table.row.id, "cell": table.row.cell, "cell_version": table.row.cell_version, "state": state}
@@ -205,7 +205,7 @@ def _summary(table: MapTable, state: str) -> dict[str, Any]:
 
 def _words(table: MapTable, state: str, out: Sequence[Path]) -> list[str]:
     """Returns the summary for a person."""
-    from batch.maps import LandingState
+    from jobs.maps import LandingState
 
     yes, proven, missing, unknown = (
         table.count_of(each)

@@ -13,7 +13,7 @@ from api.cli.support.errors import Finite
 from api.cli.support.summary import plan_text
 
 if TYPE_CHECKING:
-    from batch.jobs import Planned
+    from jobs.planning import Planned
 
 
 @click.command()
@@ -74,7 +74,7 @@ def _plan(body: Any, cells: Path | None, cell: str | None) -> Planned:
     from api.http import invalid_field
     from api.schemas import iso_time
     from api.settings import parse_settings
-    from batch.jobs import PlanningJob, solve
+    from jobs.planning import PlanningJob, solve
     from store import new_id
 
     settings = parse_settings()

@@ -19,7 +19,7 @@ log = logging.getLogger("fling")
 
 
 class BatchDrivers:
-    """Has the service's batches planned, the oldest first, by processes of their own (`python -m batch`).
+    """Has the service's batches planned, the oldest first, by processes of their own (`python -m jobs`).
 
     Args:
         store: of the batches.
@@ -30,7 +30,7 @@ class BatchDrivers:
 
     def __init__(self, store: Store, database_url: str, workers: int | None, ray_address: str | None) -> None:
         self._store = store
-        self._command = PlanningCommand("batch", database_url, workers, ray_address)
+        self._command = PlanningCommand("jobs", database_url, workers, ray_address)
         self._name = f"service {new_id()}"
         self._news = asyncio.Event()
         self._failures: dict[str, int] = {}

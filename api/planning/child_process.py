@@ -19,7 +19,7 @@ async def _nothing() -> None: ...
 
 @dataclass(frozen=True)
 class PlanningCommand:
-    """A module of `batch` that is run with Python: `python -m batch ID`, `python -m batch.maps ID`.
+    """A module of `jobs` that is run with Python: `python -m jobs ID`, `python -m jobs.maps ID`.
 
     Attributes:
         module: Its name.

@@ -19,7 +19,7 @@ log = logging.getLogger("fling")
 
 
 class MapRunners:
-    """Has the service's maps made, one after another, by processes of their own (`python -m batch.maps`).
+    """Has the service's maps made, one after another, by processes of their own (`python -m jobs.maps`).
 
     Args:
         store: of the maps.
@@ -30,7 +30,7 @@ class MapRunners:
 
     def __init__(self, store: Store, database_url: str, workers: int | None, ray_address: str | None) -> None:
         self._store = store
-        self._command = PlanningCommand("batch.maps", database_url, workers, ray_address)
+        self._command = PlanningCommand("jobs.maps", database_url, workers, ray_address)
         self._beat_at = 0.0
         self._in_line: list[str] = []
         self._in_hand = ""

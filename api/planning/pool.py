@@ -15,7 +15,7 @@ from multiprocessing import get_context
 from multiprocessing.process import BaseProcess
 from typing import Any
 
-from batch.jobs import Planned, PlanningJob, has_compiled_solvers, initialise, solve
+from jobs.planning import Planned, PlanningJob, has_compiled_solvers, initialise, solve
 from planner.errors import SolverFailed
 
 GRACE_S = 20.0  # [s] beyond `time_limit_s`: solver calls under way, the search for the nearest request, a busy machine

@@ -31,7 +31,7 @@ from api.http import (
 )
 from api.routes.plans import POST_PROBLEMS, PageCursor, PageLimit
 from api.schemas import BATCH_EXAMPLES, BatchAnswer, BatchList, BatchRequest, BatchResultList
-from batch.runs import PARQUET, BatchRequests, BatchSpecification, Parameters, ParquetMissing, write_table
+from jobs.batches import PARQUET, BatchRequests, BatchSpecification, Parameters, ParquetMissing, write_table
 from store import BatchResultRow, BatchRow, KeyTaken, Store, StoreUnavailable
 
 router = APIRouter(route_class=StrictJsonRoute, tags=["batches"])

@@ -22,7 +22,7 @@ from api.http import (
 from api.routes.cells import CellName
 from api.routes.plans import POST_PROBLEMS, UNCHANGED
 from api.schemas import MAP_EXAMPLES, UUID_PATTERN, MapAnswer, MapBody, MapHead
-from batch.maps import (
+from jobs.maps import (
     MapRequest,
     MapTable,
     OutputUnavailable,

@@ -37,8 +37,8 @@ from api.schemas import (
     TrajectoryAnswer,
     iso_time,
 )
-from batch.jobs import Planned, PlanningJob
 from fling import tracing
+from jobs.planning import Planned, PlanningJob
 from planner.cell import Cell, CellSource
 from planner.errors import CellError, PlannerError
 from planner.problem import TIME_LIMIT_S

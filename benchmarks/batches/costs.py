@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from batch.jobs import Planned, PlanningJob
-from batch.pool import JobResult, Work, open_pool
-from batch.runs import GROUP
+from jobs.batches import GROUP
+from jobs.planning import Planned, PlanningJob
+from jobs.pool import JobResult, Work, open_pool
 from planner.cell import read_source
 from planner.cell_folder import default_cells_folder
 from store import BatchResultRow, PlanRow, Store, new_id

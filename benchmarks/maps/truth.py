@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import orjson
 
-from batch.jobs import PlanningJob
-from batch.maps import LandingState
-from batch.pool import open_pool
 from benchmarks.maps.runs import MapMeasurement
+from jobs.maps import LandingState
+from jobs.planning import PlanningJob
+from jobs.pool import open_pool
 from planner.cell import CellSource, cell_of
 from planner.certificate import certify
 from planner.plan_reading import plan_from_document

@@ -11,10 +11,10 @@ import numpy as np
 import orjson
 import pytest
 
-from batch.jobs import aiming
-from batch.jobs.aiming import plan_aimed
 from benchmarks.learning.hidden_cells import HiddenCell, throw
 from benchmarks.learning.plans import CELL, PlannedThrow, benchmark_cell
+from jobs.planning import aiming
+from jobs.planning.aiming import plan_aimed
 from learning import cell_with_profile, estimate_profile, knowledge_of, prior_knowledge, profile_bytes
 from planner.cell import Box
 from planner.plan_document import plan_document

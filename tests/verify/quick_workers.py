@@ -13,10 +13,10 @@ from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
-from batch.jobs import PlanningJob, refusal_of
-from batch.maps import make_map, map_inputs
-from batch.pool import JobResult
-from batch.runs import BatchDriver
+from jobs.batches import BatchDriver
+from jobs.maps import make_map, map_inputs
+from jobs.planning import PlanningJob, refusal_of
+from jobs.pool import JobResult
 from planner.errors import Infeasible, Violation
 from store import BatchLost, Store, pack_samples
 

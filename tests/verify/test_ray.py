@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from batch.jobs import PlanningJob
-from batch.pool import PoolBroken, open_pool
 from benchmarks.batches.cluster import LocalCluster
 from benchmarks.batches.problems import batch_requests
+from jobs.planning import PlanningJob
+from jobs.pool import PoolBroken, open_pool
 from planner.cell import read_source
-from tests.batch.fake_planner import FAKE, fake_job
+from tests.jobs.fake_planner import FAKE, fake_job
 
 pytest.importorskip("ray", reason="RAY IS NOT INSTALLED: batches on a cluster are not verified")
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]

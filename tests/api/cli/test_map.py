@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 from api.cli import main
 from store import Store
-from tests.batch.maps.planners import fake_solve, plan_all
+from tests.jobs.maps.planners import fake_solve, plan_all
 
 EXTENT = ["--extent", "-0.4", "0.4", "0.3", "0.9", "--resolution", "0.1"]
 
@@ -28,7 +28,7 @@ def fling(tmp_path, monkeypatch):
     def open_pool(workers, ray_address):
         yield Pool
 
-    monkeypatch.setattr("batch.pool.open_pool", open_pool)
+    monkeypatch.setattr("jobs.pool.open_pool", open_pool)
 
     def run(*arguments: str, solve=fake_solve):
         solves.append(solve)
@@ -47,7 +47,7 @@ def test_it_writes_all_files_into_a_folder_and_says_what_it_found(fling, tmp_pat
 
 
 def test_it_goes_on_after_ctrl_c_and_ends_with_the_same_map(fling, tmp_path, monkeypatch):
-    monkeypatch.setattr("batch.maps.making.STORE_EVERY_S", 0.0)
+    monkeypatch.setattr("jobs.maps.making.STORE_EVERY_S", 0.0)
     left = [20]
 
     def interrupted(job):
