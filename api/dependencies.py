@@ -19,12 +19,12 @@ from api.cell_repository import CellRepository
 from api.execution_feed import ExecutionFeeds
 from api.http import Caller, ProblemDetails, TokenRegistry, WrongTokens, client_address, invalid_fields
 from api.metrics import Metrics
-from api.planning import BatchDrivers, MapRunners, PlannerPool
+from api.planning import BatchDrivers, MapDrivers, PlanningLine
 from api.schemas import ID_PATTERN
 from api.settings import ServiceSettings
 from api.store_probe import StoreProbe
 from planner.cell import Cell, CellSource
-from store import AuditLine, IdempotencyKey, Store, StoreUnavailable
+from store import AuditLine, IdempotencyKey, Store
 
 KEY_LENGTH_MAX = 255
 LOCAL_CALLER = Caller("local", frozenset({"plan", "operate"}))  # anyone on this machine, if there are no tokens
@@ -38,21 +38,14 @@ class Service:
     settings: ServiceSettings
     store: Store
     cells: CellRepository
-    pool: PlannerPool
+    line: PlanningLine
     batch_drivers: BatchDrivers
-    map_runners: MapRunners
+    map_drivers: MapDrivers
     tokens: TokenRegistry
     metrics: Metrics
     feeds: ExecutionFeeds
     probe: StoreProbe
     wrong_tokens: WrongTokens = field(default_factory=WrongTokens)
-
-    def is_idle(self) -> bool:
-        """Returns whether no cell has an open execution, as far as the store can be asked."""
-        try:
-            return all(self.store.open_execution(name) is None for name in self.cells.names())
-        except StoreUnavailable:
-            return False
 
     def cell(self, name: str) -> Cell:
         """Returns a cell by name.

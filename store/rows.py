@@ -50,6 +50,12 @@ class PlanRow:
     """One plan.
 
     Attributes:
+        id: From `new_id`.
+        created_at: Time of the request [s since the epoch].
+        cell: Name of the cell.
+        cell_sha256: Hash of the cell's files.
+        backend: Back end that found it.
+        request_id: Id of the HTTP request.
         summary: Its JSON without the trajectory, and all that lists contain.
         samples: Its trajectory; see `store.samples`. Empty where it was not read.
         earlier_document: Its whole JSON, where an earlier version of Fling stored it so.

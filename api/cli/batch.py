@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -18,7 +19,7 @@ from api.cli.support.options import json_option, service_options
 
 if TYPE_CHECKING:
     from api.schemas import BatchRequest
-    from jobs.batches import BatchDriver, Parameters
+    from jobs.batches import Parameters
     from store import BatchResultRow, BatchRow, Store
 
 POLL_S = 0.5  # [s] between two looks at the progress of a service's batch
@@ -126,7 +127,8 @@ def _queue(store: Store, settings: Any, body: BatchRequest) -> str:
 
 def _drive(store: Store, settings: Any, id: str, as_json: bool) -> BatchRow:
     """Plans a batch with a progress bar; Ctrl-C stops it, a second one at once."""
-    from jobs.batches import BatchDriver, wait_and_claim
+    from jobs import driver
+    from jobs.batches import BatchTask, wait_and_claim
     from jobs.pool import PoolBroken
 
     claimed = wait_and_claim(store, id, f"fling batch {os.getpid()}")
@@ -134,24 +136,26 @@ def _drive(store: Store, settings: Any, id: str, as_json: bool) -> BatchRow:
         click.echo(f"batch {id}; whatever ends it, go on with: fling batch --resume {id}", err=True)
     with _ProgressBar(claimed.total, claimed.done, as_json) as advance:
         workers = settings.batch_workers or None  # 0 is of a service
-        driver = BatchDriver(store, claimed, workers, settings.ray_address, lambda row: advance(row.done))
-        before = signal.signal(signal.SIGINT, lambda *_: _stop(driver, id))
+        task = BatchTask(store, claimed, lambda row: advance(row.done))
+        stop = threading.Event()
+        before = signal.signal(signal.SIGINT, lambda *_: _stop(stop, id))
         try:
-            row = driver.run()
+            driver.run(task, workers, settings.ray_address, stop.is_set)
         except PoolBroken as error:
             raise click.ClickException(f"{error}; go on with: fling batch --resume {id}") from error
         finally:
             signal.signal(signal.SIGINT, before)
+    row = store.batch(id) or claimed
     if row.state != "finished":
         click.echo(f"stopped with {row.done} of {row.total}; go on with: fling batch --resume {id}", err=True)
         sys.exit(INTERRUPTED)
     return row
 
 
-def _stop(driver: BatchDriver, id: str) -> None:
+def _stop(stop: threading.Event, id: str) -> None:
     click.echo(f"\nstopping; what is planned is stored in batch {id}", err=True)
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    driver.stop()
+    stop.set()
 
 
 class _ProgressBar:

@@ -95,15 +95,17 @@ class _MapCommand:
         return state
 
     def _make(self, workers: int | None, ray_address: str | None) -> str:
-        from jobs.maps import make_map, map_inputs
-        from jobs.pool import PoolBroken, open_pool
+        from jobs import driver
+        from jobs.maps import MapTask, map_inputs
+        from jobs.pool import PoolBroken
 
+        task = MapTask(self.store, self.row, map_inputs(self.store, self.row), self._report)
         try:
-            with open_pool(workers, ray_address) as pool:
-                return make_map(self.store, self.row, map_inputs(self.store, self.row), pool.plan_all, self._report)
+            driver.run(task, workers, ray_address)
         except PoolBroken as error:
             self.store.end_map(self.row.id, "cancelled")
             raise click.ClickException(str(error)) from error
+        return self._table().row.state
 
     def _report(self, step: Step, done: int, total: int) -> None:
         """Says how far a step is: on a terminal in place, elsewhere when it is completed."""

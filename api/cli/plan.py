@@ -13,7 +13,7 @@ from api.cli.support.errors import Finite
 from api.cli.support.summary import plan_text
 
 if TYPE_CHECKING:
-    from jobs.planning import Planned
+    from jobs.planning import PlanRecord
 
 
 @click.command()
@@ -45,10 +45,10 @@ def plan(file: Path, cells: Path | None, cell: str | None, odds: float | None) -
             raise RefusedRequest(document, describe(document, as_request=True)) from None
         click.echo(json.dumps(document, indent=2), err=True)
         sys.exit(exit_status(problem.name))
-    plan_document = planned.document.decode()
+    plan_document = planned.row.document.decode()
     click.echo(plan_document)
     click.echo(plan_text(json.loads(plan_document)), err=True)
-    _note_uncompiled(planned.summary)
+    _note_uncompiled(planned.row.summary)
 
 
 @click.command()
@@ -67,12 +67,11 @@ def warm() -> None:
         click.echo("There is no C compiler: the slower interpreted functions are used.", err=True)
 
 
-def _plan(body: Any, cells: Path | None, cell: str | None) -> Planned:
+def _plan(body: Any, cells: Path | None, cell: str | None) -> PlanRecord:
     import time
 
     from api.cell_repository import CellRepository
     from api.http import invalid_field
-    from api.schemas import iso_time
     from api.settings import parse_settings
     from jobs.planning import PlanningJob, solve
     from store import new_id
@@ -86,7 +85,7 @@ def _plan(body: Any, cells: Path | None, cell: str | None) -> Planned:
     if source is None or repository.cell(name) is None:
         raise invalid_field("cell", repository.without(name))
     request = {**body.model_dump(exclude_none=True), "cell": name}
-    job = PlanningJob(new_id(), iso_time(time.time()) or "", source, request)
+    job = PlanningJob(new_id(), time.time(), source, request)
     return solve(job)
 
 

@@ -20,6 +20,7 @@ from starlette.routing import Match
 
 from api.field_errors import reason, refused_fields
 from api.planning import ClientGone, PlanningEnded, PlanningQueueFull
+from jobs.pool import PlannerBug, PoolBroken
 from planner.errors import BackendUnavailable, CellError, Infeasible, InvalidProblem, SolverFailed
 from store import CellBusy, KeyTaken, StoreUnavailable, UnknownBatch, UnknownExecution, UnknownExperiment, UnknownPlan
 
@@ -185,6 +186,10 @@ def _from_framework(error: HTTPException) -> ProblemDetails:
     return ProblemDetails(name, detail, headers=error.headers)
 
 
+def _internal() -> ProblemDetails:
+    return ProblemDetails("internal", "an internal error; the service's log has the details")
+
+
 def _infeasible(error: Infeasible) -> ProblemDetails:
     return ProblemDetails("infeasible", str(error), **_refusal(error))
 
@@ -215,6 +220,8 @@ TRANSLATIONS: dict[type[Exception], Callable[[Any], ProblemDetails]] = {
     CellError: lambda e: invalid_field("cell", f"the cell file is refused: {e}"),
     PlanningQueueFull: lambda e: ProblemDetails("overloaded", str(e), headers=retry_after(e.retry_after_s)),
     PlanningEnded: lambda e: ProblemDetails("shutting-down", str(e), headers=retry_after(RESTART_S)),
+    PlannerBug: lambda _: _internal(),
+    PoolBroken: lambda e: ProblemDetails("not-ready", str(e), headers=retry_after(RESTART_S)),
     StoreUnavailable: lambda e: ProblemDetails("not-ready", e.advice, headers=retry_after(SOON_S), outage=e.kind),
     CellBusy: lambda e: ProblemDetails("robot-busy", str(e), cell=e.cell),
     KeyTaken: lambda _: ProblemDetails("idempotency-conflict", "this Idempotency-Key was used with another body"),
@@ -224,7 +231,7 @@ TRANSLATIONS: dict[type[Exception], Callable[[Any], ProblemDetails]] = {
     UnknownBatch: lambda e: ProblemDetails("not-found", str(e)),
     RequestValidationError: lambda e: _invalid(e),
     HTTPException: _from_framework,
-    Exception: lambda _: ProblemDetails("internal", "an internal error; the service's log has the details"),
+    Exception: lambda _: _internal(),
 }
 
 

@@ -76,7 +76,7 @@ async def make_cell_map(name: CellName, body: MapFields, service: ServiceDep, ca
 
     row, head = await run_in_threadpool(begin)
     if row.state == "running":
-        service.map_runners.add(row.id)
+        service.map_drivers.add(row.id)
     return JSONResponse(head, 202, {"Location": f"/cells/{name}/map?id={row.id}"})
 
 

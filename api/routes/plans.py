@@ -35,13 +35,11 @@ from api.schemas import (
     PlanPreview,
     PlanRequest,
     TrajectoryAnswer,
-    iso_time,
 )
 from fling import tracing
-from jobs.planning import Planned, PlanningJob
+from jobs.planning import PlanningJob, PlanRecord
 from planner.cell import Cell, CellSource
 from planner.errors import CellError, PlannerError
-from planner.problem import TIME_LIMIT_S
 from store import IdempotencyKey, KeyTaken, PlanRow, new_id
 
 router = APIRouter(route_class=StrictJsonRoute, tags=["plans"])
@@ -203,22 +201,21 @@ async def _preview(asked: _Asked, trajectory: bool) -> Response:
         raise invalid_field("Idempotency-Key", "belongs to a plan that is stored, not to store=false")
     job = await run_in_threadpool(_planning_job, asked.body, asked.service, asked.request_id, False)
     planned = await _solve(job, asked)
-    return Response(planned.document if trajectory else planned.summary, 200, media_type="application/json")
+    return Response(planned.row.document if trajectory else planned.row.summary, 200, media_type="application/json")
 
 
 async def _solve_and_store(asked: _Asked) -> str:
     job = await run_in_threadpool(_planning_job, asked.body, asked.service, asked.request_id)
     planned = await _solve(job, asked)
-    return await run_in_threadpool(_store_plan, asked.service, job, planned, asked.key)
+    return await run_in_threadpool(_store_plan, asked.service, planned, asked.key)
 
 
-async def _solve(job: PlanningJob, asked: _Asked) -> Planned:
+async def _solve(job: PlanningJob, asked: _Asked) -> PlanRecord:
     service = asked.service
-    limit_s = asked.body.time_limit_s or TIME_LIMIT_S
     started_at = time.perf_counter()
     with tracing.traced("plan", fling__cell=job.cell.name, fling__plan_id=job.plan_id) as span:
         try:
-            planned = await service.pool.solve(job, limit_s, asked.gone)
+            planned = await service.line.solve(job, asked.gone)
         except (PlannerError, PlanningEnded, PlanningQueueFull) as error:
             name = translate(error).name
             service.metrics.plans.labels(name).inc()
@@ -230,14 +227,14 @@ async def _solve(job: PlanningJob, asked: _Asked) -> Planned:
         finally:
             service.metrics.plan_seconds.observe(time.perf_counter() - started_at)
         _note_attempts(span, planned)
-    service.metrics.record_plan(planned.summary)
+    service.metrics.record_plan(planned.row.summary)
     return planned
 
 
-def _note_attempts(span: tracing.TracedSpan, planned: Planned) -> None:
+def _note_attempts(span: tracing.TracedSpan, planned: PlanRecord) -> None:
     """Adds what the planner tried to the span of a plan."""
-    solver = orjson.loads(planned.summary)["solver"]
-    span.set(fling__backend=planned.backend, fling__solve_time_s=solver["solve_time_s"])
+    solver = orjson.loads(planned.row.summary)["solver"]
+    span.set(fling__backend=planned.row.backend, fling__solve_time_s=solver["solve_time_s"])
     for attempt in solver["attempts"]:
         span.event(attempt["backend"], result=attempt["result"], duration_s=attempt["duration_s"])
 
@@ -254,8 +251,7 @@ def _planning_job(body: PlanRequest, service: Service, request_id: str, stored: 
     adopted = service.store.profile_in_use(name, source.sha256)
     profile = None if adopted is None else (adopted.id, adopted.document)
     plan_id = new_id() if stored else None
-    at = iso_time(time.time()) or ""
-    return PlanningJob(plan_id, at, source, request, profile, request_id, version)
+    return PlanningJob(plan_id, time.time(), source, request, profile, request_id, version)
 
 
 def _current_positions(service: Service, cell: str) -> list[float]:
@@ -267,16 +263,13 @@ def _current_positions(service: Service, cell: str) -> list[float]:
     return [float(q) for q in positions]
 
 
-def _store_plan(service: Service, job: PlanningJob, planned: Planned, key: IdempotencyKey | None) -> str:
+def _store_plan(service: Service, planned: PlanRecord, key: IdempotencyKey | None) -> str:
     """Stores the plan and returns its id; the first one's id if the same request arrived twice at once."""
-    assert job.plan_id is not None  # as of every job that is to be stored
     try:
-        cell = job.cell
-        made = (planned.backend, planned.summary, planned.samples)
-        service.store.add_plan(job.plan_id, time.time(), cell.name, cell.sha256, *made, key, job.request_id)
+        service.store.add_plan(planned.row, key)
     except KeyTaken as taken:
         return taken.resource_of(key)
-    return job.plan_id
+    return planned.row.id
 
 
 def _trajectory_csv(trajectory: dict[str, Any]) -> str:

@@ -84,9 +84,9 @@ def _page(
 def _answers(count: int, runs: dict[str, BatchRun]) -> str:
     lines = [
         "## Identical answers, nothing lost, nothing twice",
-        "Every run has a driver process of its own (`python -m jobs`) with two workers and an empty store; what was "
-        "killed on the way is named with the number of results at that time. `answers` is the hash of all trajectories "
-        "and refusals, in the order of the requests.",
+        "Every run has a driver process of its own (`python -m jobs batch`) with two workers and an empty store; what "
+        "was killed on the way is named with the number of results at that time. `answers` is the hash of all "
+        "trajectories and refusals, in the order of the requests.",
         "| engine | results | plans | refused | killed | answers |\n|---|---|---|---|---|---|",
     ]
     for name, run in runs.items():

@@ -62,7 +62,7 @@ def run_map(
     begun_s = time.monotonic()
     for share in [*kill_at, 2.0]:
         process = subprocess.Popen(
-            [sys.executable, "-m", "jobs.maps", row.id, "--workers", str(workers)],
+            [sys.executable, "-m", "jobs", "map", row.id, "--workers", str(workers)],
             env={**os.environ, "FLING_DATABASE_URL": url},
         )
         while process.poll() is None:

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
 from enum import IntEnum
 from typing import Any
 
-import orjson
-
-from jobs.planning import Planned
-from planner.errors import CUT_SHORT
+from jobs.planning import PlanRecord
 from store import LandingCellRow, derived_id
 
 
@@ -23,34 +19,30 @@ class LandingState(IntEnum):
     NOT_FOUND = 3  # refused: searched for in vain
 
 
-def planned_row(map_id: str, number: int, round: int, plan_id: str, planned: Planned) -> LandingCellRow | None:
+def planned_row(map_id: str, number: int, round: int, planned: PlanRecord) -> LandingCellRow | None:
     """Returns the row of a landing cell with a plan; None where its search did not come to its end.
 
     Args:
         map_id: of the map.
         number: of the landing cell.
         round: in which it was planned.
-        plan_id: of its plan.
         planned: its plan.
     """
-    plan = orjson.loads(planned.summary)
-    if plan["solver"]["status"].endswith(CUT_SHORT):
+    if planned.was_cut_short:
         return None
-    margin, check = _least_margin(plan["certificate"]["checks"])
-    shift = (plan["flight"] or {}).get("landing_shift_10ms_m") or {}
     return LandingCellRow(
         map_id=map_id,
         number=number,
         round=round,
         state=int(LandingState.YES),
-        plan_id=plan_id,
-        samples_sha256=hashlib.sha256(planned.samples).hexdigest(),
-        release_time_s=plan["release_time_s"],
-        shift_early_m=shift.get("early"),
-        shift_late_m=shift.get("late"),
-        hit_probability=(plan.get("hit_probability") or {}).get("value"),
-        margin=margin,
-        margin_check=check,
+        plan_id=planned.row.id,
+        samples_sha256=planned.samples_sha256,
+        release_time_s=planned.release_time_s,
+        shift_early_m=planned.shift_early_m,
+        shift_late_m=planned.shift_late_m,
+        hit_probability=planned.hit_probability,
+        margin=planned.margin,
+        margin_check=planned.margin_check,
     )
 
 
@@ -87,14 +79,6 @@ def plan_id_of(map_id: str, number: int, round: int) -> str:
         round: in which it is planned.
     """
     return derived_id(map_id, f"{number}/{round}")
-
-
-def _least_margin(checks: list[dict[str, Any]]) -> tuple[float, str]:
-    """Returns the least margin of a certificate as a share of its limit [-], and its check.
-
-    Of a limit of 0, such as that of a clearance, the margin itself [in the check's unit].
-    """
-    return min((check["margin"] / (abs(check["limit"]) or 1.0), check["name"]) for check in checks)
 
 
 def _words(violation: Mapping[str, Any]) -> str:

@@ -1,10 +1,22 @@
-"""A pool that plans many jobs: warm processes of this machine, or those of a Ray cluster. The same answers either way.
+"""The pool of planner processes: those of this machine, or actors of a Ray cluster. The answers are the same.
 
-`open_pool` opens one, `plan_all` yields a result for each job, in the order in which they are made.
+`open_pool` opens one. `submit` plans one job and answers with a future; `plan_all` yields the results of many.
 """
 
-from jobs.pool.opening import open_pool
-from jobs.pool.planning_pool import PlanningPool, PoolBroken
-from jobs.pool.results import PLANNING, JobResult, Work
+from jobs.pool.lifetime import end_with_starter
+from jobs.pool.pool import PlannerPool, open_pool
+from jobs.pool.worker import BATCH_NICENESS, NICENESS, PLANNING, JobResult, PlannerBug, PoolBroken, Work, warm_up_job
 
-__all__ = ["PLANNING", "JobResult", "PlanningPool", "PoolBroken", "Work", "open_pool"]
+__all__ = [
+    "BATCH_NICENESS",
+    "NICENESS",
+    "PLANNING",
+    "JobResult",
+    "PlannerBug",
+    "PlannerPool",
+    "PoolBroken",
+    "Work",
+    "end_with_starter",
+    "open_pool",
+    "warm_up_job",
+]

@@ -2,49 +2,54 @@
 
 from __future__ import annotations
 
-import os
 from contextlib import suppress
 from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 
-from jobs.planning import PlanningJob, end_with_parent
-from jobs.pool.planning_pool import Report
-from jobs.pool.results import Chunk, Work, answer
+from jobs.planning import PlanningJob
+from jobs.pool.lifetime import end_with_parent
+from jobs.pool.worker import Report, Work
 
-LOWER = 10  # [-] niceness beyond that of planning for a person: a batch can wait for them
-CONTEXT = get_context("spawn")  # never fork: this process may have threads
+CONTEXT = get_context("spawn")  # never fork: this process has threads
+BUG_STATUS = 1  # of a process that an exception has ended; source: Python's multiprocessing
 
 
 class LocalEngine:
     """Processes of this machine; see `Engine`.
 
-    A worker has its pipe to itself and sends each result as it is made, so that its death loses the job in hand alone.
+    A worker has its pipe to itself, so that its death, even in the middle of an answer, concerns its own job alone.
 
     Args:
         count: Number of processes.
-        warm_up: Planned by each process when it starts.
         work: What a process does.
     """
 
-    def __init__(self, count: int, warm_up: PlanningJob | None, work: Work) -> None:
+    def __init__(self, count: int, work: Work) -> None:
         self.count = count
-        self._warm_up = warm_up
         self._work = work
         self._processes: dict[int, BaseProcess] = {}
         self._pipes: dict[int, Connection] = {}
+        self._woken, self._waker = CONTEXT.Pipe(duplex=False)
         for worker in range(count):
             self._start(worker)
 
-    def give(self, worker: int, chunk: Chunk) -> None:
-        """Gives a chunk to a worker that is ready: one that waits for it, so that sending never blocks for long."""
+    def give(self, worker: int, job: PlanningJob) -> None:
+        """Gives a job to a worker that has none: it waits for one, so that sending never blocks for long."""
         with suppress(OSError):  # it has died; the next reports say so
-            self._pipes[worker].send(chunk)
+            self._pipes[worker].send(job)
 
     def reports(self, timeout_s: float) -> list[Report]:
-        """Returns what was reported since the last call; waits for the first report."""
-        pipes = {pipe: worker for worker, pipe in self._pipes.items()}
-        return [self._report(pipes[pipe], pipe) for pipe in wait(list(pipes), timeout_s)]  # type: ignore[index, arg-type]
+        """Returns what was reported since the last call; waits for the first report, or for `wake`."""
+        workers = {pipe: worker for worker, pipe in self._pipes.items()}
+        ready = wait([self._woken, *workers], timeout_s)
+        while self._woken.poll():
+            self._woken.recv_bytes()
+        return [self._report(workers[pipe], pipe) for pipe in ready if pipe in workers]  # type: ignore[index, arg-type]
+
+    def wake(self) -> None:
+        """Ends a call of `reports` in another thread."""
+        self._waker.send_bytes(b"")
 
     def replace(self, worker: int) -> None:
         """Ends a worker, dead or alive, and starts another in its place."""
@@ -55,6 +60,8 @@ class LocalEngine:
         """Ends all processes."""
         for worker in list(self._processes):
             self._end(worker)
+        self._woken.close()
+        self._waker.close()
 
     def _report(self, worker: int, pipe: Connection) -> Report:
         try:
@@ -62,11 +69,13 @@ class LocalEngine:
         except (EOFError, OSError):
             process = self._processes[worker]
             process.join()  # its end of the pipe is closed: it has ended, or is about to
-            return Report(worker, death=f"exit status {process.exitcode}")
+            pipe.close()
+            self._pipes.pop(worker)
+            return Report(worker, death=f"exit status {process.exitcode}", is_bug=process.exitcode == BUG_STATUS)
 
     def _start(self, worker: int) -> None:
         ours, theirs = CONTEXT.Pipe()
-        process = CONTEXT.Process(target=_do_chunks, args=(theirs, self._warm_up, self._work), daemon=True)
+        process = CONTEXT.Process(target=_work, args=(theirs, self._work), daemon=True)
         process.start()
         theirs.close()  # so that the pipe ends with the process
         self._processes[worker] = process
@@ -77,18 +86,17 @@ class LocalEngine:
         process.kill()
         process.join()
         process.close()
-        self._pipes.pop(worker).close()
+        if (pipe := self._pipes.pop(worker, None)) is not None:
+            pipe.close()
 
 
-def _do_chunks(pipe: Connection, warm_up: PlanningJob | None, work: Work) -> None:
-    """Does chunks until the pool is gone; None says that this worker is ready for one."""
+def _work(pipe: Connection, work: Work) -> None:
+    """Does one job after another until the pool is gone; the first answer, None, says that this worker is ready."""
     end_with_parent()
-    os.nice(LOWER)
-    work.load(warm_up)
+    work.begin()
     try:
+        pipe.send(None)
         while True:
-            pipe.send(None)
-            for number, job in pipe.recv():
-                pipe.send(answer(number, job, work))
+            pipe.send(work.answer(pipe.recv()))
     except (EOFError, OSError):  # the pool is gone
         return

@@ -1,4 +1,4 @@
-"""Workers that are actors of a Ray cluster: warm ones, a core each, whose results come as they are made.
+"""Workers that are actors of a Ray cluster: warm ones, a core each.
 
 Ray plans nothing again by itself: actors and their tasks are never restarted, so that a lost result is the pool's
 affair alone, whatever engine it has.
@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import os
 import socket
-from collections.abc import Iterator
+import time
 from importlib import import_module
 from typing import Any
 
 from jobs.planning import PlanningJob
-from jobs.pool.planning_pool import PoolBroken, Report
-from jobs.pool.results import Chunk, JobResult, Work, answer
+from jobs.pool.worker import JobResult, PoolBroken, Report, Work
 
+POLL_S = 0.05  # [s] between two looks for new jobs: nothing wakes Ray, and plans take longer
 CONNECT_S = 5.0  # [s] within which a cluster's head node accepts a connection
 LINE_MAX = 160  # characters of a line of Ray's errors that are kept
 ADVICE = "Ray is not installed: pip install 'fling-robotics[ray]'"
@@ -24,18 +24,16 @@ ADVICE = "Ray is not installed: pip install 'fling-robotics[ray]'"
 class RayPlanner:
     """A planner in a process of a Ray cluster."""
 
-    def __init__(self, warm_up: PlanningJob | None, work: Work) -> None:
+    def __init__(self, work: Work) -> None:
         self._work = work
-        work.load(warm_up)
+        work.begin()
 
-    def is_ready(self) -> bool:
-        """Returns True, once this planner is warm."""
-        return True
+    def is_ready(self) -> None:
+        """Returns once this planner is warm."""
 
-    def plan(self, chunk: Chunk) -> Iterator[JobResult]:
-        """Yields the results of a chunk."""
-        for number, job in chunk:
-            yield answer(number, job, self._work)
+    def plan(self, job: PlanningJob) -> JobResult:
+        """Returns the result of a job."""
+        return self._work.answer(job)
 
 
 class RayEngine:
@@ -44,37 +42,41 @@ class RayEngine:
     Args:
         address: of the cluster, such as `10.0.0.1:6379`; `auto` finds the one of this machine, `local` starts one.
         count: Number of actors; None: one a core of the cluster, as it is now.
-        warm_up: Planned by each actor when it starts.
         work: What an actor does.
 
     Raises:
         PoolBroken: Ray is not installed, or there is no cluster at this address.
     """
 
-    def __init__(self, address: str, count: int | None, warm_up: PlanningJob | None, work: Work) -> None:
+    def __init__(self, address: str, count: int | None, work: Work) -> None:
         self._ray = _connect(address)
         self.count = count or max(1, int(self._ray.cluster_resources().get("CPU", 1)))
-        self._warm_up = warm_up
         self._work = work
         options = {"num_cpus": 1, "max_restarts": 0, "max_task_retries": 0}
         self._kind: Any = self._ray.remote(**options)(RayPlanner)
         self._actors: dict[int, Any] = {}
-        self._awaited: dict[Any, int] = {}  # what the engine waits for: an actor to be ready, the results of a chunk
+        self._awaited: dict[Any, int] = {}  # what the engine waits for: an actor to be ready, the result of a job
         for worker in range(self.count):
             self._start(worker)
 
-    def give(self, worker: int, chunk: Chunk) -> None:
-        """Gives a chunk to a worker that is ready."""
-        results = self._actors[worker].plan.options(num_returns="streaming").remote(chunk)
-        self._awaited[results] = worker
+    def give(self, worker: int, job: PlanningJob) -> None:
+        """Gives a job to a worker that has none."""
+        self._awaited[self._actors[worker].plan.remote(job)] = worker
 
     def reports(self, timeout_s: float) -> list[Report]:
-        """Returns what was reported since the last call; waits for the first report."""
+        """Returns what was reported since the last call; waits for the first report, or for `POLL_S`."""
+        timeout_s = min(timeout_s, POLL_S)
         awaited = list(self._awaited)
+        if not awaited:
+            time.sleep(timeout_s)
+            return []
         ready, _ = self._ray.wait(awaited, num_returns=1, timeout=timeout_s)
         if ready and len(awaited) > 1:
             ready, _ = self._ray.wait(awaited, num_returns=len(awaited), timeout=0)
-        return [self._report(self._awaited[one], one) for one in ready]
+        return [self._report(self._awaited.pop(one), one) for one in ready]
+
+    def wake(self) -> None:
+        """Does nothing: `reports` returns soon."""
 
     def replace(self, worker: int) -> None:
         """Ends a worker, dead or alive, and starts another in its place; that waits for a free core."""
@@ -89,21 +91,13 @@ class RayEngine:
 
     def _report(self, worker: int, awaited: Any) -> Report:
         try:
-            if isinstance(awaited, self._ray.ObjectRef):
-                self._ray.get(awaited)
-                result = None
-            else:
-                result = self._ray.get(next(awaited))
-        except StopIteration:
-            result = None
+            return Report(worker, self._ray.get(awaited))
         except self._ray.exceptions.RayError as error:
-            return Report(worker, death=_words(error))
-        if result is None:
-            del self._awaited[awaited]
-        return Report(worker, result)
+            is_bug = isinstance(error, self._ray.exceptions.RayTaskError)
+            return Report(worker, death=_words(error), is_bug=is_bug)
 
     def _start(self, worker: int) -> None:
-        self._actors[worker] = self._kind.remote(self._warm_up, self._work)
+        self._actors[worker] = self._kind.remote(self._work)
         self._awaited[self._actors[worker].is_ready.remote()] = worker
 
     def _end(self, worker: int) -> None:

@@ -5,24 +5,26 @@ from __future__ import annotations
 import os
 import signal
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import orjson
 
-from jobs.planning import Planned, PlanningJob
+from jobs.planning import PlanningJob, PlanRecord
 from jobs.pool import Work
 from planner.cell import CellSource
 from planner.errors import Infeasible, Violation
+from store import PlanRow
 
 CELL = CellSource("fake", b"")
 
 
 def fake_job(value: float = 0.0, **request: Any) -> PlanningJob:
-    return PlanningJob(None, "", CELL, {"value": value, **request})
+    return PlanningJob(None, 0.0, CELL, {"value": value, **request})
 
 
-def fake_solve(job: PlanningJob) -> Planned:
+def fake_solve(job: PlanningJob) -> PlanRecord:
     """Plans the square of `value`, once it has done what the request asks for."""
     asked = job.request
     time.sleep(asked.get("sleep_s", 0.0))
@@ -35,7 +37,11 @@ def fake_solve(job: PlanningJob) -> Planned:
         os.kill(os.getpid(), signal.SIGKILL)
     if asked.get("dies"):
         os.kill(os.getpid(), signal.SIGKILL)
-    return Planned("fake", str(os.getpid()).encode(), str(asked["value"] ** 2).encode())
+    samples = str(asked["value"] ** 2).encode()
+    row = PlanRow(
+        job.plan_id or "", 0.0, job.cell.name, job.cell.sha256, "fake", str(os.getpid()).encode(), None, samples
+    )
+    return PlanRecord(row, asked["value"], 2.0, release_speed_m_s=1.5)
 
 
 def fake_load(warm_up: PlanningJob | None) -> None:
@@ -44,16 +50,14 @@ def fake_load(warm_up: PlanningJob | None) -> None:
         fake_solve(warm_up)
 
 
-def fake_plan(job: PlanningJob) -> Planned:
+def fake_plan(job: PlanningJob) -> PlanRecord:
     """Returns the plan of a throw whose release time is `value`, once it has done what the request asks for."""
-    samples = fake_solve(job).samples
-    plan: dict[str, Any] = {"id": job.plan_id, "cell": job.cell.name, "cell_sha256": job.cell.sha256}
-    plan |= {"release_time_s": job.request["value"], "duration_s": 2.0, "flight": {"speed_m_s": 1.5}}
+    planned = fake_solve(job)
     if "log" in job.request:
         with Path(job.request["log"]).open("a") as log:
             log.write(f"{job.request['value']}\n")
-    return Planned("fake", orjson.dumps(plan), samples)
+    return replace(planned, row=replace(planned.row, created_at=time.time(), summary=orjson.dumps({"id": job.plan_id})))
 
 
-FAKE = Work(fake_load, fake_solve)
+FAKE = Work(fake_load, fake_solve, niceness=0)
 FAKE_PLANS = Work(fake_load, fake_plan)

@@ -17,7 +17,8 @@ from typing import Any
 import orjson
 import pytest
 
-from jobs.batches import BatchDriver, BatchRequests, BatchSpecification, CellUse, wait_and_claim, write_table
+from jobs import driver
+from jobs.batches import BatchRequests, BatchSpecification, BatchTask, CellUse, wait_and_claim, write_table
 from store import BatchLost, BatchRow, Store
 from tests.jobs.fake_planner import CELL, FAKE_PLANS
 
@@ -41,7 +42,9 @@ def queue(store: Store, requests: Sequence[dict[str, Any]]) -> str:
 
 
 def drive(store: Store, id: str, driver_id: str = "test", **options: Any) -> BatchRow:
-    return BatchDriver(store, wait_and_claim(store, id, driver_id), 1, work=FAKE_PLANS, **options).run()
+    task = BatchTask(store, wait_and_claim(store, id, driver_id), **options)
+    driver.run(task, 1, work=FAKE_PLANS)
+    return store.batch(id)
 
 
 def test_every_request_has_its_result_and_a_problem_one_plan(store: Store, tmp_path: Path):
@@ -74,14 +77,10 @@ def test_a_cancelled_batch_ends_soon(store: Store):
 
 def test_a_stopped_batch_is_taken_up_again(store: Store):
     id = queue(store, [{"value": number, "sleep_s": 0.005} for number in range(120)])
-    driver = BatchDriver(
-        store,
-        wait_and_claim(store, id, "one"),
-        1,
-        on_progress=lambda row: row.done > 10 and driver.stop(),
-        work=FAKE_PLANS,
-    )
-    row = driver.run()
+    stop = threading.Event()
+    task = BatchTask(store, wait_and_claim(store, id, "one"), lambda row: row.done > 10 and stop.set())
+    driver.run(task, 1, must_stop=stop.is_set, work=FAKE_PLANS)
+    row = store.batch(id)
     assert row.state == "queued"
     assert 10 < row.done < 120
     assert drive(store, id).counts == {"planned": 120}
@@ -89,11 +88,11 @@ def test_a_stopped_batch_is_taken_up_again(store: Store):
 
 def test_a_driver_that_was_taken_for_dead_writes_nothing(store: Store):
     id = queue(store, [{"value": number, "sleep_s": 0.01} for number in range(1000)])
-    first = BatchDriver(store, store.claim_batch(id, "one"), 1, work=FAKE_PLANS)
+    first = BatchTask(store, store.claim_batch(id, "one"))
     thief = threading.Timer(2.0, lambda: store.release_batch(id, "one"))
     thief.start()
     with pytest.raises(BatchLost):
-        first.run()
+        driver.run(first, 1, work=FAKE_PLANS)
     thief.join()
     done = store.batch(id).done
     time.sleep(1.0)
@@ -103,12 +102,13 @@ def test_a_driver_that_was_taken_for_dead_writes_nothing(store: Store):
 
 DRIVER = """
 import sys
-from jobs.batches import BatchDriver
+from jobs import driver
+from jobs.batches import BatchTask
 from store import Store
 from tests.jobs.fake_planner import FAKE_PLANS
 if __name__ == "__main__":
     store = Store.open(sys.argv[1])
-    BatchDriver(store, store.claim_batch(sys.argv[2], "same"), 1, work=FAKE_PLANS).run()
+    driver.run(BatchTask(store, store.claim_batch(sys.argv[2], "same")), 1, work=FAKE_PLANS)
 """
 
 

@@ -25,10 +25,10 @@ def fling(tmp_path, monkeypatch):
         plan_all = staticmethod(plan_all(lambda job: solves[-1](job)))
 
     @contextmanager
-    def open_pool(workers, ray_address):
+    def open_pool(*arguments, **options):
         yield Pool
 
-    monkeypatch.setattr("jobs.pool.open_pool", open_pool)
+    monkeypatch.setattr("jobs.driver.open_pool", open_pool)
 
     def run(*arguments: str, solve=fake_solve):
         solves.append(solve)
@@ -47,7 +47,6 @@ def test_it_writes_all_files_into_a_folder_and_says_what_it_found(fling, tmp_pat
 
 
 def test_it_goes_on_after_ctrl_c_and_ends_with_the_same_map(fling, tmp_path, monkeypatch):
-    monkeypatch.setattr("jobs.maps.making.STORE_EVERY_S", 0.0)
     left = [20]
 
     def interrupted(job):

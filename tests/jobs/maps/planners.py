@@ -9,10 +9,10 @@ from dataclasses import replace
 import orjson
 
 from jobs.maps import MapDefinition
-from jobs.planning import Planned, PlanningJob, refusal_of
+from jobs.planning import PlanningJob, PlanRecord
 from jobs.pool import JobResult
-from planner.errors import CUT_SHORT, Infeasible, PlannerError, SolverFailed, Violation
-from store import MapRow, Store
+from planner.errors import Infeasible, PlannerError, SolverFailed, Violation
+from store import MapRow, PlanRow, Store
 
 SHA256 = "5" * 64
 
@@ -31,7 +31,7 @@ def begun(store: Store, of: MapDefinition) -> MapRow:
     return store.begin_map(of.cell, 1, of.sha256, of.document(), "me", "command")
 
 
-def fake_solve(job: PlanningJob) -> Planned:
+def fake_solve(job: PlanningJob) -> PlanRecord:
     """Throws short in front; beyond x = 0 only from neighbours' releases, step by step; nowhere beyond y = 0.6."""
     x, y, _ = job.request["release"]["position"]
     if y > 0.7:
@@ -40,23 +40,27 @@ def fake_solve(job: PlanningJob) -> Planned:
         raise Infeasible([Violation("joint_jerk", 1.0 + x, 1.0, "rad/s^3")])
     if job.releases and min(abs(q[0] - x) for q, _ in job.releases) > 0.11:
         raise Infeasible([Violation("joint_torque", 2.0, 1.0, "N m")])
-    summary = {
-        "release_time_s": 0.1 + abs(x) + sum(q[1] for q, _ in job.releases),
-        "release": {"positions": [x, y, 0, 0, 0, 0], "velocities": [0.0] * 6},
-        "flight": {"landing_shift_10ms_m": {"early": 0.02, "late": None}},
-        "certificate": {"checks": [{"name": "b", "margin": 1.0, "limit": 4.0}, {"name": "a", "margin": 2, "limit": 0}]},
-        "hit_probability": {"value": 0.5},
-        "solver": {"status": "fake"},
-    }
-    return Planned("fake", orjson.dumps(summary), orjson.dumps([x, y, job.releases]))
+    summary = orjson.dumps({"release": {"positions": [x, y, 0, 0, 0, 0], "velocities": [0.0] * 6}})
+    samples = orjson.dumps([x, y, job.releases])
+    return PlanRecord(
+        row=PlanRow(job.plan_id, 0.0, job.cell.name, job.cell.sha256, "fake", summary, None, samples),
+        release_time_s=0.1 + abs(x) + sum(q[1] for q, _ in job.releases),
+        duration_s=1.0,
+        shift_early_m=0.02,
+        hit_probability=0.5,
+        margin=0.25,
+        margin_check="b",
+    )
 
 
 def plan_all(
-    solve: Callable[[PlanningJob], Planned] = fake_solve, seed: int | None = None, kill_after: list[int] | None = None
+    solve: Callable[[PlanningJob], PlanRecord] = fake_solve,
+    seed: int | None = None,
+    kill_after: list[int] | None = None,
 ):
     """Returns a `plan_all` that answers in an order drawn by `seed`, and is killed after a number of answers."""
 
-    def answers(jobs: Iterable[PlanningJob]) -> Iterator[JobResult]:
+    def answers(jobs: Iterable[PlanningJob], must_stop: Callable[[], bool]) -> Iterator[JobResult]:
         numbered = list(enumerate(jobs))
         if seed is not None:
             random.Random(seed).shuffle(numbered)
@@ -66,9 +70,11 @@ def plan_all(
                 if kill_after[0] < 0:
                     raise Killed
             try:
-                yield JobResult(number, solve(job), None)
+                yield JobResult(solve(job), None, number=number)
             except PlannerError as error:
-                yield JobResult(number, None, refusal_of(error))
+                yield JobResult(None, error, number=number)
+            if must_stop():
+                return
 
     return answers
 
@@ -78,17 +84,13 @@ def is_cut_off(job: PlanningJob) -> bool:
     return job.request["release"]["position"][:2] == [-0.35, 0.25]
 
 
-def cut_off(job: PlanningJob) -> Planned:
+def cut_off(job: PlanningJob) -> PlanRecord:
     """Solves as `fake_solve`, but for one landing cell, whose planner dies."""
     if is_cut_off(job):
         raise SolverFailed("the planner process died")
     return fake_solve(job)
 
 
-def cut_short(job: PlanningJob) -> Planned:
+def cut_short(job: PlanningJob) -> PlanRecord:
     """Solves as `fake_solve`, but one landing cell with the plan that its time limit left."""
-    planned = fake_solve(job)
-    if is_cut_off(job):
-        summary = orjson.loads(planned.summary) | {"solver": {"status": f"fake; {CUT_SHORT}"}}
-        return replace(planned, summary=orjson.dumps(summary))
-    return planned
+    return replace(fake_solve(job), was_cut_short=is_cut_off(job))

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import time
 import uuid
 
 import pytest
 
-from jobs.maps import LandingState, make_map, map_table
-from jobs.maps.making import MapInputs
+from jobs import driver, writer
+from jobs.maps import LandingState, MapInputs, MapTask, Step, map_table
 from planner.cell import CellSource
 from store import Retention, Store
 from tests.jobs.maps.planners import Killed, begun, cut_off, cut_short, definition, plan_all
@@ -18,10 +19,8 @@ INPUTS = MapInputs(CellSource("c", b"text"))
 def made(store: Store, of, planner=None, times: int = 1):
     """Makes a map; `times` is how often it was killed before."""
     row = begun(store, of)
-    state = make_map(store, row, INPUTS, planner or plan_all())
-    table = map_table(store.map(row.id), store.landing_cells(row.id))
-    assert table.row.state == state
-    return table
+    driver.drive(MapTask(store, row, INPUTS), planner or plan_all())
+    return map_table(store.map(row.id), store.landing_cells(row.id))
 
 
 @pytest.fixture
@@ -59,8 +58,7 @@ def test_the_order_of_the_answers_does_not_matter(store, calm, seed):
     assert made(store, definition(), plan_all(seed=seed)).sha256 == calm.sha256
 
 
-def test_a_killed_map_that_goes_on_is_the_same_wherever_it_is_killed(tmp_path, calm, monkeypatch):
-    monkeypatch.setattr("jobs.maps.making.STORE_EVERY_S", 0.0)  # else nothing is stored in so short a time
+def test_a_killed_map_that_goes_on_is_the_same_wherever_it_is_killed(tmp_path, calm):
     for kill_after in (7, 30, 58, 75):  # in a level, at its end, in the rounds, at the end
         store = Store.open(f"sqlite:///{tmp_path / f'{kill_after}.db'}")
         of = definition()
@@ -68,7 +66,7 @@ def test_a_killed_map_that_goes_on_is_the_same_wherever_it_is_killed(tmp_path, c
         row = begun(store, of)
         while True:
             try:
-                make_map(store, row, INPUTS, plan_all(seed=kills, kill_after=[kill_after]))
+                driver.drive(MapTask(store, row, INPUTS), plan_all(seed=kills, kill_after=[kill_after]))
                 break
             except Killed:
                 kills += 1
@@ -94,17 +92,19 @@ def test_a_search_that_was_cut_off_is_no_answer_and_is_tried_again(store, calm, 
 
 
 def test_a_map_is_cancelled_and_goes_on(store, calm, monkeypatch):
-    monkeypatch.setattr("jobs.maps.making.STORE_EVERY_S", 0.0)
+    monkeypatch.setattr(writer, "GROUP", 1)
     row = begun(store, definition())
     seen = []
 
     def report(step, done, total):
         seen.append(done)
+        time.sleep(0.02)  # a plan takes longer
         if len(seen) == 20:
             store.request_map_cancel(row.id)
 
-    assert make_map(store, row, INPUTS, plan_all(), report) == "cancelled"
-    assert 20 <= store.landing_cell_count(row.id) < 30
+    driver.drive(MapTask(store, row, INPUTS, report), plan_all())
+    assert store.map(row.id).state == "cancelled"
+    assert 20 <= store.landing_cell_count(row.id) < 63
     assert made(store, definition()).sha256 == calm.sha256
 
 
@@ -117,6 +117,10 @@ def test_retention_keeps_the_plans_of_a_map(store):
 def test_progress_counts_up_by_level_to_all(store):
     seen = {}
     row = begun(store, definition((20, 20)))
-    make_map(store, row, INPUTS, plan_all(), lambda step, done, total: seen.update({(step.round, step.level_m): total}))
+
+    def report(step: Step, done: int, total: int) -> None:
+        seen[step.round, step.level_m] = total
+
+    driver.drive(MapTask(store, row, INPUTS, report), plan_all())
     assert list(seen)[:2] == [(0, 0.2), (0, 0.1)]
     assert sum(total for (round, _), total in seen.items() if round == 0) == 400

@@ -10,9 +10,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from jobs.driver import drive
 from jobs.maps import (
     LandingState,
-    make_map,
+    MapInputs,
+    MapTask,
     map_document,
     map_html,
     map_picture,
@@ -22,7 +24,6 @@ from jobs.maps import (
     zarr_zip,
 )
 from jobs.maps.colours import STOPS, colours_of, map_colours
-from jobs.maps.making import MapInputs
 from planner.cell import CellSource
 from store import Store
 from tests.jobs.maps.planners import Killed, begun, definition, plan_all
@@ -36,7 +37,7 @@ EMPTY = "Fling is drawn without it: make setup"
 def table(tmp_path_factory):
     store = Store.open(f"sqlite:///{tmp_path_factory.mktemp('map') / 'map.db'}")
     row = begun(store, OF)
-    make_map(store, row, INPUTS, plan_all())
+    drive(MapTask(store, row, INPUTS), plan_all())
     yield map_table(store.map(row.id), store.landing_cells(row.id))
     store.close()
 
@@ -46,7 +47,7 @@ def coarse(store):
     """A map of which only the first level is there."""
     row = begun(store, OF)
     with pytest.raises(Killed):
-        make_map(store, row, INPUTS, plan_all(kill_after=[len(OF.level(0))]))
+        drive(MapTask(store, row, INPUTS), plan_all(kill_after=[len(OF.level(0))]))
     return map_table(store.map(row.id), store.landing_cells(row.id))
 
 
