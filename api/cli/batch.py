@@ -97,14 +97,19 @@ def _chosen(store: Store, id: str) -> str:
 
 
 def _read(file: Path | None) -> BatchRequest:
+    from pydantic import ValidationError
+
     from api.cli.support.errors import RefusedRequest
-    from api.cli.support.request_file import read_request
-    from api.http import ProblemDetails, problem_document
+    from api.cli.support.request_file import read_document
+    from api.http import ProblemDetails, invalid_request, problem_document
     from api.schemas import BatchRequest
 
     assert file is not None  # a batch is not resumed
     try:
-        return read_request(file, BatchRequest)
+        return BatchRequest.model_validate(read_document(file))
+    except ValidationError as error:
+        refusal = invalid_request(error.errors(), BatchRequest)
+        raise RefusedRequest(problem_document(refusal, str(file))) from error
     except ProblemDetails as error:
         raise RefusedRequest(problem_document(error, str(file))) from error
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import sys
+import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,14 +32,14 @@ def plan(file: Path, cells: Path | None, cell: str | None, odds: float | None) -
     from api.cli.support.client import describe
     from api.cli.support.errors import RefusedRequest
     from api.cli.support.exit_status import exit_status
-    from api.cli.support.request_file import read_request
+    from api.cli.support.request_file import read_document
     from api.http import ProblemDetails, problem_document, translate
-    from api.schemas import PlanRequest
     from planner.errors import PlannerError
+    from planner.request import read_request
 
     try:
-        body = read_request(file, PlanRequest)
-        planned = _plan(body if odds is None else body.model_copy(update={"min_hit_probability": odds}), cells, cell)
+        asked = read_request(read_document(file))
+        planned = _plan(asked if odds is None else {**asked, "min_hit_probability": odds}, cells, cell)
     except (ProblemDetails, PlannerError) as error:
         problem = translate(error)
         document = problem_document(problem, str(file))
@@ -67,9 +69,7 @@ def warm() -> None:
         click.echo("There is no C compiler: the slower interpreted functions are used.", err=True)
 
 
-def _plan(body: Any, cells: Path | None, cell: str | None) -> PlanRecord:
-    import time
-
+def _plan(asked: Mapping[str, Any], cells: Path | None, cell: str | None) -> PlanRecord:
     from api.cell_repository import CellRepository
     from api.http import invalid_field
     from api.settings import parse_settings
@@ -78,15 +78,11 @@ def _plan(body: Any, cells: Path | None, cell: str | None) -> PlanRecord:
 
     settings = parse_settings()
     repository = CellRepository(cells or settings.cells)
-    name = body.cell or cell or settings.default_cell
-    if body.start is not None and body.start.current:
-        raise invalid_field("start.current", "needs a service with an executor")
+    name = asked.get("cell") or cell or settings.default_cell
     source = repository.source(name)
     if source is None or repository.cell(name) is None:
         raise invalid_field("cell", repository.without(name))
-    request = {**body.model_dump(exclude_none=True), "cell": name}
-    job = PlanningJob(new_id(), time.time(), source, request)
-    return solve(job)
+    return solve(PlanningJob(new_id(), time.time(), source, {**asked, "cell": name}))
 
 
 def _note_uncompiled(summary: bytes) -> None:

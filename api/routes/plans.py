@@ -6,6 +6,7 @@ import asyncio
 import csv
 import io
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -33,7 +34,7 @@ from api.schemas import (
     PlanAnswer,
     PlanList,
     PlanPreview,
-    PlanRequest,
+    PlanRequestBody,
     TrajectoryAnswer,
 )
 from fling import tracing
@@ -53,7 +54,7 @@ WithTrajectory = Annotated[bool, Query(description="false leaves the trajectory 
 WithStore = Annotated[
     bool, Query(description="false: answer and forget. 200, without id and `Location`; not executable.")
 ]
-PlanBody = Annotated[PlanRequest, Body(openapi_examples=PLAN_EXAMPLES)]  # type: ignore[arg-type]
+PlanBody = Annotated[PlanRequestBody, Body(openapi_examples=PLAN_EXAMPLES)]  # type: ignore[arg-type]
 UNCHANGED: dict[int | str, dict[str, Any]] = {304: {"description": "The client has it: `If-None-Match`."}}
 TRAJECTORY_ANSWER = {
     "model": TrajectoryAnswer,
@@ -184,7 +185,7 @@ def cell_of_plan(service: Service, row: PlanRow) -> Cell:
 class _Asked:
     """A request for a plan, with what it came with."""
 
-    body: PlanRequest
+    body: Mapping[str, Any]
     service: Service
     key: IdempotencyKey | None
     request_id: str
@@ -239,13 +240,13 @@ def _note_attempts(span: tracing.TracedSpan, planned: PlanRecord) -> None:
         span.event(attempt["backend"], result=attempt["result"], duration_s=attempt["duration_s"])
 
 
-def _planning_job(body: PlanRequest, service: Service, request_id: str, stored: bool = True) -> PlanningJob:
+def _planning_job(body: Mapping[str, Any], service: Service, request_id: str, stored: bool = True) -> PlanningJob:
     """Returns the job for a worker."""
-    name = body.cell or service.settings.default_cell
+    name = body.get("cell") or service.settings.default_cell
     service.cell(name)  # refuses an unknown cell, and one whose file is wrong
     source = service.cells.source(name) or CellSource(name, b"")
-    request = {**body.model_dump(exclude_none=True), "cell": name}
-    if body.start is not None and body.start.current:
+    request = {**body, "cell": name}
+    if "current" in body.get("start", {}):
         request["start"] = {"positions": _current_positions(service, name)}
     version = service.note_cell_version(source)
     adopted = service.store.profile_in_use(name, source.sha256)
