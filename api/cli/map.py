@@ -46,8 +46,8 @@ def map_command(
 ) -> None:
     """Plan a throw to every landing cell of a plane or a volume: how soon and how surely, or why not.
 
-    Coarse points come first; the files of --out are written after each level. Every answer is stored: the same command
-    goes on where it was interrupted.
+    Coarse points come first; the files of --out are written after each level. Every answer is stored: after an
+    interruption the same command resumes.
     """
     from jobs.maps import MapRequest
     from store import Store

@@ -57,7 +57,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         405, "Method not allowed", "The address exists, but does not accept this method; see /docs."
     ),
     "not-acceptable": ProblemType(
-        406, "Not in this media type", "'offers' lists the media types that there are: name one in 'Accept'."
+        406, "Not acceptable", "'offers' lists the media types that there are: name one in 'Accept'."
     ),
     "request-timeout": ProblemType(
         408, "Too slow", "Headers and body of a request must each arrive within ten seconds: send it again."
@@ -111,9 +111,9 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
     "internal": ProblemType(500, "A bug in Fling", "The service's log has the details. Please report it."),
     "solver-failed": ProblemType(
         503,
-        "The search was ended",
-        "'time_limit_s' ended the search before it was decided whether there is a motion ('solver.status' is "
-        "'time_limit'), or a planner process ended: allow more time. 'violations' are what stood in the way of the "
+        "Planning timed out",
+        "'time_limit_s' passed before it was decided whether there is a motion ('solver.status' is 'time_limit'), or a "
+        "planner process ended: allow more time. 'violations' are what stood in the way of the "
         "best motion so far, 'nearest' is the closest feasible request found, or null.",
     ),
     "shutting-down": ProblemType(
@@ -196,7 +196,7 @@ def _infeasible(error: Infeasible) -> ProblemDetails:
 
 def _solver_failed(error: SolverFailed) -> ProblemDetails:
     solver = {"status": error.status, "iterations": error.iterations}
-    return ProblemDetails("solver-failed", f"the search was ended: {error}", solver=solver, **_refusal(error))
+    return ProblemDetails("solver-failed", f"planning ended early: {error}", solver=solver, **_refusal(error))
 
 
 def _refusal(error: Infeasible | SolverFailed) -> dict[str, Any]:
