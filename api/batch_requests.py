@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from api.cell_repository import CellRepository
+from api.cell_repository import CellRepository, UnknownCell
 from api.http import invalid_field
 from api.schemas import BatchRequest, iso_time
 from jobs.batches import BatchRequests, BatchSpecification, CellUse
@@ -35,9 +35,10 @@ def batch_specification(
     requests = _requests(body, size_max)
     uses = {}
     for name in requests.cells(default_cell):
-        source = cells.source(name)
-        if source is None or cells.cell(name) is None:
-            raise invalid_field("cell", cells.without(name))
+        try:
+            source, _ = cells.required(name)
+        except UnknownCell as error:
+            raise invalid_field("cell", str(error)) from None
         version = store.note_cell_version(name, source.sha256, source.text, source.calibration, "service")
         adopted = store.profile_in_use(name, source.sha256)
         uses[name] = CellUse(version, None if adopted is None else adopted.id)

@@ -160,15 +160,14 @@ def _cell(name: str | None, cells: Path | None) -> tuple[Any, CellSource]:
         SettingsError: a setting is wrong.
         CellError: its file is refused.
     """
-    from api.cell_repository import CellRepository
+    from api.cell_repository import CellRepository, UnknownCell
     from api.settings import read_settings
 
     settings = read_settings(cells=cells)
-    repository = CellRepository(settings.cells)
-    name = name or settings.default_cell
-    source = repository.source(name)
-    if source is None or repository.cell(name) is None:
-        raise click.ClickException(repository.without(name))
+    try:
+        source, _ = CellRepository(settings.cells).required(name or settings.default_cell)
+    except UnknownCell as error:
+        raise click.ClickException(str(error)) from None
     return settings, source
 
 

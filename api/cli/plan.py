@@ -70,18 +70,18 @@ def warm() -> None:
 
 
 def _plan(asked: Mapping[str, Any], cells: Path | None, cell: str | None) -> PlanRecord:
-    from api.cell_repository import CellRepository
+    from api.cell_repository import CellRepository, UnknownCell
     from api.http import invalid_field
     from api.settings import parse_settings
     from jobs.planning import PlanningJob, solve
     from store import new_id
 
     settings = parse_settings()
-    repository = CellRepository(cells or settings.cells)
     name = asked.get("cell") or cell or settings.default_cell
-    source = repository.source(name)
-    if source is None or repository.cell(name) is None:
-        raise invalid_field("cell", repository.without(name))
+    try:
+        source, _ = CellRepository(cells or settings.cells).required(name)
+    except UnknownCell as error:
+        raise invalid_field("cell", str(error)) from None
     return solve(PlanningJob(new_id(), time.time(), source, {**asked, "cell": name}))
 
 

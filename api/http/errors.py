@@ -18,6 +18,7 @@ from pydantic import BaseModel
 from starlette.exceptions import HTTPException
 from starlette.routing import Match
 
+from api.cell_repository import UnknownCell
 from api.field_errors import reason, refused_fields
 from api.planning import ClientGone, PlanningEnded, PlanningQueueFull
 from jobs.pool import PlannerBug, PoolBroken
@@ -225,6 +226,7 @@ TRANSLATIONS: dict[type[Exception], Callable[[Any], ProblemDetails]] = {
     StoreUnavailable: lambda e: ProblemDetails("not-ready", e.advice, headers=retry_after(SOON_S), outage=e.kind),
     CellBusy: lambda e: ProblemDetails("robot-busy", str(e), cell=e.cell),
     KeyTaken: lambda _: ProblemDetails("idempotency-conflict", "this Idempotency-Key was used with another body"),
+    UnknownCell: lambda e: ProblemDetails("not-found", str(e)),
     UnknownPlan: lambda e: ProblemDetails("not-found", str(e)),
     UnknownExecution: lambda e: ProblemDetails("not-found", str(e)),
     UnknownExperiment: lambda e: ProblemDetails("not-found", str(e)),

@@ -8,13 +8,13 @@ import orjson
 from fastapi import APIRouter, Body, Header, Response
 from fastapi.responses import JSONResponse
 
-from api.dependencies import AnyCaller, Key, OperateCaller, Origin, Service, ServiceDep, id_in_path
+from api.dependencies import AnyCaller, Key, OperateCaller, Origin, Service, ServiceDep, find, id_in_path, make_once
 from api.http import ProblemDetails, StrictJsonRoute, json_answer, preferred_media_type, problem_answers
 from api.routes.plans import POST_PROBLEMS, PageCursor, PageLimit, find_plan
 from api.schemas import EXECUTE_EXAMPLES, ExecuteRequest, ExecutionAnswer, ExecutionList, iso_time
 from fling import tracing
 from planner.errors import CellError
-from store import CellRow, ExecutionRow, KeyTaken, PlanRow
+from store import CellRow, ExecutionRow, PlanRow
 
 router = APIRouter(route_class=StrictJsonRoute, tags=["executions"])
 
@@ -38,13 +38,11 @@ RECORDING_ANSWER = {
 )
 def execute_plan(body: ExecuteBody, service: ServiceDep, caller: OperateCaller, key: Key, origin: Origin) -> Response:
     """Queues one execution of a plan. **This moves the robot**; software stop is not a safety function."""
-    existing = None if key is None else service.store.resource_of_key(key)
-    if existing is not None:
-        return _accepted(service, find_execution(service, existing))
-    plan = find_plan(service, body.plan_id, whole=False)
-    _check_executable(service, plan, body)
-    try:
-        row = service.store.queue_execution(
+
+    def queue() -> str:
+        plan = find_plan(service, body.plan_id, whole=False)
+        _check_executable(service, plan, body)
+        return service.store.queue_execution(
             plan.id,
             plan.cell,
             body.mode,
@@ -54,10 +52,10 @@ def execute_plan(body: ExecuteBody, service: ServiceDep, caller: OperateCaller, 
             body.experiment_id,
             origin.act(caller, "execute"),
             tracing.trace_context(),
-        )
-    except KeyTaken as taken:
-        return _accepted(service, find_execution(service, taken.resource_of(key)))
-    return _accepted(service, row)
+        ).id
+
+    row = find_execution(service, make_once(service.store, key, queue))
+    return JSONResponse(_document(service, row), 202, {"Location": f"/executions/{row.id}"})
 
 
 @router.get("/executions", summary="List executions", responses=json_answer(200, ExecutionList, "Newest first."))
@@ -123,12 +121,7 @@ def find_execution(service: Service, id: str) -> ExecutionRow:
     Raises:
         ProblemDetails: There is no such execution.
     """
-    if id == "latest":
-        id = next((row.id for row in service.store.executions(limit=1)[0]), id)
-    row = service.store.execution(id)
-    if row is None:
-        raise ProblemDetails("not-found", f"no execution {id!r}")
-    return row
+    return find("execution", id, service.store.execution, service.store.executions)
 
 
 def _document(service: Service, row: ExecutionRow) -> dict[str, Any]:
@@ -144,10 +137,6 @@ def _executor_is_lost(service: Service, row: ExecutionRow) -> bool:
         return False
     status = service.store.cell_status(row.cell)
     return status is None or not status.is_alive or row.executor_id not in (None, status.executor_id)
-
-
-def _accepted(service: Service, row: ExecutionRow) -> JSONResponse:
-    return JSONResponse(_document(service, row), 202, {"Location": f"/executions/{row.id}"})
 
 
 def _check_executable(service: Service, plan: PlanRow, body: ExecuteRequest) -> None:

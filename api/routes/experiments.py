@@ -10,10 +10,9 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Body, Header, Response
 from fastapi.responses import JSONResponse
 
-from api.dependencies import AnyCaller, Key, OperateCaller, Origin, Service, ServiceDep, id_in_path
+from api.dependencies import AnyCaller, Key, OperateCaller, Origin, Service, ServiceDep, find, id_in_path, make_once
 from api.experiment_statistics import statistics_by_target, statistics_of, throws_of
 from api.http import (
-    ProblemDetails,
     StrictJsonRoute,
     invalid_field,
     json_answer,
@@ -30,7 +29,7 @@ from api.schemas import (
     ExperimentRequest,
     iso_time,
 )
-from store import ExperimentRow, KeyTaken
+from store import ExperimentRow
 
 router = APIRouter(route_class=StrictJsonRoute, tags=["experiments"])
 
@@ -62,14 +61,13 @@ def begin_experiment(
     body: ExperimentBody, service: ServiceDep, caller: OperateCaller, key: Key, origin: Origin
 ) -> JSONResponse:
     """Begins a series of throws. Executions join it by `experiment_id`; it moves nothing by itself."""
-    existing = None if key is None else service.store.resource_of_key(key)
-    if existing is not None:
-        return _created(find_experiment(service, existing))
-    try:
-        row = service.store.add_experiment(body.name, caller.name, body.settings, key, origin.act(caller, "experiment"))
-    except KeyTaken as taken:
-        return _created(find_experiment(service, taken.resource_of(key)))
-    return _created(row)
+
+    def begin() -> str:
+        act = origin.act(caller, "experiment")
+        return service.store.add_experiment(body.name, caller.name, body.settings, key, act).id
+
+    row = find_experiment(service, make_once(service.store, key, begin))
+    return JSONResponse(_head(row), 201, {"Location": f"/experiments/{row.id}"})
 
 
 @router.get("/experiments", summary="List experiments", responses=json_answer(200, ExperimentList, "Newest first."))
@@ -120,12 +118,7 @@ def find_experiment(service: Service, id: str) -> ExperimentRow:
     Raises:
         ProblemDetails: There is no such experiment.
     """
-    if id == "latest":
-        id = next((row.id for row in service.store.experiments(limit=1)[0]), id)
-    row = service.store.experiment(id)
-    if row is None:
-        raise ProblemDetails("not-found", f"no experiment {id!r}")
-    return row
+    return find("experiment", id, service.store.experiment, service.store.experiments)
 
 
 def _throws(service: Service, row: ExperimentRow) -> list[dict[str, Any]]:
@@ -137,10 +130,6 @@ def _throws(service: Service, row: ExperimentRow) -> list[dict[str, Any]]:
 
 def _head(row: ExperimentRow) -> dict[str, Any]:
     return {**vars(row), "created_at": iso_time(row.created_at)}
-
-
-def _created(row: ExperimentRow) -> JSONResponse:
-    return JSONResponse(_head(row), 201, {"Location": f"/experiments/{row.id}"})
 
 
 def _table(throws: Sequence[dict[str, Any]]) -> list[list[Any]]:

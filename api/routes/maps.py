@@ -67,10 +67,7 @@ async def make_cell_map(name: CellName, body: MapFields, service: ServiceDep, ca
     """
 
     def begin() -> tuple[MapRow, dict[str, Any]]:
-        service.cell(name)  # refuses an unknown cell, and one whose file is wrong
-        source = service.cells.source(name)
-        if source is None:
-            raise ProblemDetails("not-found", f"no cell {name!r}")
+        source, _ = service.cells.required(name)
         row = begin_map(service.store, source, _request(body), fling_version(), caller.name, "service")
         return row, map_head(_table(service, row))
 

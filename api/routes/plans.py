@@ -15,7 +15,18 @@ from fastapi import APIRouter, Body, Header, Query, Response
 from starlette.concurrency import run_in_threadpool
 
 from api import fling_version
-from api.dependencies import AnyCaller, Gone, IfNoneMatch, Key, Origin, PlanCaller, Service, ServiceDep, id_in_path
+from api.dependencies import (
+    AnyCaller,
+    Gone,
+    IfNoneMatch,
+    Key,
+    Origin,
+    PlanCaller,
+    Service,
+    ServiceDep,
+    find,
+    id_in_path,
+)
 from api.http import (
     ProblemDetails,
     StrictJsonRoute,
@@ -39,7 +50,7 @@ from api.schemas import (
 )
 from fling import tracing
 from jobs.planning import PlanningJob, PlanRecord
-from planner.cell import Cell, CellSource
+from planner.cell import Cell
 from planner.errors import CellError, PlannerError
 from store import IdempotencyKey, KeyTaken, PlanRow, new_id
 
@@ -157,12 +168,7 @@ def find_plan(service: Service, id: str, whole: bool = True) -> PlanRow:
     Raises:
         ProblemDetails: There is no such plan.
     """
-    if id == "latest":
-        id = next((row.id for row in service.store.plans(limit=1)[0]), id)
-    row = service.store.plan(id) if whole else service.store.plan_summary(id)
-    if row is None:
-        raise ProblemDetails("not-found", f"no plan {id!r}")
-    return row
+    return find("plan", id, service.store.plan if whole else service.store.plan_summary, service.store.plans)
 
 
 def cell_of_plan(service: Service, row: PlanRow) -> Cell:
@@ -243,8 +249,7 @@ def _note_attempts(span: tracing.TracedSpan, planned: PlanRecord) -> None:
 def _planning_job(body: Mapping[str, Any], service: Service, request_id: str, stored: bool = True) -> PlanningJob:
     """Returns the job for a worker."""
     name = body.get("cell") or service.settings.default_cell
-    service.cell(name)  # refuses an unknown cell, and one whose file is wrong
-    source = service.cells.source(name) or CellSource(name, b"")
+    source, _ = service.cells.required(name)
     request = {**body, "cell": name}
     if "current" in body.get("start", {}):
         request["start"] = {"positions": _current_positions(service, name)}
