@@ -1,4 +1,4 @@
-"""Executions: queue, list, read, abort, download the recording."""
+"""Executions: queue, list, read, watch, abort, download the recording."""
 
 from __future__ import annotations
 
@@ -6,12 +6,29 @@ from typing import Annotated, Any
 
 import orjson
 from fastapi import APIRouter, Body, Header, Response
-from fastapi.responses import JSONResponse
+from fastapi.responses import JSONResponse, StreamingResponse
+from starlette.concurrency import run_in_threadpool
 
 from api.dependencies import AnyCaller, Key, OperateCaller, Origin, Service, ServiceDep, find, id_in_path, make_once
-from api.http import ProblemDetails, StrictJsonRoute, json_answer, preferred_media_type, problem_answers
+from api.http import (
+    ProblemDetails,
+    StrictJsonRoute,
+    event_stream,
+    event_stream_answer,
+    json_answer,
+    preferred_media_type,
+    problem_answers,
+)
 from api.routes.plans import POST_PROBLEMS, PageCursor, PageLimit, find_plan
-from api.schemas import EXECUTE_EXAMPLES, ExecuteRequest, ExecutionAnswer, ExecutionList, iso_time
+from api.schemas import (
+    EXECUTE_EXAMPLES,
+    ExecuteRequest,
+    ExecutionAnswer,
+    ExecutionList,
+    StateEvent,
+    TelemetryEvent,
+    iso_time,
+)
 from fling import tracing
 from planner.errors import CellError
 from store import CellRow, ExecutionRow, PlanRow
@@ -25,6 +42,9 @@ RECORDING_ANSWER = {
     "content": {MCAP: {"schema": {"type": "string", "format": "binary"}}, "text/csv": {"schema": {"type": "string"}}},
     "description": "Planned and measured motion, one row per tick: MCAP, or CSV by `Accept`.",
 }
+EVENT_STREAM_ANSWER = event_stream_answer(
+    "State changes and telemetry; ends with the execution.", state=StateEvent, telemetry=TelemetryEvent
+)
 
 
 @router.post(
@@ -98,6 +118,23 @@ def read_recording(
     content, media, suffix = (recording.csv, "text/csv", "csv") if wants_csv else (recording.mcap, MCAP, "mcap")
     disposition = f'attachment; filename="fling-{row.id}.{suffix}"'
     return Response(content, 200, {"Content-Disposition": disposition, "Vary": "Accept"}, media)
+
+
+@router.get(
+    "/executions/{id}/events",
+    summary="Watch an execution",
+    response_class=StreamingResponse,
+    responses={200: EVENT_STREAM_ANSWER, **problem_answers("not-found", "invalid-request")},
+)
+async def watch_execution(
+    id: ExecutionId,
+    service: ServiceDep,
+    caller: AnyCaller,
+    last_event_id: Annotated[int, Header(ge=0, le=2**62, description="Resume after this event.")] = 0,
+) -> StreamingResponse:
+    """Streams state changes and telemetry (20 Hz or more) as server-sent events until the execution has ended."""
+    row = await run_in_threadpool(find_execution, service, id)
+    return event_stream(service.feeds.listen(row.id, last_event_id))
 
 
 @router.post(

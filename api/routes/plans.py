@@ -39,10 +39,12 @@ from api.http import (
 )
 from api.planning import ClientGone, PlanningEnded, PlanningQueueFull
 from api.report import plan_svg
+from api.scene import plan_curves
 from api.schemas import (
     PLAN_EXAMPLES,
     UUID_PATTERN,
     PlanAnswer,
+    PlanCurves,
     PlanList,
     PlanPreview,
     PlanRequestBody,
@@ -160,6 +162,18 @@ def draw_plan(id: PlanId, service: ServiceDep, caller: AnyCaller) -> Response:
     """Draws the motion and the flight of a plan, for the web page."""
     row = find_plan(service, id)
     return Response(plan_svg(orjson.loads(row.document), cell_of_plan(service, row)), media_type="image/svg+xml")
+
+
+@router.get(
+    "/plans/{id}/curves",
+    summary="Read a plan's curves",
+    responses=json_answer(200, PlanCurves, "At samples of the trajectory.", "not-found", "cell-changed"),
+)
+def read_plan_curves(id: PlanId, service: ServiceDep, caller: AnyCaller) -> Response:
+    """Reads joint motion, torque, speeds, clearances and singularity distances, each with its limits."""
+    row = find_plan(service, id)
+    document = plan_curves(orjson.loads(row.document), cell_of_plan(service, row))
+    return Response(orjson.dumps(document), media_type="application/json")
 
 
 def find_plan(service: Service, id: str, whole: bool = True) -> PlanRow:
