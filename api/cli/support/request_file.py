@@ -19,7 +19,7 @@ def read_document(file: Path) -> Any:
     text = sys.stdin.buffer.read() if str(file) == "-" else file.read_bytes()
     refuse_ambiguous(text)
     try:
-        return json.loads(text)
+        return json.loads(text.decode())
     except UnicodeDecodeError:
         raise invalid_field("file", "is not UTF-8") from None
     except json.JSONDecodeError as error:
