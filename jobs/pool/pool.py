@@ -90,6 +90,7 @@ class PlannerPool:
         self._warmed: set[int] = set()
         self._changed = threading.Condition()
         self._is_closed = False
+        self._has_ended = False
         self.workers = engine.count
         self._thread = threading.Thread(target=self._run, name="planner pool", daemon=True)
         self._thread.start()
@@ -113,9 +114,6 @@ class PlannerPool:
         self._engine.wake()
         self._thread.join()
         self._engine.close()
-        for task in (*self._in_hand.values(), *self._line):
-            if not task.future.cancel():
-                task.future.set_exception(PoolBroken("the pool was closed"))
 
     def submit(self, job: PlanningJob) -> Future[JobResult]:
         """Puts a job in line; returns what becomes its result.
@@ -126,6 +124,8 @@ class PlannerPool:
         task = _Task(job)
         self._line.append(task)
         self._engine.wake()
+        if self._has_ended:
+            self._abandon()
         return task.future
 
     def wait_until_warm(self) -> None:
@@ -135,7 +135,7 @@ class PlannerPool:
             PoolBroken: No worker can be started.
         """
         with self._changed:
-            self._changed.wait_for(lambda: self.is_warm or self._cannot_start)
+            self._changed.wait_for(lambda: self.is_warm or self._cannot_start or self._has_ended)
         if not self.is_warm:
             raise PoolBroken("no planner process can be started")
 
@@ -179,12 +179,24 @@ class PlannerPool:
         return self._start_failures >= START_FAILURES_MAX
 
     def _run(self) -> None:
-        while not self._is_closed:
-            self._raise_the_dead()
-            self._give_out()
-            for report in self._engine.reports(POLL_S):
-                self._handle(report)
-            self._end_overdue()
+        try:
+            while not self._is_closed:
+                self._raise_the_dead()
+                self._give_out()
+                for report in self._engine.reports(POLL_S):
+                    self._handle(report)
+                self._end_overdue()
+        finally:  # of an error, too: nobody waits for an answer then
+            self._has_ended = True
+            self._abandon()
+
+    def _abandon(self) -> None:
+        """Cancels what is in line, and fails what is in hand."""
+        for task in (*self._in_hand.values(), *self._line):
+            if not task.future.cancel() and not task.future.done():
+                task.future.set_exception(PoolBroken("the pool has ended"))
+        with self._changed:
+            self._changed.notify_all()
 
     def _raise_the_dead(self) -> None:
         """Starts workers in place of those that died; if none can be started, only once somebody asks for a plan."""
