@@ -108,7 +108,7 @@ class RayEngine:
 def _connect(address: str) -> Any:
     """Returns the library, connected to a cluster. Nothing is reported to anybody."""
     if address.startswith("ray://"):
-        raise PoolBroken(f"{address}: results cannot be streamed over ray://; run on a machine of the cluster")
+        raise PoolBroken(f"{address}: ray:// is not supported; run on a machine of the cluster")
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
     try:
         ray: Any = import_module("ray")

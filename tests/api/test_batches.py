@@ -210,4 +210,4 @@ def test_a_batch_whose_driver_always_dies_fails_with_a_reason(tmp_path: Path, ce
     batch = store.batch(id)
     store.close()
     assert batch.outcome == "failed"
-    assert "ray://nowhere:1: results cannot be streamed" in batch.reason
+    assert "ray://nowhere:1: ray:// is not supported" in batch.reason
