@@ -48,21 +48,15 @@ def batch_specification(
 def batch_document(row: BatchRow) -> dict[str, Any]:
     """Returns the JSON of a batch: `BatchAnswer`."""
     rate = row.rate_per_s
+    shown = ("id", "created_by", "state", "outcome", "reason", "total", "done")
+    times = ("created_at", "started_at", "finished_at")
     return {
-        "id": row.id,
-        "created_at": iso_time(row.created_at),
-        "created_by": row.created_by,
-        "state": row.state,
-        "outcome": row.outcome,
-        "reason": row.reason,
-        "total": row.total,
-        "done": row.done,
+        **{name: getattr(row, name) for name in shown},
+        **{name: iso_time(getattr(row, name)) for name in times},
         "counts": dict(row.counts),
         "rate_per_s": rate,
         "time_left_s": (row.total - row.done) / rate if rate else None,
         "cancel_requested": row.cancel_requested_at is not None,
-        "started_at": iso_time(row.started_at),
-        "finished_at": iso_time(row.finished_at),
     }
 
 

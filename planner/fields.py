@@ -163,6 +163,11 @@ class Field:
         return not self.is_required and self.default is None
 
 
+def required(shape: Shape, text: str) -> Field:
+    """Returns a field that must be there."""
+    return Field(shape, text, is_required=True)
+
+
 @dataclass(frozen=True)
 class Record:
     """A JSON object with known fields.
@@ -225,7 +230,7 @@ class Kinds:
     def record(self, kind: str) -> Record:
         """Returns the record of a kind, with its field `kind`."""
         record = self.records[kind]
-        which = Field(Choice((kind,)), "", is_required=True)
+        which = required(Choice((kind,)), "")
         return Record(record.name, record.text, {"kind": which, **record.fields}, record.rule)
 
 

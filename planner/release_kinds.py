@@ -14,7 +14,7 @@ import numpy as np
 
 from planner.arrays import Array, read_only
 from planner.errors import FieldError
-from planner.fields import Field, Number, Record, Vector
+from planner.fields import Field, Number, Record, Vector, required
 from planner.problem import JointRelease, Opening, PointRelease, PoseRelease, Release, TargetRelease
 from planner.rotations import (
     angle_between,
@@ -88,7 +88,7 @@ POSE = Record(
     "Pose",
     "Position and orientation of the tool centre point.",
     {
-        "position": Field(Vector(3), "Position [m].", is_required=True),
+        "position": required(Vector(3), "Position [m]."),
         "quaternion": Field(Vector(4), "Orientation as a unit quaternion [x, y, z, w] [-]."),
         "rotation_vector": Field(
             Vector(3), "Orientation as UR's rotation vector [rad]. Answers give both, which must agree."
@@ -100,53 +100,49 @@ TWIST = Record(
     "Twist",
     "Velocity of the tool centre point.",
     {
-        "linear": Field(Vector(3), "Linear velocity [m/s].", is_required=True),
-        "angular": Field(Vector(3), "Angular velocity [rad/s].", is_required=True),
+        "linear": required(Vector(3), "Linear velocity [m/s]."),
+        "angular": required(Vector(3), "Angular velocity [rad/s]."),
     },
 )
 OPENING = Record(
     "OpeningRequest",
     "Mouth of a round bin that is open upwards; the target is the centre of its bottom.",
     {
-        "radius_m": Field(
-            Number(above=0.0, most=OPENING_MAX_M),
-            "Inner radius of the bin [m]; above the object's radius.",
-            is_required=True,
+        "radius_m": required(
+            Number(above=0.0, most=OPENING_MAX_M), "Inner radius of the bin [m]; above the object's radius."
         ),
-        "rim_height_m": Field(Number(0.0, OPENING_MAX_M), "Height of the rim above the target [m].", is_required=True),
+        "rim_height_m": required(Number(0.0, OPENING_MAX_M), "Height of the rim above the target [m]."),
     },
 )
 POSE_RELEASE = Record(
     "PoseReleaseRequest",
     "Pass a tool pose with a twist.",
     {
-        "pose": Field(POSE, "Pose of the tool centre point at the release, in `frame`.", is_required=True),
-        "twist": Field(TWIST, "Twist of the tool centre point at the release, in `frame`.", is_required=True),
+        "pose": required(POSE, "Pose of the tool centre point at the release, in `frame`."),
+        "twist": required(TWIST, "Twist of the tool centre point at the release, in `frame`."),
     },
 )
 POINT_RELEASE = Record(
     "PointReleaseRequest",
     "Pass a point with a velocity; orientation and angular velocity are free.",
     {
-        "position": Field(
-            Vector(3), "Position of the tool centre point at the release, in `frame` [m].", is_required=True
-        ),
-        "velocity": Field(Vector(3), "Its velocity, in `frame` [m/s].", is_required=True),
+        "position": required(Vector(3), "Position of the tool centre point at the release, in `frame` [m]."),
+        "velocity": required(Vector(3), "Its velocity, in `frame` [m/s]."),
     },
 )
 JOINT_RELEASE = Record(
     "JointReleaseRequest",
     "Pass a joint state.",
     {
-        "positions": Field(Vector(6), "Joint positions at the release [rad].", is_required=True),
-        "velocities": Field(Vector(6), "Joint velocities at the release [rad/s].", is_required=True),
+        "positions": required(Vector(6), "Joint positions at the release [rad]."),
+        "velocities": required(Vector(6), "Joint velocities at the release [rad/s]."),
     },
 )
 TARGET_RELEASE = Record(
     "TargetReleaseRequest",
     "Hit a point by free flight; the planner chooses the release.",
     {
-        "position": Field(Vector(3), "The point to hit, in `frame` [m].", is_required=True),
+        "position": required(Vector(3), "The point to hit, in `frame` [m]."),
         "max_release_speed_m_s": Field(Number(SPEED_MIN_M_S), "Maximum speed of the object at the release [m/s]."),
         "min_elevation_rad": Field(
             Number(-pi / 2, pi / 2), "Minimum elevation of the release velocity above the horizon [rad]."

@@ -17,7 +17,7 @@ import numpy as np
 from planner.arrays import Array, read_only
 from planner.cell import Cell, Limits
 from planner.errors import FieldError, InvalidProblem, figures
-from planner.fields import Choice, Field, Kinds, Number, PerJoint, Record, Text, Vector, Yes
+from planner.fields import Choice, Field, Kinds, Number, PerJoint, Record, Text, Vector, Yes, required
 from planner.problem import (
     BACKENDS,
     TIME_LIMIT_MAX_S,
@@ -79,10 +79,9 @@ PLAN_REQUEST = Record(
     {
         "cell": Field(Text(CELL_NAME_MAX), "Name of the cell; absent: the service's default cell."),
         "start": Field(START, "Start of the launch; absent: the cell's home."),
-        "release": Field(
+        "release": required(
             Kinds({name: kind.record for name, kind in KINDS.items()}),
             "The state to pass or the point to hit: one of four kinds.",
-            is_required=True,
         ),
         "frame": Field(
             Choice(("world", "base")), "Frame of positions and velocities in this request.", default="world"

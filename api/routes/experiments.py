@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 from collections.abc import Sequence
 from typing import Annotated, Any
@@ -29,6 +28,7 @@ from api.schemas import (
     ExperimentRequest,
     iso_time,
 )
+from jobs.batches import NUMBER, PARQUET, TEXT, TEXTS, ParquetMissing, write_csv, write_parquet
 from store import ExperimentRow
 
 router = APIRouter(route_class=StrictJsonRoute, tags=["experiments"])
@@ -36,11 +36,12 @@ router = APIRouter(route_class=StrictJsonRoute, tags=["experiments"])
 ExperimentId = Annotated[str, id_in_path("experiment")]
 ExperimentBody = Annotated[ExperimentRequest, Body(openapi_examples=EXPERIMENT_EXAMPLES)]  # type: ignore[arg-type]
 AXES = ("x", "y", "z")
-COLUMNS = (
-    "execution_id", "plan_id", "state", "outcome", *(f"target_{axis}_m" for axis in AXES),
-    *(f"landing_{axis}_m" for axis in AXES), "error_m", "results",
-)  # fmt: skip
-PARQUET = "application/vnd.apache.parquet"
+COLUMNS = {
+    **dict.fromkeys(("execution_id", "plan_id", "state", "outcome"), TEXT),
+    **dict.fromkeys((f"{point}_{axis}_m" for point in ("target", "landing") for axis in AXES), NUMBER),
+    "error_m": NUMBER,
+    "results": TEXTS,
+}
 ANSWER = {
     "model": ExperimentAnswer,
     "content": {
@@ -97,10 +98,8 @@ def read_experiment(
     row = find_experiment(service, id)
     throws = _throws(service, row)
     headers = {"Vary": "Accept"}
-    if media == "text/csv":
-        return Response(_csv(throws), headers=headers, media_type=media)
-    if media == PARQUET:
-        return Response(_parquet(throws), headers=headers, media_type=media)
+    if media != "application/json":
+        return Response(_table(throws, media), headers=headers, media_type=media)
     document = {"throws": throws, "statistics": statistics_of(throws), "targets": statistics_by_target(throws)}
     return JSONResponse({**_head(row), **document}, headers=headers)
 
@@ -132,41 +131,23 @@ def _head(row: ExperimentRow) -> dict[str, Any]:
     return {**vars(row), "created_at": iso_time(row.created_at)}
 
 
-def _table(throws: Sequence[dict[str, Any]]) -> list[list[Any]]:
-    """Returns a row a throw, in the order of `COLUMNS`; None where something is not known."""
-    rows = []
-    for throw in throws:
-        places = [*(throw["target"] or [None] * 3), *(throw["landing"] or [None] * 3)]
-        head = [throw[name] for name in ("execution_id", "plan_id", "state", "outcome")]
-        rows.append([*head, *places, throw["error_m"], throw["results"]])
-    return rows
-
-
-def _csv(throws: Sequence[dict[str, Any]]) -> str:
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    for *cells, results in _table(throws):
-        writer.writerow([*cells, " ".join(results)])
-    return stream.getvalue()
-
-
-def _parquet(throws: Sequence[dict[str, Any]]) -> bytes:
-    """Returns the table as Parquet.
+def _table(throws: Sequence[dict[str, Any]], media: str) -> bytes:
+    """Returns a row a throw.
 
     Raises:
-        ProblemDetails: Its library is not installed.
+        ProblemDetails: The library for Parquet is not installed.
     """
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError:
-        raise invalid_field("accept", f"{PARQUET} needs pyarrow: pip install 'fling-robotics[parquet]'") from None
-    text = pyarrow.string()
-    number = pyarrow.float64()
-    types = [*[text] * 4, *[number] * 7, pyarrow.list_(text)]
-    columns = zip(*_table(throws), strict=True) if throws else [[]] * len(COLUMNS)
-    arrays = [pyarrow.array(list(column), kind) for column, kind in zip(columns, types, strict=True)]
     stream = io.BytesIO()
-    pyarrow.parquet.write_table(pyarrow.table(arrays, names=list(COLUMNS)), stream)
+    rows = [
+        {**throw, **_coordinates("target", throw["target"]), **_coordinates("landing", throw["landing"])}
+        for throw in throws
+    ]
+    try:
+        (write_parquet if media == PARQUET else write_csv)(COLUMNS, rows, stream)
+    except ParquetMissing as error:
+        raise invalid_field("accept", f"{media} {error}") from None
     return stream.getvalue()
+
+
+def _coordinates(point: str, position: Sequence[float] | None) -> dict[str, float | None]:
+    return {f"{point}_{axis}_m": None if position is None else position[i] for i, axis in enumerate(AXES)}

@@ -1,12 +1,26 @@
 """Batches: what one asks for, what its driver plans, and its results as a table."""
 
 from jobs.batches.specification import BATCH_MAX, BatchRequests, BatchSpecification, CellUse
-from jobs.batches.tables import PARQUET, Parameters, ParquetMissing, write_table, writes_to
+from jobs.batches.tables import (
+    NUMBER,
+    PARQUET,
+    TEXT,
+    TEXTS,
+    Parameters,
+    ParquetMissing,
+    write_csv,
+    write_parquet,
+    write_table,
+    writes_to,
+)
 from jobs.batches.task import BatchTask, wait_and_claim
 
 __all__ = [
     "BATCH_MAX",
+    "NUMBER",
     "PARQUET",
+    "TEXT",
+    "TEXTS",
     "BatchRequests",
     "BatchSpecification",
     "BatchTask",
@@ -14,6 +28,8 @@ __all__ = [
     "Parameters",
     "ParquetMissing",
     "wait_and_claim",
+    "write_csv",
+    "write_parquet",
     "write_table",
     "writes_to",
 ]

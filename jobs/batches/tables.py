@@ -18,6 +18,7 @@ ADVICE = "needs pyarrow: pip install 'fling-robotics[parquet]'"
 TEXT = "string"
 INTEGER = "int64"
 NUMBER = "float64"
+TEXTS = "list of string"  # with blanks between in CSV
 COLUMNS = {
     "number": INTEGER,
     "outcome": TEXT,
@@ -89,34 +90,49 @@ def write_table(path: Path, results: Iterable[tuple[BatchResultRow, Parameters]]
     columns = _columns(first[0][1] if first else {})
     rows = (row_of(*pair) for pair in chain(first, remaining))
     with path.open("wb") as stream:
-        WRITERS[path.suffix](columns, ({name: row[name] for name in columns} for row in rows), stream)
+        WRITERS[path.suffix](columns, rows, stream)
 
 
-def _write_csv(columns: Mapping[str, str], rows: Iterable[dict[str, Any]], stream: IO[bytes]) -> None:
+def write_csv(columns: Mapping[str, str], rows: Iterable[dict[str, Any]], stream: IO[bytes]) -> None:
+    """Writes a table as CSV with a header.
+
+    Args:
+        columns: types by name, in their order.
+        rows: values by name; None where something is not known.
+        stream: takes it.
+    """
     text = io.TextIOWrapper(stream, encoding="utf-8", newline="")
-    writer = csv.DictWriter(text, list(columns), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    for row in rows:
+        cells = [row[name] for name in columns]
+        writer.writerow([" ".join(cell) if isinstance(cell, list) else cell for cell in cells])
     text.flush()
     text.detach()
 
 
-def _write_json_lines(_columns: Mapping[str, str], rows: Iterable[dict[str, Any]], stream: IO[bytes]) -> None:
+def _write_json_lines(columns: Mapping[str, str], rows: Iterable[dict[str, Any]], stream: IO[bytes]) -> None:
     for row in rows:
-        stream.write(orjson.dumps(row) + b"\n")
+        stream.write(orjson.dumps({name: row[name] for name in columns}) + b"\n")
 
 
-def _write_parquet(columns: Mapping[str, str], rows: Iterable[dict[str, Any]], stream: IO[bytes]) -> None:
+def write_parquet(columns: Mapping[str, str], rows: Iterable[dict[str, Any]], stream: IO[bytes]) -> None:
+    """Writes a table as Parquet; see `write_csv`.
+
+    Raises:
+        ParquetMissing: The library for Parquet is not installed.
+    """
     try:
         import pyarrow
         import pyarrow.parquet
     except ImportError:
         raise ParquetMissing from None
-    schema = pyarrow.schema([(name, pyarrow.type_for_alias(kind)) for name, kind in columns.items()])
-    remaining = iter(rows)
+    types = {TEXTS: pyarrow.list_(pyarrow.string())}
+    schema = pyarrow.schema([(name, types.get(kind) or pyarrow.type_for_alias(kind)) for name, kind in columns.items()])
+    remaining = ({name: row[name] for name in columns} for row in rows)
     with pyarrow.parquet.ParquetWriter(stream, schema) as writer:
         while group := list(islice(remaining, ROW_GROUP)):
             writer.write_table(pyarrow.Table.from_pylist(group, schema))
 
 
-WRITERS = {".parquet": _write_parquet, ".csv": _write_csv, ".jsonl": _write_json_lines}
+WRITERS = {".parquet": write_parquet, ".csv": write_csv, ".jsonl": _write_json_lines}

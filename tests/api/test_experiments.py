@@ -123,7 +123,7 @@ def test_the_table_as_parquet(service: RunningService, experiment: str):
 def test_parquet_without_its_library_names_what_to_install(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(ProblemDetails, match=r"fling-robotics\[parquet\]"):
-        experiments._parquet([])
+        experiments._table([], experiments.PARQUET)
 
 
 def test_the_table_as_csv_and_the_picture(service: RunningService, experiment: str):
