@@ -80,11 +80,11 @@ def _unknown(location: Sequence[str | int], model: type[BaseModel] | None) -> st
 
 
 def _choice(context: Mapping[str, Any], value: Any) -> str:
-    """Returns the reason of a value that is none of a few."""
+    """Returns the reason of a value that is not one of a few."""
     offered = str(context["expected"]).replace(" or ", ", ").replace("'", "")
     similar = get_close_matches(str(value), offered.split(", "), n=1)
     meant = f"; did you mean {similar[0]!r}?" if similar else ""
-    return f"{shown(value)} is none of {offered}{meant}"
+    return f"{shown(value)} is not one of {offered}{meant}"
 
 
 def _length(context: Mapping[str, Any], value: Any) -> str:

@@ -13,8 +13,8 @@ import sys
 import threading
 
 from jobs import driver
-from jobs.batches import BatchTask, wait_and_claim
-from jobs.maps import MapTask, map_inputs
+from jobs.batches import DrivenBatch, wait_and_claim
+from jobs.maps import DrivenMap, map_inputs
 from jobs.pool import PoolBroken, end_with_starter
 from store import BatchDriven, BatchLost, Store, StoreError, default_database_url
 
@@ -28,8 +28,8 @@ def main() -> int:
         signal.signal(number, lambda *_: stop.set())
     try:
         store = Store.open(os.environ.get("FLING_DATABASE_URL") or default_database_url())
-        driver.run(_task(store, arguments), arguments.workers, arguments.ray, stop.is_set)
-    except (BatchDriven, BatchLost) as error:  # somebody else's
+        driver.run(_driven(store, arguments), arguments.workers, arguments.ray, stop.is_set)
+    except (BatchDriven, BatchLost) as error:  # another driver has it, or it is finished
         print(f"fling: {error}", file=sys.stderr)
         return 0
     except (StoreError, RuntimeError, LookupError, PoolBroken) as error:
@@ -39,19 +39,19 @@ def main() -> int:
     return 0
 
 
-def _task(store: Store, arguments: argparse.Namespace) -> driver.Task:
+def _driven(store: Store, arguments: argparse.Namespace) -> driver.Driven:
     """Returns what is to be driven.
 
     Raises:
         LookupError: there is no such map.
-        StoreError: there is no such batch, or somebody else drives it.
+        StoreError: there is no such batch, or another driver has it.
     """
     if arguments.kind == "batch":
-        return BatchTask(store, wait_and_claim(store, arguments.id, arguments.driver))
+        return DrivenBatch(store, wait_and_claim(store, arguments.id, arguments.driver))
     row = store.map(arguments.id)
     if row is None:
         raise LookupError("there is no such map")
-    return MapTask(store, row, map_inputs(store, row))
+    return DrivenMap(store, row, map_inputs(store, row))
 
 
 def _arguments() -> argparse.Namespace:

@@ -1,6 +1,6 @@
 """Driving a batch or a map: plans in a pool what has no answer yet, and stores each answer once.
 
-A driver may be killed at any time: whoever drives next begins with what is not stored.
+A driver may be killed at any time: the next one resumes with what is not stored.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ class PlanAll(Protocol):
         ...
 
 
-class Task(Protocol):
+class Driven(Protocol):
     """What is driven: a batch, or a map.
 
     Attributes:
         left: number of answers that are missing, or an upper bound of it.
         source: content of the files of a cell that it plans for; warms the workers up.
         save: stores answers with their plans.
-        is_cancelled: whether somebody had asked for its end before it was driven.
+        is_cancelled: whether it was cancelled before this driver took it.
     """
 
     left: int
@@ -52,51 +52,51 @@ class Task(Protocol):
         ...
 
     def end(self, is_cancelled: bool, is_complete: bool) -> None:
-        """Records that it is not driven any more: cancelled, complete, or stopped, so that somebody goes on."""
+        """Records that this driver has ended: cancelled, complete, or stopped, so that another one can resume."""
         ...
 
 
 def run(
-    task: Task,
+    driven: Driven,
     workers: int | None = None,
     ray_address: str | None = None,
     must_stop: MustStop = lambda: False,
     work: Work = PLANNING,
 ) -> None:
-    """Drives a task to its end with planner processes of its own.
+    """Drives a batch or map to its end with planner processes of its own.
 
     Args:
-        task: what to plan.
+        driven: what to plan.
         workers: number of planner processes; None: one a core.
         ray_address: address of a Ray cluster; None: processes of this machine.
-        must_stop: asked every second at least; true ends the planning, and the task can be taken up again.
+        must_stop: asked every second at least; true ends the planning, and the next driver resumes.
         work: what a planner process does.
 
     Raises:
         BatchLost: another driver has taken it over.
         PoolBroken: no planner process can be started.
     """
-    if task.left == 0 or task.is_cancelled:
-        drive(task, _plan_nothing, must_stop)
+    if driven.left == 0 or driven.is_cancelled:
+        drive(driven, _plan_nothing, must_stop)
         return
-    warm_up = warm_up_job(task.source) if task.left >= WARM_UP_FROM else None
+    warm_up = warm_up_job(driven.source) if driven.left >= WARM_UP_FROM else None
     own_work = replace(work, warm_up=warm_up, niceness=BATCH_NICENESS)
-    with open_pool(workers, ray_address, own_work, most=task.left) as pool:
-        drive(task, pool.plan_all, must_stop)
+    with open_pool(workers, ray_address, own_work, most=driven.left) as pool:
+        drive(driven, pool.plan_all, must_stop)
 
 
-def drive(task: Task, plan_all: PlanAll, must_stop: MustStop = lambda: False) -> None:
-    """Drives a task to its end.
+def drive(driven: Driven, plan_all: PlanAll, must_stop: MustStop = lambda: False) -> None:
+    """Drives a batch or map to its end.
 
     Args:
-        task: what to plan.
+        driven: what to plan.
         plan_all: plans jobs in any order.
-        must_stop: true ends the planning, and the task can be taken up again.
+        must_stop: true ends the planning, and the next driver resumes.
 
     Raises:
         BatchLost: another driver has taken it over.
     """
-    writer = ResultWriter(task.save, task.is_cancelled)
+    writer = ResultWriter(driven.save, driven.is_cancelled)
 
     def must_end() -> bool:
         return must_stop() or writer.must_stop
@@ -104,10 +104,10 @@ def drive(task: Task, plan_all: PlanAll, must_stop: MustStop = lambda: False) ->
     is_complete = False
     try:
         with writer:
-            is_complete = _plan_steps(task, plan_all, must_end, writer)
+            is_complete = _plan_steps(driven, plan_all, must_end, writer)
     finally:
         if writer.loss is None:
-            task.end(writer.is_cancelled, is_complete)
+            driven.end(writer.is_cancelled, is_complete)
     if writer.loss is not None:
         raise writer.loss
 
@@ -116,14 +116,14 @@ def _plan_nothing(jobs: Iterable[PlanningJob], must_stop: MustStop) -> Iterator[
     yield from ()
 
 
-def _plan_steps(task: Task, plan_all: PlanAll, must_end: MustStop, writer: ResultWriter) -> bool:
+def _plan_steps(driven: Driven, plan_all: PlanAll, must_end: MustStop, writer: ResultWriter) -> bool:
     """Plans step by step; returns whether all of them were planned."""
-    for jobs in task.steps(writer.put):
+    for jobs in driven.steps(writer.put):
         if must_end():
             return False
         with closing(plan_all(jobs, must_end)) as results:  # type: ignore[type-var]
             for result in results:
-                task.answer(result, writer.put)
+                driven.answer(result, writer.put)
         writer.flush()
         if must_end():
             return False

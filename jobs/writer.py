@@ -21,7 +21,7 @@ BEAT_S = 1.0  # [s] between two signs of life
 OUTAGE_POLL_S = 1.0  # [s] between two attempts while the database does not answer
 
 Put = Callable[[Any, PlanRow | None], None]  # a row of an answer, and its plan if that is new
-Save = Callable[[Sequence[Any], Sequence[PlanRow]], bool]  # stores both; returns whether somebody asks for the end
+Save = Callable[[Sequence[Any], Sequence[PlanRow]], bool]  # stores both; returns whether it was cancelled
 
 
 class ResultWriter:
@@ -29,11 +29,11 @@ class ResultWriter:
 
     Args:
         save: stores rows and plans in one transaction, none of them as a sign of life.
-        is_cancelled: whether somebody has asked for the end already.
+        is_cancelled: whether it was cancelled before.
 
     Attributes:
-        is_cancelled: Whether somebody has asked for the end.
-        loss: Why nothing more is written: a batch is another driver's, or gone; None while it is ours.
+        is_cancelled: Whether the batch or map was cancelled.
+        loss: Why nothing more is written: another driver has the batch, or it is gone; None while it is ours.
     """
 
     def __init__(self, save: Save, is_cancelled: bool) -> None:
@@ -91,7 +91,7 @@ class ResultWriter:
                 is_idle = True
             if isinstance(one, tuple):
                 group.append(one)
-            waits = not isinstance(one, tuple)  # nothing more comes soon, or somebody waits for what is there
+            waits = not isinstance(one, tuple)  # nothing more comes soon, or the driver waits for what is there
             is_due = bool(group) and (waits or len(group) >= GROUP or time.monotonic() > written_at + FLUSH_S)
             if is_due or time.monotonic() > written_at + BEAT_S:
                 self._write(group)

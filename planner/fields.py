@@ -108,7 +108,7 @@ class Choice:
             return value
         similar = get_close_matches(str(value), self.values, n=1)
         meant = f"; did you mean {similar[0]!r}?" if similar else ""
-        errors.append(FieldError(path, f"{shown(value)} is none of {', '.join(self.values)}{meant}"))
+        errors.append(FieldError(path, f"{shown(value)} is not one of {', '.join(self.values)}{meant}"))
         return None
 
 

@@ -30,7 +30,7 @@ RAY_HELP = "Plan in the Ray cluster at this address; FLING_RAY_ADDRESS."
 
 @click.command()
 @click.argument("file", required=False, type=click.Path(exists=True, dir_okay=False, allow_dash=True, path_type=Path))
-@click.option("--resume", metavar="ID", help="Go on with a batch that was stopped, or whose driver died; or latest.")
+@click.option("--resume", metavar="ID", help="Resume a batch that was stopped, or whose driver died; or latest.")
 @click.option("--cancel", metavar="ID", help="End a batch, or latest; its results so far stay.")
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help=OUT_HELP)
 @click.option("--workers", type=click.IntRange(min=1), help="Planner processes; FLING_BATCH_WORKERS, or one a core.")
@@ -56,7 +56,7 @@ def batch(
 
     {"requests": [...]} is a list of requests; {"template": {...}, "grid": {"release.position[0]": [from, to, step]}}
     all combinations of some values. Without --url it needs no service. Ctrl-C stops: what is planned is stored, and
-    --resume goes on. A batch whose requests are infeasible one and all is done nevertheless.
+    --resume continues. A batch is done even if every request is infeasible.
     """
     from api.settings import read_settings
     from jobs.batches import writes_to
@@ -133,26 +133,26 @@ def _queue(store: Store, settings: Any, body: BatchRequest) -> str:
 def _drive(store: Store, settings: Any, id: str, as_json: bool) -> BatchRow:
     """Plans a batch with a progress bar; Ctrl-C stops it, a second one at once."""
     from jobs import driver
-    from jobs.batches import BatchTask, wait_and_claim
+    from jobs.batches import DrivenBatch, wait_and_claim
     from jobs.pool import PoolBroken
 
     claimed = wait_and_claim(store, id, f"fling batch {os.getpid()}")
     if not as_json:
-        click.echo(f"batch {id}; whatever ends it, go on with: fling batch --resume {id}", err=True)
+        click.echo(f"batch {id}; to resume it: fling batch --resume {id}", err=True)
     with _ProgressBar(claimed.total, claimed.done, as_json) as advance:
         workers = settings.batch_workers or None  # 0 is of a service
-        task = BatchTask(store, claimed, lambda row: advance(row.done))
+        task = DrivenBatch(store, claimed, lambda row: advance(row.done))
         stop = threading.Event()
         before = signal.signal(signal.SIGINT, lambda *_: _stop(stop, id))
         try:
             driver.run(task, workers, settings.ray_address, stop.is_set)
         except PoolBroken as error:
-            raise click.ClickException(f"{error}; go on with: fling batch --resume {id}") from error
+            raise click.ClickException(f"{error}; resume with: fling batch --resume {id}") from error
         finally:
             signal.signal(signal.SIGINT, before)
     row = store.batch(id) or claimed
     if row.state != "finished":
-        click.echo(f"stopped with {row.done} of {row.total}; go on with: fling batch --resume {id}", err=True)
+        click.echo(f"stopped with {row.done} of {row.total}; resume with: fling batch --resume {id}", err=True)
         sys.exit(INTERRUPTED)
     return row
 
@@ -210,7 +210,7 @@ def _through_service(
             document = _watch(client, document, as_json)
         except KeyboardInterrupt:
             id = document["id"]
-            click.echo(f"\nthe service goes on; end it with: fling batch --cancel {id} --url {url}", err=True)
+            click.echo(f"\nthe service continues; end it with: fling batch --cancel {id} --url {url}", err=True)
             raise
         if out is not None:
             _write(out, _results_of_service(client, document["id"]))

@@ -83,23 +83,23 @@ class _MapCommand:
         """Makes the map. Returns its state in the end."""
         known = self.store.landing_cell_count(self.row.id)
         if known and self.row.state != "finished":
-            self._say(f"map {self.row.id} goes on: {known} landing cells are answered already")
+            self._say(f"map {self.row.id} resumes: {known} landing cells are answered already")
         try:
             state = self.row.state if self.row.state == "finished" else self._make(workers, ray_address)
         except KeyboardInterrupt:
             self.store.end_map(self.row.id, "cancelled")
             done = self.store.landing_cell_count(self.row.id)
-            self._say(f"interrupted: {done} landing cells are stored; the same command goes on with the map")
+            self._say(f"interrupted: {done} landing cells are stored; the same command resumes the map")
             sys.exit(INTERRUPTED)
         self._conclude(state)
         return state
 
     def _make(self, workers: int | None, ray_address: str | None) -> str:
         from jobs import driver
-        from jobs.maps import MapTask, map_inputs
+        from jobs.maps import DrivenMap, map_inputs
         from jobs.pool import PoolBroken
 
-        task = MapTask(self.store, self.row, map_inputs(self.store, self.row), self._report)
+        task = DrivenMap(self.store, self.row, map_inputs(self.store, self.row), self._report)
         try:
             driver.run(task, workers, ray_address)
         except PoolBroken as error:
@@ -214,7 +214,7 @@ def _words(table: MapTable, state: str, out: Sequence[Path]) -> list[str]:
     )
     lines = [
         f"map {table.row.id}, {state}: {yes} of {table.definition.count} landing cells planned and certified",
-        f"  refused: {proven} with proof, {missing} searched for in vain",
+        f"  refused: {proven} proven, {missing} not found",
     ]
     if unknown:
         lines.append(f"  {unknown} have no answer: their search was cut off; the same command tries them again")

@@ -20,7 +20,7 @@ from api.cli.support.terminal import say_step
 if TYPE_CHECKING:
     from api.cli.support.client import ServiceClient
 
-ODDS_HELP = "Least probability of a hit within --tolerance [-]; a later release where the soonest has less."
+ODDS_HELP = "Minimum hit probability within --tolerance [-]; the release may be later for it."
 BIN_HELP = "Throw into a round bin: its inner radius, and the height of its rim above X Y Z, the bottom's centre [m]."
 
 WITHOUT_FAULT = ("refused", "aborted", "held")  # outcomes after which the executor goes on; docs/executor.md

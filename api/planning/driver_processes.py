@@ -20,7 +20,7 @@ from store import Store, StoreError, new_id
 IDLE_POLL_S = 2.0  # [s] between two looks for what another instance of the service has queued, or left
 EXIT_POLL_S = 0.2  # [s] between two looks at whether the process has ended
 STOP_S = 10.0  # [s] after which a process that was asked to stop is killed
-BACKOFF_S = 0.5  # [s] times the number of failures before a driver is begun again
+BACKOFF_S = 0.5  # [s] times the number of failures, before a driver is started again
 FAILURES_MAX = 3  # drivers in a row that end without an answer: what they drive cannot be planned
 BEAT_S = 10.0  # [s] between two signs of life of the maps in line
 
@@ -42,7 +42,7 @@ class DriverCommand:
     ray_address: str | None
 
     async def run(self, *arguments: str, meanwhile: Callable[[], Awaitable[None]]) -> tuple[int, str]:
-        """Runs it to its end; a cancelled task asks it to stop, and sees to it.
+        """Runs it to its end; if the task is cancelled, stops it.
 
         Args:
             arguments: Of this run.
@@ -196,7 +196,7 @@ class MapDrivers(DriverProcesses):
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    """Asks a process to stop, and sees to it."""
+    """Stops a process; kills it if it does not stop in time."""
     if process.poll() is None:
         process.terminate()
         try:

@@ -63,7 +63,7 @@ EVENTS_ANSWER = event_stream_answer("Its progress whenever it changes; ends with
 async def make_batch(body: BatchBody, service: ServiceDep, caller: PlanCaller, key: Key, origin: Origin) -> Response:
     """Queues many planning requests; each is checked before. Their plans are stored like any other plan.
 
-    Requests that ask for the same are planned once. A batch survives the end of the service: it goes on when the
+    Requests that ask for the same are planned once. A batch survives the end of the service: it resumes when the
     service starts again.
     """
 

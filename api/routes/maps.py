@@ -58,12 +58,12 @@ MapAccept = Annotated[str | None, Header(description=", ".join(OFFERS))]
     "/cells/{name}/map",
     status_code=202,
     summary="Make a map",
-    responses=json_answer(202, MapHead, "Begun, or gone on with; read it at `Location`.", "not-found", *POST_PROBLEMS),
+    responses=json_answer(202, MapHead, "Begun, or resumed; read it at `Location`.", "not-found", *POST_PROBLEMS),
 )
 async def make_cell_map(name: CellName, body: MapFields, service: ServiceDep, caller: PlanCaller) -> JSONResponse:
     """Plans a throw to every landing cell of a plane or a volume, coarse points first; every yes has a stored plan.
 
-    The same request for an unchanged cell is the same map: one that was cancelled goes on, a finished one is answered.
+    The same request for an unchanged cell is the same map: a cancelled one resumes, a finished one is returned.
     """
 
     def begin() -> tuple[MapRow, dict[str, Any]]:
@@ -111,7 +111,7 @@ def read_cell_map(
     responses=json_answer(202, MapHead, "Its runner stops soon; what is planned stays.", "not-found", *POST_PROBLEMS),
 )
 def cancel_cell_map(name: CellName, service: ServiceDep, caller: PlanCaller, id: MapId = None) -> JSONResponse:
-    """Ends the work on a map; the same request to make it goes on with what is missing."""
+    """Ends the work on a map; the same request to make it resumes."""
     row, void = _find(service, name, id, None, None)
     service.store.request_map_cancel(row.id)
     now = service.store.map(row.id) or row

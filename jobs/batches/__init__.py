@@ -1,5 +1,6 @@
 """Batches: what one asks for, what its driver plans, and its results as a table."""
 
+from jobs.batches.driven import DrivenBatch, wait_and_claim
 from jobs.batches.specification import BATCH_MAX, BatchRequests, BatchSpecification, CellUse
 from jobs.batches.tables import (
     NUMBER,
@@ -13,7 +14,6 @@ from jobs.batches.tables import (
     write_table,
     writes_to,
 )
-from jobs.batches.task import BatchTask, wait_and_claim
 
 __all__ = [
     "BATCH_MAX",
@@ -23,7 +23,7 @@ __all__ = [
     "TEXTS",
     "BatchRequests",
     "BatchSpecification",
-    "BatchTask",
+    "DrivenBatch",
     "CellUse",
     "Parameters",
     "ParquetMissing",

@@ -156,7 +156,7 @@ def problem_sha256(request: Mapping[str, Any], cell_sha256: str, profile: str | 
 
 
 def plan_id(batch_id: str, sha256: str) -> str:
-    """Returns the id of the plan of a problem in a batch: the same one, whoever plans it, and however often."""
+    """Returns the id of the plan of a problem in a batch: always the same one."""
     return derived_id(batch_id, sha256)
 
 

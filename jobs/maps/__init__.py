@@ -2,13 +2,13 @@
 
 from jobs.maps.definition import RESOLUTION_M, MapDefinition, definition_from, landing_grid
 from jobs.maps.document import map_document, map_head
+from jobs.maps.driven import DrivenMap, MapInputs
 from jobs.maps.landing_cells import LandingState
 from jobs.maps.opening import MapRequest, begin_map, map_definition, map_inputs, why_void
 from jobs.maps.page import map_html
 from jobs.maps.picture import map_picture
 from jobs.maps.rounds import Step
 from jobs.maps.table import MapTable, map_table, void_because
-from jobs.maps.task import MapInputs, MapTask
 from jobs.maps.zarr_file import OutputUnavailable, write_zarr, zarr_zip
 
 __all__ = [
@@ -18,7 +18,7 @@ __all__ = [
     "MapInputs",
     "MapRequest",
     "MapTable",
-    "MapTask",
+    "DrivenMap",
     "OutputUnavailable",
     "Step",
     "begin_map",

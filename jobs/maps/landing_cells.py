@@ -16,7 +16,7 @@ class LandingState(IntEnum):
     UNKNOWN = 0
     YES = 1
     PROVEN = 2  # refused, and proven: no motion throws there
-    NOT_FOUND = 3  # refused: searched for in vain
+    NOT_FOUND = 3  # refused: no motion was found, without a proof
 
 
 def planned_row(map_id: str, number: int, round: int, planned: PlanRecord) -> LandingCellRow | None:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from jobs.maps.definition import DECIMALS, RESOLUTION_M, MapDefinition, definition_from, landing_grid
+from jobs.maps.driven import MapInputs
 from jobs.maps.table import void_because
-from jobs.maps.task import MapInputs
 from learning import cell_in_use
 from planner.cell import Cell, CellSource, cell_of
 from planner.errors import FieldError, InvalidProblem

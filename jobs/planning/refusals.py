@@ -13,7 +13,7 @@ def refusal_of(error: PlannerError) -> dict[str, Any]:
     """Returns the record of an error of the planner, in JSON types alone.
 
     Its `name` is that of the service's problem type: `infeasible`, `solver-failed` or `invalid-request`; `detail` is
-    the error in words. An infeasible request and one whose search was ended carry `violations` and `nearest`, an
+    the error in words. An infeasible request and one whose planning timed out carry `violations` and `nearest`, an
     invalid one `errors`. The log of the search is left out: it is many times larger than the rest.
     """
     record: dict[str, Any] = {"name": _name(error), "detail": str(error)}

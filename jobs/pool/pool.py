@@ -65,7 +65,7 @@ def open_pool(
 
 
 class PlannerPool:
-    """Warm workers that plan jobs, whoever asks, from any thread; a context manager.
+    """Warm workers that plan jobs for any thread; a context manager.
 
     A worker that dies is replaced, and its job is tried once more; one that exceeds its time limit is replaced too. The
     workers belong to a thread of the pool's own.
@@ -144,12 +144,12 @@ class PlannerPool:
     ) -> Iterator[JobResult]:
         """Yields the result of each job, in the order in which they are made.
 
-        Jobs are read as they are needed. Whoever stops reading stops the planning: what is in line is given up, and
-        what is in hand is lost.
+        Jobs are read as they are needed. If reading stops, the jobs in line are cancelled,
+        and the results of those in hand are dropped.
 
         Args:
             jobs: what to plan.
-            must_stop: asked every second at least; true ends the planning, as if nobody read on.
+            must_stop: asked every second at least; true ends the planning.
 
         Raises:
             PoolBroken: No worker can be started.
@@ -199,7 +199,7 @@ class PlannerPool:
             self._changed.notify_all()
 
     def _raise_the_dead(self) -> None:
-        """Starts workers in place of those that died; if none can be started, only once somebody asks for a plan."""
+        """Starts workers in place of those that died; if none can be started, only once there is a new job."""
         if self._cannot_start:
             if not self._line:
                 return

@@ -14,8 +14,8 @@ from jobs.planning import PlanningJob, PlanRecord, refusal_of, solve
 from planner.cell import CellSource
 from planner.errors import PlannerError, SolverFailed
 
-NICENESS = 5  # planning can wait for the stream to the arm, but not until its time limit (docs/decisions/0021)
-BATCH_NICENESS = 15  # a batch can wait for whoever plans one throw
+NICENESS = 5  # the stream to the arm comes first; more would starve planning until its time limit (docs/decisions/0021)
+BATCH_NICENESS = 15  # a batch gives way to single plans
 
 
 class PoolBroken(Exception):

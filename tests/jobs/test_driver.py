@@ -18,7 +18,7 @@ import orjson
 import pytest
 
 from jobs import driver
-from jobs.batches import BatchRequests, BatchSpecification, BatchTask, CellUse, wait_and_claim, write_table
+from jobs.batches import BatchRequests, BatchSpecification, CellUse, DrivenBatch, wait_and_claim, write_table
 from store import BatchLost, BatchRow, Store
 from tests.jobs.fake_planner import CELL, FAKE_PLANS
 
@@ -42,7 +42,7 @@ def queue(store: Store, requests: Sequence[dict[str, Any]]) -> str:
 
 
 def drive(store: Store, id: str, driver_id: str = "test", **options: Any) -> BatchRow:
-    task = BatchTask(store, wait_and_claim(store, id, driver_id), **options)
+    task = DrivenBatch(store, wait_and_claim(store, id, driver_id), **options)
     driver.run(task, 1, work=FAKE_PLANS)
     return store.batch(id)
 
@@ -78,7 +78,7 @@ def test_a_cancelled_batch_ends_soon(store: Store):
 def test_a_stopped_batch_is_taken_up_again(store: Store):
     id = queue(store, [{"value": number, "sleep_s": 0.005} for number in range(120)])
     stop = threading.Event()
-    task = BatchTask(store, wait_and_claim(store, id, "one"), lambda row: row.done > 10 and stop.set())
+    task = DrivenBatch(store, wait_and_claim(store, id, "one"), lambda row: row.done > 10 and stop.set())
     driver.run(task, 1, must_stop=stop.is_set, work=FAKE_PLANS)
     row = store.batch(id)
     assert row.state == "queued"
@@ -88,7 +88,7 @@ def test_a_stopped_batch_is_taken_up_again(store: Store):
 
 def test_a_driver_that_was_taken_for_dead_writes_nothing(store: Store):
     id = queue(store, [{"value": number, "sleep_s": 0.01} for number in range(1000)])
-    first = BatchTask(store, store.claim_batch(id, "one"))
+    first = DrivenBatch(store, store.claim_batch(id, "one"))
     thief = threading.Timer(2.0, lambda: store.release_batch(id, "one"))
     thief.start()
     with pytest.raises(BatchLost):
@@ -103,12 +103,12 @@ def test_a_driver_that_was_taken_for_dead_writes_nothing(store: Store):
 DRIVER = """
 import sys
 from jobs import driver
-from jobs.batches import BatchTask
+from jobs.batches import DrivenBatch
 from store import Store
 from tests.jobs.fake_planner import FAKE_PLANS
 if __name__ == "__main__":
     store = Store.open(sys.argv[1])
-    driver.run(BatchTask(store, store.claim_batch(sys.argv[2], "same")), 1, work=FAKE_PLANS)
+    driver.run(DrivenBatch(store, store.claim_batch(sys.argv[2], "same")), 1, work=FAKE_PLANS)
 """
 
 

@@ -11,9 +11,9 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from functools import partial
 
-from jobs.batches import BatchTask
+from jobs.batches import DrivenBatch
 from jobs.driver import drive
-from jobs.maps import MapTask, map_inputs
+from jobs.maps import DrivenMap, map_inputs
 from jobs.planning import PlanningJob
 from jobs.pool import JobResult
 from planner.errors import Infeasible, Violation
@@ -72,10 +72,10 @@ class QuickPlanner(QuickWorker):
     def _work(self) -> None:
         for row in self._store.unfinished_batches("service"):
             with suppress(BatchLost):  # it was cancelled meanwhile
-                task = BatchTask(self._store, self._store.claim_batch(row.id, "quick"))
+                task = DrivenBatch(self._store, self._store.claim_batch(row.id, "quick"))
                 drive(task, partial(refuse_all, partial(self._store.cancel_batch, row.id)))
         for row in self._store.running_maps("service"):
-            task = MapTask(self._store, row, map_inputs(self._store, row))
+            task = DrivenMap(self._store, row, map_inputs(self._store, row))
             drive(task, partial(refuse_all, partial(self._store.request_map_cancel, row.id)))
 
 

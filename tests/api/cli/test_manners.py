@@ -44,7 +44,7 @@ def test_a_mistyped_command_gets_a_suggestion(arguments: list[str], hint: str):
         (["frobnicate"], 64, "there is no command 'frobnicate'"),
         (["throw", "--repet", "3"], 64, "--repeat"),
         (["throw", "1", "2"], 64, "give X Y Z"),
-        (["throw", "1", "0", "0", "--load", "gravity"], 64, "--load 'gravity' is none of"),
+        (["throw", "1", "0", "0", "--load", "gravity"], 64, "--load 'gravity' is not one of"),
         (["up", "--port", "99999"], 64, "--port"),
         (["up", "--patience", "0"], 64, "--patience"),
         (["serve", "--planner-workers", "0"], 64, "--planner-workers"),

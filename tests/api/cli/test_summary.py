@@ -87,7 +87,7 @@ def test_a_refusal_says_each_constraint_once_and_what_to_try():
     assert text.splitlines() == [
         "The arm cannot do this:",
         "  tcp_speed: 5.134 m/s against a limit of 4 m/s; proven: no motion avoids it",
-        "  keep_out: -0.01 m against a limit of 0.02 m (forearm and box 0); not proven: others were sought in vain",
+        "  keep_out: -0.01 m against a limit of 0.02 m (forearm and box 0); not proven: no other motion was found",
         "  the nearest feasible target: 0.88938 0 -0.1",
     ]
     for window_s, as_request, said in (

@@ -8,7 +8,7 @@ import uuid
 import pytest
 
 from jobs import driver, writer
-from jobs.maps import LandingState, MapInputs, MapTask, Step, map_table
+from jobs.maps import DrivenMap, LandingState, MapInputs, Step, map_table
 from planner.cell import CellSource
 from store import Retention, Store
 from tests.jobs.maps.planners import Killed, begun, cut_off, cut_short, definition, plan_all
@@ -19,7 +19,7 @@ INPUTS = MapInputs(CellSource("c", b"text"))
 def made(store: Store, of, planner=None, times: int = 1):
     """Makes a map; `times` is how often it was killed before."""
     row = begun(store, of)
-    driver.drive(MapTask(store, row, INPUTS), planner or plan_all())
+    driver.drive(DrivenMap(store, row, INPUTS), planner or plan_all())
     return map_table(store.map(row.id), store.landing_cells(row.id))
 
 
@@ -66,7 +66,7 @@ def test_a_killed_map_that_goes_on_is_the_same_wherever_it_is_killed(tmp_path, c
         row = begun(store, of)
         while True:
             try:
-                driver.drive(MapTask(store, row, INPUTS), plan_all(seed=kills, kill_after=[kill_after]))
+                driver.drive(DrivenMap(store, row, INPUTS), plan_all(seed=kills, kill_after=[kill_after]))
                 break
             except Killed:
                 kills += 1
@@ -102,7 +102,7 @@ def test_a_map_is_cancelled_and_goes_on(store, calm, monkeypatch):
         if len(seen) == 20:
             store.request_map_cancel(row.id)
 
-    driver.drive(MapTask(store, row, INPUTS, report), plan_all())
+    driver.drive(DrivenMap(store, row, INPUTS, report), plan_all())
     assert store.map(row.id).state == "cancelled"
     assert 20 <= store.landing_cell_count(row.id) < 63
     assert made(store, definition()).sha256 == calm.sha256
@@ -121,6 +121,6 @@ def test_progress_counts_up_by_level_to_all(store):
     def report(step: Step, done: int, total: int) -> None:
         seen[step.round, step.level_m] = total
 
-    driver.drive(MapTask(store, row, INPUTS, report), plan_all())
+    driver.drive(DrivenMap(store, row, INPUTS, report), plan_all())
     assert list(seen)[:2] == [(0, 0.2), (0, 0.1)]
     assert sum(total for (round, _), total in seen.items() if round == 0) == 400

@@ -12,9 +12,9 @@ import pytest
 
 from jobs.driver import drive
 from jobs.maps import (
+    DrivenMap,
     LandingState,
     MapInputs,
-    MapTask,
     map_document,
     map_html,
     map_picture,
@@ -37,7 +37,7 @@ EMPTY = "Fling is drawn without it: make setup"
 def table(tmp_path_factory):
     store = Store.open(f"sqlite:///{tmp_path_factory.mktemp('map') / 'map.db'}")
     row = begun(store, OF)
-    drive(MapTask(store, row, INPUTS), plan_all())
+    drive(DrivenMap(store, row, INPUTS), plan_all())
     yield map_table(store.map(row.id), store.landing_cells(row.id))
     store.close()
 
@@ -47,7 +47,7 @@ def coarse(store):
     """A map of which only the first level is there."""
     row = begun(store, OF)
     with pytest.raises(Killed):
-        drive(MapTask(store, row, INPUTS), plan_all(kill_after=[len(OF.level(0))]))
+        drive(DrivenMap(store, row, INPUTS), plan_all(kill_after=[len(OF.level(0))]))
     return map_table(store.map(row.id), store.landing_cells(row.id))
 
 

@@ -1,4 +1,4 @@
-"""A map as what a driver plans: a batch with a grid of landing cells, step by step."""
+"""A map that is driven: a batch with a grid of landing cells, step by step."""
 
 from __future__ import annotations
 
@@ -33,12 +33,11 @@ class MapInputs:
     profile: tuple[str, bytes] | None = None
 
 
-class MapTask:
-    """A map to be driven; see `jobs.driver.Task`.
+class DrivenMap:
+    """A map to be driven; see `jobs.driver.Driven`.
 
-    Its state in the end is `cancelled` if somebody asked for it, or if the search of some landing cells did not come to
-    its end, because of its time limit or of a planner process that died: whoever drives it again goes on with what is
-    missing.
+    It ends `cancelled` on request, or if some landing cells have no answer because a time limit or a dead planner
+    process ended their search: the next driver resumes with those.
 
     Args:
         store: has the map, and takes its answers.
@@ -87,11 +86,11 @@ class MapTask:
             self._report(self._step, len(self._answers), len(self._step.numbers))
 
     def save(self, rows: Sequence[LandingCellRow], plans: Sequence[PlanRow]) -> bool:
-        """Stores answers, and says that the map is worked on; returns whether somebody asks to cancel it."""
+        """Stores answers, and says that the map is worked on; returns whether it was cancelled."""
         return self._store.add_landing_cells(self._row.id, rows, plans)
 
     def end(self, is_cancelled: bool, is_complete: bool) -> None:
-        """Records that the map is finished or cancelled; a stopped one stays `running`, so that somebody goes on."""
+        """Records that the map is finished or cancelled; a stopped one stays `running`, to be resumed."""
         if is_complete and not self._unanswered:
             self._store.end_map(self._row.id, "finished")
         elif is_complete or is_cancelled:

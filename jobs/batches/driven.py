@@ -1,4 +1,4 @@
-"""A batch as what a driver plans: its requests that have no result, each problem once."""
+"""A batch that is driven: its requests that have no result, each problem once."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CLAIM_S = 15.0  # [s] after which it must have been alive
 
 
 def wait_and_claim(store: Store, batch_id: str, driver_id: str, wait_s: float = CLAIM_S) -> BatchRow:
-    """Claims a batch; waits until its former driver is taken for dead.
+    """Claims a batch; waits until its former driver counts as dead.
 
     Raises:
         BatchDriven: Another driver has it, and is alive.
@@ -36,8 +36,8 @@ def wait_and_claim(store: Store, batch_id: str, driver_id: str, wait_s: float = 
         time.sleep(CLAIM_POLL_S)
 
 
-class BatchTask:
-    """A batch to be driven; see `jobs.driver.Task`.
+class DrivenBatch:
+    """A batch to be driven; see `jobs.driver.Driven`.
 
     Args:
         store: of the batch.
@@ -76,7 +76,7 @@ class BatchTask:
             put(replace(row, number=number), None)
 
     def save(self, rows: Sequence[BatchResultRow], plans: Sequence[PlanRow]) -> bool:
-        """Stores results; returns whether somebody has asked for the end of the batch."""
+        """Stores results; returns whether the batch was cancelled."""
         if rows:
             row = self._store.add_batch_results(self._row.id, self._driver_id, rows, plans)
         else:
