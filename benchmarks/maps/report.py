@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import fling
-from batch.maps import LandingState, MapRequest, map_picture
 from benchmarks.maps.runs import MapMeasurement, run_map
 from benchmarks.maps.truth import Certified, PlannedAgain, certify_again, plan_again, trajectories_sha256
 from benchmarks.results import machine, machine_words
+from jobs.maps import LandingState, MapRequest, map_picture
 from planner.cell import CellSource, cell_of
 
 KILLS = (0.02, 0.15, 0.4, 0.7, 0.95)  # [-] of the answers: in every level, and near the end
