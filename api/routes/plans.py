@@ -52,6 +52,7 @@ from api.schemas import (
 )
 from fling import tracing
 from jobs.planning import PlanningJob, PlanRecord
+from jobs.pool import PoolBroken
 from planner.cell import Cell
 from planner.errors import CellError, PlannerError
 from store import IdempotencyKey, KeyTaken, PlanRow, new_id
@@ -237,7 +238,7 @@ async def _solve(job: PlanningJob, asked: _Asked) -> PlanRecord:
     with tracing.traced("plan", fling__cell=job.cell.name, fling__plan_id=job.plan_id) as span:
         try:
             planned = await service.line.solve(job, asked.gone)
-        except (PlannerError, PlanningEnded, PlanningQueueFull) as error:
+        except (PlannerError, PlanningEnded, PlanningQueueFull, PoolBroken) as error:
             name = translate(error).name
             service.metrics.plans.labels(name).inc()
             span.set(fling__problem=name)
