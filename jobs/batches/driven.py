@@ -37,7 +37,7 @@ def wait_and_claim(store: Store, batch_id: str, driver_id: str, wait_s: float = 
 
 
 class DrivenBatch:
-    """A batch to be driven; see `jobs.driver.Driven`.
+    """A batch to be driven; see `jobs.driver.Drivable`.
 
     Args:
         store: of the batch.
