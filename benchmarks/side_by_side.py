@@ -107,12 +107,13 @@ class Comparison:
         answered = np.isfinite(self.released).sum(axis=0)
         ratios = self.ratios
         ms = 1e3 * np.quantile(self.taken, (0.5, 0.99), axis=0)
+        mean = 1e3 * self.taken.mean(axis=0)
         later = int((ratios > 1.0 + LATER).sum())
         sooner = int((ratios < 1.0 - LATER).sum())
         return (
             f"| {self.name} ({len(self.released)}) | {answered[0]} / {answered[1]} "
             f"| {100 * (ratios.mean() - 1):+.1f} % | {ratios.max():.2f} | {later} / {sooner} "
-            f"| {ms[0, 0]:.0f} / {ms[0, 1]:.0f} | {1e3 * self.taken[:, 0].mean():.0f} / {1e3 * self.taken[:, 1].mean():.0f} "
+            f"| {ms[0, 0]:.0f} / {ms[0, 1]:.0f} | {mean[0]:.0f} / {mean[1]:.0f} "
             f"| {ms[1, 0]:.0f} / {ms[1, 1]:.0f} |"
         )
 
