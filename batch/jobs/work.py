@@ -69,11 +69,11 @@ def initialise(warm_up: PlanningJob | None) -> None:
 
 
 def load(warm_up: PlanningJob | None) -> None:
-    """Prepares this process for planning, whoever started it: low priority, solvers built, everything loaded."""
-    from planner.backends.casadi_nlp import build_solvers
+    """Prepares this process for planning, whoever started it: low priority, everything loaded."""
+    from planner.backends import casadi_nlp
 
     os.nice(NICENESS)
-    build_solvers()  # compiled ones, or interpreted ones; never compiles
+    casadi_nlp.load()  # compiled functions, or interpreted ones; never compiles
     if warm_up is not None:
         with suppress(PlannerError):  # a refused warm-up has loaded everything up to there
             solve(warm_up)

@@ -143,7 +143,7 @@ def optimise_all(search: PlanningSearch, order: Sequence[Ranked], most: int | No
                     settled.add(each.aspect)
             except casadi_nlp.SeedFailed as error:
                 failure = f"; {error}"
-                if error.lacks_brake or (error.is_late and is_free):
+                if error.is_late and is_free:
                     settled.add(each.aspect)
                 elif not error.is_late:
                     failed.append(each)

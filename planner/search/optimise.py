@@ -36,7 +36,7 @@ def optimise(search: PlanningSearch, problem: ThrowProblem, own: Seed, end: int,
         SeedFailed: the optimiser came to no motion, or to none that is sooner than the incumbent.
     """
     options = SolveOptions(
-        replace(casadi_nlp.DEFAULT_MARGINS, held=search.held),
+        groups=search.held,
         deadline_s=search.deadline_s,
         latest_s=search.latest_useful_s,
     )
@@ -46,11 +46,11 @@ def optimise(search: PlanningSearch, problem: ThrowProblem, own: Seed, end: int,
         found = search.certify("casadi", solution)
         if found.is_valid:
             return True
-        wider = _wider(search.problem, options.margins, found.certificate.failures, solution)
+        wider = _wider(search.problem, options.margins, found.certificate.failures, solution.trajectory)
         if wider is None:
             return False
         seeds = (Seed(own.candidate, solution.trajectory), own)
-        options = replace(options, margins=wider)
+        options = replace(options, margins=wider, groups=options.groups | solution.held)
     return False
 
 
@@ -73,7 +73,7 @@ def _from_any(
             solution = casadi_nlp.solve(problem, seed, replace(options, iteration_budget=budget))
         except casadi_nlp.SeedFailed as error:
             search.iterations += error.iterations
-            search.held |= error.held
+            search.held |= error.groups
             if error.is_late or i == len(seeds) - 1:
                 raise
         else:
@@ -83,14 +83,13 @@ def _from_any(
 
 
 def _wider(
-    problem: ThrowProblem, margins: casadi_nlp.Margins, failures: Sequence[Check], solution: Solution
+    problem: ThrowProblem, margins: casadi_nlp.Margins, failures: Sequence[Check], made: Trajectory
 ) -> casadi_nlp.Margins | None:
     """Returns the margins after a solution's failed checks; None where another motion would fail them, too."""
     aims = isinstance(problem.release, TargetRelease)
-    made = solution.trajectory
     if not aims and all(check.name == "flight_clearance" and not casadi_nlp.meets_arm(check) for check in failures):
         return None  # the flight is given, and meets something but a link
-    return margins.widened(failures, solution, partial(_tool_speed, problem, made))
+    return margins.widened(failures, partial(_tool_speed, problem, made))
 
 
 def _tool_speed(problem: ThrowProblem, made: Trajectory, at_s: float) -> float:

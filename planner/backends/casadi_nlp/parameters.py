@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from functools import lru_cache
 
 import numpy as np
 
 from planner.backends.casadi_nlp import layout
-from planner.backends.casadi_nlp.layout import ARM, RELEASE, TOOL_CAPSULES, Vector
+from planner.backends.casadi_nlp.layout import ARM, TOOL_CAPSULES, Vector
 from planner.backends.casadi_nlp.margins import Margins
 from planner.cell import Cell, Limits
 from planner.geometry import SELF_CLEARANCE_M, arm_capsules, self_collision_pairs
 from planner.kinematics import forward, jacobian, link_poses
-from planner.problem import TargetRelease, ThrowProblem
 
 CELLS_KEPT = 32  # cells whose parameters are cached
-LARGEST_SLOPE_RAD = 1.57  # [rad] elevations beyond have no finite tangent; they are no limits
 UNBOUNDED = 1.0e3  # [m] coordinate of a missing keep-in face
 # Of the fit of a calibrated arm: position and velocity at the release come first; an error of the Jacobian counts as
 # where joints move by 0.3 rad, and lengths change by no more than helps.
@@ -222,12 +219,3 @@ def arm_parameters(cell: Cell, limits: Limits, margins: Margins) -> Vector:
     lower += margins.keep_in_m
     upper -= margins.keep_in_m
     return vector
-
-
-def release_parameters(problem: ThrowProblem, aim: Vector) -> Vector:
-    """Returns the `RELEASE` vector for an aim (3,) [m]."""
-    elevations = (-math.pi / 2, math.pi / 2)
-    if isinstance(problem.release, TargetRelease):
-        elevations = (problem.release.min_elevation_rad, problem.release.max_elevation_rad)
-    slopes = [math.tan(e) if abs(e) < LARGEST_SLOPE_RAD else 0.0 for e in elevations]
-    return RELEASE.pack({"target": aim, "gravity_z": problem.gravity_at_tool_speed, "tan_elevation": slopes})
