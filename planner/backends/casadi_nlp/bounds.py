@@ -24,13 +24,11 @@ from planner.backends.casadi_nlp.layout import (
 from planner.backends.casadi_nlp.release_rows import FALL_MIN, release_bounds
 from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, LEAVING_ROWS, RELEASE_ROWS
 from planner.backends.casadi_nlp.transcription import Indices, RowIndex
+from planner.backends.casadi_nlp.tuning import LONGEST_STEP, SHORTEST_STEP
 from planner.cell import Limits
 from planner.problem import ThrowProblem
 from planner.seeds import Candidate
 
-# [-] Of its initial length that a step may have: it may not collapse, and in a long one a motion dips under the floor.
-SHORTEST_STEP = 0.15
-LONGEST_STEP = 2.5
 WATCHED_S = 0.052  # [s] least duration of the watched stages before and after the release: 0.05 s are checked
 LEAVING_STEP = 1.3  # [-] times its share of that time, a stage may last in which the object is followed out of the grip
 TOUCHING = 1e-3  # [-] of a velocity limit: bounds that leave less room than this between them are an equality

@@ -29,6 +29,7 @@ from planner.backends.casadi_nlp.parameters import (
 from planner.backends.casadi_nlp.release_rows import aim_from, aims, release_parameters, window_stages
 from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, FORMULAS, LEAVING_ROWS
 from planner.backends.casadi_nlp.transcription import Transcription, transcription
+from planner.backends.casadi_nlp.tuning import BRAKE_STAGES, BRAKE_WEIGHT, JERK_WEIGHT, LAUNCH_STAGES, STEP_WEIGHT
 from planner.cell import Limits
 from planner.kinematics import SINGULARITIES, signed_singularity_distances
 from planner.problem import ThrowProblem
@@ -37,12 +38,6 @@ from planner.timing import CubicGuess, grid_limits
 
 Arguments = dict[str, Vector]
 
-# Stages of launch and brake. A jerk-optimal motion has few switches, and braking is not hurried: more stages gain
-# nothing.
-STAGES = 8, 3
-BRAKE_WEIGHT = 0.05  # [-] cost of a second of braking, relative to a second of launch
-JERK_WEIGHT = 1e-3  # [-] cost of the mean squared scaled jerk: decides for joints that have time to spare
-STEP_WEIGHT = 6e-2  # [-] cost of the mean squared relative change of a step: keeps steps from collapsing
 CLEARANCES = ("clearance", "keep_out")  # of `LAZY_GROUPS`: distances from the arm, the surroundings and boxes
 
 DECIMALS = 9  # of arguments in units of one: finer than what a solver heeds, coarser than floating point differs
@@ -57,11 +52,10 @@ def stage_layout(problem: ThrowProblem, margins: Margins) -> StageLayout:
     """
     groups = _applicable_groups(problem, margins)
     boxes = _box_slots(problem)
-    launch, brake = STAGES
     if problem.ends_at_rest:
-        return StageLayout(launch, 0, 0, groups, boxes)
+        return StageLayout(LAUNCH_STAGES, 0, 0, groups, boxes)
     window = window_stages(problem)
-    return StageLayout(launch + window, brake + window, window, groups, boxes, aims(problem))
+    return StageLayout(LAUNCH_STAGES + window, BRAKE_STAGES + window, window, groups, boxes, aims(problem))
 
 
 def _applicable_groups(problem: ThrowProblem, margins: Margins) -> tuple[str, ...]:

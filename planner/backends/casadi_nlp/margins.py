@@ -11,6 +11,15 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Protocol
 
+from planner.backends.casadi_nlp.tuning import (
+    FLIGHT_ROOM_M,
+    FOLLOWED_OPENING_RAD,
+    OPENING_RAD,
+    ROOM_M,
+    USABLE,
+    USABLE_WINDOW,
+)
+
 # What is missing between two rows is more at their own times, where they are widened; and the next motion is another.
 OVER = 1.5  # [-] times what is missing
 SPARE_M = 0.001  # [m], [rad] beyond that
@@ -18,8 +27,6 @@ SPARE_SHARE = 0.01  # [-] of a limit beyond what is missing
 MOST_M = 0.1  # [m], [rad] a wider distance is no remedy: the motion has to be another one
 LEAST_SHARE = 0.3  # [-] the same for a smaller share of a limit
 MOST_OPENING_RAD = 0.6  # [rad] missing angle beyond which a narrower opening is no remedy
-# [rad] by which the opening is narrower where the object's way out is followed: for releases and times without rows
-FOLLOWED_OPENING_RAD = 0.1
 DIAGONAL = math.sqrt(2.0)  # the optimiser bounds a landing error in x and y, the certificate its norm
 
 # What each check's rows keep: a share of a limit, or a distance from it.
@@ -31,12 +38,13 @@ DISTANCES = {
     "keep_out": "box_m",
     "joint_position": "position_rad",
 }
+POSITIONS = "positions"  # group of the joints' position limits: bounds of variables, and rows of block "motion"
 # The groups of rows that margins belong to.
 GROUPS = {
     "effort": ("torque", "tcp_speed"),
     "clearance": ("self_m", "floor_m", "keep_in_m"),
     "keep_out": ("box_m",),
-    "positions": ("position_rad",),
+    POSITIONS: ("position_rad",),
     "grip": ("grip",),
     "flight": ("flight_m", "mouth_m", "opening_rad"),
     "standing": ("standing_m",),
@@ -88,9 +96,9 @@ class Margins:
         grip: usable share of what the grip withstands [-].
         window: usable share of the landing tolerance in the release window, in x and in y [-].
         floor_m: added to the required clearance [m].
-        self_m: the same; negative, because the optimiser's distance is slightly smaller than the true one.
+        self_m: the same; none, because the optimiser's distance is slightly smaller than the true one.
         keep_in_m: the same.
-        box_m: the same; larger, because a hand can pass a corner between knot and midpoint.
+        box_m: the same.
         position_rad: distance from a joint's position limits [rad].
         singularity: multiple of the required distance [-].
         flight_m: room between the object's flight and the boxes that it passes.
@@ -101,21 +109,21 @@ class Margins:
         leaves: whether block "leaving" follows the object on its way out of the grip, in place of the row "out".
     """
 
-    torque: float = 0.98
-    tcp_speed: float = 0.985
-    grip: float = 0.98
-    window: float = 0.62
-    floor_m: float = 0.0005
-    self_m: float = -0.0005
-    keep_in_m: float = 0.0005
-    box_m: float = 0.003
+    torque: float = USABLE
+    tcp_speed: float = USABLE
+    grip: float = USABLE
+    window: float = USABLE_WINDOW
+    floor_m: float = ROOM_M
+    self_m: float = 0.0
+    keep_in_m: float = ROOM_M
+    box_m: float = ROOM_M
     position_rad: float = 0.001
-    singularity: float = 1.03
-    flight_m: float = 0.015
-    mouth_m: float = 0.002
-    passing_m: float = 0.002
-    standing_m: float = 0.002
-    opening_rad: float = 0.03
+    singularity: float = 1.0 / USABLE
+    flight_m: float = FLIGHT_ROOM_M
+    mouth_m: float = ROOM_M
+    passing_m: float = ROOM_M
+    standing_m: float = ROOM_M
+    opening_rad: float = OPENING_RAD
     leaves: bool = False
 
     def widened(self, failures: Iterable[FailedCheck], tool_speed: Callable[[float], float]) -> Margins | None:

@@ -13,11 +13,11 @@ import numpy as np
 
 from planner.backends.casadi_nlp.layout import RELEASE, Vector
 from planner.backends.casadi_nlp.symbols import RELEASE_ROWS
+from planner.backends.casadi_nlp.tuning import WINDOW_STAGES
 from planner.flight import fly
 from planner.geometry import tool_state
 from planner.problem import Opening, PointRelease, TargetRelease, ThrowProblem
 
-WINDOW_STAGES = 3  # [-] in half a release window, at most: more converge less often
 WINDOW_STAGE_S = 0.005  # [s] least duration of one of them, or a tick
 ROUNDING = 1e-9  # [-] of a number of stages
 THIN_RAD = 1e-3  # [rad] a narrower range of elevations is an equality: it has no interior to solve in

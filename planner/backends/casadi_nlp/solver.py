@@ -16,7 +16,9 @@ from planner.backends.casadi_nlp.fatrop import Options, compiled_launch, solve_b
 from planner.backends.casadi_nlp.functions import evaluate
 from planner.backends.casadi_nlp.instance import Arguments, Instance
 from planner.backends.casadi_nlp.layout import NU, NX, NZ, QD, TIME, Q, StageLayout, Vector
+from planner.backends.casadi_nlp.margins import POSITIONS
 from planner.backends.casadi_nlp.transcription import ALL_SHARED, Indices, transcription
+from planner.backends.casadi_nlp.tuning import MAX_ITERATIONS
 from planner.errors import SolverFailed
 
 # What falls below the LU tolerance is dropped where equalities are eliminated: 1e-2 drops what moves a landing by 2 to
@@ -25,13 +27,12 @@ FATROP: Options = {
     "print_level": 0,
     "tolerance": 1e-4,
     "mu_init": 1e-3,
-    "max_iter": 120,
+    "max_iter": MAX_ITERATIONS,
     "linsol_lu_fact_tol": 1e-3,
 }
 # [-, m, rad] A row left out is included when it is this far beyond its bound, and what fatrop gives up is a solution if
 # none is: ten times the tolerance.
 VIOLATED = 1e-3
-POSITIONS = "positions"  # group of the joints' position limits: bounds of variables, and rows of block "motion"
 
 
 class TooLate(SolverFailed):
