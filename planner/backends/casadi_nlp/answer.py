@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from planner.backends.casadi_nlp.instance import Instance
 from planner.backends.casadi_nlp.layout import QD, QDD, TIME, Q, Vector
 from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS
-from planner.backends.casadi_nlp.release_state import State, refined_release, refitted
-from planner.backends.casadi_nlp.solver import Solver
+from planner.backends.casadi_nlp.release_state import State, corrected, is_close, refined_release
+from planner.backends.casadi_nlp.solver import Solver, TooLate
 from planner.errors import SolverFailed
 from planner.flight import landing_points
 from planner.geometry import tool_state
@@ -24,9 +24,9 @@ from planner.trajectory import Trajectory, columns_at, join
 States = Callable[[Vector], tuple[Vector, Vector, Vector]]
 
 LEAST_TICKS = 4  # [ticks] of a phase: three are needed to reach an end state
-EXTRA_TICKS = (1, 2, 3)  # [ticks] given to launch and brake, in turn, until no limit is broken
+EXTRA_TICKS = (0, 1, 2, 3)  # [ticks] given to launch and brake, in turn, until no limit is broken
 LIMIT_ROUNDING = 1e-8  # [-] share of a limit that floating point may exceed
-CORRECTIONS = 3  # [-] further solutions at most for a calibrated arm; each leaves some hundredths of the error
+CORRECTIONS = 3  # [-] further solutions at most for drag and calibration; each leaves a tenth of the error or less
 WINDOW_ROUNDS = 3  # [-] further solutions at most that bring the landings of a window back into the tolerance
 OVERCORRECTION = 1.5  # [-] of a landing error beyond the tolerance between two knots: correction at the knots
 SAMPLES_PER_STAGE = 6  # [-] landings evaluated in each stage of the window, once the motion is on ticks
@@ -86,14 +86,34 @@ class KnotStates:
 def answer(instance: Instance, solver: Solver) -> Solution:
     """Returns the motion of least release time on ticks, with the landings of its release window in the tolerance.
 
-    Bringing jerks onto ticks moves the landings, and between the knots nothing holds them. While one is beyond the
-    tolerance, the instance is solved again with the landing errors at the knots beside it increased by as much.
+    With a window there are two initial guesses: the seed's and, where that leads nowhere, the throw without the window.
 
     Raises:
         TooLate: it would release after the solver's `latest_s`.
         SolverFailed: the solver gave up, or no tried number of ticks keeps the joint limits.
     """
-    instance, found = _solved(instance, solver)
+    try:
+        made = _within_window(*_solved(instance, solver), solver)
+    except TooLate:
+        raise
+    except SolverFailed:
+        if not instance.problem.is_robust:
+            raise
+        nominal, found = _solved(instance.without_window(), solver)
+        near = replace(instance.from_guess(found, 0.0), fitted_at=nominal.fitted_at, aim=nominal.aim)
+        made = _within_window(*_solved(near, solver), solver)
+    return Solution(made, f"solved in {solver.iterations} iterations", solver.iterations, solver.groups)
+
+
+def _within_window(instance: Instance, found: KnotStates, solver: Solver) -> Trajectory:
+    """Returns a solution's motion on ticks, with the landings of its release window in the tolerance.
+
+    Bringing jerks onto ticks moves the landings, and between the knots nothing holds them. While one is beyond the
+    tolerance, the instance is solved again with the landing errors at the knots beside it increased by as much.
+
+    Raises:
+        SolverFailed: no tried number of ticks keeps the joint limits.
+    """
     made = _on_ticks(instance, found, solver)
     excess = 0.0
     for _ in range(WINDOW_ROUNDS if instance.problem.is_robust else 0):
@@ -108,28 +128,29 @@ def answer(instance: Instance, solver: Solver) -> Solution:
         z = solver.try_solve(instance)
         if z is None:
             break
-        found = KnotStates(z, instance.stages.launch)
+        found = KnotStates(z, found.launch)
         made = _on_ticks(instance, found, solver)
-    return Solution(made, f"solved in {solver.iterations} iterations", solver.iterations, solver.groups)
+    return made
 
 
 def _solved(instance: Instance, solver: Solver) -> tuple[Instance, KnotStates]:
     """Returns the solution, and the instance that it solves.
 
-    A calibrated arm is fitted again at the release that was found, until that is the measured chain's but for what
-    `refined_release` corrects within the joint limits.
+    Drag and calibration are those of the candidate's release at first, then of the one that was found.
 
     Raises:
         SolverFailed: the solver gave up, or the budget is spent.
     """
     found = KnotStates(solver.solve(instance), instance.stages.launch)
     for _ in range(CORRECTIONS):
-        fitted = refitted(instance, found.release)
-        z = None if fitted is None else solver.try_solve(fitted.from_guess(found, instance.landing_offsets))
-        if fitted is None or z is None:
+        if is_close(instance, found.release):
             break
-        instance = fitted
-        found = KnotStates(z, instance.stages.launch)
+        further = corrected(instance, found.release).from_guess(found, instance.landing_offsets)
+        z = solver.try_solve(further)
+        if z is None:
+            break
+        instance = further
+        found = KnotStates(z, found.launch)
     return instance, found
 
 
@@ -151,16 +172,18 @@ def _on_ticks(instance: Instance, found: KnotStates, solver: Solver) -> Trajecto
 
 
 def _tried_ticks(instance: Instance, found: KnotStates, solver: Solver) -> Iterator[Trajectory]:
-    """Yields the motion on as few ticks as hold it, solved again for these durations, and on more."""
+    """Yields the motion on as few ticks as hold it and on more, each as it is and solved again for these durations."""
     dt = instance.problem.dt
     launch = least_ticks(found.release_time_s, dt)
     brake = least_ticks(found.duration_s - found.release_time_s, dt) + 1 if instance.stages.brake else 0
-    yield _sampled(instance, found, (launch, brake))
-    z = solver.try_solve(instance.on_times(found.z, launch * dt, brake * dt))
-    if z is not None:
-        yield _sampled(instance, KnotStates(z, found.launch), (launch, brake))
     for extra in EXTRA_TICKS:
-        yield _sampled(instance, found, (launch + extra, brake + extra))
+        ticks = (launch + extra, brake + extra * bool(brake))
+        yield _sampled(instance, found, ticks)
+        instance = corrected(instance, refined_release(instance, found.release))
+        z = solver.try_solve(instance.on_times(found.z, ticks[0] * dt, ticks[1] * dt))
+        if z is not None:
+            found = KnotStates(z, found.launch)
+            yield _sampled(instance, found, ticks)
 
 
 def _sampled(instance: Instance, found: KnotStates, ticks: tuple[int, int]) -> Trajectory:

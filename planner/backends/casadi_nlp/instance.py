@@ -82,7 +82,7 @@ class Instance:
 
     Attributes:
         problem: the problem.
-        candidate: the release state to start from; `joint` and `pose` releases are held to it.
+        seed: the release state to start from, which `joint` and `pose` releases are held to, and a motion through it.
         margins: on every limit.
         stages: the layout, with every group of rows that applies.
         limits: of the joints, less what the tick grid needs.
@@ -96,7 +96,7 @@ class Instance:
     """
 
     problem: ThrowProblem
-    candidate: Candidate
+    seed: Seed
     margins: Margins
     stages: StageLayout
     limits: Limits
@@ -116,12 +116,17 @@ class Instance:
         limits = grid_limits(problem.reachable, problem.dt)
         aim = aim_from(problem, candidate.q, candidate.qd)
         initial, steps = _variables_along(guess, stages, problem)
-        return Instance(problem, candidate, margins, stages, limits, aim, initial, steps)
+        return Instance(problem, seed, margins, stages, limits, aim, initial, steps)
 
     def from_guess(self, guess: InitialGuess, landing_offsets: Vector | float) -> Instance:
         """Returns the instance with another initial guess and other offsets of the landings."""
         initial, steps = _variables_along(guess, self.stages, self.problem)
         return replace(self, initial=initial, steps=steps, landing_offsets=landing_offsets)
+
+    def without_window(self) -> Instance:
+        """Returns the instance of the same throw without its release window."""
+        nominal = replace(self.problem, release_window_s=0.0, landing_tolerance_m=0.0)
+        return Instance.of(nominal, self.seed, self.margins)
 
     def with_reserve(self, guess: InitialGuess, reserve: float) -> Instance:
         """Returns the instance with another reserve for the tick grid, one of `planner.timing.RESERVES`, and guess."""
@@ -134,6 +139,11 @@ class Instance:
         initial[0, TIME] = -launch_s
         initial[-1, TIME] = brake_s
         return replace(self, initial=initial, steps=solution[:-1, STEP], fixed_times=(-launch_s, brake_s))
+
+    @property
+    def candidate(self) -> Candidate:
+        """The release state of the seed."""
+        return self.seed.candidate
 
     @property
     def first_groups(self) -> frozenset[str]:

@@ -22,24 +22,26 @@ from planner.problem import ThrowProblem
 
 ROUNDS = 12  # [-] Newton iterations on the state; of a calibrated arm each leaves a hundredth of the error or less
 DRAG_ROUNDS = 3  # [-] corrections of the aim for drag; each leaves a tenth of the error or less
-CLOSE = 3e-3  # [m, m/s] error of a calibrated arm's release that Newton's iteration alone corrects
+CLOSE = 3e-3  # [m, m/s] error of a release, by drag or calibration, that Newton's iteration alone corrects
 REFINED = 1e-9  # [m, m/s] residual at which it stops: a ten-thousandth of the certificate's tolerance
 MISSED = 0.05  # [m, m/s] a solution this far from its release has none
 
 State = tuple[Vector, Vector]  # q [rad] and qd [rad/s], each (6,)
 
 
-def refitted(instance: Instance, state: State) -> Instance | None:
-    """Returns the instance with its arm fitted, and aimed, at another release; None where that is close enough.
+def corrected(instance: Instance, state: State) -> Instance:
+    """Returns the instance aimed against the drag, and its arm fitted to a calibrated one, at another release."""
+    if instance.problem.fixes_joints:
+        return instance
+    return replace(instance, fitted_at=state, aim=aim_from(instance.problem, *state))
 
-    A cell whose arm is not calibrated needs no fit, and a release that is given has its fit.
-    """
-    problem = instance.problem
-    if problem.cell.robot.fixed is None or problem.fixes_joints:
-        return None
-    aim = aim_from(problem, *state)
-    residual, _ = _residual(instance, _stage(instance, state), aim)
-    return None if np.abs(residual).max() < CLOSE else replace(instance, fitted_at=state, aim=aim)
+
+def is_close(instance: Instance, state: State) -> bool:
+    """Returns whether a solution's release is hardly off, so that `refined_release` corrects it."""
+    if instance.problem.fixes_joints:
+        return True
+    residual, _ = _residual(instance, _stage(instance, state), aim_from(instance.problem, *state))
+    return bool(np.abs(residual).max() < CLOSE)
 
 
 def refined_release(instance: Instance, state: State) -> State:
