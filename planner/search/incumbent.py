@@ -67,7 +67,6 @@ class PlanningSearch:
         iterations: spent by the optimiser so far.
         lower_bound_s: no motion releases earlier [s], as far as is known.
         loading_s: spent on loading solvers [s]; the deadline is later by as much.
-        held: groups of rows with which a seed failed: further seeds start with them.
         was_cut_short: whether the deadline had passed at the end of the search, and the answer may not be the soonest.
     """
 
@@ -81,7 +80,6 @@ class PlanningSearch:
     iterations: int = 0
     lower_bound_s: float = 0.0
     loading_s: float = 0.0
-    held: frozenset[str] = frozenset()
     was_cut_short: bool = False
 
     @property

@@ -36,7 +36,6 @@ def optimise(search: PlanningSearch, problem: ThrowProblem, own: Seed, end: int,
         SeedFailed: the optimiser came to no motion, or to none that is sooner than the incumbent.
     """
     options = SolveOptions(
-        groups=search.held,
         deadline_s=search.deadline_s,
         latest_s=search.latest_useful_s,
     )
@@ -73,7 +72,6 @@ def _from_any(
             solution = casadi_nlp.solve(problem, seed, replace(options, iteration_budget=budget))
         except casadi_nlp.SeedFailed as error:
             search.iterations += error.iterations
-            search.held |= error.groups
             if error.is_late or i == len(seeds) - 1:
                 raise
         else:

@@ -37,7 +37,7 @@ class SolveOptions:
 
     Attributes:
         margins: on every limit; wider ones after a certificate's failed checks.
-        groups: rows that are included from the beginning, as those of a solve before; others as they are violated.
+        groups: rows that are included from the beginning, as those of a failed motion; others as they are violated.
         iteration_budget: no further solver call begins when the iterations of all calls reach it.
         deadline_s: on `time.perf_counter`; no further solver call begins after it. None for no deadline.
         latest_s: a motion that releases later than this is of no use; infinite for no such time.
@@ -55,13 +55,11 @@ class SeedFailed(SolverFailed):
 
     Attributes:
         is_late: whether a solution was found, or was to come, that releases too late.
-        groups: of rows that were included by then.
     """
 
-    def __init__(self, status: str, iterations: int, is_late: bool, groups: frozenset[str] = frozenset()) -> None:
+    def __init__(self, status: str, iterations: int, is_late: bool) -> None:
         super().__init__(status, iterations)
         self.is_late = is_late
-        self.groups = groups
 
 
 def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOptions()) -> Solution:
@@ -89,7 +87,7 @@ def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOption
     try:
         return answer(instance, solver)
     except SolverFailed as failure:
-        raise SeedFailed(failure.status, solver.iterations, isinstance(failure, TooLate), solver.groups) from None
+        raise SeedFailed(failure.status, solver.iterations, isinstance(failure, TooLate)) from None
 
 
 def warm(progress: Callable[[str, float], None] = lambda _what, _share: None) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -92,16 +92,17 @@ def answer(instance: Instance, solver: Solver) -> Solution:
         TooLate: it would release after the solver's `latest_s`.
         SolverFailed: the solver gave up, or no tried number of ticks keeps the joint limits.
     """
+    candidate = (instance.candidate.q, instance.candidate.qd)
     try:
-        made = _within_window(*_solved(instance, solver), solver)
+        made = _within_window(*_solved(instance, candidate, solver), solver)
     except TooLate:
         raise
     except SolverFailed:
         if not instance.problem.is_robust:
             raise
-        nominal, found = _solved(instance.without_window(), solver)
-        near = replace(instance.from_guess(found, 0.0), fitted_at=nominal.fitted_at, aim=nominal.aim)
-        made = _within_window(*_solved(near, solver), solver)
+        _, found = _solved(instance.without_window(), candidate, solver)
+        near = instance.from_guess(found, landing_offsets=0.0)
+        made = _within_window(*_solved(near, found.release, solver), solver)
     return Solution(made, f"solved in {solver.iterations} iterations", solver.iterations, solver.groups)
 
 
@@ -133,14 +134,15 @@ def _within_window(instance: Instance, found: KnotStates, solver: Solver) -> Tra
     return made
 
 
-def _solved(instance: Instance, solver: Solver) -> tuple[Instance, KnotStates]:
+def _solved(instance: Instance, release: State, solver: Solver) -> tuple[Instance, KnotStates]:
     """Returns the solution, and the instance that it solves.
 
-    Drag and calibration are those of the candidate's release at first, then of the one that was found.
+    Drag and calibration are those at the given release at first, then at the one that was found.
 
     Raises:
         SolverFailed: the solver gave up, or the budget is spent.
     """
+    instance = corrected(instance, release)
     found = KnotStates(solver.solve(instance), instance.stages.launch)
     for _ in range(CORRECTIONS):
         if is_close(instance, found.release):

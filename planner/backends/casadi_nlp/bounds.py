@@ -8,7 +8,6 @@ import numpy as np
 
 from planner.backends.casadi_nlp.layout import (
     JERK,
-    LAST,
     NX,
     NZ,
     OUT_STAGES,
@@ -30,7 +29,6 @@ from planner.problem import ThrowProblem
 from planner.seeds import Candidate
 
 WATCHED_S = 0.052  # [s] least duration of the watched stages before and after the release: 0.05 s are checked
-LEAVING_STEP = 1.3  # [-] times its share of that time, a stage may last in which the object is followed out of the grip
 TOUCHING = 1e-3  # [-] of a velocity limit: bounds that leave less room than this between them are an equality
 DRIFT_SHARE = 2.0  # [-] of tolerance over window, for the rate of change of the landing with the release time
 
@@ -146,27 +144,25 @@ class Bounds:
     def follow_object(self, leaving_s: float) -> None:
         """Frees what block "flight" says of the object's way out, where block "leaving" follows it.
 
-        A window has objects of its first and its last release alone, so that the directions in which the object begins
-        to leave within it still count. Its stages are short: what is followed counts at their ends. After the stages
-        that follow, the object is out; they are kept short, lest it leaves the opening between two rows.
+        The object is that of the nominal release: the directions in which it begins to leave within a window still
+        count. The window's stages are short: what is followed counts at their ends. After the stages that follow, the
+        object is out; they are kept short, lest it leaves the opening between two rows.
 
         Args:
-            leaving_s: about the time that the object takes [s].
+            leaving_s: the time after which the object is out [s].
         """
         last = self.launch + self.index.stages.window
         end = self.index.knots["leaving"].stop
         ways = LEAVING_ROWS.slices["ways"]
         is_out = LEAVING_ROWS.slices["is_out"]
-        for name in ("leaving", f"leaving{LAST}"):
-            for k in self.index.knots.get(name, ()):
-                rows = self.index.rows[name, k]
-                if k < last:
-                    self._free(rows[ways][:-1])
-                if k < end - 1:
-                    self._free(rows[is_out])
+        for k in self.index.knots["leaving"]:
+            rows = self.index.rows["leaving", k]
+            if k < last:
+                self._free(rows[ways][:-1])
+            if k < end - 1:
+                self._free(rows[is_out])
         followed = slice(last, end)
-        most = LEAVING_STEP * leaving_s / OUT_STAGES
-        self.x[1, followed, STEP] = np.maximum(most, self.x[0, followed, STEP])
+        self.x[1, followed, STEP] = np.maximum(leaving_s / OUT_STAGES, self.x[0, followed, STEP])
         for k in self.index.knots.get("flight", ()):
             self._free(self.index.rows["flight", k][FLIGHT_ROWS.slices["out"]])
 
@@ -201,13 +197,13 @@ class Bounds:
         self.x[:, 0, TIME] = start_s
         self.x[:, -1, TIME] = end_s
 
-    def set_release(self, problem: ThrowProblem, candidate: Candidate) -> None:
-        """Bounds the release as requested: the candidate's joint state where that is given, or rows."""
+    def set_release(self, problem: ThrowProblem, candidate: Candidate, offsets: Vector | float) -> None:
+        """Bounds the release as requested: the candidate's joint state where that is given, or rows, with `offsets`."""
         if problem.fixes_joints:
             self._fix_release_state(candidate.q, candidate.qd)
         else:
             asked = release_bounds(problem)
-            self.g[:, self.index.rows["release", self.launch]] = asked
+            self.g[:, self.index.rows["release", self.launch]] = asked + offsets
             if np.ptp(asked[:, RELEASE_ROWS.slices["velocity"]], axis=0).max() == 0.0:
                 self._free_release_tool_speed()
         if problem.ends_at_rest:

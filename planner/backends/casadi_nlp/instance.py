@@ -16,13 +16,11 @@ from planner.backends.casadi_nlp.margins import Margins
 from planner.backends.casadi_nlp.object_path import (
     leaving_time,
     path_parameters,
-    standing_parameters,
     thrown_state,
 )
 from planner.backends.casadi_nlp.parameters import (
     arm_parameters,
     box_parameters,
-    closest_arm,
     scale_parameters,
     variable_scales,
 )
@@ -63,7 +61,6 @@ def _applicable_groups(problem: ThrowProblem, margins: Margins) -> tuple[str, ..
         "keep_out": _box_slots(problem) > 0,
         "grip": problem.cell.gripper.hold_acceleration_m_s2 is not None and not problem.ends_at_rest,
         "flight": constrains_flight(problem),
-        "standing": aims(problem),
         "leaving": margins.leaves,
         "passing": not problem.ends_at_rest,
     }
@@ -91,8 +88,7 @@ class Instance:
         steps: lengths (N,) [s] that the solution's steps are kept close to.
         fixed_times: times of start and end [s], the release at 0, if they are fixed.
         landing_offsets: added to the landing error at each knot of the window (2 n + 1, 2) [m].
-        fitted_at: release state q, qd (6,) at which the formulas' arm is closest to a calibrated one; by default the
-            candidate.
+        release_offsets: by which the formulas' `RELEASE_ROWS` are to differ from what is asked, for a calibrated arm.
     """
 
     problem: ThrowProblem
@@ -105,7 +101,7 @@ class Instance:
     steps: Vector
     fixed_times: tuple[float, float] | None = None
     landing_offsets: Vector | float = 0.0
-    fitted_at: tuple[Vector, Vector] | None = None
+    release_offsets: Vector | float = 0.0
 
     @staticmethod
     def of(problem: ThrowProblem, seed: Seed, margins: Margins) -> Instance:
@@ -164,19 +160,18 @@ class Instance:
         """The parameter vectors of `layout.SHARED`."""
         return {
             "scales": scale_parameters(self.limits, float(self.steps.max())),
-            "arm": self._arm(),
+            "arm": arm_parameters(self.problem.cell, self.limits, self.margins),
             "release": release_parameters(self.problem, self.aim),
             "boxes": box_parameters(self.problem.cell_with_bin, self.margins.box_m),
             "flight": flight_parameters(self.problem, self.candidate, self.margins, self.aim),
             # Also where the initial guess is a failed motion: beside its own path fewer solves succeed.
-            **self.object_paths(self.candidate.q, self.candidate.qd),
-            "standing": standing_parameters(self.problem, self.margins.standing_m),
+            "object_path": self.object_path(self.candidate.q, self.candidate.qd),
         }
 
-    def object_paths(self, q: Vector, qd: Vector) -> dict[str, Vector]:
-        """Returns the `OBJECT_PATH` vectors of both objects, for joint states (6,) at the release."""
-        paths = path_parameters(self.problem, q, qd, self.margins.passing_m, len(self.stages.objects))
-        return {name: np.round(path, DECIMALS) for name, path in paths.items()}
+    def object_path(self, q: Vector, qd: Vector) -> Vector:
+        """Returns the `OBJECT_PATH` vector for joint states (6,) at the release."""
+        path = path_parameters(self.problem, q, qd, self.margins.passing_m, bool(self.stages.objects))
+        return np.round(path, DECIMALS)
 
     def with_object(self, z: Vector) -> Vector:
         """Returns a solver's variables: those of the arm (N + 1, NZ), scaled, and the object's, rounded."""
@@ -186,16 +181,6 @@ class Instance:
             thrown = np.concatenate(thrown_state(self.problem, release[Q], release[QD]))
             pieces.append(np.tile(np.round(thrown, DECIMALS), self.stages.stages + 1 - first))
         return np.concatenate(pieces)
-
-    def _arm(self) -> Vector:
-        """Returns the `ARM` vector; for a calibrated arm, of the closest arm that the formulas know."""
-        cell = self.problem.cell
-        vector = arm_parameters(cell, self.limits, self.margins)
-        if cell.robot.fixed is not None:
-            q, qd = self.fitted_at or (self.candidate.q, self.candidate.qd)
-            for name, values in closest_arm(cell, q, qd).items():
-                vector[layout.ARM.slices[name]] = values
-        return vector
 
     @cached_property
     def scales(self) -> Vector:
@@ -244,7 +229,7 @@ class Instance:
             distance = margins.singularity * self.limits.singularity_distance_min
             bounds.avoid_singularities(self._singularity_sides(), distance)
             bounds.watch_long_enough(problem.planned_window_s)
-        bounds.set_release(problem, self.candidate)
+        bounds.set_release(problem, self.candidate, self.release_offsets)
         if problem.is_robust:
             window_s = problem.release_window_s
             tolerance_m = problem.landing_tolerance_m
@@ -269,7 +254,7 @@ class Instance:
             axes = np.full(3, margins.grip)
             limits["grip"] = np.append(-axes, -inf), np.append(axes, margins.grip**2)
         counts = {"flight": FLIGHT_ROWS.size, "leaving": LEAVING_ROWS.size, "clearance": 3}
-        for group, count in (*counts.items(), ("keep_out", 1), ("standing", 1), ("passing", 1)):
+        for group, count in (*counts.items(), ("keep_out", 1), ("passing", 1)):
             if group in self.stages.groups:
                 limits[group] = np.zeros(count), np.full(count, inf)
         return limits

@@ -12,12 +12,9 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 from planner.backends.casadi_nlp.tuning import (
-    FLIGHT_ROOM_M,
-    FOLLOWED_OPENING_RAD,
     OPENING_RAD,
     ROOM_M,
     USABLE,
-    USABLE_WINDOW,
 )
 
 # What is missing between two rows is more at their own times, where they are widened; and the next motion is another.
@@ -47,14 +44,12 @@ GROUPS = {
     POSITIONS: ("position_rad",),
     "grip": ("grip",),
     "flight": ("flight_m", "mouth_m", "opening_rad"),
-    "standing": ("standing_m",),
     "leaving": ("leaves",),
     "passing": ("passing_m",),
 }
 # Checks that no rows bound: the power of limit over value by which the tool has to be slower at the worst time.
 SLOWED = {"stopping_time": 1.0, "stopping_distance": 0.5, "elbow_speed": 1.0, "momentum": 1.0, "power": 1.0}
 LINKS = {"shoulder", "upper_arm", "elbow", "forearm", "wrist_1", "wrist_2", "wrist_3"}  # of block "passing"
-STANDING = {"foot", "base"}  # of block "standing"
 
 
 class FailedCheck(Protocol):
@@ -104,7 +99,6 @@ class Margins:
         flight_m: room between the object's flight and the boxes that it passes.
         mouth_m: the same at the rim of a bin.
         passing_m: room between the object in flight and the braking arm.
-        standing_m: the same for what never moves of the arm.
         opening_rad: by which the gripper's opening cone is narrowed [rad].
         leaves: whether block "leaving" follows the object on its way out of the grip, in place of the row "out".
     """
@@ -112,17 +106,16 @@ class Margins:
     torque: float = USABLE
     tcp_speed: float = USABLE
     grip: float = USABLE
-    window: float = USABLE_WINDOW
+    window: float = USABLE / DIAGONAL
     floor_m: float = ROOM_M
     self_m: float = 0.0
     keep_in_m: float = ROOM_M
     box_m: float = ROOM_M
     position_rad: float = 0.001
     singularity: float = 1.0 / USABLE
-    flight_m: float = FLIGHT_ROOM_M
+    flight_m: float = ROOM_M
     mouth_m: float = ROOM_M
     passing_m: float = ROOM_M
-    standing_m: float = ROOM_M
     opening_rad: float = OPENING_RAD
     leaves: bool = False
 
@@ -155,8 +148,6 @@ class Margins:
         if check.name in DISTANCES:
             return self._with_more(missing, DISTANCES[check.name])
         if check.name == "flight_clearance":
-            if meets_base(check):
-                return self._with_more(missing, "standing_m")
             return self._with_more(missing, *(("passing_m",) if meets_arm(check) else ("flight_m", "mouth_m")))
         if check.name == "opening_direction":
             return self._with_way_out(missing)
@@ -179,8 +170,8 @@ class Margins:
     def _with_way_out(self, missing_rad: float) -> Margins | None:
         """Returns the margins that follow the object's way out; once they do, with a narrower opening."""
         if not self.leaves:
-            return replace(self, leaves=True, opening_rad=FOLLOWED_OPENING_RAD)
-        narrower = self.opening_rad + OVER * missing_rad + FOLLOWED_OPENING_RAD
+            return replace(self, leaves=True)
+        narrower = self.opening_rad + OVER * missing_rad + OPENING_RAD
         return replace(self, opening_rad=narrower) if missing_rad < MOST_OPENING_RAD else None
 
 
@@ -190,8 +181,3 @@ DEFAULT_MARGINS = Margins()
 def meets_arm(check: FailedCheck) -> bool:
     """Returns whether a failed check is of a flight that meets a link, which can brake another way."""
     return check.name == "flight_clearance" and check.detail in LINKS
-
-
-def meets_base(check: FailedCheck) -> bool:
-    """Returns whether a failed check is of a flight that meets what never moves of the arm."""
-    return check.name == "flight_clearance" and check.detail in STANDING

@@ -8,22 +8,21 @@ of the initial guess, or of the solution before.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
-from planner.backends.casadi_nlp.layout import OBJECT_PATH, PATH_TERMS, STANDING, Vector
+from planner.backends.casadi_nlp.layout import OBJECT_PATH, PATH_TERMS, Vector
+from planner.backends.casadi_nlp.tuning import LEAVING
 from planner.flight import fly, path, touchdown_s
-from planner.geometry import body_model, tool_state
+from planner.geometry import tool_state
 from planner.problem import ThrowProblem
 
 NODES = np.linspace(0.0, 1.0, PATH_TERMS)  # [-] of the flight's duration at which the polynomial is the path
-LEAVING = 1.6  # [-] times as long as in free fall an object takes out of the grip, as the tool falls, too
 SHORTEST_S = 1e-3  # [s] keeps a flight that ends at once from having no polynomial
 
 
 def leaving_time(problem: ThrowProblem) -> float:
-    """Returns about how long an object takes out of the grip [s]: longer than in free fall beside a tool at rest."""
+    """Returns how long an object may take out of the grip [s]: longer than in free fall beside a tool at rest."""
     return LEAVING * math.sqrt(2.0 * problem.cell.object.way_out_m / problem.gravity)
 
 
@@ -33,34 +32,18 @@ def thrown_state(problem: ThrowProblem, q: Vector, qd: Vector) -> tuple[Vector, 
     return tool.p_WT, problem.release_speed_factor * tool.v_WT
 
 
-def path_parameters(problem: ThrowProblem, q: Vector, qd: Vector, room_m: float, objects: int) -> dict[str, Vector]:
-    """Returns the `OBJECT_PATH` vectors of the parameters "object_path" and "last_path"; zeros for a move to rest.
+def path_parameters(problem: ThrowProblem, q: Vector, qd: Vector, room_m: float, carried: bool) -> Vector:
+    """Returns the `OBJECT_PATH` vector; zeros for a move to rest.
 
     Args:
         problem: the problem.
         q, qd: joint positions and velocities (6,) at the release.
         room_m: between object and arm.
-        objects: that have states: two are those of a window's first and of its last release.
+        carried: whether position and velocity of the object are variables, so that they are not part of the path.
     """
     if problem.ends_at_rest:
-        return dict.fromkeys(("object_path", "last_path"), np.zeros(OBJECT_PATH.size))
-    path = _path(problem, thrown_state(problem, q, qd), room_m, objects > 0)
-    ago_s = problem.release_window_s if objects > 1 else 0.0
-    return {
-        "object_path": OBJECT_PATH.pack({**path, "ago": ago_s}),
-        "last_path": OBJECT_PATH.pack({**path, "ago": -ago_s}),
-    }
-
-
-def _path(problem: ThrowProblem, thrown: tuple[Vector, Vector], room_m: float, carried: bool) -> dict[str, Any]:
-    """Returns the pieces of an `OBJECT_PATH` vector but for "ago".
-
-    Args:
-        problem, room_m: as of `path_parameters`.
-        thrown: position [m] and velocity [m/s] (3,) of the object at the release.
-        carried: whether these are variables, so that they are not part of the path.
-    """
-    (p, v) = thrown
+        return np.zeros(OBJECT_PATH.size)
+    p, v = thrown_state(problem, q, qd)
     radius = problem.cell.object.radius_m
     landing_s = touchdown_s(p, v, problem.plane_z, problem.landing_radius_m, problem.gravity, problem.drag)
     until_s = max(landing_s or 0.0, SHORTEST_S)
@@ -71,28 +54,15 @@ def _path(problem: ThrowProblem, thrown: tuple[Vector, Vector], room_m: float, c
     if carried:
         coefficients[0] -= p
         coefficients[1] -= v
-    return {
-        "path": coefficients,
-        "landing": until_s - (without_drag_s or 0.0),
-        "lands": float(without_drag_s is not None),
-        "ground": ground,
-        "gravity": problem.gravity,
-        "fall": problem.gravity + problem.drag * float(v @ v),
-        "reach": radius + room_m,
-        "share": problem.release_speed_factor,
-    }
-
-
-def standing_parameters(problem: ThrowProblem, room_m: float) -> Vector:
-    """Returns the `STANDING` vector, with `room_m` [m] between object and arm."""
-    first, last, radii = body_model(problem.cell).base_shapes
-    radius = problem.cell.object.radius_m
-    return STANDING.pack(
+    return OBJECT_PATH.pack(
         {
-            "capsules": np.column_stack([first, last, radii]),
-            "reach": radius + room_m,
-            "ground": problem.plane_z + problem.landing_radius_m,
+            "path": coefficients,
+            "landing": until_s - (without_drag_s or 0.0),
+            "lands": float(without_drag_s is not None),
+            "ground": ground,
             "gravity": problem.gravity,
+            "fall": problem.gravity + problem.drag * float(v @ v),
+            "reach": radius + room_m,
             "share": problem.release_speed_factor,
         }
     )

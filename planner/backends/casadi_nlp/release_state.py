@@ -1,7 +1,7 @@
 """The release state: made exactly what is asked, for a calibrated arm by its measured chain.
 
-The formulas' arm is close to a calibrated one around a release (`parameters.closest_arm`). What is left between the two
-is corrected by another fit, and at last by Newton's iteration on the state itself.
+The formulas' arm is the published one. By how much a calibrated one differs at a release is taken from what is asked of
+the formulas there, and what is left is corrected by Newton's iteration on the state itself.
 """
 
 from __future__ import annotations
@@ -30,10 +30,18 @@ State = tuple[Vector, Vector]  # q [rad] and qd [rad/s], each (6,)
 
 
 def corrected(instance: Instance, state: State) -> Instance:
-    """Returns the instance aimed against the drag, and its arm fitted to a calibrated one, at another release."""
-    if instance.problem.fixes_joints:
+    """Returns the instance whose release fulfils the request if its drag and calibration are those at another state."""
+    problem = instance.problem
+    if problem.fixes_joints:
         return instance
-    return replace(instance, fitted_at=state, aim=aim_from(instance.problem, *state))
+    aim = aim_from(problem, *state)
+    if problem.cell.robot.fixed is None:
+        return replace(instance, aim=aim)
+    rows, _ = _formula_rows(instance, _stage(instance, state), aim)
+    offsets = rows - _measured_rows(problem, rows, state, aim)
+    landing = offsets[RELEASE_ROWS.slices["landing"]].copy()
+    offsets[RELEASE_ROWS.slices["landing"]] = 0.0  # the aim is that of every release in a window
+    return replace(instance, aim=aim + np.append(landing, 0.0), release_offsets=offsets)
 
 
 def is_close(instance: Instance, state: State) -> bool:
@@ -98,10 +106,7 @@ def _residual(instance: Instance, z: Vector, aim: Vector) -> tuple[Vector, Vecto
         aim: landing point of the drag-free flight (3,) [m].
     """
     problem = instance.problem
-    given = {**instance.shared_parameters, "release": release_parameters(problem, aim)}
-    parameters = np.concatenate([given[piece] for piece in FORMULAS["release"].parameters])
-    rows, jacobian = evaluate(instance.transcription.blocks["release"].slope, z, parameters)
-    rows = rows.ravel()
+    rows, jacobian = _formula_rows(instance, z, aim)
     if problem.cell.robot.fixed is not None:
         rows = _measured_rows(problem, rows, _state(instance, z), aim)
     lower, upper = release_bounds(problem)
@@ -111,6 +116,14 @@ def _residual(instance: Instance, z: Vector, aim: Vector) -> tuple[Vector, Vecto
     if problem.ends_at_rest:
         return np.append(residual, z[QD]), np.concatenate([gradient, np.eye(12)[6:]])
     return residual, gradient
+
+
+def _formula_rows(instance: Instance, z: Vector, aim: Vector) -> tuple[Vector, Vector]:
+    """Returns `RELEASE_ROWS` of the published arm at z (NZ,) for an aim (3,) [m], and their Jacobian (m, NZ)."""
+    given = {**instance.shared_parameters, "release": release_parameters(instance.problem, aim)}
+    parameters = np.concatenate([given[piece] for piece in FORMULAS["release"].parameters])
+    rows, jacobian = evaluate(instance.transcription.blocks["release"].slope, z, parameters)
+    return rows.ravel(), jacobian
 
 
 def _measured_rows(problem: ThrowProblem, rows: Vector, state: State, aim: Vector) -> Vector:

@@ -145,8 +145,7 @@ def _with_path_of(instance: Instance, z: Vector) -> Vector:
     """Returns the parameters with the path of the object that a solution throws."""
     p = instance.arguments["p"].copy()
     release = z[instance.stages.launch] * instance.scales
-    for name, path in instance.object_paths(release[Q], release[QD]).items():
-        p[ALL_SHARED.slices[name]] = path
+    p[ALL_SHARED.slices["object_path"]] = instance.object_path(release[Q], release[QD])
     return p
 
 

@@ -22,10 +22,8 @@ STEP_WEIGHT = 6e-2  # [-] of the mean squared relative change of a step: keeps s
 # Margins, between what rows hold at knots and midpoints and what the certificate checks at all times. Smaller ones lead
 # to more solves, larger ones to later releases.
 USABLE = 0.98  # [-] share of a limit
-USABLE_WINDOW = 0.62  # [-] share of the landing tolerance in x and in y, of which the diagonal is 0.88
 ROOM_M = 0.002  # [m] between what moves and what it keeps off
-FLIGHT_ROOM_M = 0.015  # [m] beside a box: between the stages of a release window the flight moves by as much
 OPENING_RAD = 0.03  # [rad] within the gripper's opening
-FOLLOWED_OPENING_RAD = 0.1  # [rad] the same where the object's way out is followed: at releases and times without rows
 
+LEAVING = 2.0  # [-] times as long as in free fall an object may take out of the grip, as the tool falls, too
 MAX_ITERATIONS = 120  # [-] of one call of fatrop: what takes longer rarely comes to a solution

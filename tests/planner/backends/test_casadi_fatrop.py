@@ -48,7 +48,7 @@ def _instance(cell: Cell, window_s: float, margins: Margins = DEFAULT_MARGINS) -
     return Instance.of(problem, Seed(candidate, ruckig_otg.solve(problem, candidate).trajectory), margins)
 
 
-# With every group of rows; with release windows of several stages, and two objects; and beside a keep-out box.
+# With every group of rows; with a release window of several stages; with an object that is followed; beside a box.
 INSTANCES = {
     "open": (CELL, 0.0),
     "window": (CELL, 0.02),
