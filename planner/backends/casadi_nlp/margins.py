@@ -43,7 +43,7 @@ GROUPS = {
     "keep_out": ("box_m",),
     POSITIONS: ("position_rad",),
     "grip": ("grip",),
-    "flight": ("flight_m", "mouth_m", "opening_rad"),
+    "flight": ("flight_m", "mouth_m", "opening_rad", "leaves"),
     "leaving": ("leaves",),
     "passing": ("passing_m",),
 }
