@@ -30,6 +30,8 @@ FATROP: Options = {
     "max_iter": MAX_ITERATIONS,
     "linsol_lu_fact_tol": 1e-3,
 }
+# With its times fixed, a solution starts close to its optimum, and what takes longer stalls.
+FIXED_TIMES: Options = {"mu_init": 1e-4, "max_iter": MAX_ITERATIONS // 3}
 # [-, m, rad] A row left out is included when it is this far beyond its bound, and what fatrop gives up is a solution if
 # none is: ten times the tolerance.
 VIOLATED = 1e-3
@@ -44,7 +46,8 @@ class Solver:
     """The solver calls of one solve, with their common budget.
 
     Attributes:
-        iteration_budget: no further call begins when the iterations of all calls reach it.
+        iteration_budget: no further call begins when the iterations of all calls reach it, but for the short ones with
+            times that are fixed.
         deadline_s: on `time.perf_counter`; no further call begins after it. None for no deadline.
         groups: rows included so far: of `LAZY_GROUPS`, or `POSITIONS`.
         latest_s: a solution that releases later than this is of no use; infinite for no such time.
@@ -86,18 +89,20 @@ class Solver:
         What breaks no row where fatrop gives up is a solution, too, if not an optimal one: it often stalls along what
         hardly changes the cost.
         """
-        if self.iterations >= self.iteration_budget:
+        are_times_free = instance.fixed_times is None
+        if self.iterations >= self.iteration_budget and are_times_free:
             raise SolverFailed(f"out of iterations: {self.iterations} of {self.iteration_budget}", self.iterations)
         if self.deadline_s is not None and time.perf_counter() >= self.deadline_s:
             raise SolverFailed("out of time", self.iterations)
         part = instance.stages.with_groups(self.groups)
         reduced = self._reduced(instance, part, arguments)
-        latest = self.latest_s / float(instance.scales[TIME]) if instance.fixed_times is None else np.inf
+        latest = self.latest_s / float(instance.scales[TIME]) if are_times_free else np.inf
+        options = FATROP if are_times_free else FATROP | FIXED_TIMES
         launch = compiled_launch(part)
         if launch is None:
-            x, iterations, is_solved, is_late = solve_by_fatrop(part, reduced, FATROP, latest)
+            x, iterations, is_solved, is_late = solve_by_fatrop(part, reduced, options, latest)
         else:
-            x, iterations, is_solved, is_late = launch.solve(reduced, FATROP, latest)
+            x, iterations, is_solved, is_late = launch.solve(reduced, options, latest)
         self.iterations += iterations
         release = -x[TIME]
         if is_late or (is_solved and release > latest):

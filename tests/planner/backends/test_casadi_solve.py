@@ -128,7 +128,7 @@ def test_a_start_close_to_a_box_is_left_as_soon_as_without_the_box(cell: Cell, s
     problem = _problem(cell, TARGET, release_window_s=window_s, landing_tolerance_m=0.02 * (window_s > 0.0))
     beside = replace(problem, cell=_before_wall(cell, spare_m))
     (free, _, _), (made, _, _) = _solve(problem, seeds=1), _solve(beside, seeds=1)
-    assert made.release_time_s <= 1.02 * free.release_time_s
+    assert made.release_time_s <= free.release_time_s + 3 * problem.dt
 
 
 def test_rows_beside_a_given_state_ask_for_no_more_clearance_than_it_has(cell: Cell) -> None:
@@ -204,7 +204,7 @@ def test_a_spent_budget_ends_the_solve_and_is_reported(cell: Cell) -> None:
 def test_a_launch_takes_no_tick_more_than_its_solution(cell: Cell) -> None:
     """Those that end shortly before a tick are those in which a tick can be lost."""
     fractions = []
-    for x in np.linspace(0.9, 1.4, 21):
+    for x in np.linspace(0.9, 1.4, 41):
         problem = _problem(cell, TargetRelease(np.array([x, 0.3, 0.0])))
         candidate = candidates(problem)[0]
         seed = Seed(candidate, ruckig_otg.initial_guess(problem, candidate))
