@@ -270,8 +270,8 @@ class StageLayout:
             "leaving": range(self.launch, min(released + OUT_STAGES, self.stages)),
             "grip": range(1, released + 1),
             "grip_middle": range(released),
-            "passing": range(self.launch + 1, self.stages),
-            "passing_middle": range(self.launch, self.stages),
+            "passing": range(released + 1, self.stages),
+            "passing_middle": range(released, self.stages),
             "passing_at_rest": range(self.stages, self.stages + 1),
         }
         everywhere = range(self.stages) if block.endswith("_middle") else range(1, self.stages + 1)
