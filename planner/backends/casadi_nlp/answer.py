@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -147,7 +147,7 @@ def _solved(instance: Instance, release: State, solver: Solver) -> tuple[Instanc
     for _ in range(CORRECTIONS):
         if is_close(instance, found.release):
             break
-        further = corrected(instance, found.release).from_guess(found, instance.landing_offsets)
+        further = replace(corrected(instance, found.release), initial=found.z)
         z = solver.try_solve(further)
         if z is None:
             break
