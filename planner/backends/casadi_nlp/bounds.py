@@ -169,8 +169,7 @@ class Bounds:
     def watch_long_enough(self, window_s: float) -> None:
         """Lets the watched stages last, in sum, as long as the certificate watches; the window is part of that.
 
-        Where a singularity is in the way, they would shrink until hardly anything is watched. After the release they
-        last no more than about twice as long either: else the motion comes too close between their knots.
+        Where a singularity is in the way, they would shrink until hardly anything is watched.
 
         Args:
             window_s: half of the release window [s].
@@ -182,11 +181,7 @@ class Bounds:
         if first > 0:
             self.x[1, first, TIME] = -min(required, self._longest(first, self.launch))
         if last < self.index.stages.stages:
-            required = min(required, self._longest(self.launch, last))
-            most = 2.0 * required + self.x[0, self.launch : last, STEP].sum()
-            if "leaving" in self.index.stages.groups:
-                most = max(most, self.x[1, self.launch : last, STEP].sum())  # the object has to be out by then
-            self.x[:, last, TIME] = required, most
+            self.x[0, last, TIME] = min(required, self._longest(self.launch, last))
 
     def _longest(self, first: int, last: int) -> float:
         """Returns how long stages may be asked to last in sum [s]: nine tenths of what their steps may last."""

@@ -142,7 +142,6 @@ def watched(step: float, window: int = 0, window_s: float = 0.0) -> tuple[float,
     last = stages.knots("singularity")[-1]
     others = np.delete(np.arange(stages.stages + 1), [first, last])
     assert np.isinf(bounds.x[:, others, TIME]).all()
-    assert bounds.x[1, last, TIME] >= 2.0 * bounds.x[0, last, TIME]
     return float(bounds.x[1, first, TIME]), float(bounds.x[0, last, TIME])
 
 
