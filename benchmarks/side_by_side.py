@@ -89,7 +89,7 @@ class Checkout:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class SideBySide:
     """Release times and processor times (n, 2) [s] of a set: old, new."""
 
     name: str
@@ -118,7 +118,7 @@ class Comparison:
         )
 
 
-def compared(old: Checkout, new: Checkout, name: str, count: int, seed: int) -> Comparison:
+def compared(old: Checkout, new: Checkout, name: str, count: int, seed: int) -> SideBySide:
     """Asks both for every problem of a set, in turn."""
     released = np.empty((count, 2))
     taken = np.empty((count, 2))
@@ -128,7 +128,7 @@ def compared(old: Checkout, new: Checkout, name: str, count: int, seed: int) -> 
         order = ((0, old), (1, new)) if i % 2 == 0 else ((1, new), (0, old))
         for column, each in order:
             released[i, column], taken[i, column] = each.plan(name, count, seed, i)
-    return Comparison(name, released, taken)
+    return SideBySide(name, released, taken)
 
 
 @click.command()

@@ -94,7 +94,7 @@ def narrower_opening(problem, motion):
 
 
 def wall_before_the_target(problem, motion):
-    return among(problem, keep_out=(Box(np.array([0.9, -0.4, 0.0]), np.array([1.0, 0.8, 0.6])),))
+    return among(problem, keep_out=(Box(np.array([0.9, -0.4, 0.0]), np.array([1.0, 0.8, 0.65])),))
 
 
 def as_it_is(problem, motion):

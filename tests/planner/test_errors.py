@@ -32,7 +32,7 @@ EXAMPLES = [
     Infeasible([]),
     NoCandidates([Violation("keep_out", -0.01, 0.02, "m")], "48 release states: none clear of everything"),
     SolverFailed("iteration limit", 80, [{"backend": "casadi", "result": "iteration limit", "duration_s": 0.4}]),
-    SeedFailed("fatrop: gave up in 71 iterations", 71, frozenset({"flight"}), is_late=True),
+    SeedFailed("fatrop: gave up in 71 iterations", 71, is_late=True),
     BackendUnavailable("toppra", "toppra"),
 ]
 

@@ -90,7 +90,7 @@ def test_auto_optimises_only_where_the_slowest_joint_alone_is_sooner():
         answer = plan(pose_problem(here, problem.release.q, problem.release.qd))
         if len(answer.attempts) == 1:
             at_bound += 1
-            assert answer.backend == "ruckig" and "none can be sooner" in answer.attempts[0].result
+            assert answer.backend == "ruckig"
             bound = state_bound(answer.problem, *_released(answer.trajectory))
             assert answer.trajectory.release_time_s <= bound + 1.5 * answer.problem.dt
         else:
