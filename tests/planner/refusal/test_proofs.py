@@ -21,8 +21,8 @@ from planner.problem import (
 )
 from planner.request import problem_from_request
 from planner.search import POLICY, PlanningSearch, Ranking, nearest, nearest_problem, search_optimised
-from planner.search.blocked_postures import blocked_postures
-from planner.search.proofs import (
+from planner.refusal.blocked_postures import blocked_postures
+from planner.refusal.proofs import (
     farthest_from_shoulder,
     fastest_tool,
     least_speed_within_reach,

@@ -12,7 +12,7 @@ from planner.certificate import certify
 from planner.flight import fly
 from planner.planning import plan
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
-from planner.search.released_flight import released_flight_blocked
+from planner.refusal.released_flight import released_flight_blocked
 from tests.planner.problems import cell, feasible_states, pose_problem
 
 WALL = Box(np.array([0.8, -0.6, 0.0]), np.array([0.85, 0.6, 0.7]))

@@ -15,9 +15,9 @@ from planner.errors import Infeasible, Violation
 from planner.flight import least_speed
 from planner.geometry import body_model, segment_box_distance, tool_state
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
-from planner.search.blocked_postures import blocked_postures
-from planner.search.released_flight import released_flight_blocked
-from planner.search.throw_range import SLACK, farthest_reach_from_shoulder, out_of_range, shoulder_position
+from planner.refusal.blocked_postures import blocked_postures
+from planner.refusal.released_flight import released_flight_blocked
+from planner.refusal.throw_range import SLACK, farthest_reach_from_shoulder, out_of_range, shoulder_position
 
 RIM_POINTS = 2048  # [-] places on the rim of the arm's reach from which a target is aimed at
 RANGE_STEP_M = 0.01  # [m] to which the farthest distance of a target is found
