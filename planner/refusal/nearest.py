@@ -22,8 +22,8 @@ from planner.request import release_document
 from planner.search import PlanningSearch, find_way_home, search_candidates
 from planner.seeds import candidates
 
-BISECTIONS = 6  # [-] of the share of a release, which is found to 1/64
-WINDOW_BISECTIONS = 4  # [-] of the release window
+BISECTIONS = 5  # [-] of a share, which is found to 1/32
+OPTIMISED = 2  # [-] candidates of one search that the optimiser starts from: most answers come from the first
 SEARCHES_MAX = 24  # [-] as many as three easy ends, a release and two windows take
 LATE_SEARCHES_MAX = 8  # [-] after the request's deadline: an easy end and a release
 WINDOW_STEP_S = 1e-4  # [s] windows are whole steps of it: no gripper is timed more finely
@@ -75,7 +75,7 @@ class _Answers:
             return False
         self.searches += 1
         search = PlanningSearch(problem, deadline_s=math.inf, is_for_any=True)
-        search_candidates(search, found)
+        search_candidates(search, found, OPTIMISED)
         self.refused.extend_deadline(search.loading_s)
         return search.best is not None and find_way_home(problem, search.best)[0] is not None
 
@@ -88,20 +88,20 @@ def _closest(problem: ThrowProblem, answers: _Answers) -> ThrowProblem | None:
             continue
         whole = relaxed(1.0)
         is_request = release_document(whole.release) == release_document(problem.release)
-        return whole if not is_request and answers.has(whole) else _largest(relaxed, BISECTIONS, answers)
+        return whole if not is_request and answers.has(whole) else _largest(relaxed, answers)
     return None
 
 
 def _with_largest_window(nominal: ThrowProblem, window_s: float, answers: _Answers) -> ThrowProblem:
     """Returns a problem that has an answer without a release window, with as much of the window as has one."""
-    return _largest(partial(_with_window, nominal, window_s), WINDOW_BISECTIONS, answers)
+    return _largest(partial(_with_window, nominal, window_s), answers)
 
 
-def _largest(asked: Callable[[float], ThrowProblem], bisections: int, answers: _Answers) -> ThrowProblem:
+def _largest(asked: Callable[[float], ThrowProblem], answers: _Answers) -> ThrowProblem:
     """Returns the problem with the largest share that has an answer, found by bisection: 0 has one, 1 has none."""
     answered = 0.0
     refused = 1.0
-    for _ in range(bisections):
+    for _ in range(BISECTIONS):
         share = (answered + refused) / 2.0
         if answers.has(asked(share)):
             answered = share

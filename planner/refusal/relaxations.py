@@ -92,7 +92,8 @@ def _of_target(problem: ThrowProblem, release: TargetRelease) -> Iterator[Relaxa
 def _aside(problem: ThrowProblem, p_W: Array) -> Iterator[Array]:
     """Yields places (3,) past the boxes that may be in a target's way: on top of, below, beside and behind them."""
     boxes = problem.cell.surroundings.keep_out
-    yield from (np.array([*p_W[:2], box.upper[2]]) for box in boxes if box.depth(p_W) >= 0.0)
+    tops = [box.upper[2] for box in boxes if box.depth(p_W) >= 0.0]
+    yield from (np.array([*p_W[:2], top]) for top in tops if top - p_W[2] <= ASIDE_M)
     if not boxes:
         return
     lowest = max(p_W[2] - ASIDE_M, problem.cell.surroundings.floor_z_m)
