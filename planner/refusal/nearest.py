@@ -24,8 +24,8 @@ from planner.seeds import candidates
 
 BISECTIONS = 5  # [-] of a share, which is found to 1/32
 OPTIMISED = 2  # [-] candidates of one search that the optimiser starts from: most answers come from the first
-SEARCHES_MAX = 24  # [-] as many as three easy ends, a release and two windows take
-LATE_SEARCHES_MAX = 8  # [-] after the request's deadline: an easy end and a release
+SEARCHES_MAX = 12  # [-] in all; most refusals take three to six
+LATE_SEARCHES_MAX = 6  # [-] in all, once the request's deadline has passed
 WINDOW_STEP_S = 1e-4  # [s] windows are whole steps of it: no gripper is timed more finely
 DECIMALS = 4  # [-] of windows in seconds
 ROUNDING = 1e-9  # [-] of a number of steps
