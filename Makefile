@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
-SOURCES := fling planner store learning batch api executor simulator benchmarks
+SOURCES := fling planner store learning jobs api executor simulator benchmarks
 
 .PHONY: setup demo up test verify verify-ci fuzz test-kernels check web web-check bench bench-batches pictures docs lock clean
 

@@ -8,6 +8,7 @@ import signal
 import sys
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from functools import partial
 
 from fastapi import Depends, FastAPI
@@ -32,12 +33,12 @@ from api.http import (
 )
 from api.logs import REQUESTS, configure_logs
 from api.metrics import Metrics
-from api.planning import BatchDrivers, MapRunners, PlannerPool, compile_when_idle
+from api.planning import BatchDrivers, DriverCommand, MapDrivers, PlanningLine
 from api.routes import ROUTERS
 from api.settings import ServiceSettings, is_loopback_host
 from api.store_probe import StoreProbe
-from batch.jobs import PlanningJob, warm_up_job
 from fling import tracing
+from jobs.pool import PLANNING, open_pool, warm_up_job
 from store import Retention, Store, StoreError
 
 DESCRIPTION = (
@@ -99,17 +100,17 @@ async def _lifespan(settings: ServiceSettings, tokens: TokenRegistry, app: FastA
     """Opens the service's parts, and closes them when the application ends."""
     service = _service(settings, tokens)
     app.state.service = service
-    works = [_warm_up, _retain]
-    if settings.batch_workers != 0:
-        works += [_drive_batches, _make_maps]
-    tasks = [asyncio.create_task(work(service)) for work in works]
+    works = [_retain(service)]
+    if settings.batch_workers != 0:  # those first that were left when the service ended
+        works += [service.batch_drivers.run(), service.map_drivers.run()]
+    tasks = [asyncio.create_task(work) for work in works]
     try:
         yield
     finally:
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
-        service.pool.close()
+        service.line.close()
         service.store.close()
 
 
@@ -150,7 +151,7 @@ async def _record_request(app: FastAPI, request: RequestRecord) -> None:
 async def _drain(app: FastAPI) -> None:
     """Refuses new work and returns once what was begun is answered; ends the event streams."""
     app.state.is_draining = True
-    await app.state.service.pool.drain()
+    await app.state.service.line.drain()
     app.state.service.feeds.close()
 
 
@@ -159,29 +160,21 @@ def _service(settings: ServiceSettings, tokens: TokenRegistry) -> Service:
     cells = CellRepository(settings.cells)
     for name, reason in cells.faults().items():
         logging.getLogger("fling").warning("cell %s is refused: %s", name, reason)
-    pool = PlannerPool(settings.planner_workers, settings.planner_queue, _warm_up_job(settings, cells))
-    drivers = BatchDrivers(store, settings.database_url, settings.driver_workers, settings.ray_address)
-    runners = MapRunners(store, settings.database_url, settings.driver_workers, settings.ray_address)
-    metrics = Metrics(store)
-    feeds = ExecutionFeeds(store)
-    return Service(settings, store, cells, pool, drivers, runners, tokens, metrics, feeds, StoreProbe(store))
-
-
-async def _warm_up(service: Service) -> None:
-    """Starts the planner processes; compiles the solvers where that is not done, while nothing is executed."""
-    await service.pool.warm_up()
-    if not service.pool.is_compiled and await compile_when_idle(service.is_idle):
-        await service.pool.renew()
-
-
-async def _drive_batches(service: Service) -> None:
-    """Has batches planned, those first that were left when the service ended."""
-    await service.batch_drivers.run()
-
-
-async def _make_maps(service: Service) -> None:
-    """Has maps made, those first that were left when the service ended."""
-    await service.map_runners.run()
+    source = cells.source(settings.default_cell)
+    work = PLANNING if source is None else replace(PLANNING, warm_up=warm_up_job(source))
+    command = DriverCommand(settings.database_url, settings.driver_workers, settings.ray_address)
+    return Service(
+        settings=settings,
+        store=store,
+        cells=cells,
+        line=PlanningLine(open_pool(settings.planner_workers, work=work), settings.planner_queue),
+        batch_drivers=BatchDrivers(store, command),
+        map_drivers=MapDrivers(store, command),
+        tokens=tokens,
+        metrics=Metrics(store),
+        feeds=ExecutionFeeds(store),
+        probe=StoreProbe(store),
+    )
 
 
 async def _retain(service: Service) -> None:
@@ -196,8 +189,3 @@ async def _retain(service: Service) -> None:
         except StoreError:  # the store has logged it; tried again next time
             pass
         await asyncio.sleep(RETENTION_PERIOD_S)
-
-
-def _warm_up_job(settings: ServiceSettings, cells: CellRepository) -> PlanningJob | None:
-    source = cells.source(settings.default_cell)
-    return None if source is None else warm_up_job(source)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from pydantic import ValidationError
-
-from api.cell_repository import CellRepository
-from api.http import invalid_field, invalid_request
-from api.schemas import BatchRequest, PlanRequest, iso_time
-from batch.runs import BatchRequests, BatchSpecification, CellUse
+from api.cell_repository import CellRepository, UnknownCell
+from api.http import invalid_field
+from api.schemas import BatchRequest, iso_time
+from jobs.batches import BatchRequests, BatchSpecification, CellUse
+from planner.errors import FieldError, InvalidProblem
+from planner.request import read_request
 from store import BatchRow, Store
 
 ERRORS_MAX = 20  # errors that are listed; a template's fault is one of every request
@@ -28,16 +28,17 @@ def batch_specification(
         size_max: greatest number of requests.
 
     Raises:
-        ProblemDetails: A request is wrong, `requests[7].release…`; an axis; the size; a cell that is not there.
-        InvalidProblem: An axis of the grid, or its size.
+        ProblemDetails: The size, or a cell that is not there.
+        InvalidProblem: A request is wrong, `requests[7].release…`; an axis of the grid, or its size.
         CellError: The file of a cell is refused.
     """
     requests = _requests(body, size_max)
     uses = {}
     for name in requests.cells(default_cell):
-        source = cells.source(name)
-        if source is None or cells.cell(name) is None:
-            raise invalid_field("cell", cells.without(name))
+        try:
+            source, _ = cells.required(name)
+        except UnknownCell as error:
+            raise invalid_field("cell", str(error)) from None
         version = store.note_cell_version(name, source.sha256, source.text, source.calibration, "service")
         adopted = store.profile_in_use(name, source.sha256)
         uses[name] = CellUse(version, None if adopted is None else adopted.id)
@@ -47,57 +48,47 @@ def batch_specification(
 def batch_document(row: BatchRow) -> dict[str, Any]:
     """Returns the JSON of a batch: `BatchAnswer`."""
     rate = row.rate_per_s
+    shown = ("id", "created_by", "state", "outcome", "reason", "total", "done")
+    times = ("created_at", "started_at", "finished_at")
     return {
-        "id": row.id,
-        "created_at": iso_time(row.created_at),
-        "created_by": row.created_by,
-        "state": row.state,
-        "outcome": row.outcome,
-        "reason": row.reason,
-        "total": row.total,
-        "done": row.done,
+        **{name: getattr(row, name) for name in shown},
+        **{name: iso_time(getattr(row, name)) for name in times},
         "counts": dict(row.counts),
         "rate_per_s": rate,
         "time_left_s": (row.total - row.done) / rate if rate else None,
         "cancel_requested": row.cancel_requested_at is not None,
-        "started_at": iso_time(row.started_at),
-        "finished_at": iso_time(row.finished_at),
     }
 
 
 def _requests(body: BatchRequest, size_max: int) -> BatchRequests:
-    listed = None
     grid = None
     if body.requests is None:
         grid = {path: axis if isinstance(axis, list) else axis.model_dump() for path, axis in (body.grid or {}).items()}
-    else:
-        listed = [request.model_dump(exclude_none=True) for request in body.requests]
-    requests = BatchRequests(listed, body.template, grid)
+    requests = BatchRequests(body.requests, body.template, grid)
     if len(requests) > size_max:
-        field = "requests" if listed else "grid"
+        field = "grid" if body.requests is None else "requests"
         raise invalid_field(field, f"{len(requests)} requests; a batch of this service has at most {size_max}")
-    errors: list[Any] = []
-    for number, request in enumerate(requests):
-        errors += [_at(number, error) for error in _errors(request, is_checked=listed is not None)]
+    errors: list[FieldError] = []
+    read: list[dict[str, Any]] = []
+    for number in range(len(requests)):
+        try:
+            read.append(_read(requests[number], f"requests[{number}]"))
+        except InvalidProblem as error:
+            errors += error.errors
         if len(errors) >= ERRORS_MAX:
             break
     if errors:
-        raise invalid_request(errors[:ERRORS_MAX], BatchRequest)
-    return requests
+        raise InvalidProblem(errors[:ERRORS_MAX])
+    return requests if body.requests is None else BatchRequests(read)
 
 
-def _errors(request: Any, is_checked: bool) -> list[Any]:
-    """Returns what is wrong with a request, as pydantic says it; one of a list was checked as a body."""
-    try:
-        if not is_checked:
-            PlanRequest.model_validate(request)
-    except ValidationError as error:
-        return list(error.errors())
-    if request.get("start", {}).get("current"):
-        msg = "a batch is planned later: give positions"
-        return [{"loc": ("start", "current"), "type": "value_error", "msg": msg}]
-    return []
+def _read(document: Any, path: str) -> dict[str, Any]:
+    """Returns one request of a batch.
 
-
-def _at(number: int, error: Any) -> dict[str, Any]:
-    return {**error, "loc": ("requests", number, *error["loc"])}
+    Raises:
+        InvalidProblem: every refused field with its reason.
+    """
+    request = read_request(document, path)
+    if "current" in request.get("start", {}):
+        raise InvalidProblem([FieldError(f"{path}.start.current", "a batch is planned later: give positions")])
+    return request

@@ -9,6 +9,10 @@ from planner.cell_folder import check_home
 from planner.errors import CellError
 
 
+class UnknownCell(LookupError):
+    """There is no such cell; the message says which there are."""
+
+
 class CellRepository:
     """Cells by name.
 
@@ -23,10 +27,6 @@ class CellRepository:
     def names(self) -> list[str]:
         """Returns the names of the cell files, sorted."""
         return sorted(path.stem for path in self.folder.glob("*.toml"))
-
-    def without(self, name: str) -> str:
-        """Returns in words that there is no such cell, and which there are."""
-        return f"no cell {name!r}; there are {', '.join(self.names())}"
 
     def source(self, name: str) -> CellSource | None:
         """Returns the content of a cell's files, or None if there is no such cell."""
@@ -50,6 +50,19 @@ class CellRepository:
             check_home(cell)
             cached = self._cache[name] = (source, cell)
         return cached[1]
+
+    def required(self, name: str) -> tuple[CellSource, Cell]:
+        """Returns the content of a cell's files, and the cell.
+
+        Raises:
+            UnknownCell: There is no such cell.
+            CellError: The file is refused.
+        """
+        source = self.source(name)
+        cell = self.cell(name)
+        if source is None or cell is None:
+            raise UnknownCell(f"no cell {name!r}; there are {', '.join(self.names())}")
+        return source, cell
 
     def faults(self) -> dict[str, str]:
         """Returns the refused cell files with the reasons."""

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import AsyncIterator, Callable, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 from fastapi import Depends, Header, Path, Request
 from fastapi.dependencies.models import Dependant
@@ -19,13 +19,14 @@ from api.cell_repository import CellRepository
 from api.execution_feed import ExecutionFeeds
 from api.http import Caller, ProblemDetails, TokenRegistry, WrongTokens, client_address, invalid_fields
 from api.metrics import Metrics
-from api.planning import BatchDrivers, MapRunners, PlannerPool
+from api.planning import BatchDrivers, MapDrivers, PlanningLine
 from api.schemas import ID_PATTERN
 from api.settings import ServiceSettings
 from api.store_probe import StoreProbe
 from planner.cell import Cell, CellSource
-from store import AuditLine, IdempotencyKey, Store, StoreUnavailable
+from store import AuditLine, IdempotencyKey, KeyTaken, Store
 
+Row = TypeVar("Row")
 KEY_LENGTH_MAX = 255
 LOCAL_CALLER = Caller("local", frozenset({"plan", "operate"}))  # anyone on this machine, if there are no tokens
 BEARER = HTTPBearer(auto_error=False, description="From `fling token create`; not needed where there are no tokens.")
@@ -38,33 +39,23 @@ class Service:
     settings: ServiceSettings
     store: Store
     cells: CellRepository
-    pool: PlannerPool
+    line: PlanningLine
     batch_drivers: BatchDrivers
-    map_runners: MapRunners
+    map_drivers: MapDrivers
     tokens: TokenRegistry
     metrics: Metrics
     feeds: ExecutionFeeds
     probe: StoreProbe
     wrong_tokens: WrongTokens = field(default_factory=WrongTokens)
 
-    def is_idle(self) -> bool:
-        """Returns whether no cell has an open execution, as far as the store can be asked."""
-        try:
-            return all(self.store.open_execution(name) is None for name in self.cells.names())
-        except StoreUnavailable:
-            return False
-
     def cell(self, name: str) -> Cell:
         """Returns a cell by name.
 
         Raises:
-            ProblemDetails: There is no such cell.
+            UnknownCell: There is no such cell.
             CellError: Its file is refused.
         """
-        cell = self.cells.cell(name)
-        if cell is None:
-            raise ProblemDetails("not-found", self.cells.without(name))
-        return cell
+        return self.cells.required(name)[1]
 
     def cell_version(self, name: str) -> int | None:
         """Returns the version of a cell's files as they are now, and notes it; None where there is no such cell."""
@@ -170,6 +161,46 @@ def request_origin(request: Request) -> RequestOrigin:
 
 
 Origin = Annotated[RequestOrigin, Depends(request_origin)]
+
+
+def find(thing: str, id: str, read: Callable[[str], Row | None], page: Callable[[int], tuple[list[Any], Any]]) -> Row:
+    """Returns a row of the store by its id or `latest`.
+
+    Args:
+        thing: that it is.
+        id: of it.
+        read: returns the row of an id.
+        page: returns the newest rows.
+
+    Raises:
+        ProblemDetails: There is none.
+    """
+    if id == "latest":
+        id = next((row.id for row in page(1)[0]), id)
+    row = read(id)
+    if row is None:
+        raise ProblemDetails("not-found", f"no {thing} {id!r}")
+    return row
+
+
+def make_once(store: Store, key: IdempotencyKey | None, make: Callable[[], str]) -> str:
+    """Returns the id of what a request makes; that of the first one where its key was used already.
+
+    Args:
+        store: knows the keys.
+        key: of the request.
+        make: makes and stores it; returns its id.
+
+    Raises:
+        KeyTaken: The key belongs to another body.
+    """
+    existing = None if key is None else store.resource_of_key(key)
+    if existing is not None:
+        return existing
+    try:
+        return make()
+    except KeyTaken as taken:
+        return taken.resource_of(key)
 
 
 def name_in_path(description: str, key: str, value: str, summary: str) -> Any:

@@ -27,8 +27,9 @@ from typing import Any
 import httpx2
 import numpy as np
 
-from batch.jobs import PlanningJob, initialise, solve
 from benchmarks.results import write_report
+from jobs.planning import PlanningJob, solve
+from jobs.pool import Work
 from planner.cell import read_source
 from store import Store
 
@@ -65,9 +66,9 @@ def main(argv: Sequence[str]) -> int:
 
 def planner_alone(seconds: float) -> float:
     """Returns the plans per second of as many processes without a service."""
-    job = PlanningJob("alone", "", read_source(ROOT / "cells" / f"{CELL}.toml"), {**REQUEST, "cell": CELL})
+    job = PlanningJob("alone", 0.0, read_source(ROOT / "cells" / f"{CELL}.toml"), {**REQUEST, "cell": CELL})
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(WORKERS, context, initialise, (job,)) as pool:
+    with ProcessPoolExecutor(WORKERS, context, Work(warm_up=job).begin) as pool:
         list(pool.map(solve, [job] * WORKERS))
         return sum(pool.map(_plans_within, [job] * WORKERS, [seconds] * WORKERS)) / seconds
 

@@ -18,7 +18,7 @@ extensions = [
     "docs.reference.generated",
     "docs.reference.mathml",
 ]
-exclude_patterns = ["benchmarks/consistency.md", "benchmarks/same-answers.md"]
+exclude_patterns = ["benchmarks/same-answers.md"]
 html_theme = "furo"
 html_title = "Fling"
 html_show_sphinx = False

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -12,6 +12,7 @@ from fling.cells import open_cell
 from planner import planning
 from planner.cell import Cell
 from planner.errors import FieldError, InvalidProblem
+from planner.plan_document import iso_time
 from planner.plan_document import plan_document as document_of
 from planner.planning import Plan
 from planner.problem import ThrowProblem
@@ -70,8 +71,7 @@ def plan_document(plan: Plan, request: Mapping[str, Any] | None = None) -> dict[
         request: the request that it answers; by default the one that states its problem.
     """
     asked = request_document(plan.problem, plan.problem.release) if request is None else request
-    now = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
-    return document_of(plan, {"cell": plan.problem.cell.name, **asked}, str(uuid4()), now)
+    return document_of(plan, {"cell": plan.problem.cell.name, **asked}, str(uuid4()), iso_time(time.time()))
 
 
 def warm() -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -64,6 +65,11 @@ def plan_document(plan: Plan, request: Mapping[str, Any], plan_id: str, created_
             "attempts": [attempt.__dict__ for attempt in plan.attempts],
         },
     }
+
+
+def iso_time(at: float) -> str:
+    """Returns seconds since the epoch as UTC in ISO 8601 with milliseconds."""
+    return datetime.fromtimestamp(at, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
 def command_time(cell: Cell, release_time_s: float) -> float:

@@ -130,7 +130,7 @@ class ThrowProblem:
             inner = release.opening.radius_m
             thick = self.cell.object.radius_m
             if inner <= thick:
-                reason = f"{inner:g} m is not above the object's radius of {thick:g} m: it cannot enter"
+                reason = f"the bin is too narrow for the object: radius {inner:g} m, object {thick:g} m"
                 errors.append(FieldError("release.opening.radius_m", reason))
         if self.backend not in BACKENDS:
             errors.append(FieldError("backend", f"{self.backend!r} is not one of {', '.join(BACKENDS)}"))

@@ -2,7 +2,7 @@
 
 There is one sample per controller tick; between two samples the jerk of every joint is constant. So the samples
 (q, qd, qdd) determine the motion exactly: inside a tick acceleration is linear, velocity quadratic and position cubic,
-and every bound between samples has a closed form. See docs/decisions/0002.
+and every bound between samples has a closed form. See docs/decisions/0003.
 """
 
 from __future__ import annotations

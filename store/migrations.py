@@ -1,6 +1,6 @@
 """Migrations: numbered steps of SQL statements, applied once, in order, in one transaction.
 
-A released step is never edited; every change is a new step. Reasons: docs/decisions/0020-own-migrations.md.
+A released step is never edited; every change is a new step. Reasons: docs/decisions/0019-store.md.
 """
 
 from __future__ import annotations

@@ -19,37 +19,18 @@ ALL_COLUMNS: list[Any] = [*SUMMARY_COLUMNS, plans.c.samples, plans.c.document.la
 class PlanRepository(Repository):
     """Table `plans`."""
 
-    def add_plan(
-        self,
-        id: str,
-        created_at: float,
-        cell: str,
-        cell_sha256: str,
-        backend: str,
-        summary: bytes,
-        samples: bytes | None = None,
-        key: IdempotencyKey | None = None,
-        request_id: str | None = None,
-    ) -> None:
+    def add_plan(self, row: PlanRow, key: IdempotencyKey | None = None) -> None:
         """Stores one plan.
 
         Args:
-            id: Id of the plan, from `new_id`.
-            created_at: Time of planning [s since the epoch].
-            cell: Name of the cell.
-            cell_sha256: Hash of the cell file.
-            backend: Back end that found the plan.
-            summary: JSON of the plan without its trajectory.
-            samples: Its trajectory, from `pack_trajectory`.
+            row: The plan, with its trajectory.
             key: Idempotency key of the request.
-            request_id: Id of the request.
 
         Raises:
             KeyTaken: `key` is bound to another plan; nothing is stored.
         """
-        row = PlanRow(id, created_at, cell, cell_sha256, backend, summary, request_id, samples)
         with writing(self._engine) as connection:
-            take_key(connection, key, id, created_at)
+            take_key(connection, key, row.id, row.created_at)
             connection.execute(insert(plans).values(**_columns(row)))
 
     def plan(self, id: str) -> PlanRow | None:

@@ -50,6 +50,12 @@ class PlanRow:
     """One plan.
 
     Attributes:
+        id: From `new_id`.
+        created_at: Time of the request [s since the epoch].
+        cell: Name of the cell.
+        cell_sha256: Hash of the cell's files.
+        backend: Back end that found it.
+        request_id: Id of the HTTP request.
         summary: Its JSON without the trajectory, and all that lists contain.
         samples: Its trajectory; see `store.samples`. Empty where it was not read.
         earlier_document: Its whole JSON, where an earlier version of Fling stored it so.
@@ -222,7 +228,7 @@ class BatchRow:
 
     Attributes:
         driven_by: "service" or "command": whose drivers take it up.
-        specification: Its requests; see `batch.runs`. Empty where it was not read.
+        specification: Its requests; see `jobs.batches`. Empty where it was not read.
         total: Number of requests.
         state: queued, running, finished.
         outcome: completed, cancelled or failed.
@@ -304,7 +310,7 @@ class MapRow:
 
     Attributes:
         made_by: Who makes it: "service" or "command".
-        definition: What it is of, as JSON; see `batch.maps`.
+        definition: What it is of, as JSON; see `jobs.maps`.
         state: "running", "finished" or "cancelled".
         beat_at: When its last answers were stored.
     """
@@ -336,7 +342,7 @@ class LandingCellRow:
         map_id: The map.
         number: Of the landing cell.
         round: In which it was answered: 0 by its own search, later from the releases of its neighbours.
-        state: 1 planned, 2 refused with proof, 3 not found; see `batch.maps`.
+        state: 1 planned, 2 refused with proof, 3 not found; see `jobs.maps`.
         plan_id: Its plan.
         samples_sha256: Hash of the plan's trajectory.
         release_time_s: Of the plan.

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-ROOMS = ("fling", "planner", "store", "learning", "batch", "api", "executor", "simulator", "benchmarks")
+ROOMS = ("fling", "planner", "store", "learning", "jobs", "api", "executor", "simulator", "benchmarks")
 FOLDERS = (*ROOMS, "tests", "docs")  # that hold code of this project
 # contract: (module of the copy, the module that a forbidden import of it names). One line each.
 PLANTED = {
@@ -51,10 +51,10 @@ FACES = (
     "store",
     "store.many",
     "learning",
-    "batch.jobs",
-    "batch.maps",
-    "batch.pool",
-    "batch.runs",
+    "jobs.planning",
+    "jobs.maps",
+    "jobs.pool",
+    "jobs.batches",
     "api.cli",
     "api.http",
     "api.planning",

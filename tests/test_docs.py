@@ -13,7 +13,7 @@ import pytest
 from api.cli import COMMANDS
 
 ROOT = Path(__file__).parent.parent
-PACKAGES = ("fling", "planner", "api", "store", "learning", "batch", "executor", "simulator", "benchmarks")
+PACKAGES = ("fling", "planner", "api", "store", "learning", "jobs", "executor", "simulator", "benchmarks")
 WRITTEN_BY_COMMANDS = {
     "streaming.md",
     "same-answers.md",

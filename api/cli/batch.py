@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -18,7 +19,7 @@ from api.cli.support.options import json_option, service_options
 
 if TYPE_CHECKING:
     from api.schemas import BatchRequest
-    from batch.runs import BatchDriver, Parameters
+    from jobs.batches import Parameters
     from store import BatchResultRow, BatchRow, Store
 
 POLL_S = 0.5  # [s] between two looks at the progress of a service's batch
@@ -29,7 +30,7 @@ RAY_HELP = "Plan in the Ray cluster at this address; FLING_RAY_ADDRESS."
 
 @click.command()
 @click.argument("file", required=False, type=click.Path(exists=True, dir_okay=False, allow_dash=True, path_type=Path))
-@click.option("--resume", metavar="ID", help="Go on with a batch that was stopped, or whose driver died; or latest.")
+@click.option("--resume", metavar="ID", help="Resume a batch that was stopped, or whose driver died; or latest.")
 @click.option("--cancel", metavar="ID", help="End a batch, or latest; its results so far stay.")
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help=OUT_HELP)
 @click.option("--workers", type=click.IntRange(min=1), help="Planner processes; FLING_BATCH_WORKERS, or one a core.")
@@ -55,10 +56,10 @@ def batch(
 
     {"requests": [...]} is a list of requests; {"template": {...}, "grid": {"release.position[0]": [from, to, step]}}
     all combinations of some values. Without --url it needs no service. Ctrl-C stops: what is planned is stored, and
-    --resume goes on. A batch whose requests are infeasible one and all is done nevertheless.
+    --resume continues. A batch is done even if every request is infeasible.
     """
     from api.settings import read_settings
-    from batch.runs import writes_to
+    from jobs.batches import writes_to
 
     if sum(given is not None for given in (file, resume, cancel)) != 1:
         raise click.UsageError("give FILE, --resume ID or --cancel ID")
@@ -96,14 +97,19 @@ def _chosen(store: Store, id: str) -> str:
 
 
 def _read(file: Path | None) -> BatchRequest:
+    from pydantic import ValidationError
+
     from api.cli.support.errors import RefusedRequest
-    from api.cli.support.request_file import read_request
-    from api.http import ProblemDetails, problem_document
+    from api.cli.support.request_file import read_document
+    from api.http import ProblemDetails, invalid_request, problem_document
     from api.schemas import BatchRequest
 
     assert file is not None  # a batch is not resumed
     try:
-        return read_request(file, BatchRequest)
+        return BatchRequest.model_validate(read_document(file))
+    except ValidationError as error:
+        refusal = invalid_request(error.errors(), BatchRequest)
+        raise RefusedRequest(problem_document(refusal, str(file))) from error
     except ProblemDetails as error:
         raise RefusedRequest(problem_document(error, str(file))) from error
 
@@ -114,7 +120,7 @@ def _queue(store: Store, settings: Any, body: BatchRequest) -> str:
     from api.cell_repository import CellRepository
     from api.cli.support.errors import RefusedRequest
     from api.http import ProblemDetails, problem_document, translate
-    from batch.runs import BATCH_MAX
+    from jobs.batches import BATCH_MAX
     from planner.errors import PlannerError
 
     try:
@@ -126,32 +132,35 @@ def _queue(store: Store, settings: Any, body: BatchRequest) -> str:
 
 def _drive(store: Store, settings: Any, id: str, as_json: bool) -> BatchRow:
     """Plans a batch with a progress bar; Ctrl-C stops it, a second one at once."""
-    from batch.pool import PoolBroken
-    from batch.runs import BatchDriver, wait_and_claim
+    from jobs import driver
+    from jobs.batches import DrivenBatch, wait_and_claim
+    from jobs.pool import PoolBroken
 
     claimed = wait_and_claim(store, id, f"fling batch {os.getpid()}")
     if not as_json:
-        click.echo(f"batch {id}; whatever ends it, go on with: fling batch --resume {id}", err=True)
+        click.echo(f"batch {id}; to resume it: fling batch --resume {id}", err=True)
     with _ProgressBar(claimed.total, claimed.done, as_json) as advance:
         workers = settings.batch_workers or None  # 0 is of a service
-        driver = BatchDriver(store, claimed, workers, settings.ray_address, lambda row: advance(row.done))
-        before = signal.signal(signal.SIGINT, lambda *_: _stop(driver, id))
+        task = DrivenBatch(store, claimed, lambda row: advance(row.done))
+        stop = threading.Event()
+        before = signal.signal(signal.SIGINT, lambda *_: _stop(stop, id))
         try:
-            row = driver.run()
+            driver.run(task, workers, settings.ray_address, stop.is_set)
         except PoolBroken as error:
-            raise click.ClickException(f"{error}; go on with: fling batch --resume {id}") from error
+            raise click.ClickException(f"{error}; resume with: fling batch --resume {id}") from error
         finally:
             signal.signal(signal.SIGINT, before)
+    row = store.batch(id) or claimed
     if row.state != "finished":
-        click.echo(f"stopped with {row.done} of {row.total}; go on with: fling batch --resume {id}", err=True)
+        click.echo(f"stopped with {row.done} of {row.total}; resume with: fling batch --resume {id}", err=True)
         sys.exit(INTERRUPTED)
     return row
 
 
-def _stop(driver: BatchDriver, id: str) -> None:
+def _stop(stop: threading.Event, id: str) -> None:
     click.echo(f"\nstopping; what is planned is stored in batch {id}", err=True)
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    driver.stop()
+    stop.set()
 
 
 class _ProgressBar:
@@ -201,7 +210,7 @@ def _through_service(
             document = _watch(client, document, as_json)
         except KeyboardInterrupt:
             id = document["id"]
-            click.echo(f"\nthe service goes on; end it with: fling batch --cancel {id} --url {url}", err=True)
+            click.echo(f"\nthe service continues; end it with: fling batch --cancel {id} --url {url}", err=True)
             raise
         if out is not None:
             _write(out, _results_of_service(client, document["id"]))
@@ -221,7 +230,7 @@ def _watch(client: Any, document: dict[str, Any], as_json: bool) -> dict[str, An
 
 def _results_of_store(store: Store, id: str) -> Iterator[tuple[BatchResultRow, Parameters]]:
     """Yields the results of a batch with what its grid gave each request."""
-    from batch.runs import BatchSpecification
+    from jobs.batches import BatchSpecification
 
     requests = BatchSpecification.stored(store, id).requests
     yield from ((row, requests.parameters(row.number)) for row in store.all_batch_results(id))
@@ -241,7 +250,7 @@ def _results_of_service(client: Any, id: str) -> Iterator[tuple[BatchResultRow, 
 
 
 def _write(out: Path, results: Iterator[tuple[BatchResultRow, Parameters]]) -> None:
-    from batch.runs import ParquetMissing, write_table
+    from jobs.batches import ParquetMissing, write_table
 
     try:
         write_table(out, results)

@@ -13,7 +13,7 @@ import click
 from api.cli.support.client import ServiceClient, ServiceError
 from api.cli.support.errors import FlingGroup
 from api.cli.support.exit_status import NotCompleted
-from api.cli.support.options import cell_of_service, cell_option, json_option, service_options, service_url
+from api.cli.support.options import calls_service, cell_of_service, cell_option, json_option
 from api.cli.support.progress import execute_plan
 from api.cli.support.summary import numbers_text, profile_text
 
@@ -51,7 +51,7 @@ def calibrate() -> None:
 @click.option("--adopt", is_flag=True, help="Use a profile with the measured lag from now on.")
 @picture_option("the lags")
 @json_option
-@service_options
+@calls_service
 def lag(
     cell: str | None,
     from_csv: Path | None,
@@ -59,8 +59,7 @@ def lag(
     adopt: bool,
     picture: Path | None,
     as_json: bool,
-    url: str | None,
-    token: str | None,
+    client: ServiceClient,
 ) -> None:
     """Measure the arm's lag and gains: from a recorded run, or with small certified motions without an object.
 
@@ -73,10 +72,9 @@ def lag(
     elif cell is None:
         raise click.UsageError("Missing option '--cell': the arm moves")
     else:
-        found = _by_motions(cell, throws, as_json, picture, url, token)
+        found = _by_motions(cell, throws, as_json, picture, client)
     if adopt and cell is not None:
-        with ServiceClient(service_url(url), token) as client:
-            found |= {"profile": _estimate(client, cell, adopt)["id"], "adopted": True}
+        found |= {"profile": _estimate(client, cell, adopt)["id"], "adopted": True}
     click.echo(json.dumps({"cell": cell, **found}) if as_json else _lag_text(found))
 
 
@@ -86,29 +84,26 @@ def lag(
 @click.option("--adopt", is_flag=True, help="Use the profile from now on.")
 @picture_option("the landings")
 @json_option
-@service_options
-def gripper(
-    cell: str, throws: int, adopt: bool, picture: Path | None, as_json: bool, url: str | None, token: str | None
-) -> None:
+@calls_service
+def gripper(cell: str, throws: int, adopt: bool, picture: Path | None, as_json: bool, client: ServiceClient) -> None:
     """Measure the gripper's delay and jitter by soonest throws to targets all around, no two alike.
 
     **It throws.** A robust throw is blind to the delay that it protects against. On a real arm you are asked to put an
     object in before each throw, and where it landed afterwards.
     """
-    with ServiceClient(service_url(url), token) as client:
-        document = client.get(f"/cells/{cell}")
+    document = client.get(f"/cells/{cell}")
+    if not as_json:
+        click.echo(f"planning {throws} throws, each when the one before has landed …")
+    done: list[str] = []
+    for i, plan in enumerate(_soonest_plans(client, document, throws), start=1):
+        try:
+            text = _throw_and_observe(client, plan, document["link"]["kind"] == "sim")
+        except NotCompleted as error:
+            raise NotCompleted(f"throw {i} of {throws}: {error.message}{_kept_text(cell, done)}") from error
+        done.append(text)
         if not as_json:
-            click.echo(f"planning {throws} throws, each when the one before has landed …")
-        done: list[str] = []
-        for i, plan in enumerate(_soonest_plans(client, document, throws), start=1):
-            try:
-                text = _throw_and_observe(client, plan, document["link"]["kind"] == "sim")
-            except NotCompleted as error:
-                raise NotCompleted(f"throw {i} of {throws}: {error.message}{_kept_text(cell, done)}") from error
-            done.append(text)
-            if not as_json:
-                click.echo(f"throw {i} of {throws}: {text}")
-        _propose(client, cell, adopt, as_json, picture)
+            click.echo(f"throw {i} of {throws}: {text}")
+    _propose(client, cell, adopt, as_json, picture)
 
 
 @calibrate.command()
@@ -116,11 +111,10 @@ def gripper(
 @click.option("--adopt", is_flag=True, help="Use the profile from now on.")
 @picture_option("the landings")
 @json_option
-@service_options
-def landings(cell: str, adopt: bool, picture: Path | None, as_json: bool, url: str | None, token: str | None) -> None:
+@calls_service
+def landings(cell: str, adopt: bool, picture: Path | None, as_json: bool, client: ServiceClient) -> None:
     """Learn from every execution and landing that is known already; nothing moves."""
-    with ServiceClient(service_url(url), token) as client:
-        _propose(client, cell, adopt, as_json, picture)
+    _propose(client, cell, adopt, as_json, picture)
 
 
 def _soonest_plans(client: ServiceClient, cell: dict[str, Any], count: int) -> Iterator[dict[str, Any]]:
@@ -228,25 +222,22 @@ def _from_csv(file: Path) -> dict[str, Any]:
         raise click.ClickException(f"{file}: {error}") from error
 
 
-def _by_motions(
-    cell: str, count: int, quiet: bool, picture: Path | None, url: str | None, token: str | None
-) -> dict[str, Any]:
+def _by_motions(cell: str, count: int, quiet: bool, picture: Path | None, client: ServiceClient) -> dict[str, Any]:
     """Returns the timing pooled over `count` motions about home, executed by the running service; draws it."""
     from api.report import lags_svg
     from learning import pooled_document
 
     runs = []
-    with ServiceClient(service_url(url), token) as client:
-        document = client.get(f"/cells/{cell}")
-        assumed_s = client.get(f"/cells/{cell}/timing")["assumed_lag_s"]
-        for i in range(count):
-            try:
-                timing = _move(client, cell, document["home_rad"], SIGNS[i % len(SIGNS)])
-            except NotCompleted as error:
-                raise NotCompleted(f"motion {i + 1} of {count}: {error.message}{_kept_text(cell, runs)}") from error
-            runs.insert(0, timing)
-            if not quiet:
-                click.echo(f"motion {i + 1} of {count}: {_milliseconds(timing)}")
+    document = client.get(f"/cells/{cell}")
+    assumed_s = client.get(f"/cells/{cell}/timing")["assumed_lag_s"]
+    for i in range(count):
+        try:
+            timing = _move(client, cell, document["home_rad"], SIGNS[i % len(SIGNS)])
+        except NotCompleted as error:
+            raise NotCompleted(f"motion {i + 1} of {count}: {error.message}{_kept_text(cell, runs)}") from error
+        runs.insert(0, timing)
+        if not quiet:
+            click.echo(f"motion {i + 1} of {count}: {_milliseconds(timing)}")
     pooled = pooled_document(runs, assumed_s)
     assert pooled is not None
     if picture is not None:
@@ -322,11 +313,10 @@ def profile() -> None:
 @profile.command(name="list")
 @cell_option(service=True)
 @json_option
-@service_options
-def list_profiles(cell: str | None, as_json: bool, url: str | None, token: str | None) -> None:
+@calls_service
+def list_profiles(cell: str | None, as_json: bool, client: ServiceClient) -> None:
     """List the profiles of a cell, newest first; * marks the one that it uses."""
-    with ServiceClient(service_url(url), token) as client:
-        answer = client.get(f"/cells/{cell_of_service(client, cell)}/profiles")
+    answer = client.get(f"/cells/{cell_of_service(client, cell)}/profiles")
     if as_json:
         click.echo(json.dumps(answer))
         return
@@ -343,30 +333,27 @@ def list_profiles(cell: str | None, as_json: bool, url: str | None, token: str |
 @profile.command()
 @click.argument("id")
 @json_option
-@service_options
-def show(id: str, as_json: bool, url: str | None, token: str | None) -> None:
+@calls_service
+def show(id: str, as_json: bool, client: ServiceClient) -> None:
     """Show one profile with its evidence."""
-    with ServiceClient(service_url(url), token) as client:
-        answer = client.get(f"/profiles/{id}")
+    answer = client.get(f"/profiles/{id}")
     click.echo(json.dumps(answer) if as_json else profile_text(answer))
 
 
 @profile.command()
 @click.argument("id")
-@service_options
-def adopt(id: str, url: str | None, token: str | None) -> None:
+@calls_service
+def adopt(id: str, client: ServiceClient) -> None:
     """Use a profile from now on; plans made before it must be made again."""
-    with ServiceClient(service_url(url), token) as client:
-        answer = client.post(f"/profiles/{id}/adopt")
+    answer = client.post(f"/profiles/{id}/adopt")
     click.echo(f"{answer['cell']} uses profile {answer['profile']}, adopted by {answer['adopted_by']}")
 
 
 @profile.command()
 @cell_option(service=True)
-@service_options
-def revert(cell: str | None, url: str | None, token: str | None) -> None:
+@calls_service
+def revert(cell: str | None, client: ServiceClient) -> None:
     """Use the cell file's own numbers again."""
-    with ServiceClient(service_url(url), token) as client:
-        name = cell_of_service(client, cell)
-        client.post(f"/cells/{name}/profiles/revert")
+    name = cell_of_service(client, cell)
+    client.post(f"/cells/{name}/profiles/revert")
     click.echo(f"{name} uses the cell file's numbers")

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from api.cli.support.errors import Coordinate, Finite
-from api.cli.support.options import json_option, service_options, service_url
+from api.cli.support.options import calls_service, json_option
+
+if TYPE_CHECKING:
+    from api.cli.support.client import ServiceClient
 
 STD_M = 0.005  # [m] chosen: a careful measurement with a tape
 
@@ -24,7 +27,7 @@ STD_M = 0.005  # [m] chosen: a careful measurement with a tape
 @click.option("--miss", type=Finite(), metavar="RADIUS", help="It landed farther from the target than that.")
 @click.option("--source", default="person", show_default=True, help="What observed it.")
 @json_option
-@service_options
+@calls_service
 def landing(
     execution: str,
     position: tuple[float, ...],
@@ -34,20 +37,17 @@ def landing(
     miss: float | None,
     source: str,
     as_json: bool,
-    url: str | None,
-    token: str | None,
+    client: ServiceClient,
 ) -> None:
     """Report where the object of EXECUTION landed: X Y Z [m, world frame], or --hit, --edge, --miss of the target.
 
     EXECUTION is an id, or `latest` on a simulated cell. Without a report the ones so far are listed.
     """
-    from api.cli.support.client import ServiceClient
 
     results = {name: radius for name, radius in (("hit", hit), ("edge", edge), ("miss", miss)) if radius is not None}
     report = _report(position, std_m, results)
     path = f"/executions/{execution}/landing"
-    with ServiceClient(service_url(url), token) as client:
-        answer = client.get(path) if report is None else client.post(path, {**report, "source": source})
+    answer = client.get(path) if report is None else client.post(path, {**report, "source": source})
     rows = answer["landings"] if report is None else [answer]
     click.echo(json.dumps(answer) if as_json else "\n".join(map(_text, rows)) or "no landing was reported")
 

@@ -16,7 +16,7 @@ from api.cli.support.options import cell_option, json_option
 from api.cli.support.terminal import say
 
 if TYPE_CHECKING:
-    from batch.maps import MapRequest, MapTable, Step
+    from jobs.maps import MapRequest, MapTable, Step
     from planner.cell import CellSource
     from store import MapRow, Store
 
@@ -46,10 +46,10 @@ def map_command(
 ) -> None:
     """Plan a throw to every landing cell of a plane or a volume: how soon and how surely, or why not.
 
-    Coarse points come first; the files of --out are written after each level. Every answer is stored: the same command
-    goes on where it was interrupted.
+    Coarse points come first; the files of --out are written after each level. Every answer is stored: after an
+    interruption the same command resumes.
     """
-    from batch.maps import MapRequest
+    from jobs.maps import MapRequest
     from store import Store
 
     _check_outputs(out)
@@ -71,7 +71,7 @@ class _MapCommand:
         self, store: Store, source: CellSource, request: MapRequest, out: Sequence[Path], as_json: bool
     ) -> None:
         from api import fling_version
-        from batch.maps import begin_map
+        from jobs.maps import begin_map
 
         self.store = store
         self.source = source
@@ -83,27 +83,29 @@ class _MapCommand:
         """Makes the map. Returns its state in the end."""
         known = self.store.landing_cell_count(self.row.id)
         if known and self.row.state != "finished":
-            self._say(f"map {self.row.id} goes on: {known} landing cells are answered already")
+            self._say(f"map {self.row.id} resumes: {known} landing cells are answered already")
         try:
             state = self.row.state if self.row.state == "finished" else self._make(workers, ray_address)
         except KeyboardInterrupt:
             self.store.end_map(self.row.id, "cancelled")
             done = self.store.landing_cell_count(self.row.id)
-            self._say(f"interrupted: {done} landing cells are stored; the same command goes on with the map")
+            self._say(f"interrupted: {done} landing cells are stored; the same command resumes the map")
             sys.exit(INTERRUPTED)
         self._conclude(state)
         return state
 
     def _make(self, workers: int | None, ray_address: str | None) -> str:
-        from batch.maps import make_map, map_inputs
-        from batch.pool import PoolBroken, open_pool
+        from jobs import driver
+        from jobs.maps import DrivenMap, map_inputs
+        from jobs.pool import PoolBroken
 
+        task = DrivenMap(self.store, self.row, map_inputs(self.store, self.row), self._report)
         try:
-            with open_pool(workers, ray_address) as pool:
-                return make_map(self.store, self.row, map_inputs(self.store, self.row), pool.plan_all, self._report)
+            driver.run(task, workers, ray_address)
         except PoolBroken as error:
             self.store.end_map(self.row.id, "cancelled")
             raise click.ClickException(str(error)) from error
+        return self._table().row.state
 
     def _report(self, step: Step, done: int, total: int) -> None:
         """Says how far a step is: on a terminal in place, elsewhere when it is completed."""
@@ -124,14 +126,14 @@ class _MapCommand:
             say("\n".join(_words(table, state, self.out)))
 
     def _table(self) -> MapTable:
-        from batch.maps import map_table
+        from jobs.maps import map_table
 
         row = self.store.map(self.row.id)
         assert row is not None  # it was begun, and nobody deletes maps
         return map_table(row, self.store.landing_cells(row.id))
 
     def _write(self, table: MapTable) -> None:
-        from batch.maps import map_html, map_picture, why_void, write_zarr
+        from jobs.maps import map_html, map_picture, why_void, write_zarr
         from planner.cell import cell_of
 
         void = why_void(self.store, table.row, self.source)
@@ -158,15 +160,14 @@ def _cell(name: str | None, cells: Path | None) -> tuple[Any, CellSource]:
         SettingsError: a setting is wrong.
         CellError: its file is refused.
     """
-    from api.cell_repository import CellRepository
+    from api.cell_repository import CellRepository, UnknownCell
     from api.settings import read_settings
 
     settings = read_settings(cells=cells)
-    repository = CellRepository(settings.cells)
-    name = name or settings.default_cell
-    source = repository.source(name)
-    if source is None or repository.cell(name) is None:
-        raise click.ClickException(repository.without(name))
+    try:
+        source, _ = CellRepository(settings.cells).required(name or settings.default_cell)
+    except UnknownCell as error:
+        raise click.ClickException(str(error)) from None
     return settings, source
 
 
@@ -196,7 +197,7 @@ def _files(out: Sequence[Path]) -> list[Path]:
 
 
 def _summary(table: MapTable, state: str) -> dict[str, Any]:
-    from batch.maps import LandingState
+    from jobs.maps import LandingState
 
     counts = {each.name.lower(): table.count_of(each) for each in LandingState}
     head = {"id": table.row.id, "cell": table.row.cell, "cell_version": table.row.cell_version, "state": state}
@@ -205,7 +206,7 @@ def _summary(table: MapTable, state: str) -> dict[str, Any]:
 
 def _words(table: MapTable, state: str, out: Sequence[Path]) -> list[str]:
     """Returns the summary for a person."""
-    from batch.maps import LandingState
+    from jobs.maps import LandingState
 
     yes, proven, missing, unknown = (
         table.count_of(each)
@@ -213,7 +214,7 @@ def _words(table: MapTable, state: str, out: Sequence[Path]) -> list[str]:
     )
     lines = [
         f"map {table.row.id}, {state}: {yes} of {table.definition.count} landing cells planned and certified",
-        f"  refused: {proven} with proof, {missing} searched for in vain",
+        f"  refused: {proven} proven, {missing} not found",
     ]
     if unknown:
         lines.append(f"  {unknown} have no answer: their search was cut off; the same command tries them again")

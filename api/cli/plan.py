@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import sys
+import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +15,7 @@ from api.cli.support.errors import Finite
 from api.cli.support.summary import plan_text
 
 if TYPE_CHECKING:
-    from batch.jobs import Planned
+    from jobs.planning import PlanRecord
 
 
 @click.command()
@@ -30,14 +32,14 @@ def plan(file: Path, cells: Path | None, cell: str | None, odds: float | None) -
     from api.cli.support.client import describe
     from api.cli.support.errors import RefusedRequest
     from api.cli.support.exit_status import exit_status
-    from api.cli.support.request_file import read_request
+    from api.cli.support.request_file import read_document
     from api.http import ProblemDetails, problem_document, translate
-    from api.schemas import PlanRequest
     from planner.errors import PlannerError
+    from planner.request import read_request
 
     try:
-        body = read_request(file, PlanRequest)
-        planned = _plan(body if odds is None else body.model_copy(update={"min_hit_probability": odds}), cells, cell)
+        asked = read_request(read_document(file))
+        planned = _plan(asked if odds is None else {**asked, "min_hit_probability": odds}, cells, cell)
     except (ProblemDetails, PlannerError) as error:
         problem = translate(error)
         document = problem_document(problem, str(file))
@@ -45,10 +47,9 @@ def plan(file: Path, cells: Path | None, cell: str | None, odds: float | None) -
             raise RefusedRequest(document, describe(document, as_request=True)) from None
         click.echo(json.dumps(document, indent=2), err=True)
         sys.exit(exit_status(problem.name))
-    plan_document = planned.document.decode()
+    plan_document = planned.row.document.decode()
     click.echo(plan_document)
     click.echo(plan_text(json.loads(plan_document)), err=True)
-    _note_uncompiled(planned.summary)
 
 
 @click.command()
@@ -67,32 +68,17 @@ def warm() -> None:
         click.echo("There is no C compiler: the slower interpreted functions are used.", err=True)
 
 
-def _plan(body: Any, cells: Path | None, cell: str | None) -> Planned:
-    import time
-
-    from api.cell_repository import CellRepository
+def _plan(asked: Mapping[str, Any], cells: Path | None, cell: str | None) -> PlanRecord:
+    from api.cell_repository import CellRepository, UnknownCell
     from api.http import invalid_field
-    from api.schemas import iso_time
     from api.settings import parse_settings
-    from batch.jobs import PlanningJob, solve
+    from jobs.planning import PlanningJob, solve
     from store import new_id
 
     settings = parse_settings()
-    repository = CellRepository(cells or settings.cells)
-    name = body.cell or cell or settings.default_cell
-    if body.start is not None and body.start.current:
-        raise invalid_field("start.current", "needs a service with an executor")
-    source = repository.source(name)
-    if source is None or repository.cell(name) is None:
-        raise invalid_field("cell", repository.without(name))
-    request = {**body.model_dump(exclude_none=True), "cell": name}
-    job = PlanningJob(new_id(), iso_time(time.time()) or "", source, request)
-    return solve(job)
-
-
-def _note_uncompiled(summary: bytes) -> None:
-    """Says on standard error where the plan took longer for want of compiled solvers."""
-    from planner.search import NOT_COMPILED
-
-    if any(attempt["result"] == NOT_COMPILED for attempt in json.loads(summary)["solver"]["attempts"]):
-        click.echo(f"fling: {NOT_COMPILED}", err=True)
+    name = asked.get("cell") or cell or settings.default_cell
+    try:
+        source, _ = CellRepository(cells or settings.cells).required(name)
+    except UnknownCell as error:
+        raise invalid_field("cell", str(error)) from None
+    return solve(PlanningJob(new_id(), time.time(), source, {**asked, "cell": name}))

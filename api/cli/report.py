@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from api.cli.support.options import service_options, service_url
+from api.cli.support.options import calls_service
 
 if TYPE_CHECKING:
     from api.cli.support.client import ServiceClient
@@ -26,7 +26,7 @@ NEEDED = ("trajectory", "certificate", "flight", "release", "request", "solver",
 @click.option("--experiment", "experiment_id", metavar="ID", help="An experiment of a running service, or latest.")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="HTML file; default: PLAN or ID with .html.")
 @click.option("--cells", type=click.Path(exists=True, file_okay=False, path_type=Path), help="FLING_CELLS, for PLAN.")
-@service_options
+@calls_service
 def report(
     file: Path | None,
     plan_id: str | None,
@@ -34,8 +34,7 @@ def report(
     experiment_id: str | None,
     output: Path | None,
     cells: Path | None,
-    url: str | None,
-    token: str | None,
+    client: ServiceClient,
 ) -> None:
     """Write a plan, an execution or an experiment as one self-contained HTML file.
 
@@ -51,11 +50,8 @@ def report(
         content = _of_file(file, cells)
         target = output or file.with_suffix(".html")
     else:
-        from api.cli.support.client import ServiceClient
-
         kind, id = asked[0]
-        with ServiceClient(service_url(url), token) as client:
-            content = READERS[kind](client, id)
+        content = READERS[kind](client, id)
         target = output or Path(f"{kind}-{id}.html")
     target.write_text(report_html(content), encoding="utf-8")
     click.echo(target)

@@ -5,19 +5,22 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from api.cli.support.errors import Coordinate, Finite
 from api.cli.support.exit_status import NotCompleted
-from api.cli.support.options import cell_of_service, cell_option, json_option, service_options, service_url
+from api.cli.support.options import calls_service, cell_of_service, cell_option, json_option
 from api.cli.support.progress import execute_plan, make_plan
 from api.cli.support.series import LOAD_HELP, LoadStep, load_step, read_targets, run_series, series_text
 from api.cli.support.summary import landing_text
 from api.cli.support.terminal import say_step
 
-ODDS_HELP = "Least probability of a hit within --tolerance [-]; a later release where the soonest has less."
+if TYPE_CHECKING:
+    from api.cli.support.client import ServiceClient
+
+ODDS_HELP = "Minimum hit probability within --tolerance [-]; the release may be later for it."
 BIN_HELP = "Throw into a round bin: its inner radius, and the height of its rim above X Y Z, the bottom's centre [m]."
 
 WITHOUT_FAULT = ("refused", "aborted", "held")  # outcomes after which the executor goes on; docs/executor.md
@@ -38,7 +41,7 @@ WITHOUT_FAULT = ("refused", "aborted", "held")  # outcomes after which the execu
 @click.option("--soonest", is_flag=True, help="Release as soon as possible, on time: --window 0.")
 @click.option("--odds", type=Finite(0.0, 1.0), help=ODDS_HELP)
 @click.option("--bin", nargs=2, type=Finite(), metavar="RADIUS RIM", help=BIN_HELP)
-@service_options
+@calls_service
 def throw(
     position: tuple[float, ...],
     targets: Path | None,
@@ -54,8 +57,7 @@ def throw(
     soonest: bool,
     odds: float | None,
     bin: tuple[float, float] | None,
-    url: str | None,
-    token: str | None,
+    client: ServiceClient,
 ) -> None:
     """Plan a throw that lands on X Y Z [m, world frame], execute it, and print where it landed.
 
@@ -63,7 +65,6 @@ def throw(
     the soonest release of those tried that hits with nine in ten at least. --repeat and --targets
     make a series of it, with one record: GET /experiments/{id}.
     """
-    from api.cli.support.client import ServiceClient
 
     if (len(position) != 3) == (targets is None) or (targets is not None and position):
         raise click.UsageError("give X Y Z, or --targets FILE")
@@ -78,12 +79,11 @@ def throw(
     places = [position] if targets is None else read_targets(targets)
     requests = [{**request, "release": _target(place, bin)} for place in places]
     step = load_step(load)
-    with ServiceClient(service_url(url), token) as client:
-        if targets is None and repeat is None:
-            _one_throw(client, requests[0], mode, dry_run, as_json)
-        else:
-            settings = {"name": name, "repeat": repeat or 1, "load": load, "requests": requests, "mode": mode}
-            _series(client, step, settings, as_json)
+    if targets is None and repeat is None:
+        _one_throw(client, requests[0], mode, dry_run, as_json)
+    else:
+        settings = {"name": name, "repeat": repeat or 1, "load": load, "requests": requests, "mode": mode}
+        _series(client, step, settings, as_json)
 
 
 def _one_throw(client: Any, request: dict[str, Any], mode: str, dry_run: bool, as_json: bool) -> None:
@@ -132,14 +132,12 @@ def _target(position: Sequence[float], bin: tuple[float, float] | None) -> dict[
 
 @click.command()
 @cell_option(service=True)
-@service_options
-def acknowledge(cell: str | None, url: str | None, token: str | None) -> None:
+@calls_service
+def acknowledge(cell: str | None, client: ServiceClient) -> None:
     """Clear the fault that the executor latched, once a person has checked the robot."""
-    from api.cli.support.client import ServiceClient
 
-    with ServiceClient(service_url(url), token) as client:
-        name = cell_of_service(client, cell)
-        answer = client.acknowledge(name)
+    name = cell_of_service(client, cell)
+    answer = client.acknowledge(name)
     fault = answer["fault"] or {}
     said = ": ".join(filter(None, [fault.get("outcome"), fault.get("reason")])) or "there was no fault"
     click.echo(f"{name}: {said}; acknowledged by {answer['acknowledged_by']}")
@@ -147,12 +145,10 @@ def acknowledge(cell: str | None, url: str | None, token: str | None) -> None:
 
 @click.command()
 @click.argument("execution", default="latest")
-@service_options
-def abort(execution: str, url: str | None, token: str | None) -> None:
+@calls_service
+def abort(execution: str, client: ServiceClient) -> None:
     """Ask for the brake of EXECUTION: its id, or `latest`. Not a safety function: use the emergency stop."""
-    from api.cli.support.client import ServiceClient
 
-    with ServiceClient(service_url(url), token) as client:
-        answer = client.post(f"/executions/{execution}/abort")
+    answer = client.post(f"/executions/{execution}/abort")
     said = f"had ended before: {answer['outcome']}" if answer["outcome"] else "the executor was asked to brake"
     click.echo(f"{answer['id']}: {said}")

@@ -18,8 +18,10 @@ from pydantic import BaseModel
 from starlette.exceptions import HTTPException
 from starlette.routing import Match
 
+from api.cell_repository import UnknownCell
 from api.field_errors import reason, refused_fields
 from api.planning import ClientGone, PlanningEnded, PlanningQueueFull
+from jobs.pool import PlannerBug, PoolBroken
 from planner.errors import BackendUnavailable, CellError, Infeasible, InvalidProblem, SolverFailed
 from store import CellBusy, KeyTaken, StoreUnavailable, UnknownBatch, UnknownExecution, UnknownExperiment, UnknownPlan
 
@@ -56,7 +58,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         405, "Method not allowed", "The address exists, but does not accept this method; see /docs."
     ),
     "not-acceptable": ProblemType(
-        406, "Not in this media type", "'offers' lists the media types that there are: name one in 'Accept'."
+        406, "Not acceptable", "'offers' lists the media types that there are: name one in 'Accept'."
     ),
     "request-timeout": ProblemType(
         408, "Too slow", "Headers and body of a request must each arrive within ten seconds: send it again."
@@ -110,9 +112,9 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
     "internal": ProblemType(500, "A bug in Fling", "The service's log has the details. Please report it."),
     "solver-failed": ProblemType(
         503,
-        "The search was ended",
-        "'time_limit_s' ended the search before it was decided whether there is a motion ('solver.status' is "
-        "'time_limit'), or a planner process ended: allow more time. 'violations' are what stood in the way of the "
+        "Planning timed out",
+        "'time_limit_s' passed before it was decided whether there is a motion ('solver.status' is 'time_limit'), or a "
+        "planner process ended: allow more time. 'violations' are what stood in the way of the "
         "best motion so far, 'nearest' is the closest feasible request found, or null.",
     ),
     "shutting-down": ProblemType(
@@ -185,13 +187,17 @@ def _from_framework(error: HTTPException) -> ProblemDetails:
     return ProblemDetails(name, detail, headers=error.headers)
 
 
+def _internal() -> ProblemDetails:
+    return ProblemDetails("internal", "an internal error; the service's log has the details")
+
+
 def _infeasible(error: Infeasible) -> ProblemDetails:
     return ProblemDetails("infeasible", str(error), **_refusal(error))
 
 
 def _solver_failed(error: SolverFailed) -> ProblemDetails:
     solver = {"status": error.status, "iterations": error.iterations}
-    return ProblemDetails("solver-failed", f"the search was ended: {error}", solver=solver, **_refusal(error))
+    return ProblemDetails("solver-failed", f"planning ended early: {error}", solver=solver, **_refusal(error))
 
 
 def _refusal(error: Infeasible | SolverFailed) -> dict[str, Any]:
@@ -215,16 +221,19 @@ TRANSLATIONS: dict[type[Exception], Callable[[Any], ProblemDetails]] = {
     CellError: lambda e: invalid_field("cell", f"the cell file is refused: {e}"),
     PlanningQueueFull: lambda e: ProblemDetails("overloaded", str(e), headers=retry_after(e.retry_after_s)),
     PlanningEnded: lambda e: ProblemDetails("shutting-down", str(e), headers=retry_after(RESTART_S)),
+    PlannerBug: lambda _: _internal(),
+    PoolBroken: lambda e: ProblemDetails("not-ready", str(e), headers=retry_after(RESTART_S)),
     StoreUnavailable: lambda e: ProblemDetails("not-ready", e.advice, headers=retry_after(SOON_S), outage=e.kind),
     CellBusy: lambda e: ProblemDetails("robot-busy", str(e), cell=e.cell),
     KeyTaken: lambda _: ProblemDetails("idempotency-conflict", "this Idempotency-Key was used with another body"),
+    UnknownCell: lambda e: ProblemDetails("not-found", str(e)),
     UnknownPlan: lambda e: ProblemDetails("not-found", str(e)),
     UnknownExecution: lambda e: ProblemDetails("not-found", str(e)),
     UnknownExperiment: lambda e: ProblemDetails("not-found", str(e)),
     UnknownBatch: lambda e: ProblemDetails("not-found", str(e)),
     RequestValidationError: lambda e: _invalid(e),
     HTTPException: _from_framework,
-    Exception: lambda _: ProblemDetails("internal", "an internal error; the service's log has the details"),
+    Exception: lambda _: _internal(),
 }
 
 

@@ -36,7 +36,7 @@ class ViolationAnswer(BaseModel):
     unit: str
     at_s: float | None = Field(None, description="Time on the trajectory [s].")
     detail: str = Field("", description="Joint, pair of links or box concerned.")
-    proven: bool = Field(False, description="Whether no motion can avoid it; else it was searched for in vain.")
+    proven: bool = Field(False, description="Whether no motion can avoid it; otherwise none was found.")
 
 
 class SolverEnd(BaseModel):

@@ -1,16 +1,14 @@
-"""The planner in processes of its own: the pool of workers behind a bounded queue."""
+"""Planning for the service: the line in front of its planner processes, and the drivers of its batches and maps."""
 
-from api.planning.batch_drivers import BatchDrivers
-from api.planning.compilation import compile_when_idle
-from api.planning.map_runners import MapRunners
-from api.planning.pool import ClientGone, PlannerPool, PlanningEnded, PlanningQueueFull
+from api.planning.driver_processes import BatchDrivers, DriverCommand, MapDrivers
+from api.planning.line import ClientGone, PlanningEnded, PlanningLine, PlanningQueueFull
 
 __all__ = [
     "BatchDrivers",
     "ClientGone",
-    "MapRunners",
-    "PlannerPool",
+    "DriverCommand",
+    "MapDrivers",
     "PlanningEnded",
+    "PlanningLine",
     "PlanningQueueFull",
-    "compile_when_idle",
 ]

@@ -2,9 +2,7 @@
 
 from api.routes import (
     batches,
-    cell_history,
     cells,
-    execution_events,
     executions,
     experiments,
     health,
@@ -13,8 +11,6 @@ from api.routes import (
     pages,
     plans,
     profiles,
-    scene,
-    timing,
 )
 
 __all__ = ["ROUTERS"]
@@ -23,13 +19,9 @@ ROUTERS = (
     plans.router,
     batches.router,
     executions.router,
-    execution_events.router,
     landings.router,
     experiments.router,
     cells.router,
-    cell_history.router,
-    scene.router,
-    timing.router,
     maps.router,
     profiles.router,
     health.router,

@@ -18,9 +18,8 @@ from starlette.background import BackgroundTask
 from starlette.concurrency import run_in_threadpool
 
 from api.batch_requests import batch_document, batch_specification
-from api.dependencies import AnyCaller, Key, Origin, PlanCaller, Service, ServiceDep, id_in_path
+from api.dependencies import AnyCaller, Key, Origin, PlanCaller, Service, ServiceDep, find, id_in_path, make_once
 from api.http import (
-    ProblemDetails,
     StrictJsonRoute,
     event_stream,
     event_stream_answer,
@@ -31,8 +30,8 @@ from api.http import (
 )
 from api.routes.plans import POST_PROBLEMS, PageCursor, PageLimit
 from api.schemas import BATCH_EXAMPLES, BatchAnswer, BatchList, BatchRequest, BatchResultList
-from batch.runs import PARQUET, BatchRequests, BatchSpecification, Parameters, ParquetMissing, write_table
-from store import BatchResultRow, BatchRow, KeyTaken, Store, StoreUnavailable
+from jobs.batches import PARQUET, BatchRequests, BatchSpecification, Parameters, ParquetMissing, write_table
+from store import BatchResultRow, BatchRow, Store, StoreUnavailable
 
 router = APIRouter(route_class=StrictJsonRoute, tags=["batches"])
 
@@ -64,24 +63,19 @@ EVENTS_ANSWER = event_stream_answer("Its progress whenever it changes; ends with
 async def make_batch(body: BatchBody, service: ServiceDep, caller: PlanCaller, key: Key, origin: Origin) -> Response:
     """Queues many planning requests; each is checked before. Their plans are stored like any other plan.
 
-    Requests that ask for the same are planned once. A batch survives the end of the service: it goes on when the
+    Requests that ask for the same are planned once. A batch survives the end of the service: it resumes when the
     service starts again.
     """
 
-    def create() -> BatchRow:
-        store = service.store
-        settings = service.settings
-        existing = None if key is None else store.resource_of_key(key)
-        if existing is None:
-            asked = batch_specification(body, store, service.cells, settings.default_cell, SIZE_MAX)
-            try:
-                act = origin.act(caller, "batch")
-                return store.add_batch(asked.pack(), len(asked.requests), caller.name, "service", key, act)
-            except KeyTaken as taken:
-                existing = taken.resource_of(key)
-        return find_batch(service, existing)
+    store = service.store
 
-    row = await run_in_threadpool(create)
+    def queue() -> str:
+        asked = batch_specification(body, store, service.cells, service.settings.default_cell, SIZE_MAX)
+        act = origin.act(caller, "batch")
+        return store.add_batch(asked.pack(), len(asked.requests), caller.name, "service", key, act).id
+
+    id = await run_in_threadpool(make_once, store, key, queue)
+    row = await run_in_threadpool(find_batch, service, id)
     service.batch_drivers.wake()
     return JSONResponse(batch_document(row), 201, {"Location": f"/batches/{row.id}"})
 
@@ -163,12 +157,7 @@ def find_batch(service: Service, id: str) -> BatchRow:
     Raises:
         ProblemDetails: There is no such batch.
     """
-    if id == "latest":
-        id = next((row.id for row in service.store.batches(limit=1)[0]), id)
-    row = service.store.batch(id)
-    if row is None:
-        raise ProblemDetails("not-found", f"no batch {id!r}")
-    return row
+    return find("batch", id, service.store.batch, service.store.batches)
 
 
 async def _events(request: Request, store: Store, id: str, after: int) -> AsyncIterator[bytes]:

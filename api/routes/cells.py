@@ -1,16 +1,21 @@
-"""Cells: their files, their executors, the live state of their robots."""
+"""Cells: their files and versions, their executors, the live state of their robots, the timing of their arms."""
 
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 from typing import Annotated, Any
 
-from fastapi import APIRouter
+import orjson
+from fastapi import APIRouter, Response
 from fastapi.responses import JSONResponse
 
+from api.cell_history import history_document
 from api.dependencies import AnyCaller, OperateCaller, Origin, Service, ServiceDep, name_in_path
 from api.http import ProblemDetails, json_answer, problem_answers
-from api.schemas import Acknowledged, CellList, CellState
+from api.scene import cell_model
+from api.schemas import Acknowledged, CellHistory, CellList, CellModel, CellState, TimingAnswer, iso_time
+from learning import cell_in_use, pooled_document, timing_runs
 from planner.errors import CellError
 from store import CellRow
 
@@ -71,6 +76,47 @@ def acknowledge_fault(name: CellName, service: ServiceDep, caller: OperateCaller
         raise ProblemDetails("robot-not-ready", f"cell {name!r} has no executor that could clear a fault", cell=name)
     service.store.request_acknowledge(name, caller.name, origin.act(caller, "acknowledge"))
     return JSONResponse({"cell": name, "acknowledged_by": caller.name, "fault": row.fault})
+
+
+@router.get(
+    "/cells/{name}/history",
+    summary="List the versions of a cell",
+    responses=json_answer(200, CellHistory, "Newest first, with what changed.", "not-found", "invalid-request"),
+)
+def read_history(name: CellName, service: ServiceDep, caller: AnyCaller) -> JSONResponse:
+    """Lists the versions of a cell file that service or executor have seen, each with the keys that it changed."""
+    with suppress(CellError):  # a file that is refused has a history all the same
+        service.cell(name)
+        service.cell_version(name)
+    return JSONResponse(history_document(name, service.store.cell_versions(name)))
+
+
+@router.get(
+    "/cells/{name}/model",
+    summary="Read a cell's model",
+    responses=json_answer(200, CellModel, "As the planner sees the cell.", "not-found", "invalid-request"),
+)
+def read_cell_model(name: CellName, service: ServiceDep, caller: AnyCaller) -> Response:
+    """Reads the kinematic chain, capsules, limits and surroundings that plans are made with: enough to draw them."""
+    return Response(orjson.dumps(cell_model(service.cell(name))), media_type="application/json")
+
+
+@router.get(
+    "/cells/{name}/timing",
+    summary="Read the arm's timing",
+    responses=json_answer(200, TimingAnswer, "Newest run first.", "not-found", "invalid-request"),
+)
+def read_timing(name: CellName, service: ServiceDep, caller: AnyCaller) -> JSONResponse:
+    """Reads lag, gain, first-order part and overshoot of every joint, run by run and pooled, with standard errors.
+
+    Runs under other versions of the cell file count, unless that version describes another arm.
+    """
+    cell = service.cell(name)
+    found = timing_runs(service.store, cell)
+    runs = [{"execution_id": row.id, "finished_at": iso_time(row.finished_at), **timing} for row, timing in found]
+    assumed_s = cell_in_use(service.store, cell)[0].timing.lag_s
+    pooled = pooled_document([timing for _, timing in found], assumed_s)
+    return JSONResponse({"cell": name, "assumed_lag_s": assumed_s, "pooled": pooled, "runs": runs})
 
 
 def _summary(service: Service, name: str, row: CellRow | None) -> dict[str, Any]:

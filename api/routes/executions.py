@@ -1,4 +1,4 @@
-"""Executions: queue, list, read, abort, download the recording."""
+"""Executions: queue, list, read, watch, abort, download the recording."""
 
 from __future__ import annotations
 
@@ -6,15 +6,32 @@ from typing import Annotated, Any
 
 import orjson
 from fastapi import APIRouter, Body, Header, Response
-from fastapi.responses import JSONResponse
+from fastapi.responses import JSONResponse, StreamingResponse
+from starlette.concurrency import run_in_threadpool
 
-from api.dependencies import AnyCaller, Key, OperateCaller, Origin, Service, ServiceDep, id_in_path
-from api.http import ProblemDetails, StrictJsonRoute, json_answer, preferred_media_type, problem_answers
+from api.dependencies import AnyCaller, Key, OperateCaller, Origin, Service, ServiceDep, find, id_in_path, make_once
+from api.http import (
+    ProblemDetails,
+    StrictJsonRoute,
+    event_stream,
+    event_stream_answer,
+    json_answer,
+    preferred_media_type,
+    problem_answers,
+)
 from api.routes.plans import POST_PROBLEMS, PageCursor, PageLimit, find_plan
-from api.schemas import EXECUTE_EXAMPLES, ExecuteRequest, ExecutionAnswer, ExecutionList, iso_time
+from api.schemas import (
+    EXECUTE_EXAMPLES,
+    ExecuteRequest,
+    ExecutionAnswer,
+    ExecutionList,
+    StateEvent,
+    TelemetryEvent,
+    iso_time,
+)
 from fling import tracing
 from planner.errors import CellError
-from store import CellRow, ExecutionRow, KeyTaken, PlanRow
+from store import CellRow, ExecutionRow, PlanRow
 
 router = APIRouter(route_class=StrictJsonRoute, tags=["executions"])
 
@@ -25,6 +42,9 @@ RECORDING_ANSWER = {
     "content": {MCAP: {"schema": {"type": "string", "format": "binary"}}, "text/csv": {"schema": {"type": "string"}}},
     "description": "Planned and measured motion, one row per tick: MCAP, or CSV by `Accept`.",
 }
+EVENT_STREAM_ANSWER = event_stream_answer(
+    "State changes and telemetry; ends with the execution.", state=StateEvent, telemetry=TelemetryEvent
+)
 
 
 @router.post(
@@ -38,13 +58,11 @@ RECORDING_ANSWER = {
 )
 def execute_plan(body: ExecuteBody, service: ServiceDep, caller: OperateCaller, key: Key, origin: Origin) -> Response:
     """Queues one execution of a plan. **This moves the robot**; software stop is not a safety function."""
-    existing = None if key is None else service.store.resource_of_key(key)
-    if existing is not None:
-        return _accepted(service, find_execution(service, existing))
-    plan = find_plan(service, body.plan_id, whole=False)
-    _check_executable(service, plan, body)
-    try:
-        row = service.store.queue_execution(
+
+    def queue() -> str:
+        plan = find_plan(service, body.plan_id, whole=False)
+        _check_executable(service, plan, body)
+        return service.store.queue_execution(
             plan.id,
             plan.cell,
             body.mode,
@@ -54,10 +72,10 @@ def execute_plan(body: ExecuteBody, service: ServiceDep, caller: OperateCaller, 
             body.experiment_id,
             origin.act(caller, "execute"),
             tracing.trace_context(),
-        )
-    except KeyTaken as taken:
-        return _accepted(service, find_execution(service, taken.resource_of(key)))
-    return _accepted(service, row)
+        ).id
+
+    row = find_execution(service, make_once(service.store, key, queue))
+    return JSONResponse(_document(service, row), 202, {"Location": f"/executions/{row.id}"})
 
 
 @router.get("/executions", summary="List executions", responses=json_answer(200, ExecutionList, "Newest first."))
@@ -102,6 +120,23 @@ def read_recording(
     return Response(content, 200, {"Content-Disposition": disposition, "Vary": "Accept"}, media)
 
 
+@router.get(
+    "/executions/{id}/events",
+    summary="Watch an execution",
+    response_class=StreamingResponse,
+    responses={200: EVENT_STREAM_ANSWER, **problem_answers("not-found", "invalid-request")},
+)
+async def watch_execution(
+    id: ExecutionId,
+    service: ServiceDep,
+    caller: AnyCaller,
+    last_event_id: Annotated[int, Header(ge=0, le=2**62, description="Resume after this event.")] = 0,
+) -> StreamingResponse:
+    """Streams state changes and telemetry (20 Hz or more) as server-sent events until the execution has ended."""
+    row = await run_in_threadpool(find_execution, service, id)
+    return event_stream(service.feeds.listen(row.id, last_event_id))
+
+
 @router.post(
     "/executions/{id}/abort",
     status_code=202,
@@ -123,12 +158,7 @@ def find_execution(service: Service, id: str) -> ExecutionRow:
     Raises:
         ProblemDetails: There is no such execution.
     """
-    if id == "latest":
-        id = next((row.id for row in service.store.executions(limit=1)[0]), id)
-    row = service.store.execution(id)
-    if row is None:
-        raise ProblemDetails("not-found", f"no execution {id!r}")
-    return row
+    return find("execution", id, service.store.execution, service.store.executions)
 
 
 def _document(service: Service, row: ExecutionRow) -> dict[str, Any]:
@@ -144,10 +174,6 @@ def _executor_is_lost(service: Service, row: ExecutionRow) -> bool:
         return False
     status = service.store.cell_status(row.cell)
     return status is None or not status.is_alive or row.executor_id not in (None, status.executor_id)
-
-
-def _accepted(service: Service, row: ExecutionRow) -> JSONResponse:
-    return JSONResponse(_document(service, row), 202, {"Location": f"/executions/{row.id}"})
 
 
 def _check_executable(service: Service, plan: PlanRow, body: ExecuteRequest) -> None:

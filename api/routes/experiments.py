@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 from collections.abc import Sequence
 from typing import Annotated, Any
@@ -10,10 +9,9 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Body, Header, Response
 from fastapi.responses import JSONResponse
 
-from api.dependencies import AnyCaller, Key, OperateCaller, Origin, Service, ServiceDep, id_in_path
+from api.dependencies import AnyCaller, Key, OperateCaller, Origin, Service, ServiceDep, find, id_in_path, make_once
 from api.experiment_statistics import statistics_by_target, statistics_of, throws_of
 from api.http import (
-    ProblemDetails,
     StrictJsonRoute,
     invalid_field,
     json_answer,
@@ -30,18 +28,20 @@ from api.schemas import (
     ExperimentRequest,
     iso_time,
 )
-from store import ExperimentRow, KeyTaken
+from jobs.batches import NUMBER, PARQUET, TEXT, TEXTS, ParquetMissing, write_csv, write_parquet
+from store import ExperimentRow
 
 router = APIRouter(route_class=StrictJsonRoute, tags=["experiments"])
 
 ExperimentId = Annotated[str, id_in_path("experiment")]
 ExperimentBody = Annotated[ExperimentRequest, Body(openapi_examples=EXPERIMENT_EXAMPLES)]  # type: ignore[arg-type]
 AXES = ("x", "y", "z")
-COLUMNS = (
-    "execution_id", "plan_id", "state", "outcome", *(f"target_{axis}_m" for axis in AXES),
-    *(f"landing_{axis}_m" for axis in AXES), "error_m", "results",
-)  # fmt: skip
-PARQUET = "application/vnd.apache.parquet"
+COLUMNS = {
+    **dict.fromkeys(("execution_id", "plan_id", "state", "outcome"), TEXT),
+    **dict.fromkeys((f"{point}_{axis}_m" for point in ("target", "landing") for axis in AXES), NUMBER),
+    "error_m": NUMBER,
+    "results": TEXTS,
+}
 ANSWER = {
     "model": ExperimentAnswer,
     "content": {
@@ -62,14 +62,13 @@ def begin_experiment(
     body: ExperimentBody, service: ServiceDep, caller: OperateCaller, key: Key, origin: Origin
 ) -> JSONResponse:
     """Begins a series of throws. Executions join it by `experiment_id`; it moves nothing by itself."""
-    existing = None if key is None else service.store.resource_of_key(key)
-    if existing is not None:
-        return _created(find_experiment(service, existing))
-    try:
-        row = service.store.add_experiment(body.name, caller.name, body.settings, key, origin.act(caller, "experiment"))
-    except KeyTaken as taken:
-        return _created(find_experiment(service, taken.resource_of(key)))
-    return _created(row)
+
+    def begin() -> str:
+        act = origin.act(caller, "experiment")
+        return service.store.add_experiment(body.name, caller.name, body.settings, key, act).id
+
+    row = find_experiment(service, make_once(service.store, key, begin))
+    return JSONResponse(_head(row), 201, {"Location": f"/experiments/{row.id}"})
 
 
 @router.get("/experiments", summary="List experiments", responses=json_answer(200, ExperimentList, "Newest first."))
@@ -99,10 +98,8 @@ def read_experiment(
     row = find_experiment(service, id)
     throws = _throws(service, row)
     headers = {"Vary": "Accept"}
-    if media == "text/csv":
-        return Response(_csv(throws), headers=headers, media_type=media)
-    if media == PARQUET:
-        return Response(_parquet(throws), headers=headers, media_type=media)
+    if media != "application/json":
+        return Response(_table(throws, media), headers=headers, media_type=media)
     document = {"throws": throws, "statistics": statistics_of(throws), "targets": statistics_by_target(throws)}
     return JSONResponse({**_head(row), **document}, headers=headers)
 
@@ -120,12 +117,7 @@ def find_experiment(service: Service, id: str) -> ExperimentRow:
     Raises:
         ProblemDetails: There is no such experiment.
     """
-    if id == "latest":
-        id = next((row.id for row in service.store.experiments(limit=1)[0]), id)
-    row = service.store.experiment(id)
-    if row is None:
-        raise ProblemDetails("not-found", f"no experiment {id!r}")
-    return row
+    return find("experiment", id, service.store.experiment, service.store.experiments)
 
 
 def _throws(service: Service, row: ExperimentRow) -> list[dict[str, Any]]:
@@ -139,45 +131,23 @@ def _head(row: ExperimentRow) -> dict[str, Any]:
     return {**vars(row), "created_at": iso_time(row.created_at)}
 
 
-def _created(row: ExperimentRow) -> JSONResponse:
-    return JSONResponse(_head(row), 201, {"Location": f"/experiments/{row.id}"})
-
-
-def _table(throws: Sequence[dict[str, Any]]) -> list[list[Any]]:
-    """Returns a row a throw, in the order of `COLUMNS`; None where something is not known."""
-    rows = []
-    for throw in throws:
-        places = [*(throw["target"] or [None] * 3), *(throw["landing"] or [None] * 3)]
-        head = [throw[name] for name in ("execution_id", "plan_id", "state", "outcome")]
-        rows.append([*head, *places, throw["error_m"], throw["results"]])
-    return rows
-
-
-def _csv(throws: Sequence[dict[str, Any]]) -> str:
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    for *cells, results in _table(throws):
-        writer.writerow([*cells, " ".join(results)])
-    return stream.getvalue()
-
-
-def _parquet(throws: Sequence[dict[str, Any]]) -> bytes:
-    """Returns the table as Parquet.
+def _table(throws: Sequence[dict[str, Any]], media: str) -> bytes:
+    """Returns a row a throw.
 
     Raises:
-        ProblemDetails: Its library is not installed.
+        ProblemDetails: The library for Parquet is not installed.
     """
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError:
-        raise invalid_field("accept", f"{PARQUET} needs pyarrow: pip install 'fling-robotics[parquet]'") from None
-    text = pyarrow.string()
-    number = pyarrow.float64()
-    types = [*[text] * 4, *[number] * 7, pyarrow.list_(text)]
-    columns = zip(*_table(throws), strict=True) if throws else [[]] * len(COLUMNS)
-    arrays = [pyarrow.array(list(column), kind) for column, kind in zip(columns, types, strict=True)]
     stream = io.BytesIO()
-    pyarrow.parquet.write_table(pyarrow.table(arrays, names=list(COLUMNS)), stream)
+    rows = [
+        {**throw, **_coordinates("target", throw["target"]), **_coordinates("landing", throw["landing"])}
+        for throw in throws
+    ]
+    try:
+        (write_parquet if media == PARQUET else write_csv)(COLUMNS, rows, stream)
+    except ParquetMissing as error:
+        raise invalid_field("accept", f"{media} {error}") from None
     return stream.getvalue()
+
+
+def _coordinates(point: str, position: Sequence[float] | None) -> dict[str, float | None]:
+    return {f"{point}_{axis}_m": None if position is None else position[i] for i, axis in enumerate(AXES)}

@@ -31,12 +31,11 @@ async def read_readiness(request: Request, service: ServiceDep) -> JSONResponse:
     outage = await run_in_threadpool(service.probe.outage)
     cells = {} if outage else await run_in_threadpool(_executors, service)
     store = outage is None
-    solvers = "compiled" if service.pool.is_compiled else "interpreted"
-    parts = {"store": store, "planner": service.pool.is_warm, "solvers": solvers, "cells": cells}
+    parts = {"store": store, "planner": service.line.is_warm, "cells": cells}
     if request.app.state.is_draining:
         reason = "the service is shutting down"
         raise ProblemDetails("not-ready", reason, headers=retry_after(RESTART_S), ready=False, **parts)
-    if not (store and service.pool.is_warm):
+    if not (store and service.line.is_warm):
         reason = outage.advice if outage else "the planner processes are starting"
         parts["outage"] = outage and outage.kind
         raise ProblemDetails("not-ready", reason, headers=retry_after(SOON_S), ready=False, **parts)
@@ -51,7 +50,7 @@ async def read_readiness(request: Request, service: ServiceDep) -> JSONResponse:
 )
 def read_metrics(service: ServiceDep, caller: AnyCaller) -> Response:
     """Returns planning requests and their durations, executions by outcome, executors alive."""
-    service.metrics.waiting.set(service.pool.waiting)
+    service.metrics.waiting.set(service.line.waiting)
     for cell, alive in _executors(service).items():
         service.metrics.executors.labels(cell).set(alive)
     return Response(service.metrics.text(), headers={"Content-Type": CONTENT_TYPE_LATEST})

@@ -22,7 +22,7 @@ from api.http import (
 from api.routes.cells import CellName
 from api.routes.plans import POST_PROBLEMS, UNCHANGED
 from api.schemas import MAP_EXAMPLES, UUID_PATTERN, MapAnswer, MapBody, MapHead
-from batch.maps import (
+from jobs.maps import (
     MapRequest,
     MapTable,
     OutputUnavailable,
@@ -58,25 +58,22 @@ MapAccept = Annotated[str | None, Header(description=", ".join(OFFERS))]
     "/cells/{name}/map",
     status_code=202,
     summary="Make a map",
-    responses=json_answer(202, MapHead, "Begun, or gone on with; read it at `Location`.", "not-found", *POST_PROBLEMS),
+    responses=json_answer(202, MapHead, "Begun, or resumed; read it at `Location`.", "not-found", *POST_PROBLEMS),
 )
 async def make_cell_map(name: CellName, body: MapFields, service: ServiceDep, caller: PlanCaller) -> JSONResponse:
     """Plans a throw to every landing cell of a plane or a volume, coarse points first; every yes has a stored plan.
 
-    The same request for an unchanged cell is the same map: one that was cancelled goes on, a finished one is answered.
+    The same request for an unchanged cell is the same map: a cancelled one resumes, a finished one is returned.
     """
 
     def begin() -> tuple[MapRow, dict[str, Any]]:
-        service.cell(name)  # refuses an unknown cell, and one whose file is wrong
-        source = service.cells.source(name)
-        if source is None:
-            raise ProblemDetails("not-found", f"no cell {name!r}")
+        source, _ = service.cells.required(name)
         row = begin_map(service.store, source, _request(body), fling_version(), caller.name, "service")
         return row, map_head(_table(service, row))
 
     row, head = await run_in_threadpool(begin)
     if row.state == "running":
-        service.map_runners.add(row.id)
+        service.map_drivers.add(row.id)
     return JSONResponse(head, 202, {"Location": f"/cells/{name}/map?id={row.id}"})
 
 
@@ -114,7 +111,7 @@ def read_cell_map(
     responses=json_answer(202, MapHead, "Its runner stops soon; what is planned stays.", "not-found", *POST_PROBLEMS),
 )
 def cancel_cell_map(name: CellName, service: ServiceDep, caller: PlanCaller, id: MapId = None) -> JSONResponse:
-    """Ends the work on a map; the same request to make it goes on with what is missing."""
+    """Ends the work on a map; the same request to make it resumes."""
     row, void = _find(service, name, id, None, None)
     service.store.request_map_cancel(row.id)
     now = service.store.map(row.id) or row

@@ -6,6 +6,7 @@ import asyncio
 import csv
 import io
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -14,7 +15,18 @@ from fastapi import APIRouter, Body, Header, Query, Response
 from starlette.concurrency import run_in_threadpool
 
 from api import fling_version
-from api.dependencies import AnyCaller, Gone, IfNoneMatch, Key, Origin, PlanCaller, Service, ServiceDep, id_in_path
+from api.dependencies import (
+    AnyCaller,
+    Gone,
+    IfNoneMatch,
+    Key,
+    Origin,
+    PlanCaller,
+    Service,
+    ServiceDep,
+    find,
+    id_in_path,
+)
 from api.http import (
     ProblemDetails,
     StrictJsonRoute,
@@ -27,21 +39,22 @@ from api.http import (
 )
 from api.planning import ClientGone, PlanningEnded, PlanningQueueFull
 from api.report import plan_svg
+from api.scene import plan_curves
 from api.schemas import (
     PLAN_EXAMPLES,
     UUID_PATTERN,
     PlanAnswer,
+    PlanCurves,
     PlanList,
     PlanPreview,
-    PlanRequest,
+    PlanRequestBody,
     TrajectoryAnswer,
-    iso_time,
 )
-from batch.jobs import Planned, PlanningJob
 from fling import tracing
-from planner.cell import Cell, CellSource
+from jobs.planning import PlanningJob, PlanRecord
+from jobs.pool import PoolBroken
+from planner.cell import Cell
 from planner.errors import CellError, PlannerError
-from planner.problem import TIME_LIMIT_S
 from store import IdempotencyKey, KeyTaken, PlanRow, new_id
 
 router = APIRouter(route_class=StrictJsonRoute, tags=["plans"])
@@ -55,7 +68,7 @@ WithTrajectory = Annotated[bool, Query(description="false leaves the trajectory 
 WithStore = Annotated[
     bool, Query(description="false: answer and forget. 200, without id and `Location`; not executable.")
 ]
-PlanBody = Annotated[PlanRequest, Body(openapi_examples=PLAN_EXAMPLES)]  # type: ignore[arg-type]
+PlanBody = Annotated[PlanRequestBody, Body(openapi_examples=PLAN_EXAMPLES)]  # type: ignore[arg-type]
 UNCHANGED: dict[int | str, dict[str, Any]] = {304: {"description": "The client has it: `If-None-Match`."}}
 TRAJECTORY_ANSWER = {
     "model": TrajectoryAnswer,
@@ -152,18 +165,25 @@ def draw_plan(id: PlanId, service: ServiceDep, caller: AnyCaller) -> Response:
     return Response(plan_svg(orjson.loads(row.document), cell_of_plan(service, row)), media_type="image/svg+xml")
 
 
+@router.get(
+    "/plans/{id}/curves",
+    summary="Read a plan's curves",
+    responses=json_answer(200, PlanCurves, "At samples of the trajectory.", "not-found", "cell-changed"),
+)
+def read_plan_curves(id: PlanId, service: ServiceDep, caller: AnyCaller) -> Response:
+    """Reads joint motion, torque, speeds, clearances and singularity distances, each with its limits."""
+    row = find_plan(service, id)
+    document = plan_curves(orjson.loads(row.document), cell_of_plan(service, row))
+    return Response(orjson.dumps(document), media_type="application/json")
+
+
 def find_plan(service: Service, id: str, whole: bool = True) -> PlanRow:
     """Returns a plan by its id or `latest`; without its trajectory unless `whole`.
 
     Raises:
         ProblemDetails: There is no such plan.
     """
-    if id == "latest":
-        id = next((row.id for row in service.store.plans(limit=1)[0]), id)
-    row = service.store.plan(id) if whole else service.store.plan_summary(id)
-    if row is None:
-        raise ProblemDetails("not-found", f"no plan {id!r}")
-    return row
+    return find("plan", id, service.store.plan if whole else service.store.plan_summary, service.store.plans)
 
 
 def cell_of_plan(service: Service, row: PlanRow) -> Cell:
@@ -186,7 +206,7 @@ def cell_of_plan(service: Service, row: PlanRow) -> Cell:
 class _Asked:
     """A request for a plan, with what it came with."""
 
-    body: PlanRequest
+    body: Mapping[str, Any]
     service: Service
     key: IdempotencyKey | None
     request_id: str
@@ -203,23 +223,22 @@ async def _preview(asked: _Asked, trajectory: bool) -> Response:
         raise invalid_field("Idempotency-Key", "belongs to a plan that is stored, not to store=false")
     job = await run_in_threadpool(_planning_job, asked.body, asked.service, asked.request_id, False)
     planned = await _solve(job, asked)
-    return Response(planned.document if trajectory else planned.summary, 200, media_type="application/json")
+    return Response(planned.row.document if trajectory else planned.row.summary, 200, media_type="application/json")
 
 
 async def _solve_and_store(asked: _Asked) -> str:
     job = await run_in_threadpool(_planning_job, asked.body, asked.service, asked.request_id)
     planned = await _solve(job, asked)
-    return await run_in_threadpool(_store_plan, asked.service, job, planned, asked.key)
+    return await run_in_threadpool(_store_plan, asked.service, planned, asked.key)
 
 
-async def _solve(job: PlanningJob, asked: _Asked) -> Planned:
+async def _solve(job: PlanningJob, asked: _Asked) -> PlanRecord:
     service = asked.service
-    limit_s = asked.body.time_limit_s or TIME_LIMIT_S
     started_at = time.perf_counter()
     with tracing.traced("plan", fling__cell=job.cell.name, fling__plan_id=job.plan_id) as span:
         try:
-            planned = await service.pool.solve(job, limit_s, asked.gone)
-        except (PlannerError, PlanningEnded, PlanningQueueFull) as error:
+            planned = await service.line.solve(job, asked.gone)
+        except (PlannerError, PlanningEnded, PlanningQueueFull, PoolBroken) as error:
             name = translate(error).name
             service.metrics.plans.labels(name).inc()
             span.set(fling__problem=name)
@@ -230,32 +249,30 @@ async def _solve(job: PlanningJob, asked: _Asked) -> Planned:
         finally:
             service.metrics.plan_seconds.observe(time.perf_counter() - started_at)
         _note_attempts(span, planned)
-    service.metrics.record_plan(planned.summary)
+    service.metrics.record_plan(planned.row.summary)
     return planned
 
 
-def _note_attempts(span: tracing.TracedSpan, planned: Planned) -> None:
+def _note_attempts(span: tracing.TracedSpan, planned: PlanRecord) -> None:
     """Adds what the planner tried to the span of a plan."""
-    solver = orjson.loads(planned.summary)["solver"]
-    span.set(fling__backend=planned.backend, fling__solve_time_s=solver["solve_time_s"])
+    solver = orjson.loads(planned.row.summary)["solver"]
+    span.set(fling__backend=planned.row.backend, fling__solve_time_s=solver["solve_time_s"])
     for attempt in solver["attempts"]:
         span.event(attempt["backend"], result=attempt["result"], duration_s=attempt["duration_s"])
 
 
-def _planning_job(body: PlanRequest, service: Service, request_id: str, stored: bool = True) -> PlanningJob:
+def _planning_job(body: Mapping[str, Any], service: Service, request_id: str, stored: bool = True) -> PlanningJob:
     """Returns the job for a worker."""
-    name = body.cell or service.settings.default_cell
-    service.cell(name)  # refuses an unknown cell, and one whose file is wrong
-    source = service.cells.source(name) or CellSource(name, b"")
-    request = {**body.model_dump(exclude_none=True), "cell": name}
-    if body.start is not None and body.start.current:
+    name = body.get("cell") or service.settings.default_cell
+    source, _ = service.cells.required(name)
+    request = {**body, "cell": name}
+    if "current" in body.get("start", {}):
         request["start"] = {"positions": _current_positions(service, name)}
     version = service.note_cell_version(source)
     adopted = service.store.profile_in_use(name, source.sha256)
     profile = None if adopted is None else (adopted.id, adopted.document)
     plan_id = new_id() if stored else None
-    at = iso_time(time.time()) or ""
-    return PlanningJob(plan_id, at, source, request, profile, request_id, version)
+    return PlanningJob(plan_id, time.time(), source, request, profile, request_id, version)
 
 
 def _current_positions(service: Service, cell: str) -> list[float]:
@@ -267,16 +284,13 @@ def _current_positions(service: Service, cell: str) -> list[float]:
     return [float(q) for q in positions]
 
 
-def _store_plan(service: Service, job: PlanningJob, planned: Planned, key: IdempotencyKey | None) -> str:
+def _store_plan(service: Service, planned: PlanRecord, key: IdempotencyKey | None) -> str:
     """Stores the plan and returns its id; the first one's id if the same request arrived twice at once."""
-    assert job.plan_id is not None  # as of every job that is to be stored
     try:
-        cell = job.cell
-        made = (planned.backend, planned.summary, planned.samples)
-        service.store.add_plan(job.plan_id, time.time(), cell.name, cell.sha256, *made, key, job.request_id)
+        service.store.add_plan(planned.row, key)
     except KeyTaken as taken:
         return taken.resource_of(key)
-    return job.plan_id
+    return planned.row.id
 
 
 def _trajectory_csv(trajectory: dict[str, Any]) -> str:

@@ -13,7 +13,15 @@ from api.schemas.experiments import (
 from api.schemas.landings import LANDING_EXAMPLES, LandingAnswer, LandingList, LandingRequest
 from api.schemas.maps import MAP_EXAMPLES, MapAnswer, MapBody, MapHead
 from api.schemas.profiles import Adoption, ProfileAnswer, ProfileList
-from api.schemas.requests import EXECUTE_EXAMPLES, ID_PATTERN, PLAN_EXAMPLES, UUID_PATTERN, ExecuteRequest, PlanRequest
+from api.schemas.requests import (
+    EXECUTE_EXAMPLES,
+    ID_PATTERN,
+    PLAN_EXAMPLES,
+    UUID_PATTERN,
+    ExecuteRequest,
+    PlanRequest,
+    PlanRequestBody,
+)
 from api.schemas.responses import (
     Health,
     PlanAnswer,
@@ -64,6 +72,7 @@ __all__ = [
     "PlanList",
     "PlanPreview",
     "PlanRequest",
+    "PlanRequestBody",
     "ProfileAnswer",
     "ProfileList",
     "Readiness",

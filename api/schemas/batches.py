@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, Field, model_validator
 
-from api.schemas.requests import PLAN_EXAMPLES, Number, PlanRequest, RequestModel
+from api.schemas.requests import PLAN_EXAMPLES, Number, PlanRequestEntry, RequestModel
 
 
 class AxisValues(RequestModel):
@@ -21,7 +21,7 @@ AxisRange = Annotated[list[Number], Field(min_length=3, max_length=3, descriptio
 class BatchRequest(RequestModel):
     """Many planning requests: a list, or a template with a grid."""
 
-    requests: list[PlanRequest] | None = Field(None, min_length=1, description="As for `POST /plan`, one by one.")
+    requests: list[PlanRequestEntry] | None = Field(None, min_length=1, description="As for `POST /plan`, one by one.")
     template: dict[str, Any] | None = Field(
         None, description="A request as for `POST /plan`, in which the fields of `grid` may be absent."
     )

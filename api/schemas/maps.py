@@ -47,8 +47,8 @@ class MapHead(BaseModel):
     origin: list[float] = Field(description="Centre of landing cell 0, 0: x, y [m].")
     shape: list[int] = Field(description="Landing cells along y, along x.")
     state: str = Field(
-        description="running; waiting: its runner starts or has died, and the service or the same POST goes on; "
-        "cancelled: somebody asked for it, or some landing cells' searches were cut off, and the same POST goes on; "
+        description="running; waiting: its runner starts or has died, and the service or the same POST resumes it; "
+        "cancelled: on request, or because some landing cells' searches were cut off; the same POST resumes it; "
         "finished; void: see `void_because`."
     )
     void_because: str | None = Field(description="Why the map does not hold any more; null where it does.")

@@ -17,7 +17,7 @@ class LocalCluster:
     """A head node and a second node, each with one core; a context manager. Needs Ray.
 
     Attributes:
-        address: for `fling batch --ray` or `python -m batch --ray`.
+        address: for `fling batch --ray` or `python -m jobs batch --ray`.
     """
 
     def __init__(self) -> None:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from batch.jobs import Planned, PlanningJob
-from batch.pool import JobResult, Work, open_pool
-from batch.runs import GROUP
+from jobs.planning import PlanningJob, PlanRecord
+from jobs.pool import JobResult, Work, open_pool, warm_up_job
+from jobs.writer import GROUP
 from planner.cell import read_source
 from planner.cell_folder import default_cells_folder
 from store import BatchResultRow, PlanRow, Store, new_id
@@ -50,9 +50,9 @@ class StoreCost:
 def engine_cost(requests: Sequence[dict], workers: int, ray: str | None) -> tuple[EngineCost, list[JobResult]]:
     """Plans requests in a pool alone, without a store; returns the cost and the results."""
     source = read_source(default_cells_folder() / f"{CELL}.toml")
-    jobs = [PlanningJob(new_id(), "", source, {**request, "cell": CELL}) for request in requests]
-    with open_pool(workers, ray, jobs[0]) as pool:
-        pool.wait_until_ready()
+    jobs = [PlanningJob(new_id(), 0.0, source, {**request, "cell": CELL}) for request in requests]
+    with open_pool(workers, ray, Work(warm_up=warm_up_job(source))) as pool:
+        pool.wait_until_warm()
         began = time.perf_counter()
         results = list(pool.plan_all(jobs))
         duration_s = time.perf_counter() - began
@@ -65,7 +65,7 @@ def engine_cost(requests: Sequence[dict], workers: int, ray: str | None) -> tupl
 
 def _engine_alone_ms(job: PlanningJob, ray: str | None) -> float:
     with open_pool(1, ray, work=Work(_load_nothing, _answer_bytes)) as pool:
-        pool.wait_until_ready()
+        pool.wait_until_warm()
         list(pool.plan_all([job] * ALONE_COUNT))
         began = time.perf_counter()
         list(pool.plan_all([job] * ALONE_COUNT))
@@ -75,8 +75,8 @@ def _engine_alone_ms(job: PlanningJob, ray: str | None) -> float:
 def _load_nothing(_: PlanningJob | None) -> None: ...
 
 
-def _answer_bytes(_: PlanningJob) -> Planned:
-    return Planned("none", bytes(SUMMARY_BYTES), bytes(SAMPLES_BYTES))
+def _answer_bytes(_: PlanningJob) -> PlanRecord:
+    return PlanRecord(PlanRow("", 0.0, CELL, "", "none", bytes(SUMMARY_BYTES), None, bytes(SAMPLES_BYTES)), 0.3, 0.6)
 
 
 def store_cost(folder: Path, results: Sequence[JobResult]) -> StoreCost:
@@ -94,10 +94,7 @@ def store_cost(folder: Path, results: Sequence[JobResult]) -> StoreCost:
             BatchResultRow(id, first + k, f"{first + k:064x}", "planned", 0.1, ids[k], f"{k:064x}", 0.3, 0.6)
             for k in range(len(group))
         ]
-        plans = [
-            PlanRow(ids[k], time.time(), CELL, f"{k:064x}", one.backend, one.summary, None, one.samples)
-            for k, one in enumerate(group)
-        ]
+        plans = [replace(one.row, id=ids[k]) for k, one in enumerate(group)]
         store.add_batch_results(id, "benchmark", rows, plans)
     duration_s = time.perf_counter() - began
     store.close()

@@ -15,7 +15,6 @@ from benchmarks.batches.runs import BatchRun, kill_actor, kill_driver, kill_work
 from benchmarks.results import machine, machine_words
 
 MILLION = 1_000_000
-DAY_S = 86_400.0  # [s]
 
 
 def batches_report(count: int, cost_count: int, with_ray: bool) -> str:
@@ -84,9 +83,8 @@ def _page(
 def _answers(count: int, runs: dict[str, BatchRun]) -> str:
     lines = [
         "## Identical answers, nothing lost, nothing twice",
-        "Every run has a driver process of its own (`python -m batch`) with two workers and an empty store; what was "
-        "killed on the way is named with the number of results at that time. `answers` is the hash of all trajectories "
-        "and refusals, in the order of the requests.",
+        "Every run has a driver with two workers and an empty store; what was killed is named with the number of "
+        "results at that time. `answers` is the hash of all trajectories and refusals.",
         "| engine | results | plans | refused | killed | answers |\n|---|---|---|---|---|---|",
     ]
     for name, run in runs.items():
@@ -106,13 +104,13 @@ def _digest(run: BatchRun) -> str:
 
 
 def _memory(runs: dict[str, BatchRun]) -> str:
-    table = "| engine | after a quarter | half | three quarters | at the end |\n|---|---|---|---|---|"
+    told = []
     for name, run in runs.items():
         sizes = [size for size in run.memory if size]
         quarters = [_median(sizes[max(0, k * len(sizes) // 4 - 8) : k * len(sizes) // 4]) for k in (1, 2, 3, 4)]
-        table += f"\n| {name} | " + " | ".join(f"{size / 1e6:.0f} MB" for size in quarters) + " |"
-    head = "Resident memory of driver and workers (of Ray: of the driver alone), median of two seconds."
-    return "\n\n".join(["## Memory", head, table])
+        told.append(f"{name} {', '.join(f'{size / 1e6:.0f}' for size in quarters)} MB")
+    head = "Resident memory of driver and workers (of Ray: of the driver alone) after each quarter of a run"
+    return f"{head}: {'; '.join(told)}."
 
 
 def _median(values: Sequence[int]) -> float:
@@ -121,9 +119,8 @@ def _median(values: Sequence[int]) -> float:
 
 def _engines(count: int, engines: dict[str, list[EngineCost]]) -> str:
     head = (
-        f"{count} requests through the pool alone, from when all workers are warm: overhead is the time of a worker "
-        "per result beyond its planning, the wait for the last one included. `alone` is the time per result of one "
-        "worker that answers at once, with as many bytes as a plan has."
+        f"{count} requests through the pool alone: overhead is the time of a worker per result beyond its planning; "
+        "`alone` the time per result of one worker that answers at once, with as many bytes as a plan has."
     )
     table = "| engine | workers | plans a second | planning | overhead | alone |\n|---|---|---|---|---|---|"
     for name, costs in engines.items():
@@ -146,18 +143,8 @@ def _store(store: StoreCost) -> str:
 def _scaling(costs: Sequence[EngineCost], store: StoreCost) -> str:
     core_s = 1e-3 * (costs[-1].planning_ms + costs[-1].overhead_ms)
     cores_of_store = core_s / (1e-3 * store.time_ms)
-    table = "| cores | plans a second | a million plans |\n|---|---|---|"
-    for cores in (1, 2, 16, 64):
-        rate = cores / core_s
-        table += f"\n| {cores} | {rate:.0f} | {MILLION / rate / 3600:.1f} h |"
-    text = [
-        "## Scaling, on paper",
-        f"A plan takes {core_s * 1e3:.0f} ms of a core, nothing is shared between workers, and a head node passes "
-        f"{store.plan_bytes / 1e3:.0f} kB a plan on to the store. So the store limits the number of cores: one writer "
-        f"keeps up with about {cores_of_store:.0f} of them. Beyond that, PostgreSQL and several batches at once.",
-        table,
-        f"A million plans are {MILLION * store.plan_bytes / 1e9:.0f} GB and {MILLION * core_s / 3600:.0f} core hours; "
-        f"by tomorrow they need {MILLION * core_s / DAY_S:.1f} cores. A driver holds at most 300 jobs a worker, which "
-        "share their cell, and 220 results that wait to be written; what is done is one byte a request.",
-    ]
-    return "\n\n".join(text)
+    return (
+        f"A plan takes {core_s * 1e3:.0f} ms of a core, and workers share nothing: one writer keeps up with about "
+        f"{cores_of_store:.0f} cores. A million plans are {MILLION * store.plan_bytes / 1e9:.0f} GB and "
+        f"{MILLION * core_s / 3600:.0f} core hours."
+    )

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import psutil
 
-from batch.runs import BatchRequests, BatchSpecification, CellUse
+from jobs.batches import BatchRequests, BatchSpecification, CellUse
 from planner.cell import read_source
 from planner.cell_folder import default_cells_folder
 from store import BatchRow, Store
@@ -44,7 +44,7 @@ class BatchRun:
 def run_batch(
     folder: Path, requests: Sequence[dict], workers: int, ray: str | None, kills: Sequence[tuple[float, str, Kill]] = ()
 ) -> BatchRun:
-    """Plans requests with `python -m batch` and a store of its own; a driver that was killed is started again.
+    """Plans requests with `python -m jobs batch` and a store of its own; a driver that was killed is started again.
 
     Args:
         folder: of the store.
@@ -110,7 +110,7 @@ def _queue(store: Store, requests: Sequence[dict]) -> str:
 def _start(url: str, id: str, workers: int, ray: str | None) -> subprocess.Popen[bytes]:
     options = ["--workers", str(workers), "--driver", "benchmark", *(["--ray", ray] if ray else [])]
     environment = {**os.environ, "FLING_DATABASE_URL": url}
-    return subprocess.Popen([sys.executable, "-m", "batch", id, *options], env=environment)
+    return subprocess.Popen([sys.executable, "-m", "jobs", "batch", id, *options], env=environment)
 
 
 def _resident(pid: int) -> int:

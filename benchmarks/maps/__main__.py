@@ -9,9 +9,9 @@ import argparse
 import sys
 from pathlib import Path
 
-from batch.maps import MapRequest
 from benchmarks.maps.report import MapTask, maps_report
 from benchmarks.results import write_report
+from jobs.maps import MapRequest
 from planner.cell import read_source
 
 ROOT = Path(__file__).parents[2]

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import fling
-from batch.maps import LandingState, MapRequest, map_picture
 from benchmarks.maps.runs import MapMeasurement, run_map
 from benchmarks.maps.truth import Certified, PlannedAgain, certify_again, plan_again, trajectories_sha256
 from benchmarks.results import machine, machine_words
+from jobs.maps import LandingState, MapRequest, map_picture
 from planner.cell import CellSource, cell_of
 
 KILLS = (0.02, 0.15, 0.4, 0.7, 0.95)  # [-] of the answers: in every level, and near the end
@@ -89,7 +89,7 @@ def _kills(calm: MapMeasurement, killed: MapMeasurement, same: bool) -> str:
     at = ", ".join(str(count) for count in killed.kills)
     verdict = "**the same to the bit**" if same else "**NOT THE SAME**"
     return (
-        f"## Killed and gone on\n\nA second map in a store of its own; its process was killed with SIGKILL after {at} "
+        f"## Killed and resumed\n\nA second map in a store of its own; its process was killed with SIGKILL after {at} "
         f"answers and begun again each time. Answers, reasons and the bytes of all trajectories are {verdict} as those "
         f"of the map that nothing disturbed (`{calm.table.sha256[:16]}`, `{killed.table.sha256[:16]}`)."
     )
@@ -100,16 +100,9 @@ def _truth(made: MapMeasurement, certified: Certified, again: PlannedAgain) -> s
     return (
         "## Truth\n\n"
         f"Every stored plan was read and certified again: {certified.valid} valid, {certified.invalid} invalid, "
-        f"{certified.misplaced} for another target or release time than the map says.\n\n"
-        f"{again.asked} landing cells, drawn at random, were planned again by an ordinary request each:\n\n"
-        "| map | by itself | landing cells |\n|---|---|---|\n"
-        f"| planned | the same plan to the bit | {again.same} |\n"
-        f"| planned, from a neighbour's release | another plan | {again.other} |\n"
-        f"| planned, from a neighbour's release | refused | {again.only_map} |\n"
-        f"| refused | planned: a false no | {again.only_alone} ({share:.1%}) |\n"
-        f"| refused | refused | {again.neither} |\n\n"
-        "The map plans each landing cell by the same search, so that a false no of this kind could only come of a "
-        "time limit or of chance. What the search itself may miss shows beside: of the "
-        f"{again.refused} landing cells of the whole map that are refused without proof, {again.aside} have a plan to "
-        "a target 1 cm beside their centre."
+        f"{certified.misplaced} for another target or release time than the map says. {again.asked} landing cells, "
+        f"drawn at random, were planned again by an ordinary request each: {again.same} have the same plan to the bit, "
+        f"{again.other} another plan, {again.neither} none; {again.only_map} have a plan in the map only, "
+        f"{again.only_alone} ({share:.1%}) by themselves only. Of the {again.refused} refused without proof, "
+        f"{again.aside} have a plan to a target 1 cm beside their centre."
     )

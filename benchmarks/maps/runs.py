@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from batch.maps import MapRequest, MapTable, begin_map, map_table
+from jobs.maps import MapRequest, MapTable, begin_map, map_table
 from planner.cell import CellSource
 from store import Store
 
@@ -62,7 +62,7 @@ def run_map(
     begun_s = time.monotonic()
     for share in [*kill_at, 2.0]:
         process = subprocess.Popen(
-            [sys.executable, "-m", "batch.maps", row.id, "--workers", str(workers)],
+            [sys.executable, "-m", "jobs", "map", row.id, "--workers", str(workers)],
             env={**os.environ, "FLING_DATABASE_URL": url},
         )
         while process.poll() is None:

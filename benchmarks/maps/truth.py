@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import orjson
 
-from batch.jobs import PlanningJob
-from batch.maps import LandingState
-from batch.pool import open_pool
 from benchmarks.maps.runs import MapMeasurement
+from jobs.maps import LandingState
+from jobs.planning import PlanningJob
+from jobs.pool import open_pool
 from planner.cell import CellSource, cell_of
 from planner.certificate import certify
 from planner.plan_reading import plan_from_document
@@ -98,11 +98,11 @@ def plan_again(made: MapMeasurement, source: CellSource, sample: int, workers: i
     counts = Counter[str]()
     store = Store.open(made.url)
     with open_pool(workers) as pool:
-        for result in pool.plan_all(PlanningJob(None, "", source, definition.request(n)) for n in numbers):
+        for result in pool.plan_all(PlanningJob(None, 0.0, source, definition.request(n)) for n in numbers):
             number = numbers[result.number]
-            samples = None if result.planned is None else result.planned.samples
+            samples = None if result.planned is None else result.planned.row.samples
             counts[_compared(store, str(made.table.plan_ids.ravel()[number]), samples)] += 1
-        jobs = [PlanningJob(None, "", source, request) for n in refused for request in _aside(definition.request(n))]
+        jobs = [PlanningJob(None, 0.0, source, request) for n in refused for request in _aside(definition.request(n))]
         found = {refused[result.number // 4] for result in pool.plan_all(jobs) if result.planned is not None}
     store.close()
     kinds = [counts[kind] for kind in ("same", "other", "only_map", "only_alone", "neither")]

@@ -88,8 +88,7 @@ share the machine, and its load is that of the last minute when each figure was 
 {table}
 
 The scene alone is {WIDTH} by {HEIGHT} pixels, the page {PAGE_WIDTH} by {PAGE_HEIGHT}. Level 0 is full detail; at higher
-ones shadows, then resolution fall. Processor time is that of all the browser's processes, about 22 ms of which a canvas
-costs that is only cleared: the browser, too, puts its windows together in software.
+ones shadows, then resolution fall. Processor time is that of all the browser's processes.
 """
 
 

@@ -15,19 +15,10 @@ from benchmarks.report import floors, pictures, sections
 from benchmarks.results import ResultRow, machine_words
 from benchmarks.statistics import SetSummary, summarise
 
-METHOD = """A problem is drawn from a random joint state (within 1.5 rad of home, joints up to 80 % of their velocity,
-tool at 0.8 m/s or more; floor, self-collision and singularity distance hold on its straight line ±50 ms) and requested
-as a pose, a point, or the point where it would land. It counts as **feasible** if any back end or a slow
-search (Ruckig at three speeds, through a dozen random stops, for launch and brake) found a motion that certifies;
-shares are of these. Problems that nobody solved are *undecided* and counted separately. `hard` draws states
-next to limits, singularities and the floor, or with every joint at 90 to 100 % of its velocity limit. All of these
-start from home; the sets `…-anywhere` have the same releases and random starts. Times are wall time, warm, one process;
-*cpu* is the processor time of the same calls, less affected by a busy machine. "To bound": release time over the
-joint-wise lower bound with free acceleration at the release (poses only); "on ticks": the same bound rounded up to the
-tick."""
-
-
-PEERS_NOTE = "[ThrowBench](throwbench.md) has the table: its problems, its judge and other planners as entries."
+METHOD = """A problem is drawn from a random joint state within 1.5 rad of home, joints up to 80 % of their velocity,
+and requested as a pose, a point, or the point where it would land. Sets start from home, `…-anywhere` from random
+postures. A cell of the table has the certified share of the feasible problems, and the median release time over
+Ruckig's. Times are wall time; results.json has every number, [ThrowBench](throwbench.md) other planners."""
 
 
 def write_report(out: Path, about: dict[str, str], rows: Sequence[ResultRow], audit: AuditResult) -> None:
@@ -60,15 +51,11 @@ def _page(
         f"{machine_words(about)} One run of `{about['command']}`; numbers are of this run alone.",
         "",
     ]
-    release_time = ["", "![Release times over Ruckig's](release-time.svg)"]
+    shown = {"Release times over Ruckig's": "release-time", "Time to a plan": "solve-time", "Landing errors": "window"}
+    pictures_of = [line for title, name in shown.items() for line in ("", f"![{title}]({name}.svg)")]
     bodies = {
-        "Floors and goals": markdown_table(floors.HEAD, floors.floor_rows(lines, rows, audit)),
-        "Time to the release": [METHOD, "", *sections.ratios(lines), *release_time],
-        "Time to a plan": [*sections.times(lines), "", "![Time to a plan](solve-time.svg)"],
-        "A gripper that opens early or late": [*sections.windows(lines), "", "![Landing errors](window.svg)"],
-        "Infeasible requests": sections.refusals(rows),
-        "The SDU table": sections.sdu(rows),
-        "Other planners": [PEERS_NOTE],
+        "Floors": markdown_table(floors.HEAD, floors.floor_rows(lines, rows, audit)),
+        "By back end": [METHOD, "", *sections.by_backend(lines), *pictures_of],
         "Wrong certificates": sections.audit(audit),
     }
     return head + [line for title, body in bodies.items() for line in (f"## {title}", "", *body, "")]

@@ -34,12 +34,9 @@ LOOPS_HEAD = (
     "| --- | --- | --- | --- | --- | --- |",
 )
 METHOD = """\
-Simulated controller and stream share one processor, the controller at the higher real-time priority: the
-stream never delays it, and every cycle that begins without a fresh command counts. When the virtual machine
-itself stalls, both stop; the controller does not catch up afterwards, its clock *slips* (docs/simulator.md),
-because a real controller is punctual. Slips are counted from start to end, approaches included. Release
-speed error: of the worst joint, relative to the plan's speed. Taken by the host: time for which a processor
-of the virtual machine was ready to run and did not, all processors together (steal of /proc/stat)."""
+Simulated controller and stream share one processor, the controller at the higher priority: every cycle that begins
+without a fresh command counts. When the virtual machine stalls, the controller's clock *slips* (docs/simulator.md).
+Release speed error: of the worst joint. Taken by the host: steal of /proc/stat, all processors together."""
 
 
 def main() -> None:

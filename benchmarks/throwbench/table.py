@@ -15,7 +15,6 @@ from benchmarks.results import machine_words
 from benchmarks.statistics import quantiles
 from benchmarks.throwbench.problem_document import Problem
 from benchmarks.throwbench.run import ThrowRow
-from benchmarks.throwbench.sets import HASHES, hash_of
 
 COLUMNS = (
     "entry",
@@ -24,17 +23,15 @@ COLUMNS = (
     "refused",
     "cut, crashed",
     "release over best p50",
-    "wall p50 / p90 s",
     "processor p50 / p90 s",
-    "landing mm",
     "10 ms early / late mm",
     "broken rules",
 )
-NOTE = """Shares are of all problems asked. *Release over best*: the release time over the soonest valid one of any
-entry in this run, median of the entry's own valid answers. *Landing* and *10 ms early / late*: median distance from the
-target of valid answers, and of the same motion released 10 ms off. Times are of every answer, refusals among them;
-*processor* is what the entry's process used, less affected by a busy machine. Rules are counted once an answer. What
-each entry was given, and what it cannot express, is said in [ThrowBench](../throwbench.md#entries)."""
+NOTE = """Shares are of all problems asked, of every set. *Release over best*: the release time over the soonest valid
+one of any entry in this run, median of the entry's own valid answers. *10 ms early / late*: median distance from the
+target of the same motion released 10 ms off. *Processor* is what the entry's process used for every answer, refusals
+among them. Rules are counted once an answer. The JSON file beside this page has every number by set, and every answer.
+What each entry was given, and what it cannot express, is said in [ThrowBench](../throwbench.md#entries)."""
 
 
 def summary(rows: Sequence[ThrowRow], best: dict[str, float]) -> dict[str, Any]:
@@ -94,16 +91,7 @@ def write_table(
     parts = {name: [_of(rows, entry, name) for entry in entries] for name in problems}
     summaries = [summary(own, best) for part in parts.values() for own in part if own]
     lines = _head(about, missing)
-    for name, asked in problems.items():
-        solved = sum(problem["name"] in best for problem in asked)
-        told = HASHES.get(name) or hash_of(asked)
-        lines += [
-            f"## {name}",
-            "",
-            f"{len(asked)} problems asked, {solved} solved by anyone; the set's sha256: `{told}`.",
-            "",
-        ]
-        lines += [*markdown_table(COLUMNS, [_cells(s) for s in summaries if s["set"] == name]), ""]
+    lines += [*markdown_table(COLUMNS, [_cells(summary(_by(rows, entry), best)) for entry in entries]), ""]
     page.parent.mkdir(parents=True, exist_ok=True)
     page.write_text("\n".join(lines), encoding="utf-8")
     document = {"about": about, "missing": missing, "summaries": summaries, "rows": [asdict(row) for row in rows]}
@@ -132,12 +120,14 @@ def _cells(s: dict[str, Any]) -> list[str]:
         s["entry"],
         *shares,
         decimals([s["release_over_best_p50"]], 2),
-        decimals(s["wall_s"], 2),
         decimals(s["processor_s"], 2),
-        thousandths([s["landing_error_p50_m"]], 2),
         thousandths([s[f"{side}_error_p50_m"] for side in ("early", "late")]),
         ", ".join(f"{rule} {n}" for rule, n in s["rules"].items()),
     ]
+
+
+def _by(rows: Sequence[ThrowRow], entry: str) -> list[ThrowRow]:
+    return [row for row in rows if row.entry == entry]
 
 
 def _of(rows: Sequence[ThrowRow], entry: str, name: str) -> list[ThrowRow]:

@@ -21,7 +21,7 @@ from planner.solution import Solution
 from planner.trajectory import Trajectory
 
 ROUNDS = 4  # [-] solves from one initial guess, each after failed checks of the one before
-ITERATIONS = 150  # [-] of the optimiser in one solve, all of its calls together
+ITERATIONS = 300  # [-] of the optimiser in one solve, all of its calls together
 CERTIFIED = "certified"
 GENTLE_RAMP_S = 0.1  # [s] that an acceleration takes to its limit in a gentle initial guess
 

@@ -3,7 +3,7 @@
 A solver switches the jerk at any time, a trajectory on ticks only. The solver's accelerations at the ticks give every
 tick its mean jerk, which is within the bound, but each switch moves the end of the phase by about jerk dt^2 / 4 in
 velocity. The smallest change of the jerks that restores the end state is added, weighted towards ticks whose jerk is
-below its bound. `grid_limits` gives the tighter limits that a solver has to keep for it. See docs/decisions/0002.
+below its bound. `grid_limits` gives the tighter limits that a solver has to keep for it. See docs/decisions/0003.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from planner.trajectory import integrate
 
 State = tuple[ArrayLike, ArrayLike, ArrayLike]
 
-ACCELERATION_RESERVE = 75.0  # [1/s^2] share of the acceleration limit by dt^2: 3e-4 at 500 Hz; measured, decision 0002
-JERK_RESERVE = 10.0  # [1/s^2] share of the jerk limit by dt^2: 4e-5 at 500 Hz; measured, decision 0002
+ACCELERATION_RESERVE = 75.0  # [1/s^2] share of the acceleration limit by dt^2: 3e-4 at 500 Hz; measured, decision 3
+JERK_RESERVE = 10.0  # [1/s^2] share of the jerk limit by dt^2: 4e-5 at 500 Hz; measured, decision 3
 SHARE_MAX = 1e-3  # [s^2] largest product of reserve factor and dt^2
 ACCELERATION_RESERVE_MAX = 0.02  # [-] of the limit
 VELOCITY_SHARE_MIN = 0.98  # [-] of the velocity limit that always stays usable

@@ -14,7 +14,7 @@ import pytest
 
 from api.batch_requests import batch_specification
 from api.cell_repository import CellRepository
-from api.planning import BatchDrivers
+from api.planning import BatchDrivers, DriverCommand
 from api.schemas import BatchRequest
 from api.settings import ServiceSettings
 from store import Store
@@ -201,7 +201,7 @@ def test_a_batch_whose_driver_always_dies_fails_with_a_reason(tmp_path: Path, ce
     id = store.add_batch(specification.pack(), 1).id
 
     async def until_finished() -> None:
-        task = asyncio.create_task(BatchDrivers(store, url, 1, "ray://nowhere:1").run())
+        task = asyncio.create_task(BatchDrivers(store, DriverCommand(url, 1, "ray://nowhere:1")).run())
         while store.batch(id).state != "finished":
             await asyncio.sleep(0.1)
         task.cancel()
@@ -210,4 +210,4 @@ def test_a_batch_whose_driver_always_dies_fails_with_a_reason(tmp_path: Path, ce
     batch = store.batch(id)
     store.close()
     assert batch.outcome == "failed"
-    assert "ray://nowhere:1: results cannot be streamed" in batch.reason
+    assert "ray://nowhere:1: ray:// is not supported" in batch.reason

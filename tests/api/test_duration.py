@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from batch.jobs.duration import MOTION_MAX_S, check_duration, check_limits
+from jobs.planning.duration import MOTION_MAX_S, check_duration, check_limits
 from planner.cell import load_cell
 from planner.errors import InvalidProblem
 from planner.request import problem_from_request

@@ -6,7 +6,7 @@ import asyncio
 from typing import Any
 
 from api.execution_feed import ExecutionFeeds
-from store import Store, StoreUnavailable
+from store import PlanRow, Store, StoreUnavailable
 
 LISTENERS = 50
 
@@ -30,7 +30,7 @@ class CountingStore:
 
 
 def queued(store: Store) -> str:
-    store.add_plan("p", 1.0, "c", "s", "b", b"{}")
+    store.add_plan(PlanRow("p", 1.0, "c", "s", "b", b"{}"))
     return store.queue_execution("p", "c").id
 
 

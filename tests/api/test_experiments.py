@@ -13,7 +13,7 @@ import pytest
 
 from api.http import ProblemDetails
 from api.routes import experiments
-from store import new_id
+from store import PlanRow, new_id
 from tests.api.conftest import NO_ID, FakeExecutor, RunningService
 from tests.api.test_bad_input import problem_of
 
@@ -27,7 +27,7 @@ def add_plan(service: RunningService, target: list[float] | None) -> str:
     id = new_id()
     release = {"kind": "joint"} if target is None else {"kind": "target", "position": target}
     summary = orjson.dumps({"id": id, "request": {"release": release}})
-    service.store.add_plan(id, 1.0, "ur5e-sim", "sha", "ruckig", summary)
+    service.store.add_plan(PlanRow(id, 1.0, "ur5e-sim", "sha", "ruckig", summary))
     return id
 
 
@@ -123,7 +123,7 @@ def test_the_table_as_parquet(service: RunningService, experiment: str):
 def test_parquet_without_its_library_names_what_to_install(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(ProblemDetails, match=r"fling-robotics\[parquet\]"):
-        experiments._parquet([])
+        experiments._table([], experiments.PARQUET)
 
 
 def test_the_table_as_csv_and_the_picture(service: RunningService, experiment: str):

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from batch.jobs import odds
-from batch.jobs.odds import plan_for_odds
 from benchmarks.learning.plans import benchmark_cell
+from jobs.planning import odds
+from jobs.planning.odds import plan_for_odds
 from learning import CellKnowledge, ReleasePosterior
 from learning.joint_speeds import JointSpeeds
 from learning.streamed_arm import StreamedArm

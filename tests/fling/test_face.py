@@ -72,9 +72,11 @@ def test_refusals_name_what_stands_in_the_way():
     with pytest.raises(fling.InvalidProblem, match="min_hit_probability: odds are reckoned by"):
         fling.plan({"release": target, "min_hit_probability": 0.9})
     for position in ([True, 0.3, 0.0], [[1.0], [2.0, 3.0], 4.0], ["1.2", 0.3, 0.0], np.array(1.0)):
-        with pytest.raises(fling.InvalidProblem, match=r"release\.position: must be a list of 3 numbers"):
+        with pytest.raises(
+            fling.InvalidProblem, match=r"release\.position(\[0\])?: must be a (list of 3 numbers|number)"
+        ):
             fling.plan({"release": {**target, "position": position}})
-    with pytest.raises(fling.InvalidProblem, match=r"release\.position: must be finite and within 1e\+06"):
+    with pytest.raises(fling.InvalidProblem, match=r"release\.position\[0\]: must be at least -1000000"):
         fling.problem({"release": {**target, "position": [-(2**63), 0, 0]}})
     with pytest.raises(fling.InvalidProblem, match="singularity_distance_min"):
         fling.plan({**REQUEST, "singularity_distance_min": 10**20})

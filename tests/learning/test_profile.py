@@ -11,10 +11,10 @@ import numpy as np
 import orjson
 import pytest
 
-from batch.jobs import aiming
-from batch.jobs.aiming import plan_aimed
 from benchmarks.learning.hidden_cells import HiddenCell, throw
 from benchmarks.learning.plans import CELL, PlannedThrow, benchmark_cell
+from jobs.planning import aiming
+from jobs.planning.aiming import plan_aimed
 from learning import cell_with_profile, estimate_profile, knowledge_of, prior_knowledge, profile_bytes
 from planner.cell import Box
 from planner.plan_document import plan_document
@@ -22,7 +22,7 @@ from planner.planning import plan
 from planner.problem import ThrowProblem
 from planner.request import problem_from_request
 from planner.trajectory import Trajectory
-from store import Store, new_id, pack_samples, split_plan
+from store import PlanRow, Store, new_id, pack_samples, split_plan
 
 LEAD_S = 0.060  # [s] lag and delay of the cell file together
 TRUTH = HiddenCell(delay_s=0.071, jitter_s=0.001, shape="gaussian", assumed_delay_s=LEAD_S, factor=0.97,
@@ -47,7 +47,9 @@ def add_throw(
     found = plan(problem)
     document = plan_document(found, request, new_id(), "2026-01-01T00:00:00Z")
     data = orjson.dumps(document, option=orjson.OPT_SERIALIZE_NUMPY)
-    store.add_plan(document["id"], time.time(), CELL, document["cell_sha256"], "ruckig", *split_plan(data))
+    summary, samples = split_plan(data)
+    row = PlanRow(document["id"], time.time(), CELL, document["cell_sha256"], "ruckig", summary, samples=samples)
+    store.add_plan(row)
     trajectory = found.trajectory
     true = throw(
         rng, TRUTH, PlannedThrow(problem, trajectory, 0.0), TRUTH.openings(rng, 1)[0] - LEAD_S + late_s, np.zeros(2)

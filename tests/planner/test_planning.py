@@ -1,6 +1,5 @@
 """plan(): random releases, refusals with the nearest feasible request, determinism."""
 
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -12,8 +11,6 @@ from planner.plan_reading import aimed_problem
 from planner.planning import plan
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease
 from planner.request import problem_from_request
-from planner.search import POLICY, PlanningSearch, Ranking, search_optimised
-from planner.seeds import candidates
 from tests.planner.problems import cell, feasible_states, joint_problem, pose_problem
 
 RANDOM_POSES = 200
@@ -42,34 +39,6 @@ def test_the_same_request_has_the_same_plan():
     second = plan(problem)
     np.testing.assert_array_equal(first.trajectory.q, second.trajectory.q)
     assert first.certificate == second.certificate
-
-
-FOLDED = np.array([1.12, -2.35, 1.13, -2.68, -2.01, -1.19])
-
-
-@pytest.mark.parametrize(
-    ("name", "place", "changes"),
-    [
-        ("ur3e-sim", (0.2, -0.1), {}),  # nearer than the arm throws with ease
-        (
-            "ur10e-sim",
-            (-0.15, -1.21),
-            {"start": FOLDED, "release_window_s": 0.02, "landing_tolerance_m": 0.005},
-        ),
-    ],
-)
-def test_a_slow_throw_is_sought_from_further_seeds(name, place, changes):
-    release = TargetRelease(np.array([*place, 0.0]))
-    problem = joint_problem(name, release=release, backend="casadi", **changes)
-    gripper = replace(problem.cell.gripper, opening_direction=None)
-    problem = replace(problem, cell=replace(problem.cell, gripper=gripper))
-    first = PlanningSearch(problem, time.perf_counter() + 100.0)
-    search_optimised(
-        first, Ranking(problem, candidates(problem)), [stage for stage in POLICY if stage.purpose == "soonest seeds"]
-    )
-    answer = plan(problem)
-    assert any("other aspects" in attempt.result for attempt in answer.attempts)
-    assert answer.trajectory.release_time_s < first.release_time_s
 
 
 FAR_POSE = PoseRelease(np.eye(4) + 2.0 * np.eye(4, k=3), np.array([0.5, -0.6, 0.7, 0.0, 0.0, 0.0]))

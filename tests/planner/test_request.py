@@ -6,21 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from api.schemas.requests import (
-    JointReleaseRequest,
-    PlanRequest,
-    PointReleaseRequest,
-    PoseReleaseRequest,
-    RequestLimits,
-    TargetReleaseRequest,
-)
 from planner.certificate import certify
 from planner.errors import InvalidProblem
 from planner.plan_document import plan_document
 from planner.plan_reading import plan_from_document
 from planner.planning import plan
 from planner.problem import JointRelease, Opening, PointRelease, PoseRelease, TargetRelease
-from planner.request import LIMIT_FIELDS, RELEASE_FIELDS, REQUEST_FIELDS, problem_from_request, request_document
+from planner.request import problem_from_request, request_document
 from tests.planner.problems import cell
 
 IN_BIN = {"kind": "target", "position": [1.2, 0.2, 0.0]}
@@ -75,7 +67,7 @@ def test_numbers_of_numpy_are_numbers():
     with pytest.raises(InvalidProblem, match="release_window_s"):
         problem_from_request({"release": POINT, "release_window_s": np.True_}, cell())
     for key in ("release_window_s", "landing_tolerance_m", "time_limit_s"):
-        with pytest.raises(InvalidProblem, match=f"{key}.*must be a finite number"):
+        with pytest.raises(InvalidProblem, match=f"{key}: must be at most"):
             problem_from_request({"release": POINT, key: 10**400}, cell())
 
 
@@ -135,7 +127,7 @@ def test_limits_tighten():
         ({"singularity_distance_min": 0.01}, "singularity_distance_min"),
         ({"start": {"positions": [0.0] * 5}}, "start.positions"),
         ({"start": {"positions": [0.0, 0.0, 4.0, 0.0, 0.0, 0.0]}}, "start.positions[2]"),
-        ({"start": {"positions": [float("nan")] * 6}}, "start.positions"),
+        ({"start": {"positions": [float("nan")] * 6}}, "start.positions[0]"),
         ({"start": {}}, "start"),
         ({"frame": "tool"}, "frame"),
         ({"backend": "magic"}, "backend"),
@@ -147,7 +139,7 @@ def test_limits_tighten():
         ({"release": IN_BIN, "min_hit_probability": "0.5"}, "min_hit_probability"),
         ({"release": {"kind": "catch"}}, "release.kind"),
         ({"release": {**POINT, "velocity": [1, 2]}}, "release.velocity"),
-        ({"release": {**POINT, "velocity": [1, 2, "3"]}}, "release.velocity"),
+        ({"release": {**POINT, "velocity": [1, 2, "3"]}}, "release.velocity[2]"),
         ({"release": {**POSE, "pose": {"position": [0, 0, 1], "quaternion": [1, 1, 0, 0]}}}, "release.pose.quaternion"),
         ({"release": POSE}, "release.pose"),
         ({"release": {"kind": "target", "position": [1, 0, 0], "min_elevation_rad": 2.0}}, "release.min_elevation_rad"),
@@ -173,7 +165,7 @@ def test_every_refusal_names_its_field(change, field):
         ({"start": {"positions": [0.0] * 6, "velocities": [0.0] * 6}}, "start.velocities", "positions"),
         ({"limits": {"speed": None}}, "limits.speed", "velocity, acceleration, jerk"),
         ({"release": {**POINT, "speed": 1.0}}, "release.speed", "kind, position, velocity"),
-        ({"release": {"kind": "joint", "position": [0.0] * 6}}, "release.position", "positions, velocities"),
+        ({"release": {"kind": "joint", "position": [0.0] * 6}}, "release.position", "positions"),
         ({"release": {"kind": "target", "max_speed_m_s": 2.0}}, "release.max_speed_m_s", "max_release_speed_m_s"),
         ({"release": {**POSE, "frame": "base"}}, "release.frame", "kind, pose, twist"),
         ({"release": {**POSE, "pose": {"rpy": [0, 0, 0]}}}, "release.pose.rpy", "rotation_vector"),
@@ -184,16 +176,8 @@ def test_unknown_fields_are_refused_with_the_known_ones(change, field, known):
     with pytest.raises(InvalidProblem) as refusal:
         problem_from_request({"release": POINT, **change}, cell())
     reasons = {error.field: error.reason for error in refusal.value.errors}
-    assert reasons[field].startswith("unknown; known are ")
+    assert reasons[field].startswith("there is no such field; ")
     assert known in reasons[field]
-
-
-def test_the_planner_knows_the_same_fields_as_the_service():
-    releases = (PoseReleaseRequest, PointReleaseRequest, JointReleaseRequest, TargetReleaseRequest)
-    assert set(REQUEST_FIELDS) == set(PlanRequest.model_fields)
-    assert set(LIMIT_FIELDS) == set(RequestLimits.model_fields)
-    for kind, model in zip(("pose", "point", "joint", "target"), releases, strict=True):
-        assert set(RELEASE_FIELDS[kind]) == set(model.model_fields)
 
 
 @pytest.mark.parametrize("turn", [[0.0, 90.0, 0.0], [4.0, 4.0, 4.0], [0.0, 0.0, -6.3]])

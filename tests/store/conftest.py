@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from store import Store, new_id, pack_trajectory
+from store import PlanRow, Store, new_id, pack_trajectory
 from tests.postgres import POSTGRES, database_on
 
 TRAJECTORY = {
@@ -50,7 +50,7 @@ def add_plan(store: Store) -> Callable[..., str]:
 
     def add(cell: str = "ur5e-sim") -> str:
         id = new_id()
-        store.add_plan(id, 1.0, cell, "sha", "ruckig", b'{"id":1}', pack_trajectory(TRAJECTORY))
+        store.add_plan(PlanRow(id, 1.0, cell, "sha", "ruckig", b'{"id":1}', samples=pack_trajectory(TRAJECTORY)))
         return id
 
     return add

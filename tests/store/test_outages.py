@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from store import Store, StoreUnavailable, new_id
+from store import PlanRow, Store, StoreUnavailable, new_id
 from store.database import open_engine
 
 
@@ -30,7 +30,7 @@ def files_end_at(size: int) -> Iterator[None]:
 
 
 def add_plan(store: Store, size: int = 10) -> None:
-    store.add_plan(new_id(), 1.0, "c", "s", "b", bytes(size))
+    store.add_plan(PlanRow(new_id(), 1.0, "c", "s", "b", bytes(size)))
 
 
 def outage_of(call) -> StoreUnavailable:

@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from store import IdempotencyKey, KeyTaken, Store, StoreUnavailable, new_id, split_plan
+from store import IdempotencyKey, KeyTaken, PlanRow, Store, StoreUnavailable, new_id, split_plan
 from tests.store.conftest import TRAJECTORY
 
 
@@ -39,9 +39,9 @@ def test_lists_are_newest_first_and_page_through_everything_once(store, add_plan
 def test_an_idempotency_key_stands_for_the_first_plan(store):
     key = IdempotencyKey("me /plan", "k", "body")
     first = new_id()
-    store.add_plan(first, 1.0, "c", "s", "b", b"{}", key=key)
+    store.add_plan(PlanRow(first, 1.0, "c", "s", "b", b"{}"), key)
     with pytest.raises(KeyTaken) as caught:
-        store.add_plan(new_id(), 1.0, "c", "s", "b", b"{}", key=key)
+        store.add_plan(PlanRow(new_id(), 1.0, "c", "s", "b", b"{}"), key)
     assert caught.value.resource_id == first
     assert len(store.plans()[0]) == 1
 
@@ -52,7 +52,7 @@ def test_of_many_at_once_with_one_key_one_is_stored(store):
     def attempt(_: int) -> str:
         id = new_id()
         try:
-            store.add_plan(id, 1.0, "c", "s", "b", b"{}", key=key)
+            store.add_plan(PlanRow(id, 1.0, "c", "s", "b", b"{}"), key)
         except KeyTaken as taken:
             return taken.resource_of(key)
         return id
@@ -64,7 +64,7 @@ def test_of_many_at_once_with_one_key_one_is_stored(store):
 
 
 def test_a_key_with_another_body_is_refused(store):
-    store.add_plan(new_id(), 1.0, "c", "s", "b", b"{}", key=IdempotencyKey("me /plan", "k", "body"))
+    store.add_plan(PlanRow(new_id(), 1.0, "c", "s", "b", b"{}"), IdempotencyKey("me /plan", "k", "body"))
     with pytest.raises(KeyTaken) as caught:
         store.resource_of_key(IdempotencyKey("me /plan", "k", "other body"))
     assert caught.value.body_sha256 == "body"

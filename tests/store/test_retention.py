@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from store import IdempotencyKey, KeyTaken, Retention, Store, new_id, pack_samples
+from store import IdempotencyKey, KeyTaken, PlanRow, Retention, Store, new_id, pack_samples
 from store.retention import BATCH, DAY_S
 
 LONG_AGO = time.time() - 10 * DAY_S
@@ -13,7 +13,7 @@ LONG_AGO = time.time() - 10 * DAY_S
 def add_plans(store: Store, count: int, at: float = LONG_AGO) -> list[str]:
     ids = [new_id() for _ in range(count)]
     for k, id in enumerate(ids):
-        store.add_plan(id, at + k, "c", "s", "b", b"{}")
+        store.add_plan(PlanRow(id, at + k, "c", "s", "b", b"{}"))
     return ids
 
 
@@ -81,9 +81,9 @@ def test_an_open_execution_and_those_of_an_experiment_are_kept(store):
 
 def test_a_key_goes_with_its_plan(store):
     key = IdempotencyKey("me /plan", "k", "body")
-    store.add_plan(new_id(), LONG_AGO, "c", "s", "b", b"{}", key=key)
+    store.add_plan(PlanRow(new_id(), LONG_AGO, "c", "s", "b", b"{}"), key)
     with pytest.raises(KeyTaken):
-        store.add_plan(new_id(), LONG_AGO, "c", "s", "b", b"{}", key=key)
+        store.add_plan(PlanRow(new_id(), LONG_AGO, "c", "s", "b", b"{}"), key)
     store.retain(Retention(plans_days=1.0))
     assert store.resource_of_key(key) is None
-    store.add_plan(new_id(), LONG_AGO, "c", "s", "b", b"{}", key=key)
+    store.add_plan(PlanRow(new_id(), LONG_AGO, "c", "s", "b", b"{}"), key)

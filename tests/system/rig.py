@@ -22,7 +22,7 @@ from planner.cell import load_cell
 from planner.plan_document import plan_document
 from planner.planning import plan
 from planner.request import problem_from_request
-from store import ExecutionRow, Store, new_id, split_plan
+from store import ExecutionRow, PlanRow, Store, new_id, split_plan
 from tests.processes import children_with
 
 ROOT = Path(__file__).parents[2]
@@ -141,10 +141,9 @@ class Rig:
 
     def add_plan(self, document: Mapping[str, Any]) -> None:
         """Stores a plan document as it is."""
-        data = orjson.dumps(document, option=orjson.OPT_SERIALIZE_NUMPY)
-        self.store.add_plan(
-            document["id"], time.time(), "rig", document["cell_sha256"], document["backend"], *split_plan(data)
-        )
+        summary, samples = split_plan(orjson.dumps(document, option=orjson.OPT_SERIALIZE_NUMPY))
+        head = (document["id"], time.time(), "rig", document["cell_sha256"], document["backend"])
+        self.store.add_plan(PlanRow(*head, summary, samples=samples))
 
     def queue(self, release: Mapping[str, Any] = TOSS, mode: str = "speedj", dry_run: bool = False) -> str:
         """Queues an execution; returns its id."""

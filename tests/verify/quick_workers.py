@@ -10,13 +10,12 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from functools import partial
-from types import SimpleNamespace
-from typing import Any
 
-from batch.jobs import PlanningJob, refusal_of
-from batch.maps import make_map, map_inputs
-from batch.pool import JobResult
-from batch.runs import BatchDriver
+from jobs.batches import DrivenBatch
+from jobs.driver import drive
+from jobs.maps import DrivenMap, map_inputs
+from jobs.planning import PlanningJob
+from jobs.pool import JobResult
 from planner.errors import Infeasible, Violation
 from store import BatchLost, Store, pack_samples
 
@@ -24,7 +23,7 @@ BEAT_S = 0.05
 WORK_S = 2.0  # [s] for one batch or map; what is not answered then is cancelled: one may have 100,000 requests
 TELEMETRY = {name: [0.1] * 6 for name in ("positions", "velocities", "planned_positions", "planned_velocities")}
 TELEMETRY |= {"clock_s": 0.1, "missed_ticks": 0}
-REFUSAL = refusal_of(Infeasible([Violation("floor", -0.1, 0.02, "m", proven=True)], {"release": {}}))
+REFUSAL = Infeasible([Violation("floor", -0.1, 0.02, "m", proven=True)], {"release": {}})
 
 
 class QuickWorker:
@@ -68,27 +67,20 @@ class QuickExecutor(QuickWorker):
 
 
 class QuickPlanner(QuickWorker):
-    """Drives batches and makes maps as the service's own processes do; refuses every request."""
+    """Drives batches and maps as the service's own processes do; refuses every request."""
 
     def _work(self) -> None:
         for row in self._store.unfinished_batches("service"):
             with suppress(BatchLost):  # it was cancelled meanwhile
-                QuickDriver(self._store, self._store.claim_batch(row.id, "quick")).run()
+                task = DrivenBatch(self._store, self._store.claim_batch(row.id, "quick"))
+                drive(task, partial(refuse_all, partial(self._store.cancel_batch, row.id)))
         for row in self._store.running_maps("service"):
-            give_up = partial(self._store.request_map_cancel, row.id)
-            make_map(self._store, row, map_inputs(self._store, row), partial(refuse_all, give_up))
-
-
-class QuickDriver(BatchDriver):
-    """A driver without processes of its own."""
-
-    def _plan(self, writer: Any) -> None:
-        give_up = partial(self._store.cancel_batch, self._row.id)
-        self._plan_in(SimpleNamespace(plan_all=partial(refuse_all, give_up)), writer)  # type: ignore[arg-type]
+            task = DrivenMap(self._store, row, map_inputs(self._store, row))
+            drive(task, partial(refuse_all, partial(self._store.request_map_cancel, row.id)))
 
 
 def refuse_all(
-    give_up: Callable[[], object], jobs: Iterable[PlanningJob], must_stop: Callable[[], bool] = lambda: False
+    give_up: Callable[[], object], jobs: Iterable[PlanningJob], must_stop: Callable[[], bool]
 ) -> Iterator[JobResult]:
     """Refuses jobs while there is time, then gives up what they are for."""
     until = time.monotonic() + WORK_S
@@ -98,4 +90,4 @@ def refuse_all(
         if time.monotonic() > until:
             give_up()
             return
-        yield JobResult(number, None, REFUSAL)
+        yield JobResult(None, REFUSAL, number=number)

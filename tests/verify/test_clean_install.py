@@ -19,7 +19,7 @@ import pytest
 from tests.verify.conftest import READY_S
 
 pytestmark = pytest.mark.slow
-TRAPS = ("fling", "planner", "store", "learning", "batch", "api", "executor", "simulator", "numpy", "json")
+TRAPS = ("fling", "planner", "store", "learning", "jobs", "api", "executor", "simulator", "numpy", "json")
 REQUEST = {"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}}
 HOST = "127.0.45.2"
 TRIES = 3  # on an overloaded machine the outcome may be `late`

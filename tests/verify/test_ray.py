@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from batch.jobs import PlanningJob
-from batch.pool import PoolBroken, open_pool
 from benchmarks.batches.cluster import LocalCluster
 from benchmarks.batches.problems import batch_requests
+from jobs.planning import PlanningJob
+from jobs.pool import PoolBroken, open_pool
 from planner.cell import read_source
-from tests.batch.fake_planner import FAKE, fake_job
+from tests.jobs.fake_planner import FAKE, fake_job
 
 pytest.importorskip("ray", reason="RAY IS NOT INSTALLED: batches on a cluster are not verified")
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
@@ -33,10 +33,10 @@ def test_a_worker_and_a_node_may_be_killed(cluster: LocalCluster):
     with open_pool(None, cluster.address, work=FAKE) as pool:
         assert pool.workers == 2
         for result in pool.plan_all(fake_job(value, sleep_s=0.01) for value in range(600)):
-            assert result.planned.samples == str(result.number**2).encode()
+            assert result.planned.row.samples == str(result.number**2).encode()
             numbers[result.number] += 1
             if len(numbers) == 100:
-                os.kill(int(result.planned.summary), signal.SIGKILL)
+                os.kill(int(result.planned.row.summary), signal.SIGKILL)
             if len(numbers) == 300:
                 cluster.kill_node()
     assert numbers == dict.fromkeys(range(600), 1)
@@ -51,12 +51,14 @@ def test_a_job_that_kills_its_worker_twice_is_refused(cluster: LocalCluster):
 
 def test_the_answers_are_those_of_processes_of_this_machine(cluster: LocalCluster, root: Path):
     source = read_source(root / "cells" / "ur5e-sim.toml")
-    jobs = [PlanningJob("id", "", source, {**request, "cell": "ur5e-sim"}) for request in batch_requests(40)]
+    jobs = [PlanningJob("id", 0.0, source, {**request, "cell": "ur5e-sim"}) for request in batch_requests(40)]
     answers = []
     for address in (None, cluster.address):
         with open_pool(2, address) as pool:
             found = {result.number: result for result in pool.plan_all(jobs)}
-        answers.append([(found[n].planned and found[n].planned.samples, found[n].refusal) for n in range(len(jobs))])
+        answers.append(
+            [(found[n].planned and found[n].planned.row.samples, found[n].refusal) for n in range(len(jobs))]
+        )
     assert answers[0] == answers[1]
     assert sum(samples is not None for samples, _ in answers[0]) > 20
 

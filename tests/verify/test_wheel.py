@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def test_the_wheel_holds_every_module_and_data_file(wheel: Path, checkout: Path):
-    packages = ("fling", "planner", "store", "learning", "batch", "api", "executor", "simulator")
+    packages = ("fling", "planner", "store", "learning", "jobs", "api", "executor", "simulator")
     kinds = (".py", ".toml", ".c", ".html", ".css", ".js", ".svg", ".txt")
     expected = {
         str(file.relative_to(checkout)) for p in packages for file in (checkout / p).rglob("*") if file.suffix in kinds

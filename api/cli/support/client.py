@@ -95,7 +95,7 @@ def _violation_text(violation: dict[str, Any], is_late: bool) -> str:
     else:
         value, limit = (f"{number}{unit}" for number in figures(*numbers))
     detail = f" ({violation['detail']})" if violation.get("detail") else ""
-    unproven = "" if is_late else "; not proven: others were sought in vain"
+    unproven = "" if is_late else "; not proven: no other motion was found"
     proven = "; proven: no motion avoids it" if violation.get("proven") else unproven
     return f"{violation['constraint']}: {value} against a limit of {limit}{detail}{proven}"
 

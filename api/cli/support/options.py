@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from functools import wraps
 from typing import Any
 
 import click
@@ -23,6 +24,19 @@ def service_options(command: Any) -> Any:
     """Adds the options --url and --token to a command."""
     command = click.option("--token", envvar="FLING_TOKEN", help="Bearer token; FLING_TOKEN.")(command)
     return click.option("--url", default=None, help="URL of the service; default: FLING_URL, or this machine.")(command)
+
+
+def calls_service(command: Any) -> Any:
+    """Adds the options --url and --token to a command, and gives it the client of the service that they mean."""
+
+    @wraps(command)
+    def with_client(url: str | None, token: str | None, **given: Any) -> Any:
+        from api.cli.support.client import ServiceClient
+
+        with ServiceClient(service_url(url), token) as client:
+            return command(client=client, **given)
+
+    return service_options(with_client)
 
 
 def service_url(url: str | None) -> str:

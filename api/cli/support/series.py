@@ -59,7 +59,7 @@ def load_step(text: str | None) -> LoadStep:
         return lambda client, cell: _wait_for_input(client, cell, int(index))
     if kind in ("http", "https"):
         return lambda client, cell: _call(text)
-    raise click.UsageError(f"--load {text!r} is none of: enter, input:0 … input:{INPUTS_MAX - 1}, a URL")
+    raise click.UsageError(f"--load {text!r} is not one of: enter, input:0 … input:{INPUTS_MAX - 1}, a URL")
 
 
 def run_series(client: Any, load: LoadStep, settings: dict[str, Any]) -> dict[str, Any]:

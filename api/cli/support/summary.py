@@ -25,9 +25,7 @@ def plan_text(plan: dict[str, Any]) -> str:
     if odds := plan.get("hit_probability"):
         low, high = odds["interval"]
         known = (
-            "with what was learnt"
-            if odds["profile"]
-            else "with the cell file alone: nothing was learnt of this cell yet"
+            "with what was learnt" if odds["profile"] else "with the cell file alone: this cell is not calibrated yet"
         )
         lines.append(
             f"hits within {_length(odds['radius_m'])} with {odds['value']:.0%} ({low:.0%} to {high:.0%}), {known}"

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 from api.cli import main
 from store import Store
-from tests.batch.maps.planners import fake_solve, plan_all
+from tests.jobs.maps.planners import fake_solve, plan_all
 
 EXTENT = ["--extent", "-0.4", "0.4", "0.3", "0.9", "--resolution", "0.1"]
 
@@ -25,10 +25,10 @@ def fling(tmp_path, monkeypatch):
         plan_all = staticmethod(plan_all(lambda job: solves[-1](job)))
 
     @contextmanager
-    def open_pool(workers, ray_address):
+    def open_pool(*arguments, **options):
         yield Pool
 
-    monkeypatch.setattr("batch.pool.open_pool", open_pool)
+    monkeypatch.setattr("jobs.driver.open_pool", open_pool)
 
     def run(*arguments: str, solve=fake_solve):
         solves.append(solve)
@@ -43,11 +43,10 @@ def test_it_writes_all_files_into_a_folder_and_says_what_it_found(fling, tmp_pat
     assert done.exit_code == 0, done.output
     assert {path.name for path in (tmp_path / "floor").iterdir()} == {"map.png", "map.html", "map.zarr"}
     assert "finished: 24 of 48 landing cells planned and certified" in done.output
-    assert "refused: 16 with proof, 8 searched for in vain" in done.output
+    assert "refused: 16 proven, 8 not found" in done.output
 
 
 def test_it_goes_on_after_ctrl_c_and_ends_with_the_same_map(fling, tmp_path, monkeypatch):
-    monkeypatch.setattr("batch.maps.making.STORE_EVERY_S", 0.0)
     left = [20]
 
     def interrupted(job):
@@ -57,7 +56,7 @@ def test_it_goes_on_after_ctrl_c_and_ends_with_the_same_map(fling, tmp_path, mon
         return fake_solve(job)
 
     first = fling(*EXTENT, solve=interrupted)
-    assert first.exit_code == 130 and "20 landing cells are stored; the same command goes on" in first.output
+    assert first.exit_code == 130 and "20 landing cells are stored; the same command resumes" in first.output
     second = fling(*EXTENT)
     assert second.exit_code == 0 and "20 landing cells are answered already" in second.output
     resumed = json.loads(fling(*EXTENT, "--json").stdout)

@@ -87,7 +87,7 @@ def test_a_refusal_says_each_constraint_once_and_what_to_try():
     assert text.splitlines() == [
         "The arm cannot do this:",
         "  tcp_speed: 5.134 m/s against a limit of 4 m/s; proven: no motion avoids it",
-        "  keep_out: -0.01 m against a limit of 0.02 m (forearm and box 0); not proven: others were sought in vain",
+        "  keep_out: -0.01 m against a limit of 0.02 m (forearm and box 0); not proven: no other motion was found",
         "  the nearest feasible target: 0.88938 0 -0.1",
     ]
     for window_s, as_request, said in (
@@ -168,7 +168,7 @@ def test_a_search_that_the_time_limit_ended_says_so_and_what_more_time_gives():
     row = {"constraint": "landing", "value": 0.2, "limit": 0.01, "unit": "m", "proven": False}
     none = {"constraint": "motion", "value": 0.0, "limit": 1.0, "unit": "1", "detail": "", "proven": False}
     nearest = {"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}, "time_limit_s": 120.0}
-    ended = {"title": "The search was ended", "solver": {"status": "time_limit"}, "nearest": nearest}
+    ended = {"title": "Planning timed out", "solver": {"status": "time_limit"}, "nearest": nearest}
     lines = describe({**ended, "violations": [row, none]}).splitlines()
     assert lines[0].startswith("The time limit ended the search")
     assert lines[1:3] == ["  landing: 0.2 m against a limit of 0.01 m", "  no motion was made: none was tried"]

@@ -11,7 +11,7 @@ import pytest
 
 from executor.records import ExecutionResult, Journal, JournalLocked
 from executor.records.journal import deliver
-from store import Store, new_id, pack_samples
+from store import PlanRow, Store, new_id, pack_samples
 
 Open = Callable[[], Journal]
 LANDING = {"id": new_id(), "at": 5.0, "position": [1.2, 0.3, 0.0], "std_m": 0.003}
@@ -27,7 +27,7 @@ def store(database_url: str) -> Iterator[Store]:
 @pytest.fixture
 def execution_id(store: Store) -> str:
     plan_id = new_id()
-    store.add_plan(plan_id, time.time(), "cell", "0" * 64, "ruckig", b"{}")
+    store.add_plan(PlanRow(plan_id, time.time(), "cell", "0" * 64, "ruckig", b"{}"))
     store.queue_execution(plan_id, "cell")
     row = store.claim_execution("cell", "me")
     assert row is not None

@@ -32,12 +32,12 @@ def test_a_release_behind_a_box_is_reached_with_a_stop(speed: np.ndarray) -> Non
     problem = walled(JointRelease(np.array([-0.8, -1.2, 1.6, -1.9, -1.57, 0.0]), speed))
     search = PlanningSearch(problem, time.perf_counter() + 60.0)
     search_with_stop(search, candidates(problem))
-    assert search.incumbent is not None
-    motion = search.incumbent.solution.trajectory
+    assert search.best is not None
+    motion = search.best.solution.trajectory
     assert certify(problem, motion).valid
     slow = np.abs(motion.qd[1 : motion.release_index]).max(axis=1)
     assert slow.min() < 1e-6, "it stops on the way"
-    assert "stop" in search.incumbent.solution.status or "path" in search.incumbent.solution.status
+    assert "stop" in search.best.solution.status or "path" in search.best.solution.status
     assert search.attempts[-1].backend == "approach"
 
 
@@ -45,7 +45,7 @@ def test_without_time_nothing_is_tried() -> None:
     problem = walled(JointRelease(np.array([-0.8, -1.2, 1.6, -1.9, -1.57, 0.0]), np.full(6, 0.3)))
     search = PlanningSearch(problem, time.perf_counter() - 1.0)
     search_with_stop(search, candidates(problem))
-    assert search.incumbent is None
+    assert search.best is None
 
 
 def test_a_last_resort_that_takes_longer_than_the_time_limit_does_not_cut_the_plan_short(monkeypatch) -> None:
@@ -57,7 +57,7 @@ def test_a_last_resort_that_takes_longer_than_the_time_limit_does_not_cut_the_pl
         clock[0] = 1e6
 
     monkeypatch.setattr(time, "perf_counter", lambda: clock[0])
-    monkeypatch.setattr(planning, "search_thoroughly", lambda *_asked: None)
+    monkeypatch.setattr(planning, "search_candidates", lambda *_asked: None)
     monkeypatch.setattr(planning, "search_with_stop", finds_late)
     made = planning.plan(walled(JointRelease(np.array([-0.8, -1.2, 1.6, -1.9, -1.57, 0.0]), np.zeros(6))))
     assert clock[0] > 0.0

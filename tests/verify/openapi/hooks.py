@@ -20,7 +20,7 @@ MODELS: dict[str, type[BaseModel]] = {
     "make_batch": BatchRequest,
     "make_cell_map": MapBody,
 }
-KILLED = "the planner process was killed"  # in the detail of a problem
+KILLED = "the planner process was ended"  # in the detail of a problem
 TIMEOUT_S = 600.0  # [s] of a request that is sent again
 NOT_OF_THE_BODY = ("infeasible", "idempotency-conflict")  # refusals of bodies that are in order
 

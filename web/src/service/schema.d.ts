@@ -21,7 +21,7 @@ export interface paths {
          * Plan many throws
          * @description Queues many planning requests; each is checked before. Their plans are stored like any other plan.
          *
-         *     Requests that ask for the same are planned once. A batch survives the end of the service: it goes on when the
+         *     Requests that ask for the same are planned once. A batch survives the end of the service: it resumes when the
          *     service starts again.
          */
         post: operations["make_batch"];
@@ -208,7 +208,7 @@ export interface paths {
          * Make a map
          * @description Plans a throw to every landing cell of a plane or a volume, coarse points first; every yes has a stored plan.
          *
-         *     The same request for an unchanged cell is the same map: one that was cancelled goes on, a finished one is answered.
+         *     The same request for an unchanged cell is the same map: a cancelled one resumes, a finished one is returned.
          */
         post: operations["make_cell_map"];
         delete?: never;
@@ -228,7 +228,7 @@ export interface paths {
         put?: never;
         /**
          * Cancel a map
-         * @description Ends the work on a map; the same request to make it goes on with what is missing.
+         * @description Ends the work on a map; the same request to make it resumes.
          */
         post: operations["cancel_cell_map"];
         delete?: never;
@@ -2289,7 +2289,7 @@ export interface components {
             shape: number[];
             /**
              * State
-             * @description running; waiting: its runner starts or has died, and the service or the same POST goes on; cancelled: somebody asked for it, or some landing cells' searches were cut off, and the same POST goes on; finished; void: see `void_because`.
+             * @description running; waiting: its runner starts or has died, and the service or the same POST resumes it; cancelled: on request, or because some landing cells' searches were cut off; the same POST resumes it; finished; void: see `void_because`.
              */
             state: string;
             values: components["schemas"]["MapValues"];
@@ -2406,7 +2406,7 @@ export interface components {
             shape: number[];
             /**
              * State
-             * @description running; waiting: its runner starts or has died, and the service or the same POST goes on; cancelled: somebody asked for it, or some landing cells' searches were cut off, and the same POST goes on; finished; void: see `void_because`.
+             * @description running; waiting: its runner starts or has died, and the service or the same POST resumes it; cancelled: on request, or because some landing cells' searches were cut off; the same POST resumes it; finished; void: see `void_because`.
              */
             state: string;
             /**
@@ -3395,12 +3395,6 @@ export interface components {
             planner: boolean;
             /** Ready */
             ready: boolean;
-            /**
-             * Solvers
-             * @description Functions that the planner solves with; interpreted ones give the same plans, later.
-             * @enum {string}
-             */
-            solvers: "compiled" | "interpreted";
             /** Store */
             store: boolean;
         };
@@ -4129,7 +4123,7 @@ export interface components {
             limit: number | null;
             /**
              * Proven
-             * @description Whether no motion can avoid it; else it was searched for in vain.
+             * @description Whether no motion can avoid it; otherwise none was found.
              * @default false
              */
             proven: boolean;
@@ -5104,7 +5098,7 @@ export interface operations {
             };
         };
         responses: {
-            /** @description Begun, or gone on with; read it at `Location`. */
+            /** @description Begun, or resumed; read it at `Location`. */
             202: {
                 headers: {
                     [name: string]: unknown;

@@ -1,0 +1,63 @@
+"""What workers of the tests do in place of planning. A job's request says what becomes of it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import orjson
+
+from jobs.planning import PlanningJob, PlanRecord
+from jobs.pool import Work
+from planner.cell import CellSource
+from planner.errors import Infeasible, Violation
+from store import PlanRow
+
+CELL = CellSource("fake", b"")
+
+
+def fake_job(value: float = 0.0, **request: Any) -> PlanningJob:
+    return PlanningJob(None, 0.0, CELL, {"value": value, **request})
+
+
+def fake_solve(job: PlanningJob) -> PlanRecord:
+    """Plans the square of `value`, once it has done what the request asks for."""
+    asked = job.request
+    time.sleep(asked.get("sleep_s", 0.0))
+    if asked.get("infeasible"):
+        raise Infeasible([Violation("floor", -0.1, 0.02, "m", proven=True)], {"release": {}})
+    if asked.get("bug"):
+        raise ZeroDivisionError("a bug")
+    if "dies_once" in asked and not Path(asked["dies_once"]).exists():
+        Path(asked["dies_once"]).touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    if asked.get("dies"):
+        os.kill(os.getpid(), signal.SIGKILL)
+    samples = str(asked["value"] ** 2).encode()
+    row = PlanRow(
+        job.plan_id or "", 0.0, job.cell.name, job.cell.sha256, "fake", str(os.getpid()).encode(), None, samples
+    )
+    return PlanRecord(row, asked["value"], 2.0, release_speed_m_s=1.5)
+
+
+def fake_load(warm_up: PlanningJob | None) -> None:
+    """Loads nothing; a warm-up that kills its worker does so."""
+    if warm_up is not None and "dies" in warm_up.request:
+        fake_solve(warm_up)
+
+
+def fake_plan(job: PlanningJob) -> PlanRecord:
+    """Returns the plan of a throw whose release time is `value`, once it has done what the request asks for."""
+    planned = fake_solve(job)
+    if "log" in job.request:
+        with Path(job.request["log"]).open("a") as log:
+            log.write(f"{job.request['value']}\n")
+    return replace(planned, row=replace(planned.row, created_at=time.time(), summary=orjson.dumps({"id": job.plan_id})))
+
+
+FAKE = Work(fake_load, fake_solve, niceness=0)
+FAKE_PLANS = Work(fake_load, fake_plan)
