@@ -48,14 +48,15 @@ def relaxations(problem: ThrowProblem) -> Iterator[Relaxation]:
     """Yields the relaxations of a problem's release, the mildest first."""
     match problem.release:
         case JointRelease() as release:
-            yield from _of_joint(problem, release)
+            yield from joint_relaxations(problem, release)
         case PoseRelease() | PointRelease() as release:
-            yield from _of_place(problem, release)
+            yield from place_relaxations(problem, release)
         case TargetRelease() as release:
-            yield from _of_target(problem, release)
+            yield from target_relaxations(problem, release)
 
 
-def _of_joint(problem: ThrowProblem, release: JointRelease) -> Iterator[Relaxation]:
+def joint_relaxations(problem: ThrowProblem, release: JointRelease) -> Iterator[Relaxation]:
+    """Yields a slower release, then one drawn towards a standstill at the start."""
     q = release.q
     qd = release.qd
     if not problem.ends_at_rest:
@@ -63,7 +64,11 @@ def _of_joint(problem: ThrowProblem, release: JointRelease) -> Iterator[Relaxati
     yield lambda share: JointRelease(between(problem.start, q, _at_least(share)), share * qd)
 
 
-def _of_place(problem: ThrowProblem, release: PlacedRelease) -> Iterator[Relaxation]:
+def place_relaxations(problem: ThrowProblem, release: PlacedRelease) -> Iterator[Relaxation]:
+    """Yields a slower release of a pose or point, others from feasible places, then one drawn towards the start.
+
+    The closest place at the requested velocity comes first, then those at less of it.
+    """
     if not problem.ends_at_rest:
         yield lambda share: _slower(release, _at_least(share))
     farthest = within(problem.cell.X_WB[:3, 3], _place(release), farthest_reach(problem))
@@ -75,8 +80,11 @@ def _of_place(problem: ThrowProblem, release: PlacedRelease) -> Iterator[Relaxat
     yield partial(_towards_start, problem, release)
 
 
-def _of_target(problem: ThrowProblem, release: TargetRelease) -> Iterator[Relaxation]:
-    """Yields these relaxations; a target below the floor is lifted onto it."""
+def target_relaxations(problem: ThrowProblem, release: TargetRelease) -> Iterator[Relaxation]:
+    """Yields nearer targets: past what is in the way, from easy ones, and the same without a release position.
+
+    A target below the floor is lifted onto it.
+    """
     x, y, z = release.p_W
     release = replace(release, p_W=np.array([x, y, max(z, problem.cell.surroundings.floor_z_m)]))
     farthest = _farthest_throw(problem, release)

@@ -7,7 +7,7 @@ import time
 from dataclasses import dataclass, field
 
 from planner.certificate import Certificate, Examination
-from planner.errors import TIME_LIMIT, Infeasible, SolverFailed, Violation
+from planner.errors import TIME_LIMIT, Infeasible, SolverFailed, Violation, nothing_found
 from planner.problem import ThrowProblem
 from planner.solution import Solution
 from planner.trajectory import Trajectory
@@ -158,7 +158,7 @@ class PlanningSearch:
             return _violations(self.nominal.certificate)
         if not self.rejected:
             said = "; ".join(f"{attempt.backend}: {attempt.result}" for attempt in self.attempts)
-            return [Violation("motion", 0.0, 1.0, "1", detail=said or "none was tried")]
+            return [nothing_found("motion", f"none was made: {said}" if said else "none was tried")]
         return _violations(min((each.certificate for each in self.rejected), key=_excess))
 
 
