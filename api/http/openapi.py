@@ -32,7 +32,7 @@ class ViolationAnswer(BaseModel):
 
     constraint: str = Field(description="Name of the certificate's check.")
     value: float | None = Field(
-        description="Of the best motion, in `unit`; null if infinite, and with `limit` if nothing was found, as `detail` says."
+        description="Of the best motion, in `unit`; null if infinite, and with `limit` where nothing was found."
     )
     limit: float | None = Field(description="In `unit`.")
     unit: str

@@ -61,7 +61,7 @@ def joint_relaxations(problem: ThrowProblem, release: JointRelease) -> Iterator[
     qd = release.qd
     if not problem.ends_at_rest:
         yield lambda share: JointRelease(q, _at_least(share) * qd)
-    yield lambda share: JointRelease(between(problem.start, q, _at_least(share)), share * qd)
+    yield lambda share: JointRelease(between(problem.start, q, _at_least(share)), _at_least(share) * qd)
 
 
 def place_relaxations(problem: ThrowProblem, release: PlacedRelease) -> Iterator[Relaxation]:

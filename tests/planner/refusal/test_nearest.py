@@ -1,5 +1,6 @@
 """The nearest feasible request: what is offered can be planned, is near, and is found within a number of searches."""
 
+import itertools
 import math
 import sys
 import time
@@ -10,7 +11,7 @@ import pytest
 
 from planner.errors import Infeasible
 from planner.planning import plan
-from planner.problem import TIME_LIMIT_S, JointRelease, Opening, TargetRelease, ThrowProblem
+from planner.problem import TIME_LIMIT_S, JointRelease, Opening, PointRelease, TargetRelease, ThrowProblem
 from planner.refusal import nearest, nearest_problem
 from planner.request import problem_from_request
 from planner.search import PlanningSearch
@@ -194,3 +195,16 @@ def test_an_offer_has_another_time_limit_where_the_requests_was_too_short(monkey
     with pytest.raises(Infeasible) as refusal:
         plan(problem)
     assert refusal.value.nearest["time_limit_s"] == limit_s
+
+
+def test_a_slow_clock_does_not_change_the_nearest_request(monkeypatch):
+    problem = joint_problem(release=PointRelease(np.array([1.6, 0.2, 0.4]), np.array([0.5, 0.0, 0.5])))
+    found = []
+    ticks = itertools.count()
+    for clock in (time.perf_counter, lambda: 0.01 * next(ticks)):
+        monkeypatch.setattr(time, "perf_counter", clock)
+        with pytest.raises(Infeasible) as refusal:
+            plan(problem)
+        found.append(refusal.value.nearest)
+    assert found[0] is not None
+    assert found[0] == found[1]

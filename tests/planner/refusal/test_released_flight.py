@@ -37,7 +37,7 @@ def test_a_flight_that_comes_down_on_a_box_is_told_how_to_land_there() -> None:
     table = Box(np.array([0.8, -0.6, 0.0]), np.array([2.0, 0.6, 0.3]))
     violation = released_flight_blocked(thrown([2.0, 0.0, 0.5], table))
     assert violation is not None
-    assert violation.detail.endswith("; the object may land on a box only where the release is a target on it")
+    assert violation.detail.endswith("; to land on a box, ask for a target on it")
 
 
 def test_a_wall_is_met_after_the_touch_of_the_floor() -> None:
