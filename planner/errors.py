@@ -101,8 +101,8 @@ class Violation:
 
     Attributes:
         constraint: name of the certificate check.
-        value: value of the motion [unit].
-        limit: the bound that it violates [unit].
+        value: value of the motion [unit], None where nothing was found that has one.
+        limit: the bound that it violates [unit], None likewise.
         unit: of both.
         at_s: time on the trajectory [s], None where there is no such time.
         detail: joint, pair of links or box concerned, in words.
@@ -110,19 +110,31 @@ class Violation:
     """
 
     constraint: str
-    value: float
-    limit: float
+    value: float | None
+    limit: float | None
     unit: str
     at_s: float | None = None
     detail: str = ""
     proven: bool = False
 
     def __str__(self) -> str:
+        if self.value is None or self.limit is None:
+            return f"{self.constraint}: {self.detail}"
         when = "" if self.at_s is None else f" at {self.at_s:.3f} s"
         value, limit = figures(self.value, self.limit)
         unit = "" if self.unit in ("-", "1") else f" {self.unit}"  # a plain number has none
         text = f"{self.constraint}: {value}{unit} against a limit of {limit}{unit}{when}"
         return f"{text} ({self.detail})" if self.detail else text
+
+
+def nothing_found(constraint: str, detail: str) -> Violation:
+    """Returns the violation of a constraint for which nothing was found that could be measured.
+
+    Args:
+        constraint: name of the certificate check, or `motion`.
+        detail: what was not found, in words.
+    """
+    return Violation(constraint, None, None, "", detail=detail)
 
 
 class Infeasible(PlannerError):

@@ -11,15 +11,13 @@ from planner.approach import Approach
 from planner.certificate import Certificate
 from planner.errors import Infeasible, SolverFailed
 from planner.problem import TIME_LIMIT_S, ThrowProblem
+from planner.refusal import nearest_problem, of_candidates, refuse_impossible
 from planner.request import request_document
 from planner.search import (
     Attempt,
     PlanningSearch,
     best_with_way_home,
     load_libraries,
-    nearest_problem,
-    of_candidates,
-    refuse_impossible,
     search_candidates,
     search_with_stop,
 )
@@ -102,7 +100,7 @@ def plan(problem: ThrowProblem, hints: SearchHints = ORDINARY) -> Plan:
         best, way_home = best_with_way_home(search)
     except (Infeasible, SolverFailed) as refusal:
         if hints.offers_nearest:
-            refusal.nearest = _nearest(search, refusal)
+            refusal.nearest = _nearest(search)
         raise
     return Plan(
         problem=problem,
@@ -137,12 +135,12 @@ def _candidates(search: PlanningSearch, releases: Sequence[ReleaseState]) -> lis
         raise Infeasible(of_candidates(problem, refusal.violations), attempts=log) from None
 
 
-def _nearest(search: PlanningSearch, refusal: Infeasible | SolverFailed) -> dict[str, Any] | None:
+def _nearest(search: PlanningSearch) -> dict[str, Any] | None:
     """Returns the nearest feasible request, None where none was found.
 
     It has the usual time limit where the request's own passed before that was found: it can be posted as it is.
     """
-    found = nearest_problem(search, refusal.violations)
+    found = nearest_problem(search)
     if found is None:
         return None
     if search.out_of_time:

@@ -36,6 +36,7 @@ PLANTED = {
 # Packages that other packages enter by `__init__` alone: they import nothing deeper, and nothing outside `__all__`.
 FACES = (
     "fling",
+    "planner.refusal",
     "planner.search",
     "planner.backends.casadi_nlp",
     "planner.backends.ruckig_otg",

@@ -31,7 +31,9 @@ class ViolationAnswer(BaseModel):
     """A constraint that stands in the way, and by how much."""
 
     constraint: str = Field(description="Name of the certificate's check.")
-    value: float | None = Field(description="Of the best motion, in `unit`.")
+    value: float | None = Field(
+        description="Of the best motion, in `unit`; null if infinite, and with `limit` where nothing was found."
+    )
     limit: float | None = Field(description="In `unit`.")
     unit: str
     at_s: float | None = Field(None, description="Time on the trajectory [s].")

@@ -83,6 +83,8 @@ def plan_id_of(map_id: str, number: int, round: int) -> str:
 
 def _words(violation: Mapping[str, Any]) -> str:
     """Returns by how much a constraint is violated, in words."""
+    if violation["value"] is None and violation["limit"] is None:
+        return violation["detail"]
     value, limit = (_number(violation[name]) for name in ("value", "limit"))
     text = f"{value} {violation['unit']} against a limit of {limit} {violation['unit']}"
     return f"{text} ({violation['detail']})" if violation["detail"] else text

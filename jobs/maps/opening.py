@@ -14,7 +14,7 @@ from learning import cell_in_use
 from planner.cell import Cell, CellSource, cell_of
 from planner.errors import FieldError, InvalidProblem
 from planner.problem import TargetRelease, ThrowProblem
-from planner.search import farthest_target_m, shoulder_position
+from planner.refusal import farthest_target_m, shoulder_position
 from store import MapRow, Store
 
 

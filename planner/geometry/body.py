@@ -192,14 +192,16 @@ class BodyModel:
             ("keep_out", self.box_distances(ends), at_boxes, clearance),
             ("self_collision", self.pair_distances(ends), pairs, SELF_CLEARANCE_M),
         )
-        least = [
-            Violation(
-                name, float(distances.min()), limit, "m", detail=f"{close[int(distances.argmin())]}, at the release"
-            )
-            for name, distances, close, limit in gaps
-            if distances.size
-        ]
-        return [each for each in least if each.value < each.limit] or [min(least, key=lambda v: v.value - v.limit)]
+        margins = []
+        violations = []
+        for name, distances, close, limit in gaps:
+            if distances.size:
+                value = float(distances.min())
+                detail = f"{close[int(distances.argmin())]}, at the release"
+                margins.append(value - limit)
+                violations.append(Violation(name, value, limit, "m", detail=detail))
+        broken = [violation for violation, margin in zip(violations, margins, strict=True) if margin < 0.0]
+        return broken or [violations[int(np.argmin(margins))]]
 
 
 def _example() -> tuple[Array, Index, Array]:

@@ -1,24 +1,17 @@
-"""The search for a plan: what is tried from which candidates, and what is feasible instead."""
+"""The search for a plan: what is tried from which candidates, and the way home from what was found."""
 
-from planner.search.nearest import nearest_problem
-from planner.search.proofs import farthest_target_m, of_candidates, refuse_impossible
 from planner.search.record import Attempt, CertifiedSolution, PlanningSearch
 from planner.search.search import load_libraries, search_candidates
 from planner.search.stops import search_with_stop
-from planner.search.throw_range import shoulder_position
-from planner.search.way_home import best_with_way_home
+from planner.search.way_home import best_with_way_home, find_way_home
 
 __all__ = [
     "Attempt",
     "CertifiedSolution",
     "PlanningSearch",
     "best_with_way_home",
-    "farthest_target_m",
+    "find_way_home",
     "load_libraries",
-    "nearest_problem",
-    "of_candidates",
-    "refuse_impossible",
     "search_candidates",
     "search_with_stop",
-    "shoulder_position",
 ]

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass, field
 
 from planner.certificate import Certificate, Examination
-from planner.errors import TIME_LIMIT, Infeasible, SolverFailed, Violation
+from planner.errors import TIME_LIMIT, Infeasible, SolverFailed, Violation, nothing_found
 from planner.problem import ThrowProblem
 from planner.solution import Solution
 from planner.trajectory import Trajectory
@@ -67,6 +68,7 @@ class PlanningSearch:
         iterations: spent by the optimiser so far.
         loading_s: spent on loading solvers [s]; the deadline is later by as much.
         was_cut_short: whether the deadline had passed at the end of the search, and the answer may not be the soonest.
+        is_for_any: whether any valid motion will do: the first one ends the search.
     """
 
     problem: ThrowProblem
@@ -79,6 +81,7 @@ class PlanningSearch:
     iterations: int = 0
     loading_s: float = 0.0
     was_cut_short: bool = False
+    is_for_any: bool = False
 
     @property
     def out_of_time(self) -> bool:
@@ -87,8 +90,13 @@ class PlanningSearch:
 
     @property
     def release_time_s(self) -> float:
-        """Release time of the best [s]; infinite without one."""
-        return float("inf") if self.best is None else self.best.solution.trajectory.release_time_s
+        """Release time before which a motion is of use [s]: the best's; infinite without one.
+
+        Where any motion will do, none is of use beside the best.
+        """
+        if self.best is None:
+            return math.inf
+        return -math.inf if self.is_for_any else self.best.solution.trajectory.release_time_s
 
     @property
     def latest_useful_s(self) -> float:
@@ -150,7 +158,7 @@ class PlanningSearch:
             return _violations(self.nominal.certificate)
         if not self.rejected:
             said = "; ".join(f"{attempt.backend}: {attempt.result}" for attempt in self.attempts)
-            return [Violation("motion", 0.0, 1.0, "1", detail=said or "none was tried")]
+            return [nothing_found("motion", f"none was made: {said}" if said else "none was tried")]
         return _violations(min((each.certificate for each in self.rejected), key=_excess))
 
 

@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from planner.arrays import Array
-from planner.errors import Infeasible, Violation
+from planner.errors import Infeasible, Violation, nothing_found
 from planner.geometry import body_model
 from planner.kinematics import (
     inverse,
@@ -32,8 +32,8 @@ from planner.seeds.state_limits import POSITION_SLACK, SIEVES, States
 
 DECIMALS = 9  # [rad, rad/s] of candidates for a target: finer than what the optimiser heeds
 FEW_CANDIDATES = 6  # for a target behind obstacles; fewer call for a thorough search of 0.2 to 0.3 s
-NO_STATES = "joint states found whose flight hits the target within the requested bounds"
-NO_INVERSE = "joint positions found by the inverse kinematics for this pose, joint limits ignored"
+NO_STATES = "no joint state was found whose flight hits the target within the requested bounds"
+NO_INVERSE = "the inverse kinematics has no solution for this pose, joint limits ignored"
 # (rows, enough): rows checked for clearance in turn, skipped once there are enough candidates; a pose has hundreds of
 # states, most of them full turns away.
 BATCHES = ((slice(0, 24), 1), (slice(24, 48), 14), (slice(48, None), 1))
@@ -186,7 +186,7 @@ def _usable(problem: ThrowProblem, states: States) -> list[Candidate]:
         Infeasible: there are no states.
     """
     if len(states.q) == 0:
-        raise Infeasible([Violation("joint_position", 0.0, 1.0, "1", detail=NO_STATES)])
+        raise Infeasible([nothing_found("joint_position", NO_STATES)])
     kept = states
     counts = []
     try:
@@ -291,7 +291,7 @@ def _joint_limit_violation(problem: ThrowProblem, X_BT: Array) -> Violation:
     limits = problem.limits
     anywhere = inverse(problem.cell.robot, X_BT, problem.cell.tool.X_FT).q
     if len(anywhere) == 0:
-        return Violation("joint_position", 0.0, 1.0, "1", detail=NO_INVERSE)
+        return nothing_found("joint_position", NO_INVERSE)
     over = np.maximum(limits.q_lower - anywhere, anywhere - limits.q_upper)
     best = int(over.max(axis=1).argmin())
     joint = int(over[best].argmax())

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from planner.arrays import Array, Mask
-from planner.errors import Violation
+from planner.errors import Violation, nothing_found
 from planner.flight import elevation, launch_velocity, slowest_time, time_at_elevation
 from planner.problem import TargetRelease, ThrowProblem
 from planner.seeds.flight_filter import clear_flights, flight_times
@@ -143,10 +143,8 @@ def no_flight(problem: ThrowProblem, release: TargetRelease, p: Array) -> Violat
     """Returns why no flight from the positions (n, 3) hits the target: there is none, or it takes too much speed."""
     if len(p) == 0:
         apart = release.min_horizontal_distance_m
-        detail = (
-            f"postures found that keep off floor and singularities, in the keep-in boxes, {apart:g} m from the target"
-        )
-        return Violation("release_position", 0.0, 1.0, "1", detail=detail)
+        detail = "no posture was found that keeps off floor and singularities, in the keep-in boxes,"
+        return nothing_found("release_position", f"{detail} at least {apart:g} m from the target")
     speeds = _least_speed(problem, release, p)
     if np.isnan(speeds).all():
         lowest = float(_lowest_elevation(release, p).min())

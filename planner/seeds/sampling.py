@@ -14,7 +14,7 @@ import numpy as np
 
 from planner.arrays import Array, Mask
 from planner.cell import Limits
-from planner.errors import Infeasible, Violation
+from planner.errors import Infeasible, Violation, nothing_found
 from planner.flight import time_of_flight
 from planner.geometry import body_model, tool_pose
 from planner.kinematics import inverse_branches, singularity_distances
@@ -388,10 +388,8 @@ def _unreachable(problem: ThrowProblem, p_W: Array) -> Violation:
     reach = farthest_reach(problem)
     if distance > reach:
         return Violation("reach", distance, reach, "m", detail="distance from the arm's base")
-    detail = (
-        f"postures found that bring the tool there, in {MORE_ORIENTATIONS} orientations of it, within what the joints"
-    )
-    return Violation("joint_position", 0.0, 1.0, "1", detail=f"{detail} reach and away from singularities")
+    detail = f"no posture was found that brings the tool there, in {MORE_ORIENTATIONS} orientations of it,"
+    return nothing_found("joint_position", f"{detail} within what the joints reach and away from singularities")
 
 
 def farthest_reach(problem: ThrowProblem) -> float:

@@ -15,6 +15,7 @@ from planner.errors import (
     SolverFailed,
     UnknownRobot,
     Violation,
+    nothing_found,
 )
 from planner.seeds import NoCandidates
 
@@ -52,3 +53,9 @@ def test_an_error_survives_pickling_with_all_its_fields(error, protocol):
 
 def test_every_class_of_the_tree_has_an_example():
     assert {type(error) for error in EXAMPLES} == tree(PlannerError)
+
+
+def test_a_violation_says_what_was_not_found_where_there_is_nothing_to_measure():
+    refusal = Infeasible([nothing_found("motion", "none was tried"), Violation("reach", 1.2, 0.9, "m")])
+    assert str(refusal) == "motion: none was tried; reach: 1.2 m against a limit of 0.9 m"
+    assert (refusal.violations[0].value, refusal.violations[0].limit) == (None, None)

@@ -86,8 +86,9 @@ def _odds_text(problem: dict[str, Any], violation: dict[str, Any], as_request: b
 
 def _violation_text(violation: dict[str, Any], is_late: bool) -> str:
     """Returns what stands in the way; of a search that the time limit ended, without a word on others."""
-    if violation["constraint"] == "motion":  # its numbers are none of the request: 0 motions, where 1 is needed
-        return f"no motion was made: {violation.get('detail') or 'none was tried'}"
+    proven = "; proven: no motion avoids it" if violation.get("proven") else ""
+    if violation["value"] is None and violation["limit"] is None:  # nothing was found that has a value
+        return f"{violation['constraint']}: {violation['detail']}{proven}"
     unit = "" if violation["unit"] in ("-", "1") else f" {violation['unit']}"
     numbers = violation["value"], violation["limit"]
     if None in numbers:  # not finite: an object that never lands has an infinite error
@@ -95,9 +96,8 @@ def _violation_text(violation: dict[str, Any], is_late: bool) -> str:
     else:
         value, limit = (f"{number}{unit}" for number in figures(*numbers))
     detail = f" ({violation['detail']})" if violation.get("detail") else ""
-    unproven = "" if is_late else "; not proven: no other motion was found"
-    proven = "; proven: no motion avoids it" if violation.get("proven") else unproven
-    return f"{violation['constraint']}: {value} against a limit of {limit}{detail}{proven}"
+    unproven = "" if is_late or proven else "; not proven: no other motion was found"
+    return f"{violation['constraint']}: {value} against a limit of {limit}{detail}{proven or unproven}"
 
 
 def _tried_text(attempts: list[dict[str, Any]]) -> str:

@@ -166,12 +166,12 @@ def test_a_dry_run_says_that_nothing_moved():
 
 def test_a_search_that_the_time_limit_ended_says_so_and_what_more_time_gives():
     row = {"constraint": "landing", "value": 0.2, "limit": 0.01, "unit": "m", "proven": False}
-    none = {"constraint": "motion", "value": 0.0, "limit": 1.0, "unit": "1", "detail": "", "proven": False}
+    none = {"constraint": "motion", "value": None, "limit": None, "unit": "", "detail": "none was tried"}
     nearest = {"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}, "time_limit_s": 120.0}
     ended = {"title": "Planning timed out", "solver": {"status": "time_limit"}, "nearest": nearest}
     lines = describe({**ended, "violations": [row, none]}).splitlines()
     assert lines[0].startswith("The time limit ended the search")
-    assert lines[1:3] == ["  landing: 0.2 m against a limit of 0.01 m", "  no motion was made: none was tried"]
+    assert lines[1:3] == ["  landing: 0.2 m against a limit of 0.01 m", "  motion: none was tried"]
     assert lines[-1].endswith("1.2 0.3 0, with a time limit of 120 s")
     low = {"constraint": "hit_probability", "value": 0.3, "limit": 0.9, "unit": "-", "detail": "of landing"}
     assert "The time limit ended the search" in describe({**ended, "nearest": None, "violations": [low]})

@@ -10,7 +10,7 @@ import pytest
 from jobs.maps import MapRequest, definition_from, landing_grid, map_definition
 from planner.errors import InvalidProblem
 from planner.problem import TargetRelease
-from planner.search import proofs
+from planner.refusal import proofs
 from tests.jobs.maps.planners import definition
 from tests.planner.problems import cell, joint_problem
 

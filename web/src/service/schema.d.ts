@@ -4131,7 +4131,7 @@ export interface components {
             unit: string;
             /**
              * Value
-             * @description Of the best motion, in `unit`.
+             * @description Of the best motion, in `unit`; null if infinite, and with `limit` where nothing was found.
              */
             value: number | null;
         };

@@ -1,17 +1,14 @@
 """What refusals call proven: the bounds hold for random motions, and both refusals say what was proven and tried."""
 
-import sys
-import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from planner.errors import TIME_LIMIT, Infeasible, SolverFailed, Violation
+from planner.errors import TIME_LIMIT, Infeasible, SolverFailed
 from planner.geometry import body_model, tool_pose, tool_state
 from planner.planning import plan
 from planner.problem import (
-    TIME_LIMIT_S,
     JointRelease,
     Opening,
     PointRelease,
@@ -19,16 +16,14 @@ from planner.problem import (
     TargetRelease,
     ThrowProblem,
 )
-from planner.request import problem_from_request
-from planner.search import POLICY, PlanningSearch, Ranking, nearest, nearest_problem, search_optimised
-from planner.search.blocked_postures import blocked_postures
-from planner.search.proofs import (
+from planner.refusal.blocked_postures import blocked_postures
+from planner.refusal.proofs import (
     farthest_from_shoulder,
     fastest_tool,
     least_speed_within_reach,
     proven_violations,
 )
-from planner.seeds import candidates
+from planner.request import problem_from_request
 from tests.planner.problems import cell, feasible_states, joint_problem, with_boxes
 
 ARMS = ("ur5e-sim", "ur3e-sim", "ur10e-sim", "ur5-sim", "sdu-table")
@@ -150,74 +145,12 @@ def test_a_target_just_below_the_floor_is_refused_with_proof(z):
     assert (violation.constraint, violation.value) == ("flight_clearance", pytest.approx(z))
 
 
-def test_the_nearest_target_of_one_just_behind_a_wall_is_farther_behind_it():
-    """No flight over the wall is as steep; before the wall the next target is as far away."""
-    here = with_box([0.75, -1.0, 0.0], [0.8, 1.0, 0.7])
-    asked = np.array([0.83, 0.0, 0.0])
-    problem = joint_problem(cell=here, release=TargetRelease(asked), release_window_s=0.005, landing_tolerance_m=0.02)
-    with pytest.raises(Infeasible) as refusal:
-        plan(problem)
-    nearest = problem_from_request(refusal.value.nearest, here)
-    assert nearest.release_window_s == problem.release_window_s
-    assert plan(nearest).certificate.valid
-    assert nearest.release.p_W == pytest.approx([0.93, 0.0, 0.0])
-
-
 def test_an_object_is_dropped_close_behind_a_wall():
     """Flights keep off a wall by 5 mm, but not where the target is nearer to it, as here by 1 mm."""
     here = with_box([0.75, -1.0, 0.0], [0.8, 1.0, 0.5])
     release = TargetRelease(np.array([0.821, 0.0, 0.0]))
     found = plan(joint_problem(cell=here, release=release, release_window_s=0.005, landing_tolerance_m=0.02))
     assert 0.0 <= found.certificate.check("flight_clearance").value <= 0.001
-
-
-@pytest.mark.parametrize(
-    ("box", "asked", "offered"),
-    [  # each leaves room on one side alone
-        (([1.1, -0.5, 0.0], [1.4, 0.02, 0.5]), [1.2, 0.0, 0.0], [1.2, 0.05, 0.0]),
-        (([1.1, -0.02, 0.0], [1.4, 0.5, 0.5]), [1.2, 0.0, 0.0], [1.2, -0.05, 0.0]),
-        (([0.6, -1.0, 0.52], [2.0, 1.0, 0.55]), [1.2, 0.0, 0.5], [1.2, 0.0, 0.45]),
-        (([0.8, -0.5, 0.0], [1.6, 0.5, 0.4]), [1.2, 0.3, 0.39], [1.2, 0.3, 0.4]),
-    ],
-)
-def test_the_nearest_target_is_beside_below_or_on_top_of_what_is_in_the_way(box, asked, offered):
-    here = with_box(*box)
-    with pytest.raises(Infeasible) as refusal:
-        plan(joint_problem(cell=here, release=TargetRelease(np.array(asked))))
-    assert refusal.value.nearest["release"]["position"] == pytest.approx(offered)
-
-
-def test_the_nearest_throw_keeps_its_target_where_its_release_position_is_in_a_box():
-    here = with_box([0.3, -0.2, 0.5], [0.5, 0.2, 0.9])
-    release = TargetRelease(np.array([1.2, 0.3, 0.0]), release_position=np.array([0.4, 0.0, 0.7]))
-    problem = joint_problem(cell=here, release=release, release_window_s=0.005, landing_tolerance_m=0.02)
-    with pytest.raises(Infeasible) as refusal:
-        plan(problem)
-    nearest = problem_from_request(refusal.value.nearest, here)
-    assert nearest.release.release_position is None
-    assert nearest.release.p_W == pytest.approx(release.p_W)
-    assert nearest.release_window_s == problem.release_window_s
-    assert plan(nearest).certificate.valid
-
-
-def test_the_nearest_target_of_one_below_the_floor_keeps_the_whole_release_window():
-    """Ruckig's motion to it keeps 1.3 ms of it, the optimiser's all."""
-    release = TargetRelease(np.array([1.2, 0.3, -0.2]))
-    problem = joint_problem(release=release, release_window_s=0.005, landing_tolerance_m=0.02)
-    with pytest.raises(Infeasible) as refusal:
-        plan(problem)
-    assert refusal.value.nearest["release"]["position"] == pytest.approx([1.2, 0.3, 0.0])
-    assert refusal.value.nearest["release_window_s"] == 0.005
-
-
-def test_the_nearest_target_keeps_the_release_window_where_one_close_to_it_does():
-    """The farthest one that Ruckig throws to has a window of 1.41 ms, one 33 mm nearer the whole one."""
-    release = TargetRelease(np.array([3.0, 0.0, 0.0]))
-    problem = joint_problem(release=release, release_window_s=0.005, landing_tolerance_m=0.02)
-    nearest = nearest_problem(PlanningSearch(problem, time.perf_counter() + 60.0), [])
-    assert nearest is not None
-    assert nearest.release_window_s == problem.release_window_s
-    assert nearest.release.p_W[0] > 1.9
 
 
 def test_a_target_within_a_keep_out_box_is_refused_and_offered_on_its_nearer_side():
@@ -311,97 +244,3 @@ def test_a_search_that_the_time_limit_ends_says_so_and_carries_what_it_has():
     assert failure.value.violations
     assert not any(violation.proven for violation in failure.value.violations)
     assert failure.value.nearest is not None
-
-
-@pytest.mark.parametrize(("taken_s", "limit_s"), [(0.0, 0.5), (0.6, TIME_LIMIT_S)])
-def test_an_offer_has_another_time_limit_where_the_requests_was_too_short(monkeypatch, taken_s, limit_s):
-    """A limit that passed before the offer was found would end the search for its plan, too."""
-    problem = joint_problem(release=TargetRelease(np.array([3.0, 0.0, 0.0])), time_limit_s=0.5)
-    clock = [0.0]
-
-    def slow(search, violations):
-        found = nearest_problem(search, violations)
-        clock[0] += taken_s
-        return found
-
-    monkeypatch.setattr(time, "perf_counter", lambda: clock[0])
-    monkeypatch.setattr(sys.modules["planner.planning"], "nearest_problem", slow)
-    with pytest.raises(Infeasible) as refusal:
-        plan(problem)
-    assert refusal.value.nearest["time_limit_s"] == limit_s
-
-
-def test_the_motion_in_hand_is_given_rather_than_nothing():
-    problem = joint_problem(release=TargetRelease(np.array([1.3, 0.2, 0.0])))
-    search = PlanningSearch(problem, time.perf_counter() + 60.0)
-    optimising = [replace(stage, iterations=0) for stage in POLICY if stage.backend == "casadi"]
-    search_optimised(search, Ranking(problem, candidates(problem)), optimising)
-    assert search.incumbent is None
-    assert search.answer is not None
-    assert search.answer.certificate.valid
-    assert plan(problem).trajectory.release_time_s <= search.answer.solution.trajectory.release_time_s
-
-
-def test_a_motion_without_its_window_is_offered_with_its_own():
-    # Ruckig's motions do not bend to the window, so its largest one is far below what is asked for.
-    problem = joint_problem(
-        release=TargetRelease(np.array([1.2, 0.3, 0.0])),
-        release_window_s=0.02,
-        landing_tolerance_m=0.005,
-        backend="ruckig",
-    )
-    with pytest.raises(Infeasible) as refusal:
-        plan(problem)
-    nearest = refusal.value.nearest
-    assert nearest is not None
-    assert nearest["release"]["position"] == [1.2, 0.3, 0.0]
-    assert 0.0 < nearest["release_window_s"] < 0.02
-    assert nearest["release_window_s"] == pytest.approx(round(nearest["release_window_s"], 4), abs=1e-12)
-    assert plan(problem_from_request(nearest, problem.cell)).certificate.valid
-
-
-def searched_by_optimiser(monkeypatch: pytest.MonkeyPatch, problem: ThrowProblem, violations: list[Violation]) -> int:
-    """Returns how many other problems the optimiser was asked for the nearest one."""
-    asked: list[object] = []
-    monkeypatch.setattr(nearest, "search_optimised", lambda search, *_: asked.append(search.problem))
-    nearest_problem(PlanningSearch(problem, time.perf_counter() + problem.time_limit_s), violations)
-    return len(asked)
-
-
-@pytest.mark.parametrize(
-    ("constraint", "proven", "time_limit_s", "is_asked"),
-    [
-        ("joint_velocity", True, 60.0, False),  # out of reach: said at once
-        ("joint_velocity", False, 60.0, True),
-        ("flight_clearance", True, 60.0, True),  # past an obstacle there may be nearer ones
-        ("flight_clearance", True, 1e-9, False),  # after the deadline
-    ],
-)
-def test_the_optimiser_is_asked_for_nearer_targets_where_that_may_help(
-    monkeypatch, constraint, proven, time_limit_s, is_asked
-):
-    release = TargetRelease(np.array([3.0, 0.0, 0.0]))
-    problem = joint_problem(release=release, release_window_s=0.02, landing_tolerance_m=0.02, time_limit_s=time_limit_s)
-    violation = Violation(constraint, 1.0, 0.0, "m", proven=proven)
-    assert (searched_by_optimiser(monkeypatch, problem, [violation]) > 0) == is_asked
-
-
-def test_the_search_for_nearer_targets_is_bounded(monkeypatch):
-    monkeypatch.setattr(nearest, "ITERATIONS_MAX", 0)
-    problem = joint_problem(release=TargetRelease(np.array([3.0, 0.0, 0.0])), release_window_s=0.02)
-    assert searched_by_optimiser(monkeypatch, problem, [Violation("flight_clearance", 1.0, 0.0, "m")]) == 0
-
-
-@pytest.mark.parametrize(("longest_s", "offered_s"), [(0.0081, 0.0075), (0.006, 0.005), (0.004, 0.0037), (0.001, 0.0)])
-def test_as_much_of_the_window_is_offered_as_a_few_tries_find(monkeypatch, longest_s, offered_s):
-    monkeypatch.setattr(nearest.Optimiser, "finds", lambda _, problem: problem.release_window_s <= longest_s)
-    problem = joint_problem(
-        release=TargetRelease(np.array([1.2, 0.3, 0.0])), release_window_s=0.01, landing_tolerance_m=0.02
-    )
-    search = PlanningSearch(problem, time.perf_counter() + 60.0)
-    nominal = replace(problem, release_window_s=0.0)
-    search_optimised(inner := PlanningSearch(nominal, search.deadline_s), Ranking(nominal, candidates(nominal)))
-    search.nominal = inner.incumbent
-    found = nearest_problem(search, [])
-    assert found is not None
-    assert found.release_window_s == pytest.approx(offered_s)

@@ -11,7 +11,7 @@ from planner.geometry import tool_pose
 from planner.kinematics import jacobian
 from planner.planning import plan
 from planner.problem import TargetRelease
-from planner.search.throw_range import (
+from planner.refusal.throw_range import (
     _radial_bound,
     farthest_reach_from_shoulder,
     out_of_range,

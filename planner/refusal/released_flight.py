@@ -33,9 +33,9 @@ def released_flight_blocked(problem: ThrowProblem) -> Violation | None:
     if not name or gaps[name].min(initial=np.inf) > -SLACK_M:
         return None
     deepest = int(gaps[name].argmin())
-    detail = f"{name}, {t[deepest]:.3f} s after the release, on every flight with this place and velocity"
+    detail = f"{name}, {t[deepest]:.3f} s after the release, on any flight with this place and velocity"
     if name.startswith("box") and _comes_from_above(problem, int(name.split()[1]), x, gaps[name]):
-        detail += "; the object may land on a box only where the release is a target on it"
+        detail += "; to land on a box, ask for a target on it"
     return Violation("flight_clearance", float(gaps[name][deepest]), 0.0, "m", detail=detail, proven=True)
 
 

@@ -15,13 +15,13 @@ from planner.errors import Infeasible, Violation
 from planner.flight import least_speed
 from planner.geometry import body_model, segment_box_distance, tool_state
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
-from planner.search.blocked_postures import blocked_postures
-from planner.search.released_flight import released_flight_blocked
-from planner.search.throw_range import SLACK, farthest_reach_from_shoulder, out_of_range, shoulder_position
+from planner.refusal.blocked_postures import blocked_postures
+from planner.refusal.released_flight import released_flight_blocked
+from planner.refusal.throw_range import SLACK, farthest_reach_from_shoulder, out_of_range, shoulder_position
 
 RIM_POINTS = 2048  # [-] places on the rim of the arm's reach from which a target is aimed at
 RANGE_STEP_M = 0.01  # [m] to which the farthest distance of a target is found
-TOOL_LIMIT = "the limit is what the joints at their speed limits give the tool"
+TOOL_LIMIT = "the joints at their speed limits move the tool no faster"
 RIM_FIRST = 32  # [-] one of so many is looked at first: a target that can be reached from there is not refused
 
 
@@ -195,7 +195,7 @@ def _range(problem: ThrowProblem, release: TargetRelease, p_WT: Array | None = N
         return _beyond_stretched_arm(problem, release)
     needed = least_speed_within_reach(problem, release.p_W, p_WT)
     if needed > bounds[name] + SLACK:
-        detail = "least speed that throws to the target from anywhere within the arm's reach"
+        detail = "least speed that hits the target from anywhere within the arm's reach"
         detail += f"; {TOOL_LIMIT}" if name == "joint_velocity" else ""
         detail += _in_metres(float(np.linalg.norm(release.p_W - problem.cell.X_WB[:3, 3])))
         return [Violation(name, needed, bounds[name], "m/s", detail=detail)]
@@ -208,8 +208,7 @@ def _beyond_stretched_arm(problem: ThrowProblem, release: TargetRelease) -> list
     if found is None:
         return []
     needed, given = found
-    where = "at the release where a throw to the target lacks least of it"
-    detail = f"tool speed away from the shoulder, {where}; {TOOL_LIMIT}"
+    detail = f"speed away from the shoulder that a throw from the best place within reach needs; {TOOL_LIMIT} there"
     return [Violation("joint_velocity", needed, given, "m/s", detail=detail)]
 
 

@@ -12,7 +12,7 @@ from planner.certificate import certify
 from planner.flight import fly
 from planner.planning import plan
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
-from planner.search.released_flight import released_flight_blocked
+from planner.refusal.released_flight import released_flight_blocked
 from tests.planner.problems import cell, feasible_states, pose_problem
 
 WALL = Box(np.array([0.8, -0.6, 0.0]), np.array([0.85, 0.6, 0.7]))
@@ -37,7 +37,7 @@ def test_a_flight_that_comes_down_on_a_box_is_told_how_to_land_there() -> None:
     table = Box(np.array([0.8, -0.6, 0.0]), np.array([2.0, 0.6, 0.3]))
     violation = released_flight_blocked(thrown([2.0, 0.0, 0.5], table))
     assert violation is not None
-    assert violation.detail.endswith("; the object may land on a box only where the release is a target on it")
+    assert violation.detail.endswith("; to land on a box, ask for a target on it")
 
 
 def test_a_wall_is_met_after_the_touch_of_the_floor() -> None:

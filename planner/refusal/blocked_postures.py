@@ -1,4 +1,4 @@
-"""Refusal where the request's start is blocked, or the cell's home: plans begin at one and leave a way to the other.
+"""Refusal where the start or the cell's home is blocked: every plan begins at one and must leave a way to the other.
 
 Both postures are given, so that no search is needed to tell.
 """
@@ -35,7 +35,7 @@ def blocked_postures(problem: ThrowProblem) -> list[Violation]:
     if at_home:
         worst = min(at_home, key=lambda check: check.margin)
         words = obstacle_words(at_home)
-        detail = f"the arm cannot stand at the cell's home, to which every plan must have a way: {words}"
+        detail = f"the cell's home is blocked, and every plan needs a way there: {words}"
         found.append(Violation("way_home", worst.value, worst.limit, worst.unit, detail=detail, proven=True))
     return found
 

@@ -1,0 +1,13 @@
+"""What refuses a problem, and what is offered instead: proofs that need no search, and the nearest feasible problem."""
+
+from planner.refusal.nearest import nearest_problem
+from planner.refusal.proofs import farthest_target_m, of_candidates, refuse_impossible
+from planner.refusal.throw_range import shoulder_position
+
+__all__ = [
+    "farthest_target_m",
+    "nearest_problem",
+    "of_candidates",
+    "refuse_impossible",
+    "shoulder_position",
+]
