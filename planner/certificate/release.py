@@ -13,7 +13,7 @@ from planner.certificate.bounds import curvature_bound, joint_rates, prove_above
 from planner.certificate.certificate import ROUNDING, Check, at_least, at_most
 from planner.certificate.samples import ArmSamples, MotionSamples
 from planner.flight import Flight, LandingStates, fly, landing_states
-from planner.geometry import tool_state
+from planner.geometry import ToolState, tool_state
 from planner.problem import ThrowProblem
 from planner.releases import Bound, ReleaseSample
 from planner.rotations import pose
@@ -59,7 +59,8 @@ def _sample(motion: MotionSamples) -> ReleaseSample:
     arm = motion.at_knots
     R_WT = arm.X_WL[k, 6, :3, :3] @ motion.problem.cell.tool.X_FT[:3, :3]
     V_WT = np.concatenate([arm.v_WT[:, k], arm.links.angular_velocity[:, 5, k]])
-    return ReleaseSample(motion.trajectory.q[row], motion.trajectory.qd[row], pose(arm.p_WT[:, k], R_WT), V_WT)
+    tool = ToolState(pose(arm.p_WT[:, k], R_WT), V_WT)
+    return ReleaseSample(motion.trajectory.q[row], motion.trajectory.qd[row], tool)
 
 
 def _tightest(name: str, bounds: Sequence[Bound], tolerance: float, at_s: float) -> Check | None:

@@ -5,7 +5,7 @@ from typing import Any
 from planner.releases.joint import JointRelease
 from planner.releases.point import PointRelease
 from planner.releases.pose import PoseRelease
-from planner.releases.release import Bound, JointState, Opening, PointState, Release, ReleaseSample, Target, ToolState
+from planner.releases.release import Bound, JointState, Opening, PointState, Release, ReleaseSample, Target
 from planner.releases.target import TargetRelease
 
 __all__ = [
@@ -21,7 +21,6 @@ __all__ = [
     "ReleaseSample",
     "Target",
     "TargetRelease",
-    "ToolState",
     "release_document",
 ]
 

@@ -37,11 +37,11 @@ class PointRelease(Release):
 
     def position_bounds(self, at: ReleaseSample) -> list[Bound]:
         """Returns the distance from the point."""
-        return [Bound(float(np.linalg.norm(at.X_WT[:3, 3] - self.p_WT)), 0.0, "m")]
+        return [Bound(float(np.linalg.norm(at.tool.p_WT - self.p_WT)), 0.0, "m")]
 
     def velocity_bounds(self, at: ReleaseSample) -> list[Bound]:
         """Returns the deviation of the velocity."""
-        return [Bound(float(np.linalg.norm(at.V_WT[:3] - self.v_WT)), 0.0, "m/s")]
+        return [Bound(float(np.linalg.norm(at.tool.v_WT - self.v_WT)), 0.0, "m/s")]
 
     @classmethod
     def from_json(cls, given: Mapping[str, Any], X_WR: Array) -> Self:

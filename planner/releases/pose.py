@@ -11,7 +11,8 @@ import numpy as np
 from planner.arrays import Array
 from planner.errors import FieldError
 from planner.fields import Field, Record, Vector, required
-from planner.releases.release import Bound, Release, ReleaseSample, ToolState, turn
+from planner.geometry import ToolState
+from planner.releases.release import Bound, Release, ReleaseSample, turn
 from planner.rotations import (
     angle_between,
     beyond_full_turn,
@@ -101,13 +102,13 @@ class PoseRelease(Release):
 
     def position_bounds(self, at: ReleaseSample) -> list[Bound]:
         """Returns the deviations of position and orientation."""
-        offset = float(np.linalg.norm(at.X_WT[:3, 3] - self.X_WT[:3, 3]))
-        angle = float(angle_between(at.X_WT[:3, :3], self.X_WT[:3, :3]))
+        offset = float(np.linalg.norm(at.tool.p_WT - self.X_WT[:3, 3]))
+        angle = float(angle_between(at.tool.X_WT[:3, :3], self.X_WT[:3, :3]))
         return [Bound(offset, 0.0, "m", "position [m]"), Bound(angle, 0.0, "rad", "orientation [rad]")]
 
     def velocity_bounds(self, at: ReleaseSample) -> list[Bound]:
         """Returns the largest deviations of a component of linear and of angular velocity."""
-        off = np.abs(at.V_WT - self.V_WT)
+        off = np.abs(at.tool.V_WT - self.V_WT)
         return [Bound(float(off[:3].max()), 0.0, "m/s"), Bound(float(off[3:].max()), 0.0, "rad/s")]
 
     @classmethod

@@ -18,6 +18,7 @@ from planner.arrays import Array
 from planner.cell import Cell
 from planner.errors import FieldError
 from planner.fields import Record
+from planner.geometry import ToolState
 
 REST_SPEED = 1e-9  # [rad/s, m/s] a release slower than this is a move that ends at rest
 
@@ -27,13 +28,6 @@ class JointState(NamedTuple):
 
     q: Array
     qd: Array
-
-
-class ToolState(NamedTuple):
-    """Tool pose `X_WT` (4, 4) and twist `V_WT` (6,): linear [m/s], then angular [rad/s]."""
-
-    X_WT: Array
-    V_WT: Array
 
 
 class PointState(NamedTuple):
@@ -83,14 +77,12 @@ class ReleaseSample(NamedTuple):
 
     Attributes:
         q, qd: joint positions [rad] and velocities [rad/s] (6,).
-        X_WT: pose of the tool (4, 4).
-        V_WT: its twist (6,): linear [m/s], then angular [rad/s].
+        tool: pose and twist of the tool.
     """
 
     q: Array
     qd: Array
-    X_WT: Array
-    V_WT: Array
+    tool: ToolState
 
 
 class Bound(NamedTuple):

@@ -80,7 +80,7 @@ class TargetRelease(Target, Release):
 
     def position_bounds(self, at: ReleaseSample) -> list[Bound]:
         """Returns the distance from a requested place, or a requested distance from the target."""
-        p = at.X_WT[:3, 3]
+        p = at.tool.p_WT
         if self.release_position is not None:
             return [Bound(float(np.linalg.norm(p - self.release_position)), 0.0, "m")]
         least = self.min_horizontal_distance_m
@@ -91,7 +91,7 @@ class TargetRelease(Target, Release):
 
     def velocity_bounds(self, at: ReleaseSample) -> list[Bound]:
         """Returns speed and elevation, as far as they are bounded."""
-        v = at.V_WT[:3]
+        v = at.tool.v_WT
         elevation = atan2(float(v[2]), hypot(float(v[0]), float(v[1])))
         found = []
         if isfinite(self.max_speed_m_s):

@@ -15,7 +15,7 @@ import numpy as np
 
 from planner.arrays import Array
 from planner.errors import Infeasible, Violation
-from planner.geometry import body_model
+from planner.geometry import ToolState, body_model
 from planner.kinematics import (
     inverse,
     inverse_velocity,
@@ -23,7 +23,7 @@ from planner.kinematics import (
     singularity_distances,
 )
 from planner.problem import ThrowProblem
-from planner.releases import Target, ToolState
+from planner.releases import Target
 from planner.rotations import invert_pose, unit_hint
 from planner.seeds.aspects import aspects, first_rows
 from planner.seeds.flight_filter import has_flight_obstacles
