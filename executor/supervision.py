@@ -225,7 +225,7 @@ class StreamRun:
         self.gripper.close()
 
     def _hold_object(self) -> None:
-        """Takes the gripper's command back where the object has not left: the arm stops, and would drop it."""
+        """Closes the gripper again while it still holds the object: the arm stops, and would drop it."""
         job = self.job
         row = self.latest_row()
         if row is None or np.isnan(self.memory.fields[shm.OUTPUT_SENT_S]):

@@ -39,7 +39,7 @@ def main() -> int:
     return 0
 
 
-def _driven(store: Store, arguments: argparse.Namespace) -> driver.Driven:
+def _driven(store: Store, arguments: argparse.Namespace) -> driver.Drivable:
     """Returns what is to be driven.
 
     Raises:

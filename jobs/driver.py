@@ -28,7 +28,7 @@ class PlanAll(Protocol):
         ...
 
 
-class Driven(Protocol):
+class Drivable(Protocol):
     """What is driven: a batch, or a map.
 
     Attributes:
@@ -57,7 +57,7 @@ class Driven(Protocol):
 
 
 def run(
-    driven: Driven,
+    driven: Drivable,
     workers: int | None = None,
     ray_address: str | None = None,
     must_stop: MustStop = lambda: False,
@@ -85,7 +85,7 @@ def run(
         drive(driven, pool.plan_all, must_stop)
 
 
-def drive(driven: Driven, plan_all: PlanAll, must_stop: MustStop = lambda: False) -> None:
+def drive(driven: Drivable, plan_all: PlanAll, must_stop: MustStop = lambda: False) -> None:
     """Drives a batch or map to its end.
 
     Args:
@@ -116,7 +116,7 @@ def _plan_nothing(jobs: Iterable[PlanningJob], must_stop: MustStop) -> Iterator[
     yield from ()
 
 
-def _plan_steps(driven: Driven, plan_all: PlanAll, must_end: MustStop, writer: ResultWriter) -> bool:
+def _plan_steps(driven: Drivable, plan_all: PlanAll, must_end: MustStop, writer: ResultWriter) -> bool:
     """Plans step by step; returns whether all of them were planned."""
     for jobs in driven.steps(writer.put):
         if must_end():

@@ -16,12 +16,9 @@ class Solution:
         status: the solver's own status.
         iterations: of the solver.
         held: groups of limits that it was solved with, for a solver that starts without them.
-        stages_fit: whether the stages that it was solved on fit the motion; where they do not, a solver may come to a
-            sooner one from there.
     """
 
     trajectory: Trajectory
     status: str
     iterations: int = 0
     held: frozenset[str] = frozenset()
-    stages_fit: bool = True

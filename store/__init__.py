@@ -4,10 +4,10 @@
 URL. Times are seconds since the epoch.
 """
 
-from store.database import StoreError, StoreUnavailable, default_database_url
-from store.executions import CellBusy, UnknownExecution, UnknownExperiment, UnknownPlan
+from store.database import StoreError, StoreUnavailable, UnknownRow, default_database_url
+from store.executions import CellBusy
 from store.idempotency_and_audit import KeyTaken
-from store.many import BatchDriven, BatchLost, UnknownBatch
+from store.many import BatchDriven, BatchLost
 from store.retention import Retention
 from store.rows import (
     AuditLine,
@@ -55,10 +55,7 @@ __all__ = [
     "Store",
     "StoreError",
     "StoreUnavailable",
-    "UnknownBatch",
-    "UnknownExecution",
-    "UnknownExperiment",
-    "UnknownPlan",
+    "UnknownRow",
     "default_database_url",
     "derived_id",
     "join_plan",

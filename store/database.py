@@ -34,6 +34,10 @@ class StoreError(Exception):
     """Root of the errors raised by the store."""
 
 
+class UnknownRow(StoreError):
+    """There is no such plan, execution, experiment or batch; the message says which."""
+
+
 class StoreUnavailable(StoreError):
     """The database does not answer, is locked for too long, full or corrupt. The cause is the driver's error.
 

@@ -9,7 +9,7 @@ from typing import Any
 from sqlalchemy import Connection, delete, func, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
-from store.database import Repository, StoreError, writing
+from store.database import Repository, StoreError, UnknownRow, writing
 from store.idempotency_and_audit import take_key, write_audit
 from store.rows import AuditLine, EventRow, ExecutionRow, IdempotencyKey, RecordingRow, new_id
 from store.tables import events, executions, experiments, plans, recordings
@@ -23,18 +23,6 @@ class CellBusy(StoreError):
     def __init__(self, cell: str) -> None:
         super().__init__(f"cell {cell!r} already has an execution that is not finished")
         self.cell = cell
-
-
-class UnknownPlan(StoreError):
-    """No plan has this id."""
-
-
-class UnknownExperiment(StoreError):
-    """No experiment has this id."""
-
-
-class UnknownExecution(StoreError):
-    """No execution has this id."""
 
 
 class ExecutionRepository(Repository):
@@ -62,7 +50,7 @@ class ExecutionRepository(Repository):
         Raises:
             CellBusy: The cell has an unfinished execution.
             KeyTaken: `key` is bound to another execution.
-            UnknownPlan, UnknownExperiment: There is no such plan, or experiment.
+            UnknownRow: There is no such plan, or experiment.
         """
         id = new_id()
         now = time.time()
@@ -71,7 +59,7 @@ class ExecutionRepository(Repository):
         with writing(self._engine) as connection:
             take_key(connection, key, id, now)
             if connection.execute(select(plans.c.id).where(plans.c.id == plan_id)).one_or_none() is None:
-                raise UnknownPlan(f"no plan {plan_id!r}")
+                raise UnknownRow(f"no plan {plan_id!r}")
             _require_experiment(connection, experiment_id)
             try:
                 insertion = insert(executions).values(**row, requested_by=requested_by, created_at=now, state="queued")
@@ -117,7 +105,7 @@ class ExecutionRepository(Repository):
         """Requests a brake. A queued execution ends at once; a repeated request changes nothing.
 
         Raises:
-            UnknownExecution: There is no such execution.
+            UnknownRow: There is no such execution.
         """
         now = time.time()
         with writing(self._engine) as connection:
@@ -205,13 +193,13 @@ class ExecutionRepository(Repository):
 
 def _require_experiment(connection: Connection, id: str | None) -> None:
     if id is not None and connection.execute(select(experiments.c.id).where(experiments.c.id == id)).first() is None:
-        raise UnknownExperiment(f"no experiment {id!r}")
+        raise UnknownRow(f"no experiment {id!r}")
 
 
 def _read_execution(connection: Connection, id: str) -> ExecutionRow:
     row = connection.execute(select(executions).where(executions.c.id == id)).one_or_none()
     if row is None:
-        raise UnknownExecution(f"no execution {id!r}")
+        raise UnknownRow(f"no execution {id!r}")
     return ExecutionRow(**row._mapping)
 
 

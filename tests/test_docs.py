@@ -17,7 +17,6 @@ PACKAGES = ("fling", "planner", "api", "store", "learning", "jobs", "executor", 
 WRITTEN_BY_COMMANDS = {
     "streaming.md",
     "same-answers.md",
-    "consistency.md",
     "operations.md",
     "http.md",
     "maps.md",

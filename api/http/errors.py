@@ -23,7 +23,7 @@ from api.field_errors import reason, refused_fields
 from api.planning import ClientGone, PlanningEnded, PlanningQueueFull
 from jobs.pool import PlannerBug, PoolBroken
 from planner.errors import BackendUnavailable, CellError, Infeasible, InvalidProblem, SolverFailed
-from store import CellBusy, KeyTaken, StoreUnavailable, UnknownBatch, UnknownExecution, UnknownExperiment, UnknownPlan
+from store import CellBusy, KeyTaken, StoreUnavailable, UnknownRow
 
 MEDIA_TYPE = "application/problem+json"
 BODY_LIMIT_BYTES = 1_000_000  # [byte] far above the few hundred bytes of a request
@@ -227,10 +227,7 @@ TRANSLATIONS: dict[type[Exception], Callable[[Any], ProblemDetails]] = {
     CellBusy: lambda e: ProblemDetails("robot-busy", str(e), cell=e.cell),
     KeyTaken: lambda _: ProblemDetails("idempotency-conflict", "this Idempotency-Key was used with another body"),
     UnknownCell: lambda e: ProblemDetails("not-found", str(e)),
-    UnknownPlan: lambda e: ProblemDetails("not-found", str(e)),
-    UnknownExecution: lambda e: ProblemDetails("not-found", str(e)),
-    UnknownExperiment: lambda e: ProblemDetails("not-found", str(e)),
-    UnknownBatch: lambda e: ProblemDetails("not-found", str(e)),
+    UnknownRow: lambda e: ProblemDetails("not-found", str(e)),
     RequestValidationError: lambda e: _invalid(e),
     HTTPException: _from_framework,
     Exception: lambda _: _internal(),

@@ -24,7 +24,7 @@ def wait_and_claim(store: Store, batch_id: str, driver_id: str, wait_s: float = 
 
     Raises:
         BatchDriven: Another driver has it, and is alive.
-        BatchLost, UnknownBatch: It is finished; there is none.
+        BatchLost, UnknownRow: It is finished; there is none.
     """
     until = time.monotonic() + wait_s
     while True:
@@ -37,7 +37,7 @@ def wait_and_claim(store: Store, batch_id: str, driver_id: str, wait_s: float = 
 
 
 class DrivenBatch:
-    """A batch to be driven; see `jobs.driver.Driven`.
+    """A batch to be driven; see `jobs.driver.Drivable`.
 
     Args:
         store: of the batch.

@@ -34,7 +34,7 @@ class MapInputs:
 
 
 class DrivenMap:
-    """A map to be driven; see `jobs.driver.Driven`.
+    """A map to be driven; see `jobs.driver.Drivable`.
 
     It ends `cancelled` on request, or if some landing cells have no answer because a time limit or a dead planner
     process ended their search: the next driver resumes with those.

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from learning import CellKnowledge, LandingForecast
-from planner.arrays import Array
 from planner.errors import TIME_LIMIT, Infeasible, SolverFailed
 from planner.plan_reading import aimed_problem
 from planner.planning import ORDINARY, Plan, SearchHints, plan
@@ -40,7 +39,7 @@ def plan_aimed(problem: ThrowProblem, known: CellKnowledge | None, hints: Search
     shift = np.zeros(3)
     further = replace(hints, offers_nearest=False)
     for remaining in range(AIM_ROUNDS, 0, -1):
-        miss = _predicted(found, known).center - target.p_W[:2]
+        miss = known.predicted(found.problem, found.trajectory).center - target.p_W[:2]
         if float(np.linalg.norm(miss)) < least:
             best = found
             least = float(np.linalg.norm(miss))
@@ -84,12 +83,12 @@ def learnt_fields(problem: ThrowProblem, found: Plan, known: CellKnowledge, prof
         return fields
     if profile_id is not None:
         fields["aim"] = {"position": aimed.p_W.tolist(), "shift_m": (aimed.p_W - target.p_W).tolist()}
-    guess = _predicted(found, known)
+    guess = known.predicted(found.problem, found.trajectory)
     radius = hit_radius_m(problem)
     interval = list(guess.hit_interval(target.p_W[:2], radius))
     value = hit_probability(problem, guess)
     fields["hit_probability"] = {"value": value, "interval": interval, "profile": profile_id, "radius_m": radius}
-    fields["landing_ellipse"] = {"center": guess.center.tolist(), "covariance_m2": _rows(guess.covariance)}
+    fields["landing_ellipse"] = {"center": guess.center.tolist(), "covariance_m2": guess.covariance.tolist()}
     return fields
 
 
@@ -109,11 +108,3 @@ def hit_radius_m(problem: ThrowProblem) -> float:
     if target is not None and target.opening is not None:
         return target.opening.radius_m - thick
     return problem.landing_tolerance_m or thick
-
-
-def _predicted(found: Plan, known: CellKnowledge) -> LandingForecast:
-    return known.predicted(found.problem, found.trajectory)
-
-
-def _rows(matrix: Array) -> list[list[float]]:
-    return matrix.tolist()

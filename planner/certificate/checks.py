@@ -54,7 +54,7 @@ MOTION_CHECKS: tuple[CheckFunction, ...] = (
 )
 
 
-# Of the checks that rest on a continuous motion, what motions fail most for the time that it takes. The release window
+# Of the checks that rest on a continuous motion, the cheapest and most selective first. The release window
 # comes last of all: what fails nothing else is a throw at its nominal instant.
 MOST_TELLING: tuple[CheckFunction, ...] = (
     clearance.self_collision,

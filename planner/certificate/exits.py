@@ -16,7 +16,7 @@ W sup|a'| (dr^2 + ds^2 / 3) / 4 more.
 The object begins with the tool's velocity: that it leaves faster or slower (`release_speed_factor`) is what the opening
 gripper makes of it, on the way judged here.
 
-The first millimetre counts in no direction: an object that leaves slowly may be anywhere in it.
+Displacements below 1 mm are ignored: an object that leaves slowly may be anywhere in that play.
 
 A cone of at most a half space is convex: a chord is as deep in it as its shallower end. What lies outside a wider one
 is a convex cone: in the direction n from its point nearest to the middle of a cell, w is outside it by at least n . w,
@@ -37,7 +37,7 @@ from planner.certificate.samples import ArmSamples
 from planner.kernel import Kernel, twin_of
 from planner.kinematics import LinkMotion, dot, flange_poses
 
-FREE_M = 0.001  # [m] displacement that counts in no direction: chosen, a fraction of the play between object and palm
+FREE_M = 0.001  # [m] displacements below this are ignored: chosen, a fraction of the play between object and palm
 OUT_MAX_S = 0.5  # [s] after the release: an object that moves with the tool for longer is not proven to leave it
 SPARE = 1.1  # [-] share of the time after which the object of the nominal release is out, looked at at once
 MORE = 0.5  # [-] share of the time looked at that is looked at next, until the object is out

@@ -17,7 +17,6 @@ from planner.geometry import tool_state
 from planner.problem import TargetRelease, ThrowProblem
 from planner.search.record import PlanningSearch
 from planner.seeds import Candidate, InitialGuess, Seed
-from planner.solution import Solution
 from planner.trajectory import Trajectory
 
 ROUNDS = 4  # [-] solves from one initial guess, each after failed checks of the one before
@@ -89,22 +88,22 @@ def _optimise_from(search: PlanningSearch, seed: Seed) -> str:
         if found.is_valid:
             return CERTIFIED
         failures = ", ".join(check.name for check in found.certificate.failures)
-        wider = _wider(problem, options.margins, found.certificate.failures, solution)
+        wider = _wider(problem, options.margins, found.certificate.failures, solution.trajectory)
         if wider is None:
             break
         seed = Seed(seed.candidate, solution.trajectory)
-        options = replace(options, margins=wider)
+        options = replace(options, margins=wider, groups=options.groups | solution.held)
     return f"not certified for {failures}"
 
 
 def _wider(
-    problem: ThrowProblem, margins: casadi_nlp.Margins, failures: Sequence[Check], solution: Solution
+    problem: ThrowProblem, margins: casadi_nlp.Margins, failures: Sequence[Check], made: Trajectory
 ) -> casadi_nlp.Margins | None:
     """Returns the margins after a solution's failed checks; None where another motion would fail them, too."""
     aims = isinstance(problem.release, TargetRelease)
     if not aims and all(check.name == "flight_clearance" and not casadi_nlp.meets_arm(check) for check in failures):
         return None  # the flight is given, and meets something but a link
-    return margins.widened(failures, solution, partial(_tool_speed, problem, solution.trajectory))
+    return margins.widened(failures, partial(_tool_speed, problem, made))
 
 
 def _tool_speed(problem: ThrowProblem, made: Trajectory, at_s: float) -> float:

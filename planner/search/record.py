@@ -41,7 +41,7 @@ class CertifiedSolution:
         return self.examination.first_failure is None
 
     @property
-    def lacks_window_alone(self) -> bool:
+    def violates_window_alone(self) -> bool:
         """Whether every check but that of the release window holds."""
         failure = self.examination.first_failure
         return failure is not None and failure.name == "landing_window"
@@ -61,7 +61,7 @@ class PlanningSearch:
         deadline_s: of the request, on the clock of `time.perf_counter`.
         best: the valid motion that releases soonest, so far.
         certified: every valid motion, in the order in which they were found.
-        nominal: the soonest motion that lacks nothing but the release window.
+        nominal: the soonest motion that violates only the release window.
         rejected: every motion that is not valid.
         attempts: log of what was tried.
         iterations: spent by the optimiser so far.
@@ -113,7 +113,7 @@ class PlanningSearch:
     def note_rejected(self, found: CertifiedSolution) -> None:
         """Keeps a rejected motion for the refusal; the soonest that lacks its window alone also as such."""
         self.rejected.append(found)
-        if found.lacks_window_alone and _sooner(found, self.nominal):
+        if found.violates_window_alone and _sooner(found, self.nominal):
             self.nominal = found
 
     def by_rank(self) -> list[CertifiedSolution]:
@@ -130,7 +130,7 @@ class PlanningSearch:
         self.loading_s += seconds
 
     def note_end(self) -> None:
-        """Notes that the search has ended, by itself or by the deadline; what looks for a last resort may follow."""
+        """Notes that the search has ended, by itself or by the deadline; fallbacks may follow."""
         self.was_cut_short = self.out_of_time
 
     def failure(self) -> Infeasible | SolverFailed:
@@ -144,7 +144,7 @@ class PlanningSearch:
     def violations(self) -> list[Violation]:
         """Returns the failed checks of the motion closest to a valid one; without any, that none was made, and why.
 
-        Where a motion lacks nothing but the release window, these are its own.
+        Where a motion violates only the release window, these are its own.
         """
         if self.nominal is not None:
             return _violations(self.nominal.certificate)

@@ -1,4 +1,4 @@
-"""The last resort of `auto`: a launch with a stop, where no motion from the start itself is certified.
+"""The fallback of `auto` where no motion from the start is certified: throw from an intermediate posture at rest.
 
 The arm first goes to another posture at rest, by a planned path where the straight way is blocked, and launches from
 there: from the cell's home, or from a run-up posture behind a candidate, from which constant acceleration leads into

@@ -163,7 +163,7 @@ def _towards_run_ups(problem: ThrowProblem, q: Array, qd: Array, bound: Array) -
 def penalised_bound(problem: ThrowProblem, q: Array, qd: Array) -> Array:
     """Returns the lower bounds (..., n) [s] of states with velocities `qd` (..., n, 6) in postures `q` (n, 6).
 
-    Beyond all others for states that are too fast; infinite for NaN.
+    Too-fast states sort last; infinite for NaN.
     """
     return _penalised(q, qd, problem.start, problem.limits.qd_max, problem.limits.qdd_max)
 

@@ -1,6 +1,6 @@
 """What is planned by the thousand: batches and throwability maps."""
 
-from store.many.batches import BatchDriven, BatchLost, BatchRepository, UnknownBatch
+from store.many.batches import BatchDriven, BatchLost, BatchRepository
 from store.many.maps import MapRepository
 
 __all__ = [
@@ -8,5 +8,4 @@ __all__ = [
     "BatchLost",
     "BatchRepository",
     "MapRepository",
-    "UnknownBatch",
 ]

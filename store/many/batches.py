@@ -13,7 +13,7 @@ from typing import Any
 
 from sqlalchemy import Connection, insert, or_, select, update
 
-from store.database import Repository, StoreError, reading, writing
+from store.database import Repository, StoreError, UnknownRow, reading, writing
 from store.idempotency_and_audit import take_key, write_audit
 from store.plans import insert_plan_if_new
 from store.rows import DRIVER_FRESH_S, AuditLine, BatchResultRow, BatchRow, IdempotencyKey, PlanRow, new_id
@@ -23,10 +23,6 @@ HEAD_COLUMNS = [column for column in batches.c if column.name != "specification"
 UNFINISHED = batches.c.state != "finished"
 PAGE = 10_000  # numbers read at once
 RESULTS_PAGE = 1000  # results read at once
-
-
-class UnknownBatch(StoreError):
-    """There is no such batch."""
 
 
 class BatchDriven(StoreError):
@@ -90,7 +86,7 @@ class BatchRepository(Repository):
         """Makes a driver the one of an unfinished batch.
 
         Raises:
-            UnknownBatch: There is no such batch.
+            UnknownRow: There is no such batch.
             BatchDriven: Another driver has it, and is alive.
             BatchLost: It is finished.
         """
@@ -162,7 +158,7 @@ class BatchRepository(Repository):
         """Asks a batch's driver to stop; a batch without a driver ends immediately. Repeated requests change nothing.
 
         Raises:
-            UnknownBatch: There is no such batch.
+            UnknownRow: There is no such batch.
         """
         with writing(self._engine) as connection:
             row = _read(connection, id, lock=True)
@@ -208,7 +204,7 @@ def _read(connection: Connection, id: str, lock: bool = False) -> BatchRow:
     query: Any = select(*HEAD_COLUMNS).where(batches.c.id == id)
     row = connection.execute(query.with_for_update() if lock else query).one_or_none()
     if row is None:
-        raise UnknownBatch(f"no batch {id!r}")
+        raise UnknownRow(f"no batch {id!r}")
     return BatchRow(**row._mapping)
 
 

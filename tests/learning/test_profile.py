@@ -220,8 +220,8 @@ def test_a_last_aim_that_the_time_limit_spoilt_says_so(monkeypatch):
     plans = iter((made, replace(made, iterations=7), replace(made, was_cut_short=True)))
     center = problem.release.p_W[:2]
     monkeypatch.setattr(aiming, "plan", lambda *_asked: next(plans))
-    monkeypatch.setattr(aiming, "_predicted", lambda *_: SimpleNamespace(center=center + next(misses)))
-    best = plan_aimed(problem, landing_off(0.0))
+    known = SimpleNamespace(predicted=lambda *_: SimpleNamespace(center=center + next(misses)))
+    best = plan_aimed(problem, known)
     assert best.iterations == 7
     assert best.was_cut_short
 

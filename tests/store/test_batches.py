@@ -15,7 +15,7 @@ from store import (
     PlanRow,
     Retention,
     Store,
-    UnknownBatch,
+    UnknownRow,
     new_id,
 )
 from store.retention import DAY_S, RESULTS
@@ -137,7 +137,7 @@ def test_cancelling_is_for_the_driver_unless_there_is_none(store):
     dead = running(store)
     fall_silent(store, dead)
     assert store.cancel_batch(dead).outcome == "cancelled"
-    with pytest.raises(UnknownBatch):
+    with pytest.raises(UnknownRow):
         store.cancel_batch(new_id())
 
 

@@ -4,7 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from store import CellBusy, IdempotencyKey, KeyTaken, Store, UnknownExecution, UnknownPlan, pack_samples
+from store import CellBusy, IdempotencyKey, KeyTaken, Store, UnknownRow, pack_samples
 
 
 @pytest.fixture
@@ -105,7 +105,7 @@ def test_abort_of_a_running_one_is_a_request_and_asking_twice_changes_nothing(st
 def test_abort_of_a_finished_one_leaves_it(store, queued):
     store.finish_execution(queued.id, "completed")
     assert store.request_abort(queued.id).abort_requested_at is None
-    with pytest.raises(UnknownExecution):
+    with pytest.raises(UnknownRow):
         store.request_abort("nothing")
 
 
@@ -161,5 +161,5 @@ def test_recordings_lists_and_counts(store, add_plan, queued):
 
 
 def test_an_execution_needs_its_plan(store):
-    with pytest.raises(UnknownPlan):
+    with pytest.raises(UnknownRow):
         store.queue_execution("no such plan", "ur5e-sim")

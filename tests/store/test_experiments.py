@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from store import IdempotencyKey, KeyTaken, UnknownExperiment, new_id
+from store import IdempotencyKey, KeyTaken, UnknownRow, new_id
 
 
 def thrown(store, plan_id, experiment_id=None):
@@ -32,7 +32,7 @@ def test_an_experiment_has_the_executions_that_name_it(store, add_plan):
 
 
 def test_an_unknown_experiment_gets_no_execution(store, add_plan):
-    with pytest.raises(UnknownExperiment):
+    with pytest.raises(UnknownRow):
         store.queue_execution(add_plan(), "ur5e-sim", experiment_id="nothing")
     assert store.executions()[0] == []
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from planner.backends.casadi_nlp.layout import (
     JERK,
-    LAST,
     NX,
     NZ,
     OUT_STAGES,
@@ -22,25 +20,21 @@ from planner.backends.casadi_nlp.layout import (
     Q,
     Vector,
 )
-from planner.backends.casadi_nlp.margins import LOCAL_CHECKS, LocalMargin
+from planner.backends.casadi_nlp.release_rows import FALL_MIN, release_bounds
 from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, LEAVING_ROWS, RELEASE_ROWS
 from planner.backends.casadi_nlp.transcription import Indices, RowIndex
+from planner.backends.casadi_nlp.tuning import LONGEST_STEP, SHORTEST_STEP
 from planner.cell import Limits
-from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
+from planner.problem import ThrowProblem
 from planner.seeds import Candidate
 
-SHORTEST_STEP = 0.15  # [-] of the initial step: a step may not collapse
 WATCHED_S = 0.052  # [s] least duration of the watched stages before and after the release: 0.05 s are checked
-LEAVING_STEP = 1.3  # [-] times its share of that time, a stage may last in which the object is followed out of the grip
-LOCAL_STAGES = 1.0  # [-] stages on either side of a local margin's time to which it applies
 TOUCHING = 1e-3  # [-] of a velocity limit: bounds that leave less room than this between them are an equality
-THIN_RAD = 1e-3  # [rad] a narrower range of elevations is an equality: it has no interior to solve in
-FALL_MIN = 0.05  # [m^2/s^2] least discriminant of a flight: below, the object only grazes the plane
 DRIFT_SHARE = 2.0  # [-] of tolerance over window, for the rate of change of the landing with the release time
-TINY_S = 1e-9  # [s] stands for the duration of an empty brake
 
 MIDDLE_VELOCITY = slice(NX, NX + 6)
 MIDDLE_POSITION = slice(NX + 6, NX + 12)  # rows of block "motion"
+TOOL_SPEED = slice(6, 7)  # rows of block "effort"
 
 
 class Bounds:
@@ -92,19 +86,6 @@ class Bounds:
         self.g[0, rows] = lower
         self.g[1, rows] = upper
 
-    def limit_clearances(self, group: str, given: Vector, widened: Vector) -> None:
-        """Bounds a lazy group of clearances by 0, or by what is given.
-
-        Where a state that the problem fixes is closer to something than the optimiser's distances and margins allow,
-        the motion is nowhere held to more than that, but for what the margins were widened by.
-
-        Args:
-            group: the group.
-            given: its rows at the fixed states (k, n) [m].
-            widened: by how much its margins are wider than at first (n,) [m].
-        """
-        self.limit_group(group, np.minimum(given.min(axis=0) + widened, 0.0), np.full(len(widened), np.inf))
-
     def free_flights_after_release(self, leaving: bool) -> None:
         """Frees block "flight" on the stages after the release, but for the gripper's opening where asked for.
 
@@ -118,36 +99,22 @@ class Bounds:
             elif k < last:
                 self._free(rows[FLIGHT_ROWS.slices["out"]])
 
-    def add_local_margins(self, margins: Iterable[LocalMargin], steps: Vector) -> None:
-        """Narrows the bounds at the knots and midpoints close to each margin's time; stages last `steps` (N,) [s]."""
-        t = np.append(0.0, np.cumsum(steps))
-        release = t[self.launch]
-        brake = (t[self.launch :] - release) / max(t[-1] - release, TINY_S)
-        phases = np.append(t[: self.launch] / release, 1.0 + brake)
-        for margin in margins:
-            self._add_local_margin(margin, float(np.interp(margin.phase, phases, np.arange(len(phases)))))
+    def ease_beside_given(self, group: str, given: Vector) -> None:
+        """Holds the rows next to a state that is given to no more clearance than that has.
 
-    def _add_local_margin(self, margin: LocalMargin, stage: float) -> None:
-        check = LOCAL_CHECKS[margin.check]
-        for name, offset in ((check.group, 0.0), (f"{check.group}_middle", 0.5)):
-            for k in self.index.knots.get(name, ()):
-                if abs(k + offset - stage) > LOCAL_STAGES:
-                    continue
-                rows = self.index.rows[name, k][check.rows]
-                self.g[1, rows] -= margin.amount * check.upper
-                self.g[0, rows] += margin.amount * check.lower
-
-    def ease_first_stage(self, group: str, at_start: Vector) -> None:
-        """Holds the middle of the first stage to no more clearance than the start has, whatever the margins.
-
-        The arm begins at rest, and gains hardly anything until then.
+        The optimiser's distances are smaller than the true ones, and the margins are taken off: without this a start
+        close to something could not be left.
 
         Args:
             group: a lazy group of clearances.
-            at_start: its rows at the start (n,) [m].
+            given: its rows at the start, and at the release where that is given, too (k, n) [m].
         """
-        rows = self.index.rows[f"{group}_middle", 0]
-        self.g[0, rows] = np.minimum(self.g[0, rows], at_start)
+        for stage, clearance in zip((0, self.launch), given, strict=False):
+            middle = f"{group}_middle"
+            beside = {(group, stage - 1), (middle, stage - 1), (middle, stage), (group, stage + 1)}
+            for place in beside & self.index.rows.keys():
+                rows = self.index.rows[place]
+                self.g[0, rows] = np.minimum(self.g[0, rows], clearance)
 
     def avoid_singularities(self, signed: Vector, distance: float) -> None:
         """Keeps the arm `distance` from the singularities around the release, on the side given by `signed` (3,)."""
@@ -160,97 +127,82 @@ class Bounds:
     def fix_ends(self, start: Vector) -> None:
         """Fixes the start at rest in `start` (6,) [rad], the end at rest, and the time of the release, which is 0."""
         x = self.x
-        if self.launch:
-            x[:, 0, Q] = start
-            x[:, 0, QD] = x[:, 0, QDD] = 0.0
+        x[:, 0, Q] = start
+        x[:, 0, QD] = 0.0
+        x[:, 0, QDD] = 0.0
         x[:, self.launch, TIME] = 0.0
-        x[:, -1, QD] = x[:, -1, QDD] = 0.0
+        x[:, -1, QD] = 0.0
+        x[:, -1, QDD] = 0.0
         x[0, -1, NX:] = -np.inf
         x[1, -1, NX:] = np.inf
 
-    def limit_steps(self, steps: Vector, longest: float, brake_most_s: float = math.inf) -> None:
-        """Bounds each step around its initial length (N,) [s], up to `longest` times that.
-
-        Those of the brake are bounded by `brake_most_s` [s], too.
-        """
-        least = SHORTEST_STEP * steps
-        most = longest * steps
-        most[self.launch :] = np.minimum(most[self.launch :], brake_most_s)
-        self.x[0, :-1, STEP] = least
-        self.x[1, :-1, STEP] = most
+    def limit_steps(self, steps: Vector) -> None:
+        """Bounds each step around its initial length (N,) [s]."""
+        self.x[0, :-1, STEP] = SHORTEST_STEP * steps
+        self.x[1, :-1, STEP] = LONGEST_STEP * steps
 
     def follow_object(self, leaving_s: float) -> None:
         """Frees what block "flight" says of the object's way out, where block "leaving" follows it.
 
-        A window has objects of its first and its last release alone, so that the directions in which the object begins
-        to leave within it still count. Its stages are short: what is followed counts at their ends. After the stages
-        that follow, the object is out; they are kept short, lest it leaves the opening between two rows.
+        The object is that of the nominal release: the directions in which it begins to leave within a window still
+        count. The window's stages are short: what is followed counts at their ends. After the stages that follow, the
+        object is out; they are kept short, lest it leaves the opening between two rows.
 
         Args:
-            leaving_s: about the time that the object takes [s].
+            leaving_s: the time after which the object is out [s].
         """
         last = self.launch + self.index.stages.window
         end = self.index.knots["leaving"].stop
         ways = LEAVING_ROWS.slices["ways"]
         is_out = LEAVING_ROWS.slices["is_out"]
-        for name in ("leaving", f"leaving{LAST}"):
-            for k in self.index.knots.get(name, ()):
-                rows = self.index.rows[name, k]
-                if k < last:
-                    self._free(rows[ways][:-1])
-                if k < end - 1:
-                    self._free(rows[is_out])
+        for k in self.index.knots["leaving"]:
+            rows = self.index.rows["leaving", k]
+            if k < last:
+                self._free(rows[ways][:-1])
+            if k < end - 1:
+                self._free(rows[is_out])
         followed = slice(last, end)
-        most = LEAVING_STEP * leaving_s / OUT_STAGES
-        self.x[1, followed, STEP] = np.maximum(most, self.x[0, followed, STEP])
+        self.x[1, followed, STEP] = np.maximum(leaving_s / OUT_STAGES, self.x[0, followed, STEP])
         for k in self.index.knots.get("flight", ()):
             self._free(self.index.rows["flight", k][FLIGHT_ROWS.slices["out"]])
 
-    def watch_long_enough(self, window_s: float, steps: Vector, always: bool) -> None:
+    def watch_long_enough(self, window_s: float) -> None:
         """Lets the watched stages last, in sum, as long as the certificate watches; the window is part of that.
 
-        Where a singularity is in the way, those before the release would shrink until hardly anything is watched.
-        Throws that take little longer themselves are delayed by this, by a fifth; so it holds before the release where
-        the initial guess keeps it, and otherwise, and after the release, when it is needed. Then those after it last no
-        more than about twice as long either: else the motion comes too close between their knots.
+        Where a singularity is in the way, they would shrink until hardly anything is watched.
 
         Args:
             window_s: half of the release window [s].
-            steps: of the initial guess (N,) [s].
-            always: whether the certificate found a singularity too close.
         """
         n = self.index.stages.window
         required = max(WATCHED_S, window_s)
         first = self.launch - n - WATCHED_BEFORE
         last = self.launch + n + WATCHED_AFTER
-        if first > 0 and (always or steps[first : self.launch].sum() >= required):
+        if first > 0:
             self.x[1, first, TIME] = -min(required, self._longest(first, self.launch))
-        if always and last < self.index.stages.stages:
-            required = min(required, self._longest(self.launch, last))
-            most = 2.0 * required + self.x[0, self.launch : last, STEP].sum()
-            if "leaving" in self.index.stages.groups:
-                most = max(most, self.x[1, self.launch : last, STEP].sum())  # the object has to be out by then
-            self.x[:, last, TIME] = required, most
+        if last < self.index.stages.stages:
+            self.x[0, last, TIME] = min(required, self._longest(self.launch, last))
 
     def _longest(self, first: int, last: int) -> float:
         """Returns how long stages may be asked to last in sum [s]: nine tenths of what their steps may last."""
         return 0.9 * float(self.x[1, first:last, STEP].sum())
 
-    def fix_times(self, release_s: float, end_s: float) -> None:
-        """Fixes the times of the release and of the end, both after the start."""
-        self.x[:, 0, TIME] = -release_s
-        self.x[:, -1, TIME] = end_s - release_s
+    def fix_times(self, start_s: float, end_s: float) -> None:
+        """Fixes the times of the start and of the end, the release being at 0."""
+        self.x[:, 0, TIME] = start_s
+        self.x[:, -1, TIME] = end_s
 
-    def set_release(self, problem: ThrowProblem, candidate: Candidate) -> None:
-        """Bounds the release as requested."""
-        release = problem.release
-        if isinstance(release, JointRelease | PoseRelease) or not self.launch:
+    def set_release(self, problem: ThrowProblem, candidate: Candidate, offsets: Vector | float) -> None:
+        """Bounds the release as requested: the candidate's joint state where that is given, or rows, with `offsets`."""
+        if problem.fixes_joints:
             self._fix_release_state(candidate.q, candidate.qd)
-        elif isinstance(release, PointRelease):
-            self._fix_release_point(release, problem.ends_at_rest)
         else:
-            self._aim_at_target(release)
+            asked = release_bounds(problem)
+            self.g[:, self.index.rows["release", self.launch]] = asked + offsets
+            if np.ptp(asked[:, RELEASE_ROWS.slices["velocity"]], axis=0).max() == 0.0:
+                self._free_release_tool_speed()
         if problem.ends_at_rest:
+            self.x[:, self.launch, QD] = 0.0
             self.x[:, self.launch, QDD] = 0.0
 
     def _fix_release_state(self, q: Vector, qd: Vector) -> None:
@@ -264,7 +216,7 @@ class Bounds:
         """
         k = self.launch
         index = self.index
-        limit = self.g[1, index.rows["motion", max(k - 1, 0)][MIDDLE_VELOCITY]] * self.qd_scale
+        limit = self.g[1, index.rows["motion", k - 1][MIDDLE_VELOCITY]] * self.qd_scale
         reached = np.abs(qd) >= (1.0 - TOUCHING) * limit
         for stage in {k - 1, k} & set(index.knots["motion"]):
             self._free(index.rows["motion", stage][MIDDLE_VELOCITY][reached])
@@ -275,33 +227,6 @@ class Bounds:
         for name in ("clearance", "keep_out", "singularity"):
             if (name, k) in index.rows:
                 self._free(index.rows[name, k])
-
-    def _fix_release_point(self, release: PointRelease, at_rest: bool) -> None:
-        self.g[:, self._release_rows("position")] = release.p_WT
-        if at_rest:
-            self.x[:, self.launch, QD] = 0.0
-        else:
-            self.g[:, self._release_rows("velocity")] = release.v_WT
-            self._free_release_tool_speed()
-
-    def _aim_at_target(self, release: TargetRelease) -> None:
-        g = self.g
-        g[:, self._release_rows("landing")] = 0.0
-        g[0, self._release_rows("falls")] = FALL_MIN
-        low, high = self._release_rows("elevation")
-        above = release.min_elevation_rad > -np.pi / 2
-        below = release.max_elevation_rad < np.pi / 2
-        if above and below and release.max_elevation_rad - release.min_elevation_rad < THIN_RAD:
-            g[:, low] = 0.0
-        else:
-            g[0, low] = 0.0 if above else -np.inf
-            g[1, high] = 0.0 if below else np.inf
-        if np.isfinite(release.max_speed_m_s):
-            g[1, self._release_rows("speed")] = release.max_speed_m_s**2
-        if release.min_horizontal_distance_m > 0.0:
-            g[0, self._release_rows("distance")] = release.min_horizontal_distance_m**2
-        if release.release_position is not None:
-            g[:, self._release_rows("position")] = release.release_position
 
     def hold_window(self, window_s: float, tolerance_m: float, share: float, offsets: Vector | float) -> None:
         """Bounds the landings of releases at the window's knots, and the drift of the landing at the release itself.
@@ -338,7 +263,7 @@ class Bounds:
     def _free_release_tool_speed(self) -> None:
         """Frees the tool speed at the release, where the request fixes it."""
         if ("effort", self.launch) in self.index.rows:
-            self._free(self.index.rows["effort", self.launch][LOCAL_CHECKS["tcp_speed"].rows])
+            self._free(self.index.rows["effort", self.launch][TOOL_SPEED])
 
     def _free(self, rows: Indices) -> None:
         self.g[0, rows] = -np.inf

@@ -29,7 +29,7 @@ import numpy as np
 from planner.arrays import Array, Index
 from planner.backends.casadi_nlp import codegen
 from planner.backends.casadi_nlp.functions import KINDS, evaluate, first_result
-from planner.backends.casadi_nlp.layout import COST, NU, SHARED, TIME, StageLayout, Vector, object_of
+from planner.backends.casadi_nlp.layout import COST, NU, SHARED, TIME, StageLayout, Vector
 from planner.backends.casadi_nlp.symbols import FORMULAS
 from planner.backends.casadi_nlp.transcription import ALL_SHARED, Indices, Iterates, RowIndex, transcription
 
@@ -184,7 +184,7 @@ class CompiledLaunch:
             self._integers(np.concatenate([np.zeros(0), *positions])),
             block.variables,
             block.n,
-            object_of(name),
+            0,
             following.stop - following.start,
             following.start,
             knots.start,

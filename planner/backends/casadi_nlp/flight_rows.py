@@ -14,9 +14,10 @@ import numpy as np
 
 from planner.backends.casadi_nlp.layout import FLIGHT, FLIGHT_EDGES, NO_EDGE, FlightEdge, Vector
 from planner.backends.casadi_nlp.margins import Margins
+from planner.backends.casadi_nlp.release_rows import aims, bin_of, lands_on
 from planner.cell import CONTACT_M, Box
 from planner.geometry import Arcs, tool_state
-from planner.problem import TargetRelease, ThrowProblem
+from planner.problem import ThrowProblem
 from planner.seeds import Candidate
 
 UNBOUNDED_RADIUS_M = 1.0e3  # [m] radius where there is no bin
@@ -28,9 +29,7 @@ def constrains_flight(problem: ThrowProblem) -> bool:
     """Returns whether block "flight" says anything about a problem: an edge, a mouth or an opening direction."""
     if problem.ends_at_rest:
         return False
-    release = problem.release
-    boxes = problem.cell.surroundings.keep_out
-    is_passed = isinstance(release, TargetRelease) and (bool(boxes) or release.opening is not None)
+    is_passed = aims(problem) and (bool(problem.cell.surroundings.keep_out) or bin_of(problem) is not None)
     return is_passed or problem.cell.gripper.opening_direction is not None
 
 
@@ -39,7 +38,7 @@ def starts_with_flight(problem: ThrowProblem) -> bool:
 
     A solution without would be far from one with, and with a box taken away the search is to begin as before.
     """
-    return isinstance(problem.release, TargetRelease) and constrains_flight(problem)
+    return aims(problem) and constrains_flight(problem)
 
 
 def flight_parameters(problem: ThrowProblem, candidate: Candidate, margins: Margins, aim: Vector) -> Vector:
@@ -53,12 +52,13 @@ def flight_parameters(problem: ThrowProblem, candidate: Candidate, margins: Marg
     """
     edges: list[FlightEdge] = []
     mouth = [*aim, UNBOUNDED_RADIUS_M, 0.0]
-    if isinstance(problem.release, TargetRelease):
+    goal = lands_on(problem)
+    if goal is not None:
         arcs = _flight(problem, candidate)
         edges = _box_edges(problem, arcs, margins.flight_m)[:FLIGHT_EDGES]
-        if problem.release.opening is not None:
-            (x, y, z) = problem.release.p_W
-            bin_ = problem.release.opening
+        bin_ = bin_of(problem)
+        if bin_ is not None:
+            x, y, z = goal
             mouth = [x, y, z + bin_.rim_height_m, bin_.radius_m, arcs.radius_m + margins.mouth_m]
     edges += [NO_EDGE] * (FLIGHT_EDGES - len(edges))
     opening = _opening(problem, margins.opening_rad)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations
 
 import numpy as np
 
@@ -13,53 +11,33 @@ from planner.backends.casadi_nlp import layout
 from planner.backends.casadi_nlp.bounds import Bounds
 from planner.backends.casadi_nlp.flight_rows import constrains_flight, flight_parameters
 from planner.backends.casadi_nlp.functions import evaluate
-from planner.backends.casadi_nlp.layout import LAZY_GROUPS, NZ, OUT_STAGES, QD, QDD, STEP, TIME, Q, StageLayout, Vector
-from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, Margins
+from planner.backends.casadi_nlp.layout import LAZY_GROUPS, NZ, OUT_STAGES, QD, STEP, TIME, Q, StageLayout, Vector
+from planner.backends.casadi_nlp.margins import Margins
 from planner.backends.casadi_nlp.object_path import (
-    initial_aim,
     leaving_time,
     path_parameters,
-    standing_parameters,
     thrown_state,
 )
 from planner.backends.casadi_nlp.parameters import (
     arm_parameters,
     box_parameters,
-    closest_arm,
-    release_parameters,
     scale_parameters,
     variable_scales,
 )
+from planner.backends.casadi_nlp.release_rows import aim_from, aims, release_parameters, window_stages
 from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, FORMULAS, LEAVING_ROWS
 from planner.backends.casadi_nlp.transcription import Transcription, transcription
+from planner.backends.casadi_nlp.tuning import BRAKE_STAGES, BRAKE_WEIGHT, JERK_WEIGHT, LAUNCH_STAGES, STEP_WEIGHT
 from planner.cell import Limits
 from planner.kinematics import SINGULARITIES, signed_singularity_distances
-from planner.problem import TargetRelease, ThrowProblem
+from planner.problem import ThrowProblem
 from planner.seeds import Candidate, InitialGuess, Seed
 from planner.timing import CubicGuess, grid_limits
 
 Arguments = dict[str, Vector]
 
-# Stages of launch and brake. A jerk-optimal motion has few switches, and braking is not hurried: more stages gain
-# nothing.
-STAGES = 8, 3
-# [-] Of its initial length that a step may have. Motions dip below the floor in a stage of twice the others' length.
-LONGEST_STEP = 2.5
-BRAKE_WEIGHT = 0.05  # [-] cost of a second of braking, relative to a second of launch
-JERK_WEIGHT = 1e-3  # [-] cost of the mean squared scaled jerk: decides for joints that have time to spare
-STEP_WEIGHT = 6e-2  # [-] cost of the mean squared relative change of a step: keeps steps from collapsing
-# Of `LAZY_GROUPS`: distances from the arm, the surroundings and boxes, with the margins on them.
-CLEARANCES = {"clearance": ("self_m", "floor_m", "keep_in_m"), "keep_out": ("box_m",)}
-LONGEST_BRAKE_STEP = 1.5  # [-] of the mean step of a brake that was solved alone
-AT_REST_GROUPS = ("effort", "clearance")  # of `LAZY_GROUPS`: without boxes, of a move that ends at rest
-USUAL_GROUPS = (*AT_REST_GROUPS, "grip", "flight", "passing")  # the same of a throw, with a known gripper
-TARGET_GROUPS = (*AT_REST_GROUPS, "grip", "flight", "standing", "passing")  # the same of a throw to a target
+CLEARANCES = ("clearance", "keep_out")  # of `LAZY_GROUPS`: distances from the arm, the surroundings and boxes
 
-# Stages in half a release window, at most, and their least duration [s]. One alone releases 2 to 3 % later than four.
-# More converge less often; they release a little sooner in windows beyond 30 ms.
-WINDOW_STAGES = 3
-WINDOW_STAGE_S = 0.005
-ROUNDING = 1e-9  # [-] of a number of stages
 DECIMALS = 9  # of arguments in units of one: finer than what a solver heeds, coarser than floating point differs
 
 
@@ -72,12 +50,10 @@ def stage_layout(problem: ThrowProblem, margins: Margins) -> StageLayout:
     """
     groups = _applicable_groups(problem, margins)
     boxes = _box_slots(problem)
-    launch, brake = STAGES
     if problem.ends_at_rest:
-        return StageLayout(launch, 0, 0, groups, boxes)
+        return StageLayout(LAUNCH_STAGES, 0, 0, groups, boxes)
     window = window_stages(problem)
-    aims = isinstance(problem.release, TargetRelease)
-    return StageLayout(launch + window, brake + window, window, groups, boxes, aims)
+    return StageLayout(LAUNCH_STAGES + window, BRAKE_STAGES + window, window, groups, boxes, aims(problem))
 
 
 def _applicable_groups(problem: ThrowProblem, margins: Margins) -> tuple[str, ...]:
@@ -85,7 +61,6 @@ def _applicable_groups(problem: ThrowProblem, margins: Margins) -> tuple[str, ..
         "keep_out": _box_slots(problem) > 0,
         "grip": problem.cell.gripper.hold_acceleration_m_s2 is not None and not problem.ends_at_rest,
         "flight": constrains_flight(problem),
-        "standing": isinstance(problem.release, TargetRelease),
         "leaving": margins.leaves,
         "passing": not problem.ends_at_rest,
     }
@@ -98,59 +73,26 @@ def _box_slots(problem: ThrowProblem) -> int:
     return next((slots for slots in (0, *layout.BOX_SLOTS) if slots >= boxes), layout.KEEP_OUT_BOXES)
 
 
-def window_stages(problem: ThrowProblem) -> int:
-    """Returns the number of stages in half the release window, 0 without a window.
-
-    A requested release state or velocity leaves a window little to choose: one stage is enough.
-    """
-    if not problem.is_robust:
-        return 0
-    if not isinstance(problem.release, TargetRelease):
-        return 1
-    fitting = math.floor(problem.release_window_s / max(WINDOW_STAGE_S, problem.dt) + ROUNDING)
-    return max(1, min(WINDOW_STAGES, fitting))
-
-
-def common_layouts() -> list[StageLayout]:
-    """Returns the layouts whose solvers are built ahead of requests, 0.2 s together; uncompiled, a few 10 ms each."""
-    (launch, brake) = STAGES
-    n = WINDOW_STAGES
-    throws = ((launch, brake, 0), (launch + n, brake + n, n))
-    usual = _subsets(USUAL_GROUPS)
-    braking = [groups for groups in usual if "passing" in groups]
-    layouts = [StageLayout(*stages, groups=groups) for stages in throws for groups in usual]
-    layouts += [StageLayout(*stages, groups=groups, aims=True) for stages in throws for groups in braking]
-    layouts += [StageLayout(*stages, groups=TARGET_GROUPS, aims=True) for stages in throws]
-    layouts += [StageLayout(0, brake, groups=groups) for groups in braking]
-    return layouts + [StageLayout(launch, 0, groups=each) for each in _subsets(AT_REST_GROUPS)]
-
-
-def _subsets(groups: tuple[str, ...]) -> list[tuple[str, ...]]:
-    return [subset for size in range(len(groups) + 1) for subset in combinations(groups, size)]
-
-
 @dataclass(frozen=True, eq=False)
 class Instance:
     """One problem near one candidate, as a solver is called with it.
 
     Attributes:
         problem: the problem.
-        candidate: the release state to start from; `joint` and `pose` releases are held to it.
+        seed: the release state to start from, which `joint` and `pose` releases are held to, and a motion through it.
         margins: on every limit.
         stages: the layout, with every group of rows that applies.
         limits: of the joints, less what the tick grid needs.
         aim: landing point of the drag-free flight (3,) [m].
         initial: initial guess of the variables (N + 1, NZ), in SI units.
         steps: lengths (N,) [s] that the solution's steps are kept close to.
-        fixed_times: times of release and end [s], if they are fixed.
+        fixed_times: times of start and end [s], the release at 0, if they are fixed.
         landing_offsets: added to the landing error at each knot of the window (2 n + 1, 2) [m].
-        brake_step_max_s: of each step of the brake [s].
-        fitted_at: release state q, qd (6,) at which the formulas' arm is closest to a calibrated one; by default the
-            candidate.
+        release_offsets: by which the formulas' `RELEASE_ROWS` are to differ from what is asked, for a calibrated arm.
     """
 
     problem: ThrowProblem
-    candidate: Candidate
+    seed: Seed
     margins: Margins
     stages: StageLayout
     limits: Limits
@@ -159,8 +101,7 @@ class Instance:
     steps: Vector
     fixed_times: tuple[float, float] | None = None
     landing_offsets: Vector | float = 0.0
-    brake_step_max_s: float = math.inf
-    fitted_at: tuple[Vector, Vector] | None = None
+    release_offsets: Vector | float = 0.0
 
     @staticmethod
     def of(problem: ThrowProblem, seed: Seed, margins: Margins) -> Instance:
@@ -169,55 +110,45 @@ class Instance:
         guess = seed.initial_guess or CubicGuess(problem, candidate)
         stages = stage_layout(problem, margins)
         limits = grid_limits(problem.reachable, problem.dt)
-        aim = initial_aim(problem, candidate)
+        aim = aim_from(problem, candidate.q, candidate.qd)
         initial, steps = _variables_along(guess, stages, problem)
-        return Instance(problem, candidate, margins, stages, limits, aim, initial, steps)
+        return Instance(problem, seed, margins, stages, limits, aim, initial, steps)
 
     def from_guess(self, guess: InitialGuess, landing_offsets: Vector | float) -> Instance:
         """Returns the instance with another initial guess and other offsets of the landings."""
         initial, steps = _variables_along(guess, self.stages, self.problem)
         return replace(self, initial=initial, steps=steps, landing_offsets=landing_offsets)
 
+    def without_window(self) -> Instance:
+        """Returns the instance of the same throw without its release window."""
+        nominal = replace(self.problem, release_window_s=0.0, landing_tolerance_m=0.0)
+        return Instance.of(nominal, self.seed, self.margins)
+
     def with_reserve(self, guess: InitialGuess, reserve: float) -> Instance:
         """Returns the instance with another reserve for the tick grid, one of `planner.timing.RESERVES`, and guess."""
         limits = grid_limits(self.problem.reachable, self.problem.dt, reserve)
         return replace(self.from_guess(guess, self.landing_offsets), limits=limits)
 
-    def on_times(self, solution: Vector, release_s: float, end_s: float) -> Instance:
-        """Returns this instance with the solution (N + 1, NZ), in SI units, as initial guess and its times fixed."""
+    def on_times(self, solution: Vector, launch_s: float, brake_s: float) -> Instance:
+        """Returns this instance with a solution (N + 1, NZ), in SI units, as initial guess and its durations fixed."""
         initial = solution.copy()
-        initial[0, TIME] = -release_s
-        initial[-1, TIME] = end_s - release_s
-        steps = solution[:-1, STEP]
-        return replace(self, initial=initial, steps=steps, fixed_times=(release_s, end_s))
+        initial[0, TIME] = -launch_s
+        initial[-1, TIME] = brake_s
+        return replace(self, initial=initial, steps=solution[:-1, STEP], fixed_times=(-launch_s, brake_s))
 
-    def brake_alone(self, z: Vector, stretch: float | None) -> Instance:
-        """Returns the instance of a brake from the release of a motion.
+    @property
+    def candidate(self) -> Candidate:
+        """The release state of the seed."""
+        return self.seed.candidate
 
-        Args:
-            z: variables (N + 1, NZ) of the motion, in SI units.
-            stretch: duration of even braking, which the guess is, over that of the motion's brake [-]; None for that
-                brake itself.
+    @property
+    def first_groups(self) -> frozenset[str]:
+        """Groups of rows that are included from the first solve.
+
+        Those whose margin was widened; and those of a flight that is free, as a solution without its rows
+        would be far from one with.
         """
-        brake = z[self.stages.launch :]
-        q = brake[0, Q]
-        qd = brake[0, QD]
-        if stretch is not None:
-            brake = _even_braking(q, qd, _brake_times(stretch * float(brake[-1, TIME]), self.stages, self.problem))
-        stages = replace(self.stages, launch=0, aims=False)
-        candidate = replace(self.candidate, q=q, qd=qd)
-        margins = replace(self.margins, local=tuple(each for each in self.margins.local if each.phase >= 1.0))
-        return replace(self, candidate=candidate, stages=stages, margins=margins, initial=brake, steps=brake[:-1, STEP])
-
-    def with_brake(self, z: Vector, brake: Vector) -> Instance:
-        """Returns the instance with a motion's launch and another brake as initial guess, variables in SI units.
-
-        A brake from a long guess can be one long stage and two short ones: that looks past what is between.
-        """
-        launch = z[: self.stages.launch]
-        longest_s = LONGEST_BRAKE_STEP * float(brake[:-1, STEP].mean())
-        steps = np.concatenate([launch[:, STEP], brake[:-1, STEP]])
-        return replace(self, initial=np.concatenate([launch, brake]), steps=steps, brake_step_max_s=longest_s)
+        return self.margins.widened_groups | ({"flight"} if self.stages.aims else set())
 
     @property
     def transcription(self) -> Transcription:
@@ -229,19 +160,18 @@ class Instance:
         """The parameter vectors of `layout.SHARED`."""
         return {
             "scales": scale_parameters(self.limits, float(self.steps.max())),
-            "arm": self._arm(),
+            "arm": arm_parameters(self.problem.cell, self.limits, self.margins),
             "release": release_parameters(self.problem, self.aim),
             "boxes": box_parameters(self.problem.cell_with_bin, self.margins.box_m),
             "flight": flight_parameters(self.problem, self.candidate, self.margins, self.aim),
             # Also where the initial guess is a failed motion: beside its own path fewer solves succeed.
-            **self.object_paths(self.candidate.q, self.candidate.qd),
-            "standing": standing_parameters(self.problem, self.margins.standing_m),
+            "object_path": self.object_path(self.candidate.q, self.candidate.qd),
         }
 
-    def object_paths(self, q: Vector, qd: Vector) -> dict[str, Vector]:
-        """Returns the `OBJECT_PATH` vectors of both objects, for joint states (6,) at the release."""
-        paths = path_parameters(self.problem, q, qd, self.margins.passing_m, len(self.stages.objects))
-        return {name: np.round(path, DECIMALS) for name, path in paths.items()}
+    def object_path(self, q: Vector, qd: Vector) -> Vector:
+        """Returns the `OBJECT_PATH` vector for joint states (6,) at the release."""
+        path = path_parameters(self.problem, q, qd, self.margins.passing_m, bool(self.stages.objects))
+        return np.round(path, DECIMALS)
 
     def with_object(self, z: Vector) -> Vector:
         """Returns a solver's variables: those of the arm (N + 1, NZ), scaled, and the object's, rounded."""
@@ -251,16 +181,6 @@ class Instance:
             thrown = np.concatenate(thrown_state(self.problem, release[Q], release[QD]))
             pieces.append(np.tile(np.round(thrown, DECIMALS), self.stages.stages + 1 - first))
         return np.concatenate(pieces)
-
-    def _arm(self) -> Vector:
-        """Returns the `ARM` vector; for a calibrated arm, of the closest arm that the formulas know."""
-        cell = self.problem.cell
-        vector = arm_parameters(cell, self.limits, self.margins)
-        if cell.robot.fixed is not None:
-            q, qd = self.fitted_at or (self.candidate.q, self.candidate.qd)
-            for name, values in closest_arm(cell, q, qd).items():
-                vector[layout.ARM.slices[name]] = values
-        return vector
 
     @cached_property
     def scales(self) -> Vector:
@@ -294,27 +214,22 @@ class Instance:
         problem = self.problem
         margins = self.margins
         bounds = Bounds(self.transcription.row_index, self.scales[QD])
-        clearances = {group: self._given_clearances(group) for group in CLEARANCES if group in self.stages.groups}
         bounds.limit_joints(self.limits, margins.position_rad, self._given())
         for group, limits in self._group_limits().items():
             bounds.limit_group(group, *limits)
-        for group, given in clearances.items():
-            widened = [getattr(margins, name) - getattr(DEFAULT_MARGINS, name) for name in CLEARANCES[group]]
-            bounds.limit_clearances(group, given, np.array(widened))
+        for group in self.stages.groups:
+            if group in CLEARANCES:
+                bounds.ease_beside_given(group, self._given_clearances(group))
         bounds.free_flights_after_release(self.stages.window > 0)
-        bounds.add_local_margins(margins.local, self.steps)
-        for group, given in clearances.items() if self.stages.launch else ():
-            bounds.ease_first_stage(group, given[0])
         bounds.fix_ends(problem.start)
-        bounds.limit_steps(self.steps, LONGEST_STEP, self.brake_step_max_s)
+        bounds.limit_steps(self.steps)
         if "leaving" in self.stages.groups:
             bounds.follow_object(leaving_time(problem))
         if not problem.ends_at_rest and self.limits.singularity_distance_min > 0.0:  # 0 does not limit: sides are free
             distance = margins.singularity * self.limits.singularity_distance_min
             bounds.avoid_singularities(self._singularity_sides(), distance)
-            window_s = problem.release_window_s if self.stages.window else 0.0
-            bounds.watch_long_enough(window_s, self.steps, margins.watched)
-        bounds.set_release(problem, self.candidate)
+            bounds.watch_long_enough(problem.planned_window_s)
+        bounds.set_release(problem, self.candidate, self.release_offsets)
         if problem.is_robust:
             window_s = problem.release_window_s
             tolerance_m = problem.landing_tolerance_m
@@ -331,13 +246,15 @@ class Instance:
 
     def _group_limits(self) -> dict[str, tuple[Vector, Vector]]:
         """Returns the lower and upper bounds of every lazy group's rows."""
-        margins, inf, torque = self.margins, np.inf, np.full(6, self.margins.torque)
+        margins = self.margins
+        inf = np.inf
+        torque = np.full(6, margins.torque)
         limits = {"effort": (np.append(-torque, -inf), np.append(torque, margins.tcp_speed**2))}
         if "grip" in self.stages.groups:
             axes = np.full(3, margins.grip)
             limits["grip"] = np.append(-axes, -inf), np.append(axes, margins.grip**2)
-        counts = {"flight": FLIGHT_ROWS.size, "standing": 1, "leaving": LEAVING_ROWS.size, "passing": 1}
-        for group, count in counts.items():
+        counts = {"flight": FLIGHT_ROWS.size, "leaving": LEAVING_ROWS.size, "clearance": 3}
+        for group, count in (*counts.items(), ("keep_out", 1), ("passing", 1)):
             if group in self.stages.groups:
                 limits[group] = np.zeros(count), np.full(count, inf)
         return limits
@@ -367,18 +284,6 @@ class Instance:
             "initial_step": self.steps / self.scales[STEP],
         }
         return np.stack([weights[name] for name in layout.COST.sizes]).T.ravel()
-
-
-def _even_braking(q: Vector, qd: Vector, t: Vector) -> Vector:
-    """Returns the variables (k, NZ) of braking evenly from q, qd (6,), in SI units, at times (k,) from 0 to the end."""
-    duration_s = float(t[-1])
-    z = np.zeros((len(t), NZ))
-    z[:, Q] = q + np.outer(t - t**2 / (2.0 * duration_s), qd)
-    z[:, QD] = np.outer(1.0 - t / duration_s, qd)
-    z[:, QDD] = -qd / duration_s
-    z[:, TIME] = t
-    z[:-1, STEP] = np.diff(t)
-    return z
 
 
 def _brake_times(duration_s: float, stages: StageLayout, problem: ThrowProblem) -> Vector:

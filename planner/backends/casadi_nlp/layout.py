@@ -5,7 +5,7 @@ No arm, tool or room is compiled in: the same machine code serves every cell.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -45,9 +45,8 @@ QDD = slice(12, 18)
 TIME = 18  # positions within z = (state, control)
 JERK = slice(19, 25)
 STEP = 25
-# Further states of the stages from a release on, where rows follow an object whose release is free: its position [m]
-# and velocity [m/s] in the world at the release, not scaled. Blocks that depend on them take (z, thrown). In a release
-# window there are two such objects where the way out of the grip is followed: of its first and of its last release.
+# Further states of the stages from the release on, where rows follow an object whose release is free: its position [m]
+# and velocity [m/s] in the world at the release, not scaled. Blocks that depend on them take (z, thrown).
 N_THROWN = 6
 PLACE = slice(NZ, NZ + 3)
 SPEED = slice(NZ + 3, NZ + N_THROWN)
@@ -131,17 +130,6 @@ OBJECT_PATH = VectorLayout(
         "fall": 1,  # acceleration with which the path bends, at most [m/s^2]
         "reach": 1,  # distance that its centre keeps from the surface of a link [m]
         "share": 1,  # of the tool's speed that the object has at the release [-]
-        "ago": 1,  # by which its release is before the nominal one [s]
-    }
-)
-STANDING_CAPSULES = 2  # [-] that never move: the arm's foot, and its base
-STANDING = VectorLayout(
-    {
-        "capsules": 7 * STANDING_CAPSULES,  # end points in the world (3 + 3), radius [m]
-        "reach": 1,  # distance that the object's centre keeps from their surface [m]
-        "ground": 1,  # height of the object's centre where its flight ends [m]
-        "gravity": 1,  # [m/s^2]
-        "share": 1,  # of the tool's speed that the object has at the release [-]
     }
 )
 SHARED = {
@@ -151,8 +139,6 @@ SHARED = {
     "boxes": BOXES,
     "flight": FLIGHT,
     "object_path": OBJECT_PATH,
-    "last_path": OBJECT_PATH,  # of the object of a window's last release
-    "standing": STANDING,
 }  # parameters shared by all stages, in this order
 COST = VectorLayout({"time": 1, "jerk": 1, "step": 1, "initial_step": 1})  # parameters of each stage's cost
 ABSENT_RADIUS = -1.0e3  # [m] radius of an absent capsule: never near anything
@@ -214,10 +200,9 @@ WATCHED_BEFORE = 3
 WATCHED_AFTER = 2
 LEAVING_STAGES = 1  # stages after the release (or its window), 20 to 40 ms, in which the object leaves the open grip
 OUT_STAGES = 2  # the same where its way out is followed, until it is out
-LAST = "_last"  # suffix of the blocks of the object of a window's last release, which have the functions of the others
-OF_THE_OBJECT = ("thrown", "carried")  # blocks whose rows are the object's next state; with `LAST`, the last one's
-# Groups of rows left out until a solution violates them, at knots and, but for three from "flight" on, at middles.
-LAZY_GROUPS = ("effort", "clearance", "keep_out", "grip", "flight", "standing", "leaving", "passing")
+OF_THE_OBJECT = ("thrown", "carried")  # blocks whose rows are the object's next state
+# Groups of rows left out until a solution violates them, at knots and, but for "flight" and "leaving", at middles.
+LAZY_GROUPS = ("effort", "clearance", "keep_out", "grip", "flight", "leaving", "passing")
 
 
 @dataclass(frozen=True)
@@ -247,12 +232,7 @@ class StageLayout:
 
     @property
     def objects(self) -> tuple[int, ...]:
-        """The stages from which on an object has states; none where its path is given, or no row depends on it.
-
-        Where its way out of the grip is followed, a window has two: of its first and its last release.
-        """
-        if self.window and "leaving" in self.groups:
-            return self.launch - self.window, self.launch + self.window
+        """The stage from which on the object has states; none where its path is given, or no row depends on it."""
         return (self.launch,) if self.aims and {"leaving", "passing"} & set(self.groups) else ()
 
     def with_groups(self, groups: Collection[str]) -> StageLayout:
@@ -264,13 +244,11 @@ class StageLayout:
     def function(self, block: str) -> str:
         """Returns the name of a block's functions, which have fewer slots for fewer boxes."""
         has_fewer = group_of(block) == "keep_out" and self.boxes in BOX_SLOTS[:-1]
-        return f"{block}_{self.boxes}" if has_fewer else block.removesuffix(LAST)
+        return f"{block}_{self.boxes}" if has_fewer else block
 
     def includes(self, block: str) -> bool:
         """Returns whether a block is part of the problem."""
-        if object_of(block) > 0 and len(self.objects) <= object_of(block):
-            return False
-        if block.removesuffix(LAST) in OF_THE_OBJECT:
+        if block in OF_THE_OBJECT:
             return bool(self.objects)
         group = group_of(block)
         return group not in LAZY_GROUPS or group in self.groups
@@ -283,14 +261,13 @@ class StageLayout:
         special = {
             "motion": range(self.stages),
             "cost": range(self.stages),
-            **{name: knots for i, first in enumerate(self.objects) for name, knots in self._knots_of_object(i, first)},
+            "thrown": range(self.launch - 1, self.launch),
+            "carried": range(self.launch, self.stages),
             "singularity": range(first_watched, last_watched + 1),
             "singularity_middle": range(first_watched, last_watched),
             "release": range(self.launch - self.window, released + 1),
-            "standing": range(self.launch - self.window, released + 1),
             "flight": range(self.launch - self.window, min(released + LEAVING_STAGES, self.stages) + 1),
-            "leaving": range(self.launch - self.window, min(released + OUT_STAGES, self.stages)),
-            "leaving_last": range(released, min(released + OUT_STAGES, self.stages)),
+            "leaving": range(self.launch, min(released + OUT_STAGES, self.stages)),
             "grip": range(1, released + 1),
             "grip_middle": range(released),
             "passing": range(released + 1, self.stages),
@@ -300,18 +277,7 @@ class StageLayout:
         everywhere = range(self.stages) if block.endswith("_middle") else range(1, self.stages + 1)
         return special.get(block, everywhere)
 
-    def _knots_of_object(self, i: int, first: int) -> Iterator[tuple[str, range]]:
-        """Yields the blocks of the states of object i, and the stages on which they apply."""
-        suffix = LAST if i else ""
-        yield f"thrown{suffix}", range(first - 1, first)
-        yield f"carried{suffix}", range(first, self.stages)
-
 
 def group_of(block: str) -> str:
     """Returns the group of a block, which is named after it."""
-    return block.removesuffix("_middle").removesuffix("_at_rest").removesuffix(LAST)
-
-
-def object_of(block: str) -> int:
-    """Returns which object's states a block depends on: 1 for that of a window's last release."""
-    return int(block.endswith(LAST))
+    return block.removesuffix("_middle").removesuffix("_at_rest")

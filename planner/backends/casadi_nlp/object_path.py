@@ -2,31 +2,27 @@
 
 The path follows from the release, which in a throw to a target is part of the solution: the object's position and
 velocity there are states of the stages from then on. What drag adds to the path and to the time of the landing is that
-of the solution before, and where that matters, the problem is solved again.
+of the initial guess, or of the solution before.
 """
 
 from __future__ import annotations
 
 import math
-from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
-from planner.backends.casadi_nlp.layout import OBJECT_PATH, PATH_TERMS, STANDING, Vector
+from planner.backends.casadi_nlp.layout import OBJECT_PATH, PATH_TERMS, Vector
+from planner.backends.casadi_nlp.tuning import LEAVING
 from planner.flight import fly, path, touchdown_s
-from planner.geometry import body_model, tool_state
-from planner.problem import PointRelease, TargetRelease, ThrowProblem
-from planner.seeds import Candidate
+from planner.geometry import tool_state
+from planner.problem import ThrowProblem
 
 NODES = np.linspace(0.0, 1.0, PATH_TERMS)  # [-] of the flight's duration at which the polynomial is the path
-LEAVING = 1.6  # [-] times as long as in free fall an object takes out of the grip, as the tool falls, too
 SHORTEST_S = 1e-3  # [s] keeps a flight that ends at once from having no polynomial
-PATHS_KEPT = 32  # [-] from given points, of the last problems
 
 
 def leaving_time(problem: ThrowProblem) -> float:
-    """Returns about how long an object takes out of the grip [s]: longer than in free fall beside a tool at rest."""
+    """Returns how long an object may take out of the grip [s]: longer than in free fall beside a tool at rest."""
     return LEAVING * math.sqrt(2.0 * problem.cell.object.way_out_m / problem.gravity)
 
 
@@ -36,43 +32,18 @@ def thrown_state(problem: ThrowProblem, q: Vector, qd: Vector) -> tuple[Vector, 
     return tool.p_WT, problem.release_speed_factor * tool.v_WT
 
 
-def path_parameters(problem: ThrowProblem, q: Vector, qd: Vector, room_m: float, objects: int) -> dict[str, Vector]:
-    """Returns the `OBJECT_PATH` vectors of the parameters "object_path" and "last_path"; zeros for a move to rest.
+def path_parameters(problem: ThrowProblem, q: Vector, qd: Vector, room_m: float, carried: bool) -> Vector:
+    """Returns the `OBJECT_PATH` vector; zeros for a move to rest.
 
     Args:
         problem: the problem.
         q, qd: joint positions and velocities (6,) at the release.
         room_m: between object and arm.
-        objects: that have states: two are those of a window's first and of its last release.
+        carried: whether position and velocity of the object are variables, so that they are not part of the path.
     """
     if problem.ends_at_rest:
-        return dict.fromkeys(("object_path", "last_path"), np.zeros(OBJECT_PATH.size))
-    if isinstance(problem.release, PointRelease):
-        path = _path_from_point(problem, problem.release, room_m, objects > 0)
-    else:
-        path = _path(problem, thrown_state(problem, q, qd), room_m, objects > 0)
-    ago_s = problem.release_window_s if objects > 1 else 0.0
-    return {
-        "object_path": OBJECT_PATH.pack({**path, "ago": ago_s}),
-        "last_path": OBJECT_PATH.pack({**path, "ago": -ago_s}),
-    }
-
-
-@lru_cache(maxsize=PATHS_KEPT)
-def _path_from_point(problem: ThrowProblem, release: PointRelease, room_m: float, carried: bool) -> dict[str, Any]:
-    """Returns what `_path` does for a point, where the object's state is given: the same in all solves of a problem."""
-    return _path(problem, (release.p_WT, problem.release_speed_factor * release.v_WT), room_m, carried)
-
-
-def _path(problem: ThrowProblem, thrown: tuple[Vector, Vector], room_m: float, carried: bool) -> dict[str, Any]:
-    """Returns the pieces of an `OBJECT_PATH` vector but for "ago".
-
-    Args:
-        problem, room_m: as of `path_parameters`.
-        thrown: position [m] and velocity [m/s] (3,) of the object at the release.
-        carried: whether these are variables, so that they are not part of the path.
-    """
-    (p, v) = thrown
+        return np.zeros(OBJECT_PATH.size)
+    p, v = thrown_state(problem, q, qd)
     radius = problem.cell.object.radius_m
     landing_s = touchdown_s(p, v, problem.plane_z, problem.landing_radius_m, problem.gravity, problem.drag)
     until_s = max(landing_s or 0.0, SHORTEST_S)
@@ -83,28 +54,15 @@ def _path(problem: ThrowProblem, thrown: tuple[Vector, Vector], room_m: float, c
     if carried:
         coefficients[0] -= p
         coefficients[1] -= v
-    return {
-        "path": coefficients,
-        "landing": until_s - (without_drag_s or 0.0),
-        "lands": float(without_drag_s is not None),
-        "ground": ground,
-        "gravity": problem.gravity,
-        "fall": problem.gravity + problem.drag * float(v @ v),
-        "reach": radius + room_m,
-        "share": problem.release_speed_factor,
-    }
-
-
-def standing_parameters(problem: ThrowProblem, room_m: float) -> Vector:
-    """Returns the `STANDING` vector, with `room_m` [m] between object and arm."""
-    first, last, radii = body_model(problem.cell).base_shapes
-    radius = problem.cell.object.radius_m
-    return STANDING.pack(
+    return OBJECT_PATH.pack(
         {
-            "capsules": np.column_stack([first, last, radii]),
-            "reach": radius + room_m,
-            "ground": problem.plane_z + problem.landing_radius_m,
+            "path": coefficients,
+            "landing": until_s - (without_drag_s or 0.0),
+            "lands": float(without_drag_s is not None),
+            "ground": ground,
             "gravity": problem.gravity,
+            "fall": problem.gravity + problem.drag * float(v @ v),
+            "reach": radius + room_m,
             "share": problem.release_speed_factor,
         }
     )
@@ -117,37 +75,3 @@ def _landing_without_drag(problem: ThrowProblem, p: Vector, v: Vector) -> tuple[
         if flight is not None:
             return ground, flight.time_of_flight_s
     return problem.plane_z, None
-
-
-def initial_aim(problem: ThrowProblem, candidate: Candidate) -> Vector:
-    """Returns the landing point of the drag-free flight (3,) [m]; for a target, as from the candidate."""
-    release = problem.release
-    if isinstance(release, PointRelease):
-        p = release.p_WT
-        v = release.v_WT
-    else:
-        tool = tool_state(problem.cell, candidate.q, candidate.qd)
-        p = tool.p_WT
-        v = tool.v_WT
-    if isinstance(release, TargetRelease):
-        return drag_free_aim(problem, release.p_W, p, v)
-    flight = None if problem.ends_at_rest else fly(p, v, problem.plane_z, problem.gravity_at_tool_speed)
-    return np.array([p[0], p[1], problem.plane_z]) if flight is None else flight.landing_point
-
-
-def drag_free_aim(problem: ThrowProblem, goal: Vector, p: Vector, v: Vector) -> Vector:
-    """Returns the landing point of the drag-free flight whose real counterpart, with drag, lands on `goal` (3,) [m].
-
-    Args:
-        problem: its drag and gravity.
-        goal: landing point (3,) [m].
-        p: release position (3,) [m].
-        v: release velocity (3,) [m/s].
-    """
-    if problem.drag <= 0.0:
-        return goal
-    ideal = fly(p, v, float(goal[2]), problem.gravity_at_tool_speed)
-    real = fly(p, v, float(goal[2]), problem.gravity_at_tool_speed, problem.drag)
-    if ideal is None or real is None:
-        return goal
-    return goal + ideal.landing_point - real.landing_point

@@ -2,28 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from functools import lru_cache
 
 import numpy as np
 
 from planner.backends.casadi_nlp import layout
-from planner.backends.casadi_nlp.layout import ARM, RELEASE, TOOL_CAPSULES, Vector
+from planner.backends.casadi_nlp.layout import ARM, TOOL_CAPSULES, Vector
 from planner.backends.casadi_nlp.margins import Margins
 from planner.cell import Cell, Limits
 from planner.geometry import SELF_CLEARANCE_M, arm_capsules, self_collision_pairs
-from planner.kinematics import forward, jacobian, link_poses
-from planner.problem import TargetRelease, ThrowProblem
 
 CELLS_KEPT = 32  # cells whose parameters are cached
-LARGEST_SLOPE_RAD = 1.57  # [rad] elevations beyond have no finite tangent; they are no limits
 UNBOUNDED = 1.0e3  # [m] coordinate of a missing keep-in face
-# Of the fit of a calibrated arm: position and velocity at the release come first; an error of the Jacobian counts as
-# where joints move by 0.3 rad, and lengths change by no more than helps.
-PLACE_WEIGHT = 30.0
-VELOCITY_WEIGHT = 30.0
-JACOBIAN_WEIGHT = 0.3
-CHANGE_WEIGHT = 3e-3  # [-], [s], [rad], [-]
 TIME_SHARE = 0.4  # [-] of the slowest joint's time to full speed: about 0.1 s, the length of two or three stages
 
 
@@ -59,7 +49,10 @@ def variable_scales(scales: Vector) -> Vector:
 
 @lru_cache(maxsize=CELLS_KEPT)
 def cell_parameters(cell: Cell) -> Vector:
-    """Returns the `ARM` vector without margins, not to be changed; the torque and speed limits are 0."""
+    """Returns the `ARM` vector without margins, not to be changed; the torque and speed limits are 0.
+
+    Of a calibrated arm it is that of the published one: `release_state` corrects the release by the difference.
+    """
     robot = cell.robot.published
     R_WB = cell.X_WB[:3, :3]
     boxes = cell.surroundings.keep_in
@@ -85,49 +78,6 @@ def cell_parameters(cell: Cell) -> Vector:
             }
         )
     )
-
-
-def closest_arm(cell: Cell, q: Vector, qd: Vector) -> dict[str, Vector]:
-    """Returns the pieces "dh", "tcp" and "base" of `ARM` that are closest to a calibrated arm around a release.
-
-    The formulas have six lengths and square axes, which a measured chain has not. The six, the tool centre point and
-    the place of the base are chosen so that position and velocity of the tool at the release, and then its Jacobian,
-    are as nearly as possible those of the measured chain: all are linear in them.
-
-    Args:
-        cell: with a calibrated arm.
-        q, qd: joint positions and velocities (6,) at the release.
-    """
-    robot = cell.robot
-    X_FT = cell.tool.X_FT
-    directions, derivatives = _by_lengths(link_poses(robot.published, q))
-    missing = forward(robot, q, X_FT) - forward(robot.published, q, X_FT)
-    J = (jacobian(robot, q, X_FT) - jacobian(robot.published, q, X_FT))[:3]
-    rows = PLACE_WEIGHT * directions, JACOBIAN_WEIGHT * derivatives.reshape(18, 12), VELOCITY_WEIGHT * qd @ derivatives
-    wanted = PLACE_WEIGHT * missing[:3, 3], JACOBIAN_WEIGHT * J.ravel(), VELOCITY_WEIGHT * J @ qd
-    regular = np.concatenate([*rows, CHANGE_WEIGHT * np.eye(12)]), np.concatenate([*wanted, np.zeros(12)])
-    change = np.linalg.lstsq(*regular, rcond=None)[0]
-    own = cell_parameters(cell)
-    at = layout.ARM.slices
-    base = own[at["base"]].copy()
-    base[9:] += cell.X_WB[:3, :3] @ change[9:]
-    return {"dh": own[at["dh"]] + change[:6], "tcp": own[at["tcp"]] + change[6:9], "base": base}
-
-
-def _by_lengths(X: Vector) -> tuple[Vector, Vector]:
-    """Returns derivatives of the tool's position (3, 12), and of its Jacobian (3, 6, 12), by dh, tcp and base.
-
-    Each is a direction fixed in one link, which the joints before it turn.
-
-    Args:
-        X: link poses (7, 4, 4).
-    """
-    fixed = ((0, 2), (2, 0), (3, 0), (3, 2), (4, 2), (5, 2), (6, 0), (6, 1), (6, 2))  # frame, column; of dh, of tcp
-    directions = np.column_stack([*(X[frame, :3, column] for frame, column in fixed), np.eye(3)])
-    frames = np.array([*(frame for frame, _ in fixed), 0, 0, 0])
-    turned = np.cross(X[:6, None, :3, 2], directions.T[None])  # (joint, parameter, 3)
-    turned[np.arange(6)[:, None] >= frames] = 0.0
-    return directions, turned.transpose(2, 0, 1)
 
 
 @lru_cache(maxsize=CELLS_KEPT)
@@ -222,12 +172,3 @@ def arm_parameters(cell: Cell, limits: Limits, margins: Margins) -> Vector:
     lower += margins.keep_in_m
     upper -= margins.keep_in_m
     return vector
-
-
-def release_parameters(problem: ThrowProblem, aim: Vector) -> Vector:
-    """Returns the `RELEASE` vector for an aim (3,) [m]."""
-    elevations = (-math.pi / 2, math.pi / 2)
-    if isinstance(problem.release, TargetRelease):
-        elevations = (problem.release.min_elevation_rad, problem.release.max_elevation_rad)
-    slopes = [math.tan(e) if abs(e) < LARGEST_SLOPE_RAD else 0.0 for e in elevations]
-    return RELEASE.pack({"target": aim, "gravity_z": problem.gravity_at_tool_speed, "tan_elevation": slopes})

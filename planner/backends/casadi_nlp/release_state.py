@@ -1,12 +1,11 @@
 """The release state: made exactly what is asked, for a calibrated arm by its measured chain.
 
-The formulas' arm is close to a calibrated one around a release (`parameters.closest_arm`). What is left between the two
-is corrected by another fit or another aim, and at last by Newton's iteration on the state itself.
+The formulas' arm is the published one. By how much a calibrated one differs at a release is taken from what is asked of
+the formulas there, and what is left is corrected by Newton's iteration on the state itself.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -14,119 +13,79 @@ import numpy as np
 from planner.backends.casadi_nlp.functions import evaluate
 from planner.backends.casadi_nlp.instance import Instance
 from planner.backends.casadi_nlp.layout import NZ, QD, Q, Vector
-from planner.backends.casadi_nlp.object_path import drag_free_aim
-from planner.backends.casadi_nlp.parameters import release_parameters
+from planner.backends.casadi_nlp.release_rows import aim_from, release_bounds, release_parameters
 from planner.backends.casadi_nlp.symbols import FORMULAS, RELEASE_ROWS
 from planner.errors import SolverFailed
 from planner.flight import landing_points
 from planner.geometry import tool_state
-from planner.problem import PointRelease, TargetRelease, ThrowProblem
+from planner.problem import ThrowProblem
 
-REFINEMENT_ROUNDS = 6  # Newton iterations on the release state
-# [-] of a calibrated arm, whose Jacobian is known to a hundredth: each leaves a hundredth of the error or less
-CALIBRATED_ROUNDS = 12
-CLOSE = 3e-3  # [m, m/s] error of a solution that is not corrected at once: solving on ticks corrects it as well
-ROOM = 3e-3  # [m, m/s, rad] that a correction moves place, speed and elevation of the release, at most as a rule
-REFINED = 1e-9  # [m, m/s] residual at which they stop: a ten-thousandth of the certificate's tolerance
+ROUNDS = 12  # [-] Newton iterations on the state; of a calibrated arm each leaves a hundredth of the error or less
+DRAG_ROUNDS = 3  # [-] corrections of the aim for drag; each leaves a tenth of the error or less
+CLOSE = 3e-3  # [m, m/s] error of a release, by drag or calibration, that Newton's iteration alone corrects
+REFINED = 1e-9  # [m, m/s] residual at which it stops: a ten-thousandth of the certificate's tolerance
 MISSED = 0.05  # [m, m/s] a solution this far from its release has none
 
-
-def with_room(problem: ThrowProblem) -> ThrowProblem:
-    """Returns the problem, for a calibrated arm with room in the bounds on the release.
-
-    The refined release keeps what is asked exactly, such as the landing, and moves within this room else.
-    """
-    release = problem.release
-    if problem.cell.robot.fixed is None or not isinstance(release, TargetRelease):
-        return problem
-    low = release.min_elevation_rad
-    high = release.max_elevation_rad
-    room = min(ROOM, max(high - low, 0.0) / 4.0)
-    inner = replace(
-        release,
-        max_speed_m_s=release.max_speed_m_s - min(ROOM, release.max_speed_m_s / 4.0),
-        min_elevation_rad=low + room if low > -math.pi / 2 else low,
-        max_elevation_rad=high - room if high < math.pi / 2 else high,
-        min_horizontal_distance_m=release.min_horizontal_distance_m + ROOM * (release.min_horizontal_distance_m > 0.0),
-    )
-    return replace(problem, release=inner)
+State = tuple[Vector, Vector]  # q [rad] and qd [rad/s], each (6,)
 
 
-def is_free_release_of_measured_arm(problem: ThrowProblem) -> bool:
-    """Returns whether a release state has to be found for a calibrated arm, and is not given."""
-    return problem.cell.robot.fixed is not None and not problem.fixes_joints
-
-
-def only_lands(problem: ThrowProblem) -> bool:
-    """Returns whether nothing but the landing is asked of the release."""
-    return isinstance(problem.release, TargetRelease) and problem.release.release_position is None
-
-
-def corrected_at(instance: Instance, state: tuple[Vector, Vector]) -> Instance | None:
-    """Returns the instance with its arm fitted, then its aim moved, at a release q, qd (6,); None if that is close.
-
-    The arm is fitted once: the soonest throw among many like it moves with each fit.
-    """
+def corrected(instance: Instance, state: State) -> Instance:
+    """Returns the instance whose release fulfils the request if its drag and calibration are those at another state."""
     problem = instance.problem
-    aim = measured_aim(problem, state, instance.aim)
-    z = _stage(instance, state)
-    rows, jacobian = _release_rows(instance, z, aim)
-    residual, _ = _release_residual(problem, z, _measured_rows(problem, rows, state, aim), jacobian)
-    if np.abs(residual).max() < CLOSE:
-        return None
-    if instance.fitted_at is None or not only_lands(problem):
-        return replace(instance, fitted_at=state, aim=aim)
-    return aimed(instance, state, aim)
+    if problem.fixes_joints:
+        return instance
+    aim = aim_from(problem, *state)
+    if problem.cell.robot.fixed is None:
+        return replace(instance, aim=aim)
+    rows, _ = _formula_rows(instance, _stage(instance, state), aim)
+    offsets = rows - _measured_rows(problem, rows, state, aim)
+    landing = offsets[RELEASE_ROWS.slices["landing"]].copy()
+    offsets[RELEASE_ROWS.slices["landing"]] = 0.0  # the aim is that of every release in a window
+    return replace(instance, aim=aim + np.append(landing, 0.0), release_offsets=offsets)
 
 
-def measured_aim(problem: ThrowProblem, state: tuple[Vector, Vector], otherwise: Vector) -> Vector:
-    """Returns the aim (3,) [m] of the flight without drag from a state q, qd (6,); `otherwise` without a target."""
-    if not isinstance(problem.release, TargetRelease):
-        return otherwise
-    tool = tool_state(problem.cell, *state)
-    return drag_free_aim(problem, problem.release.p_W, tool.p_WT, tool.v_WT)
+def is_close(instance: Instance, state: State) -> bool:
+    """Returns whether a solution's release is hardly off, so that `refined_release` corrects it."""
+    if instance.problem.fixes_joints:
+        return True
+    residual, _ = _residual(instance, _stage(instance, state), aim_from(instance.problem, *state))
+    return bool(np.abs(residual).max() < CLOSE)
 
 
-def aimed(instance: Instance, state: tuple[Vector, Vector], aim: Vector) -> Instance:
-    """Returns the instance whose arm, aiming there from a state q, qd (6,), makes the calibrated one land on `aim`."""
-    rows, _ = _release_rows(instance, _stage(instance, state), aim)
-    apart = rows - _measured_rows(instance.problem, rows, state, aim)
-    return replace(instance, aim=aim + np.append(apart[RELEASE_ROWS.slices["landing"]], 0.0))
-
-
-def refined_release(instance: Instance, state: tuple[Vector, Vector], aim: Vector) -> tuple[Vector, Vector]:
+def refined_release(instance: Instance, state: State) -> State:
     """Returns the release state q, qd (6,) next to `state` that fulfils the request exactly.
 
     A solver fulfils it to its tolerance, the certificate asks for more: Newton's iteration with the least change of
-    joint positions and scaled velocities.
+    joint positions and scaled velocities. With drag the aim follows the state.
 
     Args:
         instance: as it was solved.
         state: q and qd (6,) of the solution.
-        aim: landing point of the drag-free flight (3,) [m].
 
     Raises:
         SolverFailed: the state is too far off.
     """
-    problem = instance.problem
-    if problem.fixes_joints:
+    if instance.problem.fixes_joints:
         return instance.candidate.q, instance.candidate.qd
+    for _ in range(1 + DRAG_ROUNDS * (instance.problem.drag > 0.0)):
+        state = _refined(instance, state, aim_from(instance.problem, *state))
+    return state
+
+
+def _refined(instance: Instance, state: State, aim: Vector) -> State:
+    """Returns the release state next to `state` that fulfils the request for an aim (3,) [m]."""
     z = _stage(instance, state)
-    is_measured = problem.cell.robot.fixed is not None
-    for _ in range(CALIBRATED_ROUNDS if is_measured else REFINEMENT_ROUNDS):
-        rows, jacobian = _release_rows(instance, z, aim)
-        if is_measured:
-            rows = _measured_rows(problem, rows, (z[Q], z[QD] * instance.scales[QD]), aim)
-        residual, gradient = _release_residual(problem, z, rows, jacobian)
+    for _ in range(ROUNDS):
+        residual, gradient = _residual(instance, z, aim)
         if np.abs(residual).max() < REFINED:
             break
         if np.abs(residual).max() > MISSED:
             raise SolverFailed("the solution misses its release")
         z[:12] = z[:12] - np.linalg.lstsq(gradient, residual, rcond=None)[0]
-    return z[Q], z[QD] * instance.scales[QD]
+    return _state(instance, z)
 
 
-def _stage(instance: Instance, state: tuple[Vector, Vector]) -> Vector:
+def _stage(instance: Instance, state: State) -> Vector:
     """Returns the scaled variables (NZ,) of a stage that begins at q, qd (6,)."""
     z = np.zeros(NZ)
     z[Q] = state[0]
@@ -134,15 +93,40 @@ def _stage(instance: Instance, state: tuple[Vector, Vector]) -> Vector:
     return z
 
 
-def _release_rows(instance: Instance, z: Vector, aim: Vector) -> tuple[Vector, Vector]:
-    """Returns `RELEASE_ROWS` at z (NZ,) for an aim (3,) [m], and their Jacobian (m, 12) by q and scaled qd."""
+def _state(instance: Instance, z: Vector) -> State:
+    return z[Q], z[QD] * instance.scales[QD]
+
+
+def _residual(instance: Instance, z: Vector, aim: Vector) -> tuple[Vector, Vector]:
+    """Returns what is to vanish at a release (m,), and its Jacobian (m, 12) with respect to q and scaled qd.
+
+    Args:
+        instance: its request.
+        z: variables of the release's stage (NZ,).
+        aim: landing point of the drag-free flight (3,) [m].
+    """
+    problem = instance.problem
+    rows, jacobian = _formula_rows(instance, z, aim)
+    if problem.cell.robot.fixed is not None:
+        rows = _measured_rows(problem, rows, _state(instance, z), aim)
+    lower, upper = release_bounds(problem)
+    exact = np.isfinite(lower) & (lower == upper)
+    residual = rows[exact] - lower[exact]
+    gradient = jacobian[exact, :12]
+    if problem.ends_at_rest:
+        return np.append(residual, z[QD]), np.concatenate([gradient, np.eye(12)[6:]])
+    return residual, gradient
+
+
+def _formula_rows(instance: Instance, z: Vector, aim: Vector) -> tuple[Vector, Vector]:
+    """Returns `RELEASE_ROWS` of the published arm at z (NZ,) for an aim (3,) [m], and their Jacobian (m, NZ)."""
     given = {**instance.shared_parameters, "release": release_parameters(instance.problem, aim)}
     parameters = np.concatenate([given[piece] for piece in FORMULAS["release"].parameters])
     rows, jacobian = evaluate(instance.transcription.blocks["release"].slope, z, parameters)
-    return rows.ravel(), jacobian[:, :12]
+    return rows.ravel(), jacobian
 
 
-def _measured_rows(problem: ThrowProblem, rows: Vector, state: tuple[Vector, Vector], aim: Vector) -> Vector:
+def _measured_rows(problem: ThrowProblem, rows: Vector, state: State, aim: Vector) -> Vector:
     """Returns `RELEASE_ROWS` with position, velocity and landing of a calibrated arm's measured chain."""
     tool = tool_state(problem.cell, *state)
     rows = rows.copy()
@@ -152,27 +136,3 @@ def _measured_rows(problem: ThrowProblem, rows: Vector, state: tuple[Vector, Vec
     landed = landing_points(tool.p_WT, tool.v_WT, float(aim[2]), problem.gravity_at_tool_speed)
     rows[at["landing"]] = landed[:2] - aim[:2]
     return rows
-
-
-def _release_residual(problem: ThrowProblem, z: Vector, rows: Vector, jacobian: Vector) -> tuple[Vector, Vector]:
-    """Returns the residuals that must vanish (m,), and their Jacobian (m, 12) with respect to q and scaled qd.
-
-    Args:
-        problem: its release.
-        z: variables of the release's stage (NZ,).
-        rows: of `RELEASE_ROWS`.
-        jacobian: theirs, with respect to q and scaled qd.
-    """
-    release = problem.release
-    at = RELEASE_ROWS.slices
-    if isinstance(release, PointRelease):
-        required = {"position": release.p_WT, "velocity": release.v_WT}
-        if problem.ends_at_rest:
-            residual = np.concatenate([rows[at["position"]] - release.p_WT, z[QD]])
-            return residual, np.concatenate([jacobian[at["position"]], np.eye(12)[6:]])
-    else:
-        assert isinstance(release, TargetRelease)
-        required = {"landing": np.zeros(2), "position": release.release_position}
-    required = {name: value for name, value in required.items() if value is not None}
-    residual = np.concatenate([rows[at[name]] - value for name, value in required.items()])
-    return residual, np.concatenate([jacobian[at[name]] for name in required])

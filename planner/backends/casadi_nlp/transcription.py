@@ -1,7 +1,7 @@
 """Transcription: which blocks of rows apply on which stages, and the functions of the whole problem.
 
 Variables: z_0 … z_N, each state then control, the last without a control; then an object's states of every stage from
-its release on, where it has some, object by object. Rows, stage by stage: x_{k+1} - F(x_k, u_k), the objects' last,
+the release on, where it has some. Rows, stage by stage: x_{k+1} - F(x_k, u_k), the object's last,
 then the rows of the blocks that apply there. All derivatives are the blocks', mapped over the stages and put in their
 places, so another number of stages or another set of blocks needs no compiling.
 """
@@ -21,7 +21,6 @@ from planner.backends.casadi_nlp import codegen, layout
 from planner.backends.casadi_nlp.functions import Block
 from planner.backends.casadi_nlp.layout import (
     COST,
-    LAST,
     LAZY_GROUPS,
     N_THROWN,
     NU,
@@ -31,7 +30,6 @@ from planner.backends.casadi_nlp.layout import (
     StageLayout,
     Vector,
     group_of,
-    object_of,
 )
 from planner.backends.casadi_nlp.symbols import FORMULAS
 
@@ -68,9 +66,7 @@ class RowIndex:
         self.dynamics: list[Indices] = []
         self.per_stage: list[int] = []
         self.core = self.variables = stages.stages * NZ + NX
-        self.first_thrown: list[int] = []  # positions of the objects' first states
         for first in stages.objects:
-            self.first_thrown.append(self.variables)
             self.variables += N_THROWN * (stages.stages + 1 - first)
         self.size = 0
         for k in range(stages.stages + 1):
@@ -99,29 +95,27 @@ class RowIndex:
 
     def following(self, block: str) -> slice:
         """Returns which of the next stage's states a block's first rows are; none for most blocks."""
-        if block.removesuffix(LAST) in OF_THE_OBJECT:
-            begin = NX + N_THROWN * object_of(block)
-            return slice(begin, begin + N_THROWN)
+        if block in OF_THE_OBJECT:
+            return slice(NX, NX + N_THROWN)
         return slice(0, NX if block == "motion" else 0)
 
-    def columns(self, k: int, count: int = NZ, which: int = 0) -> Indices:
+    def columns(self, k: int, count: int = NZ) -> Indices:
         """Returns the positions of the first `count` variables (z, thrown) of a stage; -1 for what it does not have.
 
         Args:
             k: the stage.
             count: of variables.
-            which: of the objects.
         """
         z = np.arange(k * NZ, (k + 1) * NZ)
         if k == self.stages.stages:
             z[NX:] = -1
-        return np.append(z, self.thrown(k, which))[:count]
+        return np.append(z, self.thrown(k))[:count]
 
-    def thrown(self, k: int, which: int) -> Indices:
-        """Returns the positions of an object's states of a stage; -1 where it has none."""
-        if which >= len(self.stages.objects) or k < self.stages.objects[which]:
+    def thrown(self, k: int) -> Indices:
+        """Returns the positions of the object's states of a stage; -1 where it has none."""
+        if not self.stages.objects or k < self.stages.launch:
             return np.full(N_THROWN, -1)
-        return self.first_thrown[which] + N_THROWN * (k - self.stages.objects[which]) + np.arange(N_THROWN)
+        return self.core + N_THROWN * (k - self.stages.launch) + np.arange(N_THROWN)
 
     @cached_property
     def stagewise(self) -> Indices:
@@ -131,9 +125,9 @@ class RowIndex:
         return ordered[ordered >= 0]
 
     def states_at(self, k: int) -> Indices:
-        """Returns the positions of a stage's states, the objects' last."""
-        thrown = [self.thrown(k, which) for which, first in enumerate(self.stages.objects) if k >= first]
-        return np.concatenate([self.columns(k)[:NX], *thrown])
+        """Returns the positions of a stage's states, the object's last."""
+        thrown = self.thrown(k)
+        return np.append(self.columns(k)[:NX], thrown[thrown >= 0])
 
     def _in_group(self, group: str) -> Indices:
         return np.concatenate([rows for name, rows in self.rows_of.items() if group_of(name) == group])
@@ -147,7 +141,7 @@ class RowIndex:
         for k, rows in enumerate(self.dynamics):
             positions[rows] = whole.dynamics[k][: len(rows)]
         for (name, k), rows in self.rows.items():
-            if name.removesuffix(LAST) not in OF_THE_OBJECT:  # these are rows of the dynamics alone
+            if name not in OF_THE_OBJECT:  # these are rows of the dynamics alone
                 positions[rows] = whole.rows[name, k]
         return positions
 
@@ -226,7 +220,7 @@ def _columns(index: RowIndex, name: str, x: MX) -> MX:
     own = core[:, knots.start : knots.stop]
     if index.blocks[name].variables == NZ:
         return own
-    thrown = [index.thrown(k, object_of(name)) for k in knots]
+    thrown = [index.thrown(k) for k in knots]
     if (thrown[0] < 0).any():
         return ca.vertcat(own, ca.MX.zeros(N_THROWN, len(knots)))
     return ca.vertcat(own, ca.reshape(x[np.concatenate(thrown).tolist()], N_THROWN, len(knots)))
@@ -287,7 +281,7 @@ def _jacobian(index: RowIndex, outputs: Mapping[str, Sequence[MX]]) -> MX:
         entries.append(slopes if (signs == 1.0).all() else slopes * np.tile(signs, len(index.knots[name])))
         for k in index.knots[name]:
             rows.append(index.rows[name, k][row])
-            columns.append(index.columns(k, index.blocks[name].variables, object_of(name))[column])
+            columns.append(index.columns(k, index.blocks[name].variables)[column])
     positions = np.concatenate(columns) * index.size + np.concatenate(rows)
     order = np.argsort(positions)
     order = order[positions[order] >= 0]  # no control on the last stage, and not always an object
@@ -321,7 +315,7 @@ def _lagrangian(index: RowIndex, x: MX, p: MX, lam_f: MX, lam_g: MX) -> tuple[MX
         else:
             lam = ca.reshape(_into_rows(index, name).T @ lam_g, block.n, -1)
         slopes, nonzeros = _mapped(index, name, "curve", x, p, lam)
-        own = [index.columns(k, block.variables, object_of(name)) for k in knots]
+        own = [index.columns(k, block.variables) for k in knots]
         positions = np.concatenate(own)
         inside = np.flatnonzero(positions >= 0)
         gradient += _scatter(positions[inside], 1.0, index.variables) @ ca.vec(slopes)[inside.tolist()]

@@ -137,7 +137,7 @@ def test_a_load_step_calls_a_loader(tmp_path: Path):
 
 @pytest.mark.parametrize("text", ["input:99", "input:x", "key", "ftp://loader"])
 def test_an_unknown_load_step_is_refused(text: str):
-    with pytest.raises(click.UsageError, match="none of"):
+    with pytest.raises(click.UsageError, match="not one of"):
         load_step(text)
 
 

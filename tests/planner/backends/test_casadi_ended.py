@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from unittest.mock import Mock
 
 import casadi as ca
 import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from benchmarks.problem_sets import build
+from planner.arrays import Array
 from planner.backends import ruckig_otg
 from planner.backends.casadi_nlp import DEFAULT_MARGINS, SeedFailed, SolveOptions, fatrop, layout, solve, solver
 from planner.backends.casadi_nlp.instance import Instance
 from planner.cell import load_cell
-from planner.planning import plan
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
-from planner.search import policy
 from planner.seeds import Seed, candidates
 
 CELL = load_cell(Path(__file__).parents[3] / "cells" / "ur5e-sim.toml")
@@ -53,32 +50,31 @@ def instance(request: pytest.FixtureRequest) -> Instance:
 
 
 def _calls(latest_s: float = math.inf) -> solver.Solver:
-    return solver.Solver(1000, None, frozenset(), with_ipopt=False, latest_s=latest_s)
+    return solver.Solver(1000, None, frozenset(), latest_s)
 
 
-def _solved(instance: Instance) -> tuple[float, int]:
-    """Returns the release time of a call's solution [s], and its iterations."""
-    calls = _calls()
-    z = calls._without_other_groups(instance, instance.arguments)
-    assert z is not None
-    return float(-z[0, layout.TIME] * instance.scales[layout.TIME]), calls.iterations
+def _first(calls: solver.Solver, instance: Instance) -> Array:
+    """Returns the solution of the first call alone, scaled."""
+    return calls._with_groups(instance, instance.arguments)
+
+
+def _release_s(instance: Instance, z: Array) -> float:
+    return float(-z[0, layout.TIME] * instance.scales[layout.TIME])
 
 
 def test_a_call_ends_before_it_converges_where_it_would_release_too_late(instance: Instance) -> None:
-    release_s, iterations = _solved(instance)
+    usual = _calls()
+    release_s = _release_s(instance, _first(usual, instance))
     calls = _calls(0.97 * release_s)
-    assert calls.try_solve(instance) is None
-    assert calls.is_late
-    assert calls.status == f"would release after {0.97 * release_s:.3f} s, no sooner than another"
-    assert 2 < calls.iterations < iterations - 2
+    with pytest.raises(solver.TooLate, match=f"would release after {0.97 * release_s:.3f} s, no sooner than another"):
+        _first(calls, instance)
+    assert 2 < calls.iterations < usual.iterations - 2
 
 
 def test_a_call_that_releases_in_time_is_not_changed(instance: Instance) -> None:
-    release_s, _ = _solved(instance)
-    found = [_calls(latest_s)._without_other_groups(instance, instance.arguments) for latest_s in (math.inf, release_s)]
-    assert found[0] is not None
-    assert found[1] is not None
-    assert found[0].tobytes() == found[1].tobytes()
+    found = _first(_calls(), instance)
+    in_time = _first(_calls(1.0001 * _release_s(instance, found)), instance)
+    assert found.tobytes() == in_time.tobytes()
 
 
 @needs_launch
@@ -87,50 +83,25 @@ def test_casadi_s_interface_ends_where_the_compiled_launch_does(
     instance: Instance, share: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """So that what follows does not depend on whether anything is compiled."""
-    release_s, _ = _solved(instance)
-    found = []
+    release_s = _release_s(instance, _first(_calls(), instance))
+    found: list[tuple[int, bytes]] = []
     for launch in (fatrop.compiled_launch, lambda _stages: None):
         monkeypatch.setattr(solver, "compiled_launch", launch)
         calls = _calls(share * release_s)
-        z = calls._without_other_groups(instance, instance.arguments)
-        found.append((calls.is_late, calls.iterations, calls.status, None if z is None else z.tobytes()))
+        try:
+            found.append((calls.iterations, _first(calls, instance).tobytes()))
+        except solver.TooLate as error:
+            found.append((error.iterations, b"late"))
     assert found[0] == found[1]
-    assert found[0][0] is (share < 1.0)
-
-
-@pytest.mark.parametrize("is_compiled", [False, pytest.param(True, marks=needs_launch)])
-def test_a_call_that_finds_no_step_is_ended(
-    instance: Instance, is_compiled: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """No motion takes a third of the time: fatrop looks for what comes close to one, for 30 iterations and more."""
-    if not is_compiled:
-        monkeypatch.setattr(solver, "compiled_launch", lambda _stages: None)
-    z = _calls().solve(instance)
-    release_s = float(-z[0, layout.TIME])
-    end_s = float(z[-1, layout.TIME] - z[0, layout.TIME])
-    hurried = instance.on_times(z, release_s / 3.0, release_s / 3.0 + end_s - release_s)
-    usual = solver._fatrop_options(instance.stages, instance)
-    spent = []
-    given = solver._fatrop_options(instance.stages, hurried)
-    for allowed in (0, 5, 1000):
-        options = Mock(return_value={**given, fatrop.RESTORATIONS: allowed})
-        monkeypatch.setattr(solver, "_fatrop_options", options)
-        calls = _calls()
-        assert calls._without_other_groups(hurried, hurried.arguments) is None
-        assert not calls.is_late
-        spent.append(calls.iterations)
-    assert spent[0] + 5 <= spent[1] < spent[2]
-    fewest = 0 if isinstance(instance.problem.release, PointRelease) else 30
-    assert usual[fatrop.RESTORATIONS] == fewest
+    assert (found[0][1] == b"late") is (share < 1.0)
 
 
 def test_times_that_are_given_are_not_too_late(instance: Instance) -> None:
     z = _calls().solve(instance)
-    end_s = float(z[-1, layout.TIME] - z[0, layout.TIME])
-    given = instance.on_times(z, float(-z[0, layout.TIME]), end_s)
-    assert _calls(0.5 * end_s)._latest_scaled(given) == math.inf
-    assert _calls(0.5)._latest_scaled(given.brake_alone(z, None)) == math.inf
-    assert _calls(0.5)._latest_scaled(instance) == pytest.approx(0.5 / instance.scales[layout.TIME])
+    release_s = 1.05 * float(-z[0, layout.TIME])
+    given = instance.on_times(z, release_s, float(z[-1, layout.TIME]))
+    found = _calls(0.5 * release_s)._with_groups(given, given.arguments)
+    assert _release_s(given, found) == pytest.approx(release_s)
 
 
 def test_a_seed_that_is_ended_is_late() -> None:
@@ -182,24 +153,3 @@ def test_multipliers_of_zero_say_nothing(instance: Instance) -> None:
     arguments |= {"lbx": np.full(n, -np.inf), "ubx": np.full(n, np.inf)}
     rows = len(arguments["lbg"])
     assert fatrop._least_release(functions, arguments, arguments["x0"], np.zeros(rows)) == -math.inf
-
-
-def test_a_search_is_as_soon_with_calls_that_are_ended_as_without(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A point from a random start; calls to two of its aspects are ended, or more.
-
-    Whether what is unlike the answer is tried depends on the iterations, which are fewer; here it is in any case.
-    """
-    monkeypatch.setattr(policy, "FEW_ITERATIONS_AT_POINT", 1000)
-    late = []
-    note = solver.Solver._note_lateness
-
-    def noting(self: solver.Solver, is_late: bool, what: str) -> None:
-        late.append(what)
-        note(self, is_late, what)
-
-    monkeypatch.setattr(solver.Solver, "_note_lateness", noting)
-    task = build("point-anywhere", 2, 0)[1]
-    ended = plan(task.problem).trajectory
-    assert sum(what.startswith("would release after") for what in late) > 1
-    monkeypatch.setattr(solver.Solver, "_latest_scaled", lambda *_: math.inf)
-    assert plan(task.problem).trajectory.release_time_s == ended.release_time_s

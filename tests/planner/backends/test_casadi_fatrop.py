@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import json
+import math
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +17,6 @@ from planner.backends import ruckig_otg
 from planner.backends.casadi_nlp import (
     DEFAULT_MARGINS,
     Margins,
-    build_solvers,
     codegen,
     emission,
     fatrop,
@@ -24,11 +24,11 @@ from planner.backends.casadi_nlp import (
     layout,
     solver,
 )
-from planner.backends.casadi_nlp.flight_rows import constrains_flight, starts_with_flight
+from planner.backends.casadi_nlp.flight_rows import constrains_flight
 from planner.backends.casadi_nlp.instance import Instance
 from planner.backends.casadi_nlp.layout import StageLayout
-from planner.backends.casadi_nlp.transcription import transcription
 from planner.cell import Box, Cell, load_cell
+from planner.errors import SolverFailed
 from planner.kernel import compile_once
 from planner.problem import JointRelease, TargetRelease, ThrowProblem
 from planner.seeds import Seed, candidates
@@ -48,7 +48,7 @@ def _instance(cell: Cell, window_s: float, margins: Margins = DEFAULT_MARGINS) -
     return Instance.of(problem, Seed(candidate, ruckig_otg.solve(problem, candidate).trajectory), margins)
 
 
-# With every group of rows; with release windows of several stages, and two objects; and beside a keep-out box.
+# With every group of rows; with a release window of several stages; with an object that is followed; beside a box.
 INSTANCES = {
     "open": (CELL, 0.0),
     "window": (CELL, 0.02),
@@ -63,18 +63,6 @@ def instance(request: pytest.FixtureRequest) -> Instance:
     return _instance(*INSTANCES[request.param])
 
 
-@pytest.fixture(scope="module")
-def brake() -> Instance:
-    """The brake of a given release alone, with a grip that does not count then."""
-    gripper = replace(CELL.gripper, hold_acceleration_m_s2=np.full(3, 40.0))
-    release = JointRelease(CELL.home + 0.3, np.array([1.0, -1.0, 0.8, 0.5, 0.3, 0.2]))
-    problem = ThrowProblem(replace(CELL, gripper=gripper), CELL.home, release, CELL.limits)
-    seed = Seed(candidates(problem)[0], ruckig_otg.solve(problem, candidates(problem)[0]).trajectory)
-    whole = Instance.of(problem, seed, DEFAULT_MARGINS)
-    assert "grip" in whole.stages.groups
-    return whole.brake_alone(whole.initial, 2.0)
-
-
 @needs_launch
 @pytest.mark.parametrize("with_groups", [False, True])
 def test_variables_and_iterations_are_those_of_casadi_s_interface(
@@ -83,25 +71,15 @@ def test_variables_and_iterations_are_those_of_casadi_s_interface(
     _is_solved_alike(instance, with_groups, monkeypatch)
 
 
-@needs_launch
-@pytest.mark.parametrize("with_groups", [False, True])
-def test_variables_and_iterations_of_a_brake_alone_are_those_too(
-    brake: Instance, with_groups: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Some of its blocks have no stage."""
-    _is_solved_alike(brake, with_groups, monkeypatch)
-
-
 def _is_solved_alike(instance: Instance, with_groups: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     groups = frozenset((*instance.stages.groups, solver.POSITIONS)) if with_groups else frozenset[str]()
     found = []
     for launch in (fatrop.compiled_launch, lambda _stages: None):
         monkeypatch.setattr(solver, "compiled_launch", launch)
-        calls = solver.Solver(1000, None, groups, with_ipopt=False)
-        z = calls._without_other_groups(instance, instance.arguments)
-        found.append((calls.status, None if z is None else z.tobytes()))
+        calls = solver.Solver(1000, None, groups, math.inf)
+        found.append((calls._with_groups(instance, instance.arguments).tobytes(), calls.iterations))
     assert found[0] == found[1]
-    assert int(found[0][0].split()[-2]) > 5
+    assert calls.iterations > 5
 
 
 @needs_launch
@@ -110,17 +88,14 @@ def test_variables_and_iterations_of_a_solve_that_is_given_up_are_those_too(
 ) -> None:
     """So that what counts as a solution does not depend on whether anything is compiled."""
     found = []
-    options = solver._fatrop_options
-    monkeypatch.setattr(solver, "_fatrop_options", lambda *given: {**options(*given), "max_iter": 8})
-    monkeypatch.setattr(solver, "_breaks_no_row", lambda _part, x, _arguments: found[-1].append(x.tobytes()))
+    monkeypatch.setitem(solver.FATROP, "max_iter", 8)
+    monkeypatch.setattr(solver, "_breaks_no_row", lambda _part, x, _arguments: found.append(x.tobytes()))
     for launch in (fatrop.compiled_launch, lambda _stages: None):
-        found.append([])
         monkeypatch.setattr(solver, "compiled_launch", launch)
-        calls = solver.Solver(1000, None, frozenset(), with_ipopt=False)
-        assert calls._without_other_groups(instance, instance.arguments) is None
-        found[-1].append(calls.iterations)
-    assert found[0] == found[1]
-    assert len(found[0]) == (2 if instance.stages.window else 3)  # without a window it starts afresh
+        with pytest.raises(SolverFailed, match="gave up") as error:
+            solver.Solver(1000, None, frozenset(), math.inf)._with_groups(instance, instance.arguments)
+        found.append(error.value.iterations)
+    assert found[:2] == found[2:]
 
 
 @needs_launch
@@ -128,10 +103,9 @@ def test_variables_and_iterations_of_a_solve_that_is_given_up_are_those_too(
 def test_where_fatrop_gives_up_what_breaks_no_row_is_a_solution(
     instance: Instance, off: float, is_solution: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    calls = solver.Solver(1000, None, frozenset(), with_ipopt=False)
+    calls = solver.Solver(1000, None, frozenset(), math.inf)
     solve = fatrop.CompiledLaunch.solve
-    expected = calls._without_other_groups(instance, instance.arguments)
-    assert expected is not None
+    expected = calls._with_groups(instance, instance.arguments)
 
     def given_up(launch: fatrop.CompiledLaunch, *given: object) -> fatrop.Outcome:
         outcome = solve(launch, *given)  # pyright: ignore[reportArgumentType]
@@ -139,69 +113,13 @@ def test_where_fatrop_gives_up_what_breaks_no_row_is_a_solution(
         return outcome._replace(is_solved=False)
 
     monkeypatch.setattr(fatrop.CompiledLaunch, "solve", given_up)
-    found = calls._without_other_groups(instance, instance.arguments)
-    assert (found is not None) is is_solution
-    if off == 0.0:
-        np.testing.assert_array_equal(found, expected)
-
-
-@needs_launch
-def test_a_free_release_without_a_window_starts_afresh_where_the_iterations_do_not_suffice(
-    instance: Instance, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    barriers = []
-    solve = fatrop.CompiledLaunch.solve
-
-    def failing_first(
-        launch: fatrop.CompiledLaunch, arguments: object, options: dict[str, float], latest: float
-    ) -> fatrop.Outcome:
-        barriers.append(options["mu_init"])
-        if len(barriers) == 1:
-            return fatrop.Outcome(np.full(launch.index.variables, np.nan), int(options["max_iter"]) + 1, False)
-        return solve(launch, arguments, options, latest)  # pyright: ignore[reportArgumentType]
-
-    monkeypatch.setattr(fatrop.CompiledLaunch, "solve", failing_first)
-    found = solver.Solver(1000, None, frozenset(), with_ipopt=False)._without_other_groups(instance, instance.arguments)
-    assert barriers == ([1e-3] if instance.stages.window else [1e-3, 1.0])
-    assert (found is None) is (instance.stages.window > 0)
-
-
-@pytest.mark.parametrize("is_compiled", [False, pytest.param(True, marks=needs_launch)])
-def test_functions_of_the_whole_problem_are_built_ahead_where_casadi_calls_fatrop(
-    is_compiled: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    stages = StageLayout(5, 2)
-    monkeypatch.setattr("planner.backends.casadi_nlp.instance.common_layouts", lambda: [stages])
-    if not is_compiled:
-        monkeypatch.setattr(fatrop, "compiled_launch", lambda _stages: None)
-    transcription.cache_clear()
-    build_solvers()
-    assert ("functions" in vars(transcription(stages))) is not is_compiled
-    transcription.cache_clear()
-
-
-@pytest.mark.parametrize("gives_release", [False, True])
-def test_further_rows_are_solved_from_the_initial_guess_too_unless_the_release_is_given(
-    gives_release: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A second solve that fails from the first solution: to a given release 120 of 128 fail from the guess, too."""
-    state = JointRelease(CELL.home + 0.3, np.full(6, 0.4))
-    problem = ThrowProblem(CELL, CELL.home, state if gives_release else TARGET, CELL.limits)
-    candidate = candidates(problem)[0]
-    seed = Seed(candidate, ruckig_otg.solve(problem, candidate).trajectory)
-    instance = Instance.of(problem, seed, DEFAULT_MARGINS)
-    begun: list[np.ndarray] = []
-    solve = solver.Solver._without_other_groups
-
-    def failing_after_the_first(calls: solver.Solver, asked: Instance, arguments: dict[str, np.ndarray]) -> object:
-        begun.append(arguments["x0"])
-        return solve(calls, asked, arguments) if len(begun) == 1 else None
-
-    monkeypatch.setattr(solver.Solver, "_without_other_groups", failing_after_the_first)
-    monkeypatch.setattr(solver, "_violated_groups", lambda *_: {"effort"})
-    assert solver.Solver(1000, None, frozenset(), with_ipopt=False).try_solve(instance) is None
-    guess = instance.arguments["x0"]
-    assert [x0 is guess for x0 in begun] == ([True, False] if gives_release else [True, False, True])
+    if not is_solution:
+        with pytest.raises(SolverFailed, match="gave up"):
+            calls._with_groups(instance, instance.arguments)
+    elif off == 0.0:
+        np.testing.assert_array_equal(calls._with_groups(instance, instance.arguments), expected)
+    else:
+        calls._with_groups(instance, instance.arguments)
 
 
 @needs_launch
@@ -216,18 +134,19 @@ def test_only_an_optimum_says_that_a_release_is_too_late(
         return outcome._replace(is_solved=has_converged)
 
     monkeypatch.setattr(fatrop.CompiledLaunch, "solve", ended)
-    calls = solver.Solver(1000, None, frozenset(), with_ipopt=False, latest_s=0.01)
-    assert calls.try_solve(instance) is None
-    assert calls.is_late is is_late
+    with pytest.raises(SolverFailed) as error:
+        solver.Solver(1000, None, frozenset(), 0.01).solve(instance)
+    assert isinstance(error.value, solver.TooLate) is is_late
 
 
 def test_a_flight_that_is_free_is_constrained_from_the_first_solve_with_a_box_and_without() -> None:
     given = JointRelease(CELL.home + 0.3, np.full(6, 0.1))
     for cell in (CELL, INSTANCES["wall"][0]):
-        thrown, held = (ThrowProblem(cell, cell.home, release, cell.limits) for release in (TARGET, given))
-        assert starts_with_flight(thrown)
-        assert constrains_flight(held)
-        assert not starts_with_flight(held)
+        for release, is_free in ((TARGET, True), (given, False)):
+            problem = ThrowProblem(cell, cell.home, release, cell.limits)
+            assert constrains_flight(problem)
+            instance = Instance.of(problem, Seed(candidates(problem)[0]), DEFAULT_MARGINS)
+            assert ("flight" in instance.first_groups) is is_free
 
 
 @needs_launch

@@ -17,7 +17,6 @@ from planner import flight
 from planner.backends import casadi_nlp, ruckig_otg
 from planner.backends.casadi_nlp import (
     DEFAULT_MARGINS,
-    SeedFailed,
     SolveOptions,
     answer,
     codegen,
@@ -25,11 +24,10 @@ from planner.backends.casadi_nlp import (
     layout,
     object_path,
     parameters,
+    release_rows,
     solver,
-    transcription,
 )
 from planner.backends.casadi_nlp.instance import Instance
-from planner.backends.casadi_nlp.margins import LocalMargin
 from planner.cell import Box, Cell, ToolCapsule, load_cell
 from planner.certificate import certify
 from planner.errors import SolverFailed
@@ -62,7 +60,7 @@ def _solve(problem: ThrowProblem, seeds: int = 3) -> tuple[Trajectory, Candidate
         margins: casadi_nlp.Margins | None = casadi_nlp.DEFAULT_MARGINS
         while margins is not None and len(attempts) < 12:
             try:
-                solution = casadi_nlp.solve(problem, Seed(candidate, guess), SolveOptions(margins, with_ipopt=True))
+                solution = casadi_nlp.solve(problem, Seed(candidate, guess), SolveOptions(margins))
             except SolverFailed as error:
                 attempts.append(error.status)
                 break
@@ -72,7 +70,7 @@ def _solve(problem: ThrowProblem, seeds: int = 3) -> tuple[Trajectory, Candidate
                 return made, candidate, by_ruckig
             attempts.append(str(failures))
             guess = made
-            margins = margins.widened(failures, solution)
+            margins = margins.widened(failures, lambda _at_s: 1.0)
     pytest.fail(f"no candidate gave a certified motion: {attempts}")
 
 
@@ -130,39 +128,25 @@ def test_a_start_close_to_a_box_is_left_as_soon_as_without_the_box(cell: Cell, s
     problem = _problem(cell, TARGET, release_window_s=window_s, landing_tolerance_m=0.02 * (window_s > 0.0))
     beside = replace(problem, cell=_before_wall(cell, spare_m))
     (free, _, _), (made, _, _) = _solve(problem, seeds=1), _solve(beside, seeds=1)
-    assert made.release_time_s <= 1.02 * free.release_time_s
+    assert made.release_time_s <= free.release_time_s + 3 * problem.dt
 
 
-@pytest.mark.parametrize("closer", ["start", "release"])
-def test_clearances_are_bounded_by_the_closer_of_start_and_release_and_by_wider_margins(
-    cell: Cell, closer: str
-) -> None:
-    """But for the middle of the first stage, where the arm has hardly moved: margins are of no use there."""
-    away = cell.home + np.array([0.4, 0.0, 0.0, 0.0, 0.0, 0.0])
-    ends = {"start": (cell.home, away), "release": (away, cell.home)}[closer]
+def test_rows_beside_a_given_state_ask_for_no_more_clearance_than_it_has(cell: Cell) -> None:
+    """The start and the release are as far from the wall as is required, but the optimiser's distance is smaller."""
     walled = _before_wall(cell, 0.0)
-    near, far = body_model(walled).clearances(np.array([cell.home, away])).keep_out
-    assert near < far
-    problem = replace(_problem(walled, JointRelease(ends[1], np.full(6, 0.3))), start=ends[0])
-    first = _least_box_clearances(problem, DEFAULT_MARGINS)
-    short = first[4.0]
-    assert -0.03 < short < -DEFAULT_MARGINS.box_m + 0.001
-    assert set(first.values()) == {short, -np.inf}  # the release itself is given
-    wider = replace(DEFAULT_MARGINS, box_m=DEFAULT_MARGINS.box_m + 0.004, local=(LocalMargin("keep_out", 0.1, 0.01),))
-    held = _least_box_clearances(problem, wider)
-    assert held[4.0] == pytest.approx(short)  # of rows that are 4 mm smaller
-    assert held[1.0] == pytest.approx(short + 0.01)
-    assert held[0.5] == pytest.approx(short - 0.004 if closer == "start" else short + 0.01)
-
-
-def _least_box_clearances(problem: ThrowProblem, margins: casadi_nlp.Margins) -> dict[float, float]:
-    """The lower bounds of the boxes' rows, by their place in the motion [stages]."""
-    instance = Instance.of(problem, Seed(candidates(problem)[0]), margins)
+    problem = _problem(walled, JointRelease(cell.home, np.full(6, 0.3)))
+    instance = Instance.of(problem, Seed(candidates(problem)[0]), DEFAULT_MARGINS)
     index = instance.transcription.row_index
     bounds = instance.arguments["lbg"]
-    places = [(name, k, k + offset) for name, offset in (("keep_out", 0.0), ("keep_out_middle", 0.5))
-              for k in index.knots[name]]  # fmt: skip
-    return {place: float(bounds[index.rows[name, k]][0]) for name, k, place in places}
+    least = {k + offset: float(bounds[index.rows[name, k]][0])
+             for name, offset in (("keep_out", 0.0), ("keep_out_middle", 0.5)) for k in index.knots[name]}  # fmt: skip
+    short = least[0.5]
+    assert -0.03 < short < -DEFAULT_MARGINS.box_m + 0.001
+    launch = instance.stages.launch
+    beside = {0.5, 1.0, launch - 1.0, launch - 0.5, launch + 0.5, launch + 1.0}
+    assert {place: bound for place, bound in least.items() if place in beside} == dict.fromkeys(beside, short)
+    assert least[float(launch)] == -np.inf  # the release itself is given
+    assert {bound for place, bound in least.items() if place not in {*beside, launch}} == {0.0}
 
 
 def test_a_move_that_ends_at_rest_has_no_brake(cell: Cell) -> None:
@@ -174,54 +158,6 @@ def test_without_an_initial_guess(cell: Cell) -> None:
     problem = _problem(cell, JointRelease(cell.home + 0.3, np.array([1.0, 0.5, 0.0, 0.0, 0.0, 0.0])))
     made = casadi_nlp.solve(problem, Seed(candidates(problem)[0])).trajectory
     assert certify(problem, made).valid
-
-
-def test_more_stages_lead_to_a_motion_that_is_as_soon(cell: Cell) -> None:
-    problem = _problem(cell, TARGET)
-    coarse, candidate, guess = _solve(problem)
-    fine = casadi_nlp.solve(problem, Seed(candidate, guess), SolveOptions(resolution="fine")).trajectory
-    assert certify(problem, fine).valid
-    assert fine.release_time_s <= 1.02 * coarse.release_time_s
-
-
-def test_no_finer_stage_is_twice_as_long_as_at_first(cell: Cell) -> None:
-    """Else the motion dips below the floor within it."""
-    problem = _problem(cell, PointRelease(np.array([0.5, 0.2, 0.6]), np.array([0.8, 0.3, 0.8])))
-    candidate = candidates(problem)[0]
-    seed = Seed(candidate, ruckig_otg.initial_guess(problem, candidate))
-    for resolution, longest in (("coarse", 2.5), ("fine", 1.5)):
-        instance = Instance.of(problem, seed, DEFAULT_MARGINS, resolution)
-        most = (instance.arguments["ubx"][: -layout.NX].reshape(-1, layout.NZ) * instance.scales)[:, layout.STEP]
-        np.testing.assert_allclose(most, longest * instance.steps, rtol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("steps", "guessed_s", "fit"),
-    [
-        (np.full(8, 0.05), 0.4, True),
-        (np.full(8, 0.05), 0.9, True),
-        (np.full(8, 0.05), 1.1, False),  # 0.4 s are less than 0.4 of it
-        (np.append(np.full(7, 0.05), 0.14), 0.4, True),
-        (np.append(np.full(7, 0.05), 0.19), 0.4, False),  # 0.19 s are more than 2.4 times the mean of 0.0675 s
-    ],
-)
-def test_stages_fit_an_even_launch_about_as_long_as_its_guess(cell: Cell, steps, guessed_s: float, fit: bool) -> None:
-    problem = _problem(cell, PointRelease(np.array([0.5, 0.2, 0.6]), np.array([0.8, 0.3, 0.8])))
-    instance = Instance.of(problem, Seed(candidates(problem)[0], None), DEFAULT_MARGINS)
-    instance = replace(instance, steps=np.append(np.full(8, guessed_s / 8.0), instance.steps[8:]))
-    z = np.zeros((12, layout.NZ))
-    z[:8, layout.STEP] = steps
-    z[0, layout.TIME] = -steps.sum()
-    assert answer._stages_fit(instance, z) == fit
-
-
-def test_more_stages_begin_with_every_row_among_boxes_alone(cell: Cell) -> None:
-    walled = with_boxes(cell, ([-2.0, -2.0, 0.0], [-1.9, -1.9, 0.1]))
-    for here, with_all in ((cell, False), (walled, True)):
-        problem = _problem(here, TARGET)
-        _, candidate, guess = _solve(problem)
-        held = casadi_nlp.solve(problem, Seed(candidate, guess), SolveOptions(resolution="fine")).held
-        assert ({"grip", "standing", "clearance"} <= held) == with_all
 
 
 def test_the_same_request_gives_the_same_motion(cell: Cell) -> None:
@@ -254,33 +190,32 @@ def test_another_process_gives_the_same_motion(cell: Cell) -> None:
 
 
 def test_a_spent_budget_ends_the_solve_and_is_reported(cell: Cell) -> None:
-    release = PointRelease(np.array([0.5, 0.3, 0.6]), np.array([0.8, 0.8, 0.8]))  # solved without the window first
+    release = PointRelease(np.array([0.5, 0.3, 0.6]), np.array([0.8, 0.8, 0.8]))
     problem = _problem(cell, release, release_window_s=0.02, landing_tolerance_m=0.01)
     candidate = candidates(problem)[0]
     seed = Seed(candidate, ruckig_otg.solve(problem, candidate).trajectory)
     with pytest.raises(SolverFailed, match="out of iterations: ") as failed:
-        casadi_nlp.solve(problem, seed, SolveOptions(iteration_budget=1))
-    assert failed.value.iterations >= 1
+        casadi_nlp.solve(problem, seed, SolveOptions(iteration_budget=0))
+    assert failed.value.iterations == 0
     with pytest.raises(SolverFailed, match="out of time"):
         casadi_nlp.solve(problem, seed, SolveOptions(deadline_s=0.0))
 
 
 def test_a_launch_takes_no_tick_more_than_its_solution(cell: Cell) -> None:
-    """Those that end shortly before a tick, or just after one, are those in which a tick can be lost."""
+    """Those that end shortly before a tick are those in which a tick can be lost."""
     fractions = []
     for x in np.linspace(0.9, 1.4, 41):
         problem = _problem(cell, TargetRelease(np.array([x, 0.3, 0.0])))
         candidate = candidates(problem)[0]
         seed = Seed(candidate, ruckig_otg.initial_guess(problem, candidate))
         instance = Instance.of(problem, seed, DEFAULT_MARGINS)
-        calls = solver.Solver(500, None, frozenset({"flight", "passing"}), with_ipopt=False)
-        instance, z = answer.solved(instance, calls)
-        ticks = answer.KnotStates.of(z, instance.stages.launch).release_time_s / problem.dt
-        made = answer.on_ticks(instance, z, calls).trajectory
-        assert made.release_index == np.ceil(ticks - 0.05)
+        calls = solver.Solver(500, None, instance.first_groups | {"passing"}, math.inf)
+        instance, found = answer._solved(instance, (candidate.q, candidate.qd), calls)
+        ticks = found.release_time_s / problem.dt
+        made = answer._on_ticks(instance, found, calls)
+        assert made.release_index == np.ceil(ticks)
         fractions.append(ticks % 1.0)
     assert np.any(np.array(fractions) > 0.8)
-    assert np.any(np.array(fractions) < 0.05)
 
 
 def test_125_hz() -> None:
@@ -316,7 +251,7 @@ def test_the_aim_is_moved_against_drag(cell: Cell) -> None:
     light = replace(cell, object=replace(cell.object, drag_coefficient=0.47, radius_m=0.03, mass_kg=0.02))
     p = np.array([0.0, 0.0, 0.5])
     v = np.array([2.0, 0.0, 1.0])
-    aim = object_path.drag_free_aim(_problem(light, TARGET), np.array([1.0, 0.0, 0.0]), p, v)
+    aim = release_rows.drag_free_aim(_problem(light, TARGET), np.array([1.0, 0.0, 0.0]), p, v)
     assert aim[0] > 1.0
 
 
@@ -326,7 +261,7 @@ AT_THEIR_LIMIT = [(0,), (1, 2), (0, 3), (0, 1, 2, 3), (0, 1, 2, 3, 4, 5)]
 
 @pytest.mark.parametrize("room", [0.0, 1e-9, 1e-5])
 @pytest.mark.parametrize("joints", AT_THEIR_LIMIT, ids=str)
-def test_a_release_on_the_speed_limit_is_solved_by_the_first_solver(cell: Cell, joints: tuple[int, ...], room):
+def test_a_release_on_the_speed_limit_is_solved(cell: Cell, joints: tuple[int, ...], room):
     """Two opposite inequalities that touch leave an interior-point method to rounding: this must not depend on it."""
     q = cell.home + np.array([0.6, 0.3, -0.4, 0.3, 0.2, 0.3])
     qd_max = cell.limits.qd_max.copy()
@@ -335,20 +270,28 @@ def test_a_release_on_the_speed_limit_is_solved_by_the_first_solver(cell: Cell, 
     candidate = candidates(problem)[0]
     guess = ruckig_otg.solve(problem, candidate).trajectory
     solution = casadi_nlp.solve(problem, Seed(candidate, guess))
-    assert solution.status.startswith("fatrop: solved")
+    assert solution.status.startswith("solved")
     assert certify(problem, solution.trajectory).valid
     # A joint that cruises at its limit does so a little below it here, to leave room for the tick grid.
     assert solution.trajectory.release_time_s <= 1.02 * guess.release_time_s
 
 
-def test_a_point_released_close_to_the_tool_speed_limit_is_solved_by_the_first_solver(cell: Cell) -> None:
+def test_a_point_released_close_to_the_tool_speed_limit_is_solved(cell: Cell) -> None:
     release = PointRelease(np.array([-0.6, -0.25, 0.5]), np.array([-0.9, 0.0, 0.6]))
     limit = float(np.linalg.norm(release.v_WT)) / 0.99  # the optimiser keeps 1.5 % free on the way
     problem = replace(_problem(cell, release), limits=replace(cell.limits, tcp_speed_max=limit))
     candidate = candidates(problem)[0]
     guess = ruckig_otg.solve(problem, candidate).trajectory
     solution = casadi_nlp.solve(problem, Seed(candidate, guess))
-    assert solution.status.startswith("fatrop: solved")
+    assert solution.status.startswith("solved")
+
+
+def _violated_on_own_path(instance: Instance) -> set[str]:
+    """Returns the groups of rows that the first solution violates, with the path of the object that it throws."""
+    calls = solver.Solver(500, None, frozenset({"flight", "passing"}), math.inf)
+    z = calls._with_groups(instance, instance.arguments)
+    found = {"x0": instance.with_object(z), "p": solver._with_path_of(instance, z)}
+    return solver._violated_groups(instance, {**instance.arguments, **found})
 
 
 @pytest.mark.parametrize("window_s", [0.0, 0.02])
@@ -365,32 +308,6 @@ def test_the_brake_is_clear_of_the_flight_that_is_found(window_s: float) -> None
     assert "passing" in _violated_on_own_path(without_states)
 
 
-# Targets whose soonest launch ends 0.022 of a tick after one, and 0.845, where joint limits do not allow the next tick.
-TICKS = [("ur5e-sim", [-1.096290607033068, 0.10568065786371034, 0.0], 0.0, 0.05, 0)]
-TICKS += [("ur5-sim", [-0.5667057956777402, -0.14288413065593653, 0.0], 0.8, 0.9, 2)]
-
-
-@pytest.mark.parametrize(("name", "target", "least", "most", "ticks"), TICKS)
-def test_a_launch_takes_as_few_ticks_as_its_limits_allow(
-    monkeypatch: pytest.MonkeyPatch, name: str, target: list[float], least: float, most: float, ticks: int
-) -> None:
-    found: list[float] = []
-    known = answer.least_ticks
-    monkeypatch.setattr(answer, "least_ticks", lambda *given: found.append(given[0] / given[1]) or known(*given))
-    cell = load_cell(CELLS / f"{name}.toml")
-    problem = _problem(cell, TargetRelease(np.array(target)))
-    candidate = candidates(problem)[0]
-    seed = Seed(candidate, ruckig_otg.initial_guess(problem, candidate))
-    made = casadi_nlp.solve(problem, seed).trajectory
-    assert least < found[0] % 1.0 < most
-    assert made.release_index == math.floor(found[0]) + ticks
-    assert certify(problem, made).valid
-    monkeypatch.setattr(answer, "SHORTENED_TICKS", 0.0)
-    monkeypatch.setattr(answer, "SPARE_TICKS", 0.0)
-    if ticks == 0:  # so nothing is shorter than its duration
-        assert casadi_nlp.solve(problem, seed).trajectory.release_index > made.release_index
-
-
 @pytest.mark.parametrize("height_m", [0.0, 0.3])
 @pytest.mark.parametrize("carried", [False, True])
 def test_the_path_of_an_object_with_drag_is_its_flight(cell: Cell, carried: bool, height_m: float) -> None:
@@ -400,9 +317,8 @@ def test_the_path_of_an_object_with_drag_is_its_flight(cell: Cell, carried: bool
     q = candidates(problem)[0].q
     qd = candidates(problem)[0].qd
     p, v = object_path.thrown_state(problem, q, qd)
-    numbers = layout.OBJECT_PATH.split(object_path.path_parameters(problem, q, qd, 0.0, carried)["object_path"])
+    numbers = layout.OBJECT_PATH.split(object_path.path_parameters(problem, q, qd, 0.0, carried))
     ends = problem.plane_z + (0.0 if height_m else cell.object.radius_m)
-    assert layout.STANDING.split(object_path.standing_parameters(problem, 0.0))["ground"] == pytest.approx(ends)
     known = flight.fly(p, v, ends, problem.gravity, problem.drag)
     without_drag = flight.fly(p, v, float(numbers["ground"][0]), problem.gravity)
     assert known is not None
@@ -416,21 +332,6 @@ def test_the_path_of_an_object_with_drag_is_its_flight(cell: Cell, carried: bool
     places = powers @ numbers["path"].reshape(layout.PATH_TERMS, 3) + share * (p + np.outer(t, v))
     assert places == pytest.approx(flight.path(p, v, t, problem.gravity, problem.drag), abs=2e-4)
     assert abs(float(numbers["landing"][0])) > 1e-4  # what drag adds is no part of the variables
-
-
-@pytest.mark.parametrize("drag", [0.0, 0.5])
-@pytest.mark.parametrize("objects", [0, 1, 2])
-def test_the_path_of_an_object_from_a_point_is_that_from_any_state_there(cell: Cell, objects: int, drag: float) -> None:
-    slower = replace(cell.gripper, release_speed_factor=0.9)
-    cell = replace(cell, gripper=slower, object=replace(cell.object, drag_coefficient=drag))
-    problem = _problem(cell, PointRelease(np.array([0.5, 0.3, 0.6]), np.array([0.8, 0.8, 0.8])), release_window_s=0.01)
-    for room_m in (0.0, 0.01, 0.0):
-        for candidate in candidates(problem)[:3]:
-            state = candidate.q, candidate.qd
-            given = replace(problem, release=JointRelease(*state))
-            known = object_path.path_parameters(given, *state, room_m, objects)
-            for name, found in object_path.path_parameters(problem, *state, room_m, objects).items():
-                assert found == pytest.approx(known[name], rel=1e-6, abs=1e-6)
 
 
 @pytest.mark.parametrize(("edge_m", "top_m", "holds"), [(0.3, 0.3, True), (0.002, 0.3, False), (0.002, 0.27, None)])
@@ -458,99 +359,6 @@ def test_the_edge_of_a_box_that_carries_the_target_is_passed_with_room(
     assert (at_edge[2] >= row[7]) == holds
 
 
-def _violated_on_own_path(instance: Instance) -> set[str]:
-    """Returns the groups of rows that the first solution violates, with the path of the object that it throws."""
-    calls = solver.Solver(500, None, frozenset({"flight", "passing"}), with_ipopt=False)
-    z = calls._without_other_groups(instance, instance.arguments)
-    assert z is not None
-    found = {"x0": instance.with_object(z), "p": solver._with_path_of(instance, z)}
-    return solver._violated_groups(instance, {**instance.arguments, **found})
-
-
-# A start, a release state thrown back over the arm, and another one that has no brake clear of the flight.
-BACK = ([-0.468, -2.9, 1.253, -0.334, -1.718, -0.657], [-0.777, -1.405, 0.411, -0.442, -1.083, -1.406])
-BACK_SPEED = [0.306, -1.92, -0.947, 1.366, -2.075, -0.346]
-HIT = ([-0.712, -1.977, 2.188, -2.73, -0.951, -0.983], [2.198, -1.984, 1.831, -2.682, 1.77, 1.548])
-HIT_SPEED = [0.565, 0.15, 0.918, -1.909, 2.191, -0.193]
-
-
-def _from_first_candidate(name: str, places: tuple[list[float], list[float]], speed: list[float]) -> Trajectory:
-    cell = load_cell(CELLS / f"{name}.toml")
-    (start, q) = places
-    problem = replace(_problem(cell, JointRelease(np.array(q), np.array(speed))), start=np.array(start))
-    candidate = candidates(problem)[0]
-    made = casadi_nlp.solve(problem, Seed(candidate, ruckig_otg.initial_guess(problem, candidate))).trajectory
-    assert not certify(problem, made).failures
-    return made
-
-
-def test_a_brake_around_the_flight_is_found_before_the_motion(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert _from_first_candidate("ur3e-sim", BACK, BACK_SPEED).release_time_s < 0.95
-    monkeypatch.setattr(solver, "_brakes_first", lambda _instance: False)
-    with pytest.raises(SeedFailed) as failure:
-        _from_first_candidate("ur3e-sim", BACK, BACK_SPEED)
-    assert not failure.value.lacks_brake
-
-
-def _brake_first_instance() -> Instance:
-    cell = load_cell(CELLS / "ur3e-sim.toml")
-    (start, q) = BACK
-    problem = replace(_problem(cell, JointRelease(np.array(q), np.array(BACK_SPEED))), start=np.array(start))
-    candidate = candidates(problem)[0]
-    return Instance.of(problem, Seed(candidate, ruckig_otg.initial_guess(problem, candidate)), DEFAULT_MARGINS)
-
-
-def test_no_stage_of_a_brake_that_was_found_first_spans_the_others() -> None:
-    instance = _brake_first_instance()
-    calls = solver.Solver(500, None, frozenset({"passing"}), with_ipopt=False)
-    (braked, arguments), unchanged = calls._starts_with_brake(instance, instance.arguments)
-    assert unchanged == (instance, instance.arguments)
-    k = instance.stages.launch
-    n = instance.stages.brake
-    longest_s = arguments["ubx"][k * layout.NZ + layout.STEP :: layout.NZ][:n] * braked.scales[layout.STEP]
-    duration_s = float(braked.initial[-1, layout.TIME] - braked.initial[k, layout.TIME])
-    assert np.all(longest_s <= 1.5 * duration_s / n + 1e-6)
-    assert longest_s.sum() > duration_s
-
-
-def test_margins_of_the_launch_do_not_narrow_a_brake_alone() -> None:
-    instance = _brake_first_instance()
-    motion = np.append(instance.arguments["x0"], np.zeros(layout.NU)).reshape(-1, layout.NZ) * instance.scales
-    bounds = []
-    for phases in ((), (0.9,), (1.0,)):
-        local = tuple(LocalMargin("joint_torque", phase, 0.1) for phase in phases)
-        margins = replace(DEFAULT_MARGINS, local=local)
-        alone = replace(instance, margins=margins).brake_alone(motion, 3.0)
-        bounds.append(alone.arguments["ubg"])
-    assert np.array_equal(bounds[0], bounds[1])
-    assert not np.array_equal(bounds[0], bounds[2])
-
-
-def test_no_brake_is_sought_beyond_the_budget() -> None:
-    instance = _brake_first_instance()
-    calls = solver.Solver(5, None, frozenset({"passing"}), with_ipopt=False)
-    calls.iterations = 5
-    assert calls._starts_with_brake(instance, instance.arguments) == [(instance, instance.arguments)]
-    assert calls.iterations == 5
-    assert not calls.lacks_brake
-
-
-def test_a_given_release_without_a_brake_is_given_up_before_the_motion(monkeypatch: pytest.MonkeyPatch) -> None:
-    stages = []
-    call = solver.Solver._call_fatrop
-
-    def recorded(calls: solver.Solver, part: transcription.StageLayout, *more: object) -> object:
-        stages.append(part.stages)
-        return call(calls, part, *more)  # pyright: ignore[reportArgumentType]
-
-    monkeypatch.setattr(solver.Solver, "_call_fatrop", recorded)
-    with pytest.raises(SeedFailed, match="no brake that is clear of the flight") as failure:
-        _from_first_candidate("ur5e-sim", HIT, HIT_SPEED)
-    assert failure.value.lacks_brake
-    assert stages[-len(solver.BRAKE_GUESSES) :] == [3] * len(solver.BRAKE_GUESSES)
-    assert set(stages[: -len(solver.BRAKE_GUESSES)]) == {11}
-
-
 def test_a_solve_ends_where_its_release_is_of_no_use(cell: Cell) -> None:
     release = PointRelease(np.array([0.5, 0.3, 0.6]), np.array([0.8, 0.8, 0.8]))
     problem = _problem(cell, release, release_window_s=0.01, landing_tolerance_m=0.01)
@@ -561,4 +369,4 @@ def test_a_solve_ends_where_its_release_is_of_no_use(cell: Cell) -> None:
     assert np.array_equal(in_time.trajectory.q, made.trajectory.q)
     with pytest.raises(SolverFailed, match="no sooner than another") as late:
         casadi_nlp.solve(problem, seed, SolveOptions(latest_s=0.5 * made.trajectory.release_time_s))
-    assert late.value.iterations < 0.7 * made.iterations  # the throw without a window was enough to see that
+    assert late.value.iterations < made.iterations

@@ -8,15 +8,13 @@ import numpy as np
 import pytest
 
 from planner.backends import casadi_nlp, ruckig_otg
-from planner.backends.casadi_nlp import SolveOptions, answer, instance
+from planner.backends.casadi_nlp import SolveOptions, answer, release_rows
 from planner.backends.casadi_nlp.bounds import Bounds
 from planner.backends.casadi_nlp.instance import Instance
 from planner.backends.casadi_nlp.layout import TIME, StageLayout
-from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, LocalMargin
-from planner.backends.casadi_nlp.solver import Solver
+from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS
 from planner.backends.casadi_nlp.transcription import transcription
 from planner.certificate import certify, landing_errors
-from planner.errors import SolverFailed
 from planner.planning import plan
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
 from planner.seeds import Seed, candidates
@@ -45,11 +43,11 @@ def problem(name: str = "ur5e-sim", window_s: float = 0.02, **changes) -> ThrowP
     ],
 )
 def test_a_stage_lasts_5_ms_and_a_tick_at_least(name: str, window_s: float, stages: int) -> None:
-    assert instance.window_stages(problem(name, window_s)) == stages
+    assert release_rows.window_stages(problem(name, window_s)) == stages
 
 
 def test_with_a_requested_velocity_one_stage_is_enough() -> None:
-    assert instance.window_stages(problem(release=PointRelease(np.array([0.5, 0.3, 0.6]), np.ones(3)))) == 1
+    assert release_rows.window_stages(problem(release=PointRelease(np.array([0.5, 0.3, 0.6]), np.ones(3)))) == 1
 
 
 def test_a_short_window_converges_where_the_jerk_is_large() -> None:
@@ -84,7 +82,7 @@ def test_an_error_beyond_the_tolerance_counts_for_the_knots_beside_it() -> None:
 def test_three_stages_release_sooner_than_one(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = problem()
     sooner = _solved(asked).release_time_s
-    monkeypatch.setattr(instance, "WINDOW_STAGES", 1)
+    monkeypatch.setattr(release_rows, "WINDOW_STAGES", 1)
     assert sooner < _solved(asked).release_time_s
 
 
@@ -126,45 +124,6 @@ def test_a_narrower_window_is_held_between_the_knots_too() -> None:
     assert narrow < 0.51 * asked.landing_tolerance_m < usual
 
 
-def test_a_local_margin_applies_to_the_stages_at_its_time() -> None:
-    index = transcription(StageLayout(4, 2, 0, ("effort", "clearance"))).row_index
-    steps = np.array([0.02, 0.02, 0.02, 0.14, 0.1, 0.1])
-
-    def raised(phase: float) -> list[int]:
-        bounds = Bounds(index, np.ones(6))
-        bounds.g[0, index.rows_of["clearance"]] = 0.0
-        bounds.add_local_margins([LocalMargin("self_collision", phase, 0.002)], steps)
-        return [k for k in index.knots["clearance"] if bounds.g[0, index.rows["clearance", k][0]] > 0.0]
-
-    assert raised(0.05) == [1]  # 10 ms: within the first of four stages
-    assert raised(1.5) == [4, 5, 6]  # half-way through the brake
-
-
-@pytest.mark.parametrize(
-    ("release", "windows"),
-    [(TARGET, [3, 0, 3]), (PointRelease(np.array([0.5, 0.3, 0.6]), np.array([0.8, 0.8, 0.8])), [0, 1, 1])],
-)
-def test_both_guesses_are_tried_for_a_window_the_throw_without_it_first_where_the_release_is_given(
-    release: TargetRelease | PointRelease, windows: list[int], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Stages of the window in what is solved, where the first solve with a window is made to fail."""
-    solved = answer.solved
-    seen = []
-
-    def first_fails(asked: Instance, solver: Solver) -> object:
-        seen.append(asked.stages.window)
-        if asked.stages.window and not any(seen[:-1]):
-            raise SolverFailed("made to fail", 1)
-        return solved(asked, solver)
-
-    monkeypatch.setattr(answer, "solved", first_fails)
-    asked = problem(release=release)
-    first = candidates(asked)[0]
-    made = casadi_nlp.solve(asked, Seed(first, ruckig_otg.initial_guess(asked, first)))
-    assert seen == windows
-    assert made.trajectory.release_time_s > 0.0
-
-
 @pytest.mark.parametrize(("brake", "window", "last"), [(0, 0, 8), (3, 0, 10), (4, 0, 10), (7, 4, 18)])
 def test_singularities_are_avoided_on_three_stages_before_the_release_and_two_after_it(brake, window, last) -> None:
     stages = StageLayout(8 + window, brake, window)
@@ -172,32 +131,28 @@ def test_singularities_are_avoided_on_three_stages_before_the_release_and_two_af
     assert stages.knots("singularity_middle") == range(5, last)
 
 
-def watched(step: float, always: bool, window: int = 0, window_s: float = 0.0) -> tuple[float, float]:
+def watched(step: float, window: int = 0, window_s: float = 0.0) -> tuple[float, float]:
     """Returns the latest time of the first watched knot, and the earliest of the last one, of guesses of one step."""
     stages = StageLayout(8 + window, 3 + window, window)
     bounds = Bounds(transcription(stages).row_index, np.ones(6))
     bounds.x[:, :, TIME] = np.array([-np.inf, np.inf])[:, None]
-    bounds.limit_steps(np.full(stages.stages, step), longest=2.5)
-    bounds.watch_long_enough(window_s, np.full(stages.stages, step), always)
+    bounds.limit_steps(np.full(stages.stages, step))
+    bounds.watch_long_enough(window_s)
     first = stages.knots("singularity")[0]
     last = stages.knots("singularity")[-1]
     others = np.delete(np.arange(stages.stages + 1), [first, last])
     assert np.isinf(bounds.x[:, others, TIME]).all()
-    assert not always or bounds.x[1, last, TIME] >= 2.0 * bounds.x[0, last, TIME]
     return float(bounds.x[1, first, TIME]), float(bounds.x[0, last, TIME])
 
 
-def test_watched_stages_last_before_the_release_where_those_of_the_guess_do() -> None:
-    assert watched(0.010, always=False) == (np.inf, -np.inf)
-    assert watched(0.020, always=False) == (-0.052, -np.inf)
-    assert watched(0.012, always=True) == (-0.052, 0.052)
+def test_watched_stages_last_as_long_as_the_certificate_watches() -> None:
+    assert watched(0.020) == (-0.052, 0.052)
 
 
 def test_watched_stages_are_asked_for_no_more_than_their_steps_may_last() -> None:
-    assert watched(0.004, always=True) == pytest.approx((-0.9 * 3 * 2.5 * 0.004, 0.9 * 2 * 2.5 * 0.004))
+    assert watched(0.004) == pytest.approx((-0.9 * 3 * 2.5 * 0.004, 0.9 * 2 * 2.5 * 0.004))
 
 
 def test_a_release_window_is_part_of_what_is_watched() -> None:
-    assert watched(0.010, always=False, window=3, window_s=0.03) == (-0.052, -np.inf)  # six steps
-    assert watched(0.008, always=False, window=3, window_s=0.03) == (np.inf, -np.inf)
-    assert watched(0.010, always=True, window=3, window_s=0.08) == (-0.08, 0.08)
+    assert watched(0.010, window=3, window_s=0.03) == (-0.052, 0.052)
+    assert watched(0.010, window=3, window_s=0.08) == (-0.08, 0.08)

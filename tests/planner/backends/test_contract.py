@@ -22,7 +22,7 @@ Solve = Callable[[ThrowProblem, Candidate], Solution]
 def optimal(problem: ThrowProblem, candidate: Candidate) -> Solution:
     """The optimiser from Ruckig's motion, as the planner uses it."""
     seed = Seed(candidate, ruckig_otg.solve(problem, candidate).trajectory)
-    return casadi_nlp.solve(problem, seed, casadi_nlp.SolveOptions(with_ipopt=True))
+    return casadi_nlp.solve(problem, seed, casadi_nlp.SolveOptions())
 
 
 SOLVERS: dict[str, Solve] = {

@@ -5,9 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from planner.backends.casadi_nlp.parameters import cell_parameters, closest_arm
-from planner.backends.casadi_nlp.symbols import arm as arm_symbols
-from planner.geometry import tool_state
 from planner.planning import plan
 from planner.request import problem_from_request
 from tests.planner.calibration.arms import deviated_table, measured_cell, product_of
@@ -58,21 +55,3 @@ def test_a_requested_release_is_that_of_the_measured_arm():
     assert np.abs(v - v_WT).max() < RELEASED_M_S
     _, *at_rest = planned(cell, {"kind": "point", "position": p_WT.tolist(), "velocity": [0.0, 0.0, 0.0]})
     assert np.abs(released(cell, table, *at_rest)[0] - p_WT).max() < RELEASED
-
-
-def test_the_formulas_arm_has_place_and_velocity_of_the_measured_one():
-    ca = pytest.importorskip("casadi")
-    rng = np.random.default_rng(22)
-    cell = measured_cell("ur5e-sim", deviated_table("ur5e", rng))
-    for _ in range(5):
-        q = cell.home + rng.uniform(-1.0, 1.0, 6)
-        qd = rng.uniform(-2.0, 2.0, 6)
-        here = tool_state(cell, q, qd)
-        fitted = closest_arm(cell, q, qd)
-        assert np.abs(fitted["dh"] - cell_parameters(cell)[:6]).max() < 0.02
-        R = fitted["base"][:9].reshape(3, 3).T @ np.array(arm_symbols.turn(q[0]))
-        given = (fitted["dh"], fitted["tcp"], q, qd, np.zeros(6))
-        motion = arm_symbols.tool_motion(*(ca.SX(ca.DM(x)) for x in given))
-        p, v = (R @ np.array(ca.evalf(x)).ravel() for x in (motion.position, motion.velocity))
-        assert np.abs(p + fitted["base"][9:] - here.p_WT).max() < 1e-4
-        assert np.abs(v - here.v_WT).max() < 1e-4

@@ -155,7 +155,7 @@ def test_casadi_requested_by_name_uses_the_optimiser_alone():
 
 def test_ruckig_answers_where_the_optimiser_gives_nothing(monkeypatch):
     def fails(*_):
-        raise casadi_nlp.SeedFailed("made to fail", 1, frozenset(), False)
+        raise casadi_nlp.SeedFailed("made to fail", 1, False)
 
     monkeypatch.setattr(casadi_nlp, "solve", fails)
     answer = plan(target_problem())

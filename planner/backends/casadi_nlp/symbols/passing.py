@@ -11,7 +11,7 @@ from typing import Any
 import casadi as ca
 
 from planner.backends.casadi_nlp import layout
-from planner.backends.casadi_nlp.layout import ARM, OBJECT_PATH, SCALES, STANDING
+from planner.backends.casadi_nlp.layout import ARM, OBJECT_PATH, SCALES
 from planner.backends.casadi_nlp.symbols import arm, distances
 from planner.backends.casadi_nlp.symbols.stage import StageState, state, state_after, through
 from planner.backends.casadi_nlp.symbols.terms import Terms
@@ -43,7 +43,7 @@ def _beside_path(s: StageState, z: SX, scales: SX, p: SX, share: float, terms: T
     f = OBJECT_PATH.split(p[ARM.size :])
     c = SCALES.split(scales)
     step = z[layout.STEP] * c["time"]
-    now = z[layout.TIME] * c["time"] + share * step + f["ago"]
+    now = z[layout.TIME] * c["time"] + share * step
     landing = _landing(z, f, terms)
     around = (_sooner(now + quarter * step, landing) for quarter in (-0.25, 0.25))
     times = terms.through(ca.vertcat(*around))
@@ -64,7 +64,7 @@ def passing_at_rest(z: SX, p: SX, terms: Terms) -> SX:
     p = p[SCALES.size :]
     a = ARM.split(p[: ARM.size])
     f = OBJECT_PATH.split(p[ARM.size :])
-    now = z[layout.TIME] * SCALES.split(scales)["time"] + f["ago"]
+    now = z[layout.TIME] * SCALES.split(scales)["time"]
     landing = _landing(z, f, terms)
     begin = terms.through(_sooner(now - AT_REST_S, landing))
     step = (landing - begin) / layout.CHORDS
@@ -72,26 +72,6 @@ def passing_at_rest(z: SX, p: SX, terms: Terms) -> SX:
     links = _links_in_world(a, state(z, scales))
     gaps = [distances.chords_distance(*ends, points, terms) - radius for ends, radius in links]
     return distances.soft_minimum(gaps, terms) - f["reach"] - f["fall"] * step**2 / 8
-
-
-def standing(s: StageState, p: SX, terms: Terms) -> SX:
-    """Room between the flight of an object that is released at a knot and what never moves of the arm (1) [m]."""
-    a = ARM.split(p[: ARM.size])
-    f = STANDING.split(p[ARM.size :])
-    tool = arm.tool_motion(a["dh"], a["tcp"], s.q, s.qd, s.qdd)
-    R_WS = ca.reshape(a["base"][:9], 3, 3) @ arm.turn(s.q[0])
-    released = terms.through(ca.vertcat(R_WS @ tool.position + a["base"][9:], f["share"] * (R_WS @ tool.velocity)))
-    place = released[:3]
-    speed = released[3:]
-    landing, _ = flight_time(speed[2], place[2] - f["ground"], f["gravity"])
-    landing = terms.through(landing)
-    points = []
-    for i in range(layout.CHORDS + 1):
-        time = i * landing / layout.CHORDS
-        points.append(place + time * speed - ca.vertcat(0, 0, f["gravity"] * time**2 / 2))
-    capsules = ca.reshape(f["capsules"], 7, layout.STANDING_CAPSULES)
-    gaps = [distances.chords_distance(c[:3], c[3:6], points, terms) - c[6] for c in ca.horzsplit(capsules)]
-    return distances.soft_minimum(gaps, terms) - f["reach"]
 
 
 def _landing(z: SX, f: dict[str, SX], terms: Terms) -> SX:

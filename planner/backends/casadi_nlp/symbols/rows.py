@@ -24,7 +24,6 @@ from planner.backends.casadi_nlp.symbols.passing import (
     passing_at_rest,
     passing_middle,
     place,
-    standing,
     thrown,
 )
 from planner.backends.casadi_nlp.symbols.stage import StageState, state, state_after, state_at, through
@@ -220,7 +219,7 @@ def leaving(z: SX, p: SX, terms: Terms) -> SX:
     f = FLIGHT.split(p[ARM.size : size])
     path = OBJECT_PATH.split(p[size:])
     step = z[layout.STEP] * SCALES.split(scales)["time"]
-    released = z[layout.TIME] * SCALES.split(scales)["time"] + path["ago"]
+    released = z[layout.TIME] * SCALES.split(scales)["time"]
     thrown = z[layout.SPEED] + path["path"][3:6]
     faster = thrown * (1 - path["share"]) / path["share"]  # on its way out the object has the tool's own velocity
     rows = []
@@ -377,13 +376,9 @@ FORMULAS: dict[str, BlockFormula] = {
     "singularity_middle": _in_middle(singularity, "arm"),
     "release": _at_knot(release, "arm", "release"),
     "flight": BlockFormula(flight, ("scales", "arm", "release", "flight")),
-    "standing": _at_knot(standing, "arm", "standing"),
     "leaving": BlockFormula(leaving, ("scales", "arm", "flight", "object_path"), of_object=True),
-    "leaving_last": BlockFormula(leaving, ("scales", "arm", "flight", "last_path"), of_object=True),
     "thrown": BlockFormula(thrown, ("scales", "arm", "object_path")),
-    "thrown_last": BlockFormula(thrown, ("scales", "arm", "last_path")),
     "carried": BlockFormula(carried, (), curved=False, of_object=True),
-    "carried_last": BlockFormula(carried, (), curved=False, of_object=True),
     "passing": BlockFormula(passing, ("scales", "arm", "object_path"), of_object=True),
     "passing_middle": BlockFormula(passing_middle, ("scales", "arm", "object_path"), of_object=True),
     "passing_at_rest": BlockFormula(passing_at_rest, ("scales", "arm", "object_path"), of_object=True),
@@ -395,6 +390,4 @@ WITH_FEWER_BOXES = {
     for slots in layout.BOX_SLOTS[:-1]
 }
 # Every formula that functions are built from.
-ALL_FORMULAS = {
-    name: formula for name, formula in FORMULAS.items() if not name.endswith(layout.LAST)
-} | WITH_FEWER_BOXES
+ALL_FORMULAS = FORMULAS | WITH_FEWER_BOXES

@@ -1,0 +1,144 @@
+"""What a kind of release asks of the optimiser: the one module here that tells kinds apart.
+
+Joint states that are given (`joint`, `pose`) are fixed as variables and have no rows. Of others each entry of
+`RELEASE_ROWS` has bounds; where they are equal, the release is refined until it fulfils them exactly.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from planner.backends.casadi_nlp.layout import RELEASE, Vector
+from planner.backends.casadi_nlp.symbols import RELEASE_ROWS
+from planner.backends.casadi_nlp.tuning import WINDOW_STAGES
+from planner.flight import fly
+from planner.geometry import tool_state
+from planner.problem import Opening, PointRelease, TargetRelease, ThrowProblem
+
+WINDOW_STAGE_S = 0.005  # [s] least duration of one of them, or a tick
+ROUNDING = 1e-9  # [-] of a number of stages
+THIN_RAD = 1e-3  # [rad] a narrower range of elevations is an equality: it has no interior to solve in
+FALL_MIN = 0.05  # [m^2/s^2] least discriminant of a flight: below, the object only grazes the plane
+LARGEST_SLOPE_RAD = 1.57  # [rad] elevations beyond have no finite tangent; they are no limits
+# [m, m/s, rad] that a calibrated arm's refined release moves in place, speed and elevation, at most as a rule
+ROOM = 3e-3
+
+
+def aims(problem: ThrowProblem) -> bool:
+    """Returns whether the object is to land somewhere, so that its flight is part of the solution."""
+    return isinstance(problem.release, TargetRelease)
+
+
+def lands_on(problem: ThrowProblem) -> Vector | None:
+    """Returns where the object is to land (3,) [m], None where its flight is given."""
+    return problem.release.p_W if isinstance(problem.release, TargetRelease) else None
+
+
+def bin_of(problem: ThrowProblem) -> Opening | None:
+    """Returns the bin around the target, None where there is none."""
+    return problem.release.opening if isinstance(problem.release, TargetRelease) else None
+
+
+def window_stages(problem: ThrowProblem) -> int:
+    """Returns the number of stages in half the release window, 0 without a window.
+
+    A requested release state or velocity leaves a window little to choose: one stage is enough.
+    """
+    if not problem.is_robust:
+        return 0
+    if not aims(problem):
+        return 1
+    fitting = math.floor(problem.release_window_s / max(WINDOW_STAGE_S, problem.dt) + ROUNDING)
+    return max(1, min(WINDOW_STAGES, fitting))
+
+
+def release_bounds(problem: ThrowProblem) -> Vector:
+    """Returns lower and upper bounds (2, n) of `RELEASE_ROWS` at the release of a problem whose joint state is free."""
+    release = problem.release
+    bounds = np.tile([[-np.inf], [np.inf]], RELEASE_ROWS.size)
+    at = RELEASE_ROWS.slices
+    if isinstance(release, PointRelease):
+        bounds[:, at["position"]] = release.p_WT
+        if not problem.ends_at_rest:
+            bounds[:, at["velocity"]] = release.v_WT
+        return bounds
+    assert isinstance(release, TargetRelease)
+    lowest = release.min_elevation_rad
+    highest = release.max_elevation_rad
+    bounds[:, at["landing"]] = 0.0
+    bounds[0, at["falls"]] = FALL_MIN
+    bounds[0, at["elevation"]] = 0.0 if lowest > -math.pi / 2 else -np.inf, -np.inf
+    bounds[1, at["elevation"]] = np.inf, 0.0 if highest < math.pi / 2 else np.inf
+    if highest - lowest < THIN_RAD:
+        bounds[:, at["elevation"]] = [[0.0, -np.inf], [0.0, np.inf]]
+    bounds[1, at["speed"]] = release.max_speed_m_s**2
+    if release.min_horizontal_distance_m > 0.0:
+        bounds[0, at["distance"]] = release.min_horizontal_distance_m**2
+    if release.release_position is not None:
+        bounds[:, at["position"]] = release.release_position
+    return bounds
+
+
+def release_parameters(problem: ThrowProblem, aim: Vector) -> Vector:
+    """Returns the `RELEASE` vector for an aim (3,) [m]."""
+    elevations = (-math.pi / 2, math.pi / 2)
+    if isinstance(problem.release, TargetRelease):
+        elevations = (problem.release.min_elevation_rad, problem.release.max_elevation_rad)
+    slopes = [math.tan(e) if abs(e) < LARGEST_SLOPE_RAD else 0.0 for e in elevations]
+    return RELEASE.pack({"target": aim, "gravity_z": problem.gravity_at_tool_speed, "tan_elevation": slopes})
+
+
+def with_room(problem: ThrowProblem) -> ThrowProblem:
+    """Returns the problem, for a calibrated arm with room in the bounds on the release.
+
+    The refined release keeps what is asked exactly, such as the landing, and moves within this room else.
+    """
+    release = problem.release
+    if problem.cell.robot.fixed is None or not isinstance(release, TargetRelease):
+        return problem
+    lowest = release.min_elevation_rad
+    highest = release.max_elevation_rad
+    room = min(ROOM, max(highest - lowest, 0.0) / 4.0)
+    inner = replace(
+        release,
+        max_speed_m_s=release.max_speed_m_s - min(ROOM, release.max_speed_m_s / 4.0),
+        min_elevation_rad=lowest + room if lowest > -math.pi / 2 else lowest,
+        max_elevation_rad=highest - room if highest < math.pi / 2 else highest,
+        min_horizontal_distance_m=release.min_horizontal_distance_m + ROOM * (release.min_horizontal_distance_m > 0.0),
+    )
+    return replace(problem, release=inner)
+
+
+def aim_from(problem: ThrowProblem, q: Vector, qd: Vector) -> Vector:
+    """Returns the landing point (3,) [m] that the drag-free flight from joint states q, qd (6,) is to have.
+
+    Where the object is to land somewhere, the flight with drag lands there then. Otherwise that flight's own, about
+    which nothing is asked.
+    """
+    tool = tool_state(problem.cell, q, qd)
+    goal = lands_on(problem)
+    if goal is not None:
+        return drag_free_aim(problem, goal, tool.p_WT, tool.v_WT)
+    flight = None if problem.ends_at_rest else fly(tool.p_WT, tool.v_WT, problem.plane_z, problem.gravity_at_tool_speed)
+    return np.append(tool.p_WT[:2], problem.plane_z) if flight is None else flight.landing_point
+
+
+def drag_free_aim(problem: ThrowProblem, goal: Vector, p: Vector, v: Vector) -> Vector:
+    """Returns the landing point of the drag-free flight whose real counterpart, with drag, lands on `goal` (3,) [m].
+
+    Args:
+        problem: its drag and gravity.
+        goal: landing point (3,) [m].
+        p: release position (3,) [m].
+        v: release velocity (3,) [m/s].
+    """
+    if problem.drag <= 0.0:
+        return goal
+    ideal = fly(p, v, float(goal[2]), problem.gravity_at_tool_speed)
+    real = fly(p, v, float(goal[2]), problem.gravity_at_tool_speed, problem.drag)
+    if ideal is None or real is None:
+        return goal
+    return goal + ideal.landing_point - real.landing_point
