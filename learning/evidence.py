@@ -18,7 +18,8 @@ from planner.cell import Cell
 from planner.certificate import release_flight
 from planner.errors import PlannerError
 from planner.plan_reading import aim_shift, aimed_problem, plan_from_document
-from planner.problem import Release, TargetRelease, ThrowProblem
+from planner.problem import ThrowProblem
+from planner.releases import Target
 from planner.trajectory import Trajectory, columns_at
 from store import ExecutionRow, LandingRow, Store
 
@@ -111,32 +112,32 @@ def _evidence(store: Store, cell: Cell, arm: StreamedArm, row: ExecutionRow) -> 
         raise _Unusable(f"its outcome is {row.outcome}, and its recording ends before the motion")
     off = _deviations(columns, trajectory) if columns else None
     reported = store.landings(row.id)
-    target = aimed_problem(problem, -aim_shift(document))
+    asked = aimed_problem(problem, -aim_shift(document))
     landings = [] if _in_the_way(numbers) else reported
     observed = outcome = unused = deviation = None
     if landings:
         table = throw_table(problem, trajectory, off)
         lead = trajectory.release_time_s - float(sent)
-        observed, outcome = _seen(table, lead, target.release, landings, is_recorded=bool(columns))
+        observed, outcome = _seen(table, lead, asked.target, landings, is_recorded=bool(columns))
     if reported and observed is None and outcome is None:
         unused = f"the object landed on {numbers['landed_on']}" if _in_the_way(numbers) else WITHOUT_TARGET
     if off is not None and row.outcome == "completed":  # lost ticks say nothing of gains
         deviation = off[1][len(off[1]) // 2] - _expected(arm, trajectory, numbers)
     ids = tuple(x.id for x in landings)
-    landing = _planned_landing(target, trajectory)
+    landing = _planned_landing(asked, trajectory)
     qd = trajectory.qd[trajectory.release_index]
     return ThrowEvidence(row.id, ids, landing, qd, deviation, observed, outcome, unused)
 
 
 def _seen(
-    table: ThrowTable, lead_s: float, release: Release, landings: Sequence[LandingRow], is_recorded: bool
+    table: ThrowTable, lead_s: float, target: Target | None, landings: Sequence[LandingRow], is_recorded: bool
 ) -> tuple[ObservedThrow | None, TargetOutcome | None]:
     """Returns what the reported landings say: a position, else whether the throw hit; None twice where neither."""
     std = SPEED_STD_RAD_S if is_recorded else UNRECORDED_RAD_S
     position = _position(landings)
     if position is not None:
         return ObservedThrow(table, lead_s, *position, np.full(6, std**2)), None
-    return None, _outcome(table, lead_s, release, landings, std)
+    return None, _outcome(table, lead_s, target, landings, std)
 
 
 def _plan(store: Store, cell: Cell, row: ExecutionRow) -> tuple[dict[str, Any], ThrowProblem, Trajectory]:
@@ -155,8 +156,8 @@ def _plan(store: Store, cell: Cell, row: ExecutionRow) -> tuple[dict[str, Any], 
 
 def _planned_landing(problem: ThrowProblem, trajectory: Trajectory) -> Array:
     """Returns where a plan was to land (2,) [m]; NaN where its object never does."""
-    if isinstance(problem.release, TargetRelease):
-        return problem.release.p_W[:2]
+    if problem.target is not None:
+        return problem.target.p_W[:2]
     flight = release_flight(problem, trajectory)
     return np.full(2, np.nan) if flight is None else flight.landing_point[:2]
 
@@ -203,12 +204,12 @@ def _in_the_way(numbers: Mapping[str, Any]) -> bool:
 
 
 def _outcome(
-    table: ThrowTable, lead_s: float, release: Release, landings: Sequence[LandingRow], speed_std: float
+    table: ThrowTable, lead_s: float, target: Target | None, landings: Sequence[LandingRow], speed_std: float
 ) -> TargetOutcome | None:
     """Returns the first report of whether a throw hit; None where there is no target, or no such report."""
     for seen in landings:
-        if seen.result is not None and seen.radius_m and isinstance(release, TargetRelease):
-            return TargetOutcome(table, lead_s, release.p_W[:2], seen.radius_m, seen.result, speed_std)
+        if seen.result is not None and seen.radius_m and target is not None:
+            return TargetOutcome(table, lead_s, target.p_W[:2], seen.radius_m, seen.result, speed_std)
     return None
 
 

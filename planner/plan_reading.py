@@ -11,7 +11,7 @@ import numpy as np
 from planner.arrays import Array
 from planner.cell import Cell
 from planner.errors import FieldError, InvalidProblem
-from planner.problem import TargetRelease, ThrowProblem
+from planner.problem import ThrowProblem
 from planner.request import problem_from_request
 from planner.trajectory import Trajectory
 
@@ -54,9 +54,9 @@ def promised_tolerance(document: Mapping[str, Any], problem: ThrowProblem) -> fl
         document: the plan.
         problem: read from it.
     """
-    release = problem.release
+    target = problem.target
     stated = document["request"].get("landing_tolerance_m")
-    if not isinstance(release, TargetRelease) or not (problem.is_robust or stated or release.opening is not None):
+    if target is None or not (problem.is_robust or stated or target.opening is not None):
         return None
     return problem.landing_tolerance_m or None
 
@@ -66,11 +66,11 @@ def aimed_problem(problem: ThrowProblem, shift: Array) -> ThrowProblem:
 
     The bin that the arm keeps out of stays where it stands.
     """
-    release = problem.release
-    if not isinstance(release, TargetRelease) or not shift.any():
+    target = problem.target
+    if target is None or not shift.any():
         return problem
-    aim = replace(release, p_W=release.p_W + shift)
-    return replace(problem, release=aim, aim_shift=problem.aim_shift + shift)
+    aim = replace(target, p_W=target.p_W + shift)
+    return replace(problem, release=problem.release.with_target(aim), aim_shift=problem.aim_shift + shift)
 
 
 def _as_the_flight_says(cell: Cell, flight: Mapping[str, Any]) -> Cell:

@@ -16,77 +16,28 @@ from planner.cell import Box, Cell, Limits
 from planner.errors import FieldError, InvalidProblem
 from planner.flight import drag_constant
 from planner.geometry import LEVEL_M, Misfit, Surface, barriers, landing_surfaces, misfit, passable
+from planner.releases import JointRelease, Opening, PointRelease, PoseRelease, Release, Target, TargetRelease
 from planner.rotations import unit_hint
 
+__all__ = [
+    "BACKENDS",
+    "TIME_LIMIT_MAX_S",
+    "TIME_LIMIT_S",
+    "JointRelease",
+    "Opening",
+    "PointRelease",
+    "PoseRelease",
+    "Release",
+    "TargetRelease",
+    "ThrowProblem",
+]
+
 BACKENDS = ("auto", "casadi", "ruckig", "toppra", "cubic", "trapezoid", "ramp")
-REST_SPEED = 1e-9  # [rad/s, m/s] a release slower than this is a move that ends at rest
 # [s] default time limit: a search ends by its budgets of work. It took at most 3 s of processor time in 250 requests; a
 # planner process of lower priority beside twelve busy ones takes up to twenty times as long, one of a batch longer.
 TIME_LIMIT_S = 120.0
 TIME_LIMIT_MAX_S = 120.0  # [s] longest time that one request may occupy a planner
 BINS_KEPT = 32  # [-] cells with a bin of late
-
-
-@dataclass(frozen=True, eq=False)
-class JointRelease:
-    """Release at joint positions `q` (6,) [rad] with joint velocities `qd` (6,) [rad/s]."""
-
-    q: Array
-    qd: Array
-
-
-@dataclass(frozen=True, eq=False)
-class PoseRelease:
-    """Release at the tool pose `X_WT` (4, 4) with the twist `V_WT` (6,): linear [m/s], then angular [rad/s]."""
-
-    X_WT: Array
-    V_WT: Array
-
-
-@dataclass(frozen=True, eq=False)
-class PointRelease:
-    """Release at the point `p_WT` (3,) [m] with the velocity `v_WT` (3,) [m/s]; orientation and spin are free."""
-
-    p_WT: Array
-    v_WT: Array
-
-
-@dataclass(frozen=True)
-class Opening:
-    """Mouth of a round bin that is open upwards, above the target as the centre of its bottom.
-
-    Attributes:
-        radius_m: inner radius of the bin [m].
-        rim_height_m: height of the rim above the target [m].
-    """
-
-    radius_m: float
-    rim_height_m: float
-
-
-@dataclass(frozen=True, eq=False)
-class TargetRelease:
-    """Hit a point by free flight, on the way down; the release state is free within these bounds.
-
-    Attributes:
-        p_W: the target (3,) [m].
-        max_speed_m_s: highest release speed [m/s].
-        min_elevation_rad, max_elevation_rad: elevation of the release velocity above the horizontal [rad].
-        min_horizontal_distance_m: least horizontal distance from release to target [m].
-        release_position: point of release (3,) [m], None where it is free.
-        opening: of the bin that stands around the target, None where there is none.
-    """
-
-    p_W: Array
-    max_speed_m_s: float = math.inf
-    min_elevation_rad: float = -math.pi / 2
-    max_elevation_rad: float = math.pi / 2
-    min_horizontal_distance_m: float = 0.0
-    release_position: Array | None = None
-    opening: Opening | None = None
-
-
-Release = JointRelease | PoseRelease | PointRelease | TargetRelease
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +47,7 @@ class ThrowProblem:
     Attributes:
         cell: the robot station.
         start: joint positions at rest (6,) [rad].
-        release: what is required of the release, of one of four kinds.
+        release: what is required of the release, see `planner.releases`.
         limits: the cell's, tightened by the request.
         release_window_s: largest deviation of the release time for which the landing tolerance must hold [s].
         landing_tolerance_m: landing error allowed in the window [m]; 0: only the nominal release counts.
@@ -122,16 +73,7 @@ class ThrowProblem:
     aim_shift: Array = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
-        errors = _start_errors(self.start, self.limits)
-        release = self.release
-        if isinstance(release, TargetRelease) and release.min_elevation_rad > release.max_elevation_rad:
-            errors.append(FieldError("release.min_elevation_rad", "is above max_elevation_rad"))
-        if isinstance(release, TargetRelease) and release.opening is not None:
-            inner = release.opening.radius_m
-            thick = self.cell.object.radius_m
-            if inner <= thick:
-                reason = f"the bin is too narrow for the object: radius {inner:g} m, object {thick:g} m"
-                errors.append(FieldError("release.opening.radius_m", reason))
+        errors = [*_start_errors(self.start, self.limits), *self.release.errors(self.cell)]
         if self.backend not in BACKENDS:
             errors.append(FieldError("backend", f"{self.backend!r} is not one of {', '.join(BACKENDS)}"))
         if not 0.0 < self.time_limit_s <= TIME_LIMIT_MAX_S:
@@ -170,14 +112,14 @@ class ThrowProblem:
 
         The block that surrounds the bin, from its bottom to its rim: no part of the arm has business inside.
         """
-        release = self.release
-        if not isinstance(release, TargetRelease) or release.opening is None:
+        target = self.target
+        if target is None or target.opening is None:
             return self.cell
-        radius = release.opening.radius_m
-        rim = release.opening.rim_height_m
+        radius = target.opening.radius_m
+        rim = target.opening.rim_height_m
         aside = np.array([radius, radius, 0.0])
         top = np.array([radius, radius, rim])
-        stands = release.p_W - self.aim_shift
+        stands = target.p_W - self.aim_shift
         return _cell_with_block(self.cell, (*(stands - aside),), (*(stands + top),))
 
     @property
@@ -188,21 +130,24 @@ class ThrowProblem:
     @cached_property
     def ends_at_rest(self) -> bool:
         """Whether the release state is at rest; such a move throws nothing and has an empty brake."""
-        match self.release:
-            case JointRelease(qd=speed) | PoseRelease(V_WT=speed) | PointRelease(v_WT=speed):
-                return bool(np.abs(speed).max() < REST_SPEED)
-        return False
+        return self.release.is_at_rest
 
     @property
     def fixes_joints(self) -> bool:
         """Whether the joint states at the release are given: one, or of a pose one for each branch."""
-        return isinstance(self.release, JointRelease | PoseRelease)
+        return self.release.fixes_joints
+
+    @property
+    def target(self) -> Target | None:
+        """What the flight is to hit; None for a release without a target."""
+        return self.release.target
 
     @property
     def plane_z(self) -> float:
         """Height of the landing plane [m]: the target's, or the floor's for a release without a target."""
-        if isinstance(self.release, TargetRelease):
-            return float(self.release.p_W[2])
+        target = self.target
+        if target is not None:
+            return float(target.p_W[2])
         return self.cell.surroundings.floor_z_m
 
     @cached_property
@@ -214,14 +159,15 @@ class ThrowProblem:
     @cached_property
     def surfaces(self) -> tuple[Surface, ...]:
         """What the object lands on at the target, see `landing_surfaces`; without a target the floor."""
+        target = self.target
         anywhere = np.array([0.0, 0.0, self.plane_z])
-        return landing_surfaces(self.cell, self.release.p_W if isinstance(self.release, TargetRelease) else anywhere)
+        return landing_surfaces(self.cell, anywhere if target is None else target.p_W)
 
     @cached_property
     def misfit(self) -> Misfit | None:
         """By how much the object does not fit at the target, beside what; None where it does, or without a target."""
-        release = self.release
-        return misfit(self.cell, release.p_W - self.aim_shift) if isinstance(release, TargetRelease) else None
+        target = self.target
+        return None if target is None else misfit(self.cell, target.p_W - self.aim_shift)
 
     @cached_property
     def landing_radius_m(self) -> float:
@@ -234,7 +180,7 @@ class ThrowProblem:
     @cached_property
     def lies_z(self) -> float | None:
         """Height of the centre of an object that has landed [m]; None in the air or in a bin."""
-        in_bin = isinstance(self.release, TargetRelease) and self.release.opening is not None
+        in_bin = self.target is not None and self.target.opening is not None
         return self.carrier_z + self.cell.object.radius_m if self.surfaces and not in_bin else None
 
     @cached_property

@@ -22,11 +22,9 @@ from planner.problem import (
     BACKENDS,
     TIME_LIMIT_MAX_S,
     TIME_LIMIT_S,
-    Release,
-    TargetRelease,
     ThrowProblem,
 )
-from planner.release_kinds import KINDS, release_document
+from planner.releases import KINDS, Release, Target, release_document
 
 __all__ = ["PLAN_REQUEST", "problem_from_request", "read_request", "release_document", "request_document"]
 
@@ -50,8 +48,9 @@ def _check_start(given: dict[str, Any], path: str, errors: list[FieldError]) -> 
 
 def _check_odds(given: dict[str, Any], path: str, errors: list[FieldError]) -> None:
     asked = given.get("min_hit_probability", 0.0)
-    if asked > 0.0 and given["release"]["kind"] != "target":
-        reason = f"{asked:g} is for a release of kind target: the others have nothing to hit"
+    if asked > 0.0 and not KINDS[given["release"]["kind"]].aims:
+        aiming = " or ".join(name for name, kind in KINDS.items() if kind.aims)
+        reason = f"{asked:g} is for a release of kind {aiming}: the others have nothing to hit"
         errors.append(FieldError(f"{path}.min_hit_probability".lstrip("."), reason))
 
 
@@ -156,7 +155,7 @@ def problem_from_request(request: Mapping[str, Any], cell: Cell) -> ThrowProblem
     if errors:
         raise InvalidProblem(errors)
     X_WR = cell.X_WB if asked["frame"] == "base" else np.eye(4)  # R: the frame of the request
-    release = KINDS[asked["release"]["kind"]].read(asked["release"], X_WR)
+    release = KINDS[asked["release"]["kind"]].from_json(asked["release"], X_WR)
     window_s, tolerance_m = _window(asked, release, cell)
     return ThrowProblem(
         cell=cell,
@@ -194,17 +193,17 @@ def _window(asked: Mapping[str, Any], release: Release, cell: Cell) -> tuple[flo
     """
     default_s = 0.0
     default_m = 0.0
-    if isinstance(release, TargetRelease):
-        default_m = _default_tolerance(release, cell)
+    if release.target is not None:
+        default_m = _default_tolerance(release.target, cell)
         if not asked.get("min_hit_probability"):
             default_s = min(max(JITTER_DEVIATIONS * cell.gripper.jitter_s, WINDOW_MIN_S), WINDOW_MAX_S)
     return asked.get("release_window_s", default_s), asked.get("landing_tolerance_m", default_m)
 
 
-def _default_tolerance(release: TargetRelease, cell: Cell) -> float:
+def _default_tolerance(target: Target, cell: Cell) -> float:
     """Returns the landing tolerance [m]: the room in the bin's mouth, otherwise the object's radius."""
-    if release.opening is not None:
-        return max(release.opening.radius_m - cell.object.radius_m, 0.0)
+    if target.opening is not None:
+        return max(target.opening.radius_m - cell.object.radius_m, 0.0)
     return max(cell.object.radius_m, ROBUST_TOLERANCE_M)
 
 

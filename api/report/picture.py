@@ -14,7 +14,7 @@ from planner.flight import path as flight_path
 from planner.geometry import tool_pose
 from planner.kinematics import link_poses
 from planner.plan_reading import plan_from_document
-from planner.problem import Opening, TargetRelease, ThrowProblem
+from planner.problem import Opening, ThrowProblem
 
 Vector = NDArray[np.float64]
 
@@ -73,10 +73,11 @@ def _scene(plan: Mapping[str, Any], cell: Cell) -> PlanScene:
     k = trajectory.release_index
     X_WT = tool_pose(cell, trajectory.q)
     arms = tuple(_arm(cell, trajectory.q[i]) for i in (0, k, -1))
-    release = problem.release
-    target, opening = (release.p_W, release.opening) if isinstance(release, TargetRelease) else (None, None)
+    target = problem.target
+    place = None if target is None else target.p_W
+    opening = None if target is None else target.opening
     floor = cell.surroundings.floor_z_m
-    return PlanScene(arms, X_WT[:, :3, 3], k, _flight(plan, problem), target, opening, floor)
+    return PlanScene(arms, X_WT[:, :3, 3], k, _flight(plan, problem), place, opening, floor)
 
 
 def _arm(cell: Cell, q: Vector) -> Vector:

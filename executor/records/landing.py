@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from executor.robot import simulator_client
-from planner.problem import TargetRelease, ThrowProblem
+from planner.problem import ThrowProblem
 
 Vector = NDArray[np.float64]
 Record = dict[str, Any]
@@ -59,9 +59,9 @@ def expect_throw(host: str, problem: ThrowProblem) -> int:
     Raises:
         OSError, ValueError: the simulator does not answer, or refuses.
     """
-    release = problem.release
-    if isinstance(release, TargetRelease) and release.opening is not None:
-        bin = {"bottom_m": release.p_W.tolist(), **asdict(release.opening)}
+    target = problem.target
+    if target is not None and target.opening is not None:
+        bin = {"bottom_m": target.p_W.tolist(), **asdict(target.opening)}
         simulator_client.request(host, "place_bin", **bin)
     else:
         simulator_client.request(host, "remove_bin")

@@ -12,7 +12,7 @@ from learning import CellKnowledge, LandingForecast
 from planner.errors import TIME_LIMIT, Infeasible, SolverFailed
 from planner.plan_reading import aimed_problem
 from planner.planning import ORDINARY, Plan, SearchHints, plan
-from planner.problem import TargetRelease, ThrowProblem
+from planner.problem import ThrowProblem
 
 AIM_M = 0.001  # [m] distance of the predicted landing from the target that is good enough
 AIM_ROUNDS = 3  # plans at most: the shift carries over from plan to plan but where the posture changes
@@ -31,14 +31,15 @@ def plan_aimed(problem: ThrowProblem, known: CellKnowledge | None, hints: Search
     """
     until = time.perf_counter() + problem.time_limit_s
     found = plan(problem, hints)
-    if known is None or not isinstance(problem.release, TargetRelease):
+    target = problem.target
+    if known is None or target is None:
         return found
     best = found
     least = np.inf
     shift = np.zeros(3)
     further = replace(hints, offers_nearest=False)
     for remaining in range(AIM_ROUNDS, 0, -1):
-        miss = known.predicted(found.problem, found.trajectory).center - problem.release.p_W[:2]
+        miss = known.predicted(found.problem, found.trajectory).center - target.p_W[:2]
         if float(np.linalg.norm(miss)) < least:
             best = found
             least = float(np.linalg.norm(miss))
@@ -76,15 +77,15 @@ def learnt_fields(problem: ThrowProblem, found: Plan, known: CellKnowledge, prof
         profile_id: of the profile that it comes from; None: of the cell file.
     """
     fields: dict[str, Any] = {"profile": profile_id, "aim": None, "hit_probability": None, "landing_ellipse": None}
-    aimed = found.problem.release
-    release = problem.release
-    if not isinstance(release, TargetRelease) or not isinstance(aimed, TargetRelease):
+    aimed = found.problem.target
+    target = problem.target
+    if target is None or aimed is None:
         return fields
     if profile_id is not None:
-        fields["aim"] = {"position": aimed.p_W.tolist(), "shift_m": (aimed.p_W - release.p_W).tolist()}
+        fields["aim"] = {"position": aimed.p_W.tolist(), "shift_m": (aimed.p_W - target.p_W).tolist()}
     guess = known.predicted(found.problem, found.trajectory)
     radius = hit_radius_m(problem)
-    interval = list(guess.hit_interval(release.p_W[:2], radius))
+    interval = list(guess.hit_interval(target.p_W[:2], radius))
     value = hit_probability(problem, guess)
     fields["hit_probability"] = {"value": value, "interval": interval, "profile": profile_id, "radius_m": radius}
     fields["landing_ellipse"] = {"center": guess.center.tolist(), "covariance_m2": guess.covariance.tolist()}
@@ -93,8 +94,8 @@ def learnt_fields(problem: ThrowProblem, found: Plan, known: CellKnowledge, prof
 
 def hit_probability(problem: ThrowProblem, guess: LandingForecast) -> float:
     """Returns the probability that a throw with this forecast hits the target of a problem [-]."""
-    assert isinstance(problem.release, TargetRelease)
-    return guess.hit_probability(problem.release.p_W[:2], hit_radius_m(problem))
+    assert problem.target is not None
+    return guess.hit_probability(problem.target.p_W[:2], hit_radius_m(problem))
 
 
 def hit_radius_m(problem: ThrowProblem) -> float:
@@ -102,8 +103,8 @@ def hit_radius_m(problem: ThrowProblem) -> float:
 
     The room of the opening about the object, else the landing tolerance, else the object's radius.
     """
-    release = problem.release
+    target = problem.target
     thick = problem.cell.object.radius_m
-    if isinstance(release, TargetRelease) and release.opening is not None:
-        return release.opening.radius_m - thick
+    if target is not None and target.opening is not None:
+        return target.opening.radius_m - thick
     return problem.landing_tolerance_m or thick

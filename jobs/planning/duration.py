@@ -6,7 +6,7 @@ import numpy as np
 
 from planner.arrays import Array
 from planner.errors import FieldError, InvalidProblem
-from planner.problem import JointRelease, ThrowProblem
+from planner.problem import ThrowProblem
 from planner.trajectory import Trajectory
 
 MOTION_MAX_S = 60.0  # [s] 10 MB of JSON at 500 Hz; throws take about one second
@@ -54,6 +54,7 @@ def check_duration(problem: ThrowProblem, trajectory: Trajectory) -> None:
 
 def _least_travel(problem: ThrowProblem) -> Array:
     """Returns how far each joint travels (6,) [rad]: known for a release in joints, else `TRAVEL_RAD`."""
-    if isinstance(problem.release, JointRelease):
-        return np.abs(problem.release.q - problem.start)
+    state = problem.release.joint_state
+    if state is not None:
+        return np.abs(state.q - problem.start)
     return np.full(6, TRAVEL_RAD)

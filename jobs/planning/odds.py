@@ -13,7 +13,7 @@ from learning import CellKnowledge
 from planner.certificate import release_flight
 from planner.errors import TIME_LIMIT, Infeasible, PlannerError, SolverFailed, Violation
 from planner.planning import Plan
-from planner.problem import TIME_LIMIT_S, TargetRelease, ThrowProblem
+from planner.problem import TIME_LIMIT_S, ThrowProblem
 from planner.request import WINDOW_MAX_S, request_document
 
 # [-] half widths of the windows in standard deviations of the release's timing. Measured on four targets of the default
@@ -125,8 +125,9 @@ class _OddsSearch:
         if step.kind == "window":
             return replace(asked, release_window_s=step.value, landing_tolerance_m=hit_radius_m(self.problem))
         flight = release_flight(found.problem, found.trajectory)
-        assert flight is not None and isinstance(asked.release, TargetRelease)  # it has just been planned to a target
-        return replace(asked, release=replace(asked.release, max_speed_m_s=step.value * flight.speed_m_s))
+        assert flight is not None and asked.target is not None  # it has just been planned to a target
+        slower = replace(asked.target, max_speed_m_s=step.value * flight.speed_m_s)
+        return replace(asked, release=asked.release.with_target(slower))
 
 
 def _steps(problem: ThrowProblem, known: CellKnowledge) -> Iterator[_Step]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -12,9 +13,10 @@ from planner.certificate.bounds import curvature_bound, joint_rates, prove_above
 from planner.certificate.certificate import ROUNDING, Check, at_least, at_most
 from planner.certificate.samples import ArmSamples, MotionSamples
 from planner.flight import Flight, LandingStates, fly, landing_states
-from planner.geometry import tool_state
-from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
-from planner.rotations import angle_between
+from planner.geometry import ToolState, tool_state
+from planner.problem import ThrowProblem
+from planner.releases import Bound, ReleaseSample
+from planner.rotations import pose
 from planner.trajectory import Trajectory
 
 RELEASE_POSITION_TOLERANCE = 1e-5  # [m, rad] less than a third of a UR's repeatability, 0.03 mm
@@ -40,81 +42,57 @@ def _flown(problem: ThrowProblem, p_WT: Array, v_WT: Array) -> Flight | None:
 
 def release_position(motion: MotionSamples) -> Check | None:
     """Checks the place of the release; None where it is free."""
-    problem = motion.problem
-    at_s = motion.trajectory.release_time_s
-    name = "release_position"
-    tolerance = RELEASE_POSITION_TOLERANCE
-    release = problem.release
-    p = motion.at_knots.p_WT[:, motion.release_knot]
-    if isinstance(release, JointRelease):
-        off = np.abs(motion.trajectory.q[motion.trajectory.release_index] - release.q)
-        return at_most(name, float(off.max()), tolerance, "rad", at_s)
-    if isinstance(release, PointRelease):
-        return at_most(name, float(np.linalg.norm(p - release.p_WT)), tolerance, "m", at_s)
-    if isinstance(release, PoseRelease):
-        R_WT = motion.at_knots.X_WL[motion.release_knot, 6, :3, :3] @ problem.cell.tool.X_FT[:3, :3]
-        offset = float(np.linalg.norm(p - release.X_WT[:3, 3]))
-        turn = angle_between(R_WT, release.X_WT[:3, :3])
-        unit, detail = ("m", "position [m]") if offset >= turn else ("rad", "orientation [rad]")
-        return at_most(name, max(offset, turn), tolerance, unit, at_s, detail)
-    if release.release_position is not None:
-        return at_most(name, float(np.linalg.norm(p - release.release_position)), tolerance, "m", at_s)
-    if release.min_horizontal_distance_m > 0.0:
-        distance = float(np.linalg.norm((p - release.p_W)[:2]))
-        limit = release.min_horizontal_distance_m
-        detail = "horizontal distance to the target"
-        return at_least(name, distance, limit, "m", at_s, detail)
-    return None
+    bounds = motion.problem.release.position_bounds(_sample(motion))
+    return _tightest("release_position", bounds, RELEASE_POSITION_TOLERANCE, motion.trajectory.release_time_s)
 
 
 def release_velocity(motion: MotionSamples) -> Check | None:
     """Checks the velocity of the release; None where it is free."""
+    bounds = motion.problem.release.velocity_bounds(_sample(motion))
+    return _tightest("release_velocity", bounds, RELEASE_VELOCITY_TOLERANCE, motion.trajectory.release_time_s)
+
+
+def _sample(motion: MotionSamples) -> ReleaseSample:
+    """Returns the motion at its release."""
+    row = motion.trajectory.release_index
     k = motion.release_knot
-    at_s = motion.trajectory.release_time_s
-    name = "release_velocity"
-    tolerance = RELEASE_VELOCITY_TOLERANCE
-    release = motion.problem.release
-    if isinstance(release, JointRelease):
-        off = np.abs(motion.trajectory.qd[motion.trajectory.release_index] - release.qd)
-        return at_most(name, float(off.max()), tolerance, "rad/s", at_s)
-    v = motion.at_knots.v_WT[:, k]
-    if isinstance(release, PointRelease):
-        return at_most(name, float(np.linalg.norm(v - release.v_WT)), tolerance, "m/s", at_s)
-    if isinstance(release, PoseRelease):
-        V_WT = np.concatenate([v, motion.at_knots.links.angular_velocity[:, 5, k]])
-        off = np.abs(V_WT - release.V_WT)
-        return at_most(name, float(off.max()), tolerance, "m/s" if off.argmax() < 3 else "rad/s", at_s)
-    return _bounded_velocity(release, v, at_s)
+    arm = motion.at_knots
+    R_WT = arm.X_WL[k, 6, :3, :3] @ motion.problem.cell.tool.X_FT[:3, :3]
+    V_WT = np.concatenate([arm.v_WT[:, k], arm.links.angular_velocity[:, 5, k]])
+    tool = ToolState(pose(arm.p_WT[:, k], R_WT), V_WT)
+    return ReleaseSample(motion.trajectory.q[row], motion.trajectory.qd[row], tool)
 
 
-def _bounded_velocity(release: TargetRelease, v: Array, at_s: float) -> Check | None:
-    """Returns the tighter check of a target's bounds on speed and elevation; None where it has none."""
-    name = "release_velocity"
+def _tightest(name: str, bounds: Sequence[Bound], tolerance: float, at_s: float) -> Check | None:
+    """Returns the check of the bound that is kept least; None without bounds.
+
+    Args:
+        name: of the check.
+        bounds: on the release.
+        tolerance: by which those that are not exact may be exceeded.
+        at_s: time of the release [s].
+    """
     checks = []
-    elevation = math.atan2(float(v[2]), math.hypot(float(v[0]), float(v[1])))
-    if math.isfinite(release.max_speed_m_s):
-        limit = release.max_speed_m_s + RELEASE_VELOCITY_TOLERANCE
-        checks.append(at_most(name, float(np.linalg.norm(v)), limit, "m/s", at_s, "speed"))
-    if release.min_elevation_rad > -math.pi / 2:
-        limit = release.min_elevation_rad - RELEASE_VELOCITY_TOLERANCE
-        checks.append(at_least(name, elevation, limit, "rad", at_s, "elevation"))
-    if release.max_elevation_rad < math.pi / 2:
-        limit = release.max_elevation_rad + RELEASE_VELOCITY_TOLERANCE
-        checks.append(at_most(name, elevation, limit, "rad", at_s, "elevation"))
-    return min(checks, key=lambda check: (check.ok, check.margin)) if checks else None
+    for bound in bounds:
+        room = 0.0 if bound.is_exact else tolerance
+        if bound.is_least:
+            checks.append(at_least(name, bound.value, bound.limit - room, bound.unit, at_s, bound.detail))
+        else:
+            checks.append(at_most(name, bound.value, bound.limit + room, bound.unit, at_s, bound.detail))
+    return min(checks, key=lambda check: (check.ok, check.margin), default=None)
 
 
 def landing(motion: MotionSamples) -> Check | None:
     """Checks that the object lands on the target after the nominal release; None where there is no target."""
-    release = motion.problem.release
     problem = motion.problem
+    target = problem.target
     k = motion.release_knot
-    if not isinstance(release, TargetRelease):
+    if target is None:
         return None
     p = motion.at_knots.p_WT[:, k]
     v = motion.at_knots.v_WT[:, k]
     flight = _flown(problem, p, v)
-    miss = math.inf if flight is None else float(np.linalg.norm(flight.landing_point - release.p_W))
+    miss = math.inf if flight is None else float(np.linalg.norm(flight.landing_point - target.p_W))
     return at_most("landing", miss, LANDING_TOLERANCE_M, "m", motion.trajectory.release_time_s)
 
 
@@ -176,8 +154,8 @@ def _landed(problem: ThrowProblem, arm: ArmSamples) -> LandingStates:
 
 
 def _nominal_landing(problem: ThrowProblem, trajectory: Trajectory) -> Array:
-    if isinstance(problem.release, TargetRelease):
-        return problem.release.p_W
+    if problem.target is not None:
+        return problem.target.p_W
     flight = release_flight(problem, trajectory)
     return np.full(3, np.nan) if flight is None else flight.landing_point
 

@@ -1,7 +1,7 @@
 """Geometry of arm, tool and object: state, capsules, distances, what can collide, flights, where an object fits."""
 
 from planner.geometry.arcs import Arcs
-from planner.geometry.body import BodyModel, body_model, tool_pose, tool_state
+from planner.geometry.body import BodyModel, ToolState, body_model, tool_pose, tool_state
 from planner.geometry.capsules import arm_capsules, body_capsules, capsule_endpoints, levers
 from planner.geometry.distances import (
     pair_distances,
@@ -20,6 +20,7 @@ __all__ = [
     "BodyModel",
     "Misfit",
     "Surface",
+    "ToolState",
     "arm_capsules",
     "barriers",
     "body_capsules",

@@ -14,7 +14,7 @@ from planner.cell import FARTHEST_M
 from planner.errors import Infeasible, Violation
 from planner.flight import least_speed
 from planner.geometry import body_model, segment_box_distance, tool_state
-from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
+from planner.problem import JointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.refusal.blocked_postures import blocked_postures
 from planner.refusal.released_flight import released_flight_blocked
 from planner.refusal.throw_range import SLACK, farthest_reach_from_shoulder, out_of_range, shoulder_position
@@ -34,20 +34,25 @@ def refuse_impossible(problem: ThrowProblem) -> None:
 
 def proven_violations(problem: ThrowProblem) -> list[Violation]:
     """Returns the violations that no motion avoids, as far as bounds alone tell."""
-    match problem.release:
-        case JointRelease(q, qd):
-            found = [*_joint_speeds(problem, qd), *_speed(problem, tool_state(problem.cell, q, qd).v_WT)]
-        case PoseRelease(X, V):
-            found = [*_place(problem, X[:3, 3]), *_speed(problem, V[:3], X[:3, 3]), *_turning(problem, V[3:])]
-        case PointRelease(p, v):
-            found = [*_place(problem, p), *_speed(problem, v, p)]
-        case TargetRelease(release_position=None) as release:
-            found = _misfit(problem) or _range(problem, release)
-        case TargetRelease(release_position=p) as release:
-            assert p is not None
-            found = _misfit(problem) or _place(problem, p) or _range(problem, release, p)
-    found += [*filter(None, [released_flight_blocked(problem)]), *blocked_postures(problem)]
+    found = [*_of_demands(problem), *filter(None, [released_flight_blocked(problem)]), *blocked_postures(problem)]
     return [replace(violation, proven=True) for violation in found]
+
+
+def _of_demands(problem: ThrowProblem) -> list[Violation]:
+    """Returns what rules out the release by itself: the joint state, the tool's place and velocity, or the target."""
+    release = problem.release
+    if release.joint_state is not None:
+        q, qd = release.joint_state
+        return [*_joint_speeds(problem, qd), *_speed(problem, tool_state(problem.cell, q, qd).v_WT)]
+    if release.tool_state is not None:
+        X, V = release.tool_state
+        return [*_place(problem, X[:3, 3]), *_speed(problem, V[:3], X[:3, 3]), *_turning(problem, V[3:])]
+    if release.point_state is not None:
+        p, v = release.point_state
+        return [*_place(problem, p), *_speed(problem, v, p)]
+    assert isinstance(release, TargetRelease)
+    p = release.release_position
+    return _misfit(problem) or ([] if p is None else _place(problem, p)) or _range(problem, release, p)
 
 
 def farthest_target_m(problem: ThrowProblem) -> float | None:
@@ -59,15 +64,14 @@ def farthest_target_m(problem: ThrowProblem) -> float | None:
     Args:
         problem: of a target; its height counts.
     """
-    assert isinstance(problem.release, TargetRelease)
+    asked = problem.release
+    assert isinstance(asked, TargetRelease)
     shoulder = shoulder_position(problem.cell)
-    target = problem.release.p_W
+    target = asked.p_W
 
     def is_out_of_range(distance: float) -> bool:
         place = np.array([shoulder[0] + distance, shoulder[1], target[2]])
-        release = replace(problem.release, p_W=place)
-        assert isinstance(release, TargetRelease)
-        return bool(_range(problem, release))
+        return bool(_range(problem, replace(asked, p_W=place)))
 
     if is_out_of_range(0.0):
         return None

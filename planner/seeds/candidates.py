@@ -1,7 +1,7 @@
 """Candidate release states, from which every back end starts, sorted by a lower bound on the launch time.
 
-A `joint` release has one candidate; a `pose` has one for each branch and each full turn of the inverse kinematics. A
-`point` adds tool orientations, a `target` adds release positions and flight times: both are drawn from a fixed
+A joint state is one candidate; a tool pose has one for each branch and each full turn of the inverse kinematics. A
+point adds tool orientations, a target adds release positions and flight times: both are drawn from a fixed
 quasi-random sequence, so the same request always has the same candidates.
 """
 
@@ -15,14 +15,15 @@ import numpy as np
 
 from planner.arrays import Array
 from planner.errors import Infeasible, Violation, nothing_found
-from planner.geometry import body_model
+from planner.geometry import ToolState, body_model
 from planner.kinematics import (
     inverse,
     inverse_velocity,
     jacobian,
     singularity_distances,
 )
-from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
+from planner.problem import ThrowProblem
+from planner.releases import Target
 from planner.rotations import invert_pose, unit_hint
 from planner.seeds.aspects import aspects, first_rows
 from planner.seeds.flight_filter import has_flight_obstacles
@@ -106,15 +107,17 @@ def candidates(problem: ThrowProblem, wide: bool = True) -> list[Candidate]:
         Infeasible: there is none; the violations give the reason.
     """
     release = problem.release
-    if isinstance(release, JointRelease):
-        states = _distinct(release.q[None], release.qd[None])
-        _check_joint_positions(problem, release)
-    elif isinstance(release, PoseRelease):
-        states = _pose_states(problem, release)
-    elif isinstance(release, PointRelease):
-        states = _distinct(*point_states(problem, release))
+    if release.joint_state is not None:
+        q, qd = release.joint_state
+        states = _distinct(q[None], qd[None])
+        _check_joint_positions(problem, q)
+    elif release.tool_state is not None:
+        states = _tool_states(problem, release.tool_state)
+    elif release.point_state is not None:
+        states = _distinct(*point_states(problem, release.point_state))
     else:
-        return _rounded(problem, _target_candidates(problem, release, wide))
+        assert release.target is not None
+        return _rounded(problem, _target_candidates(problem, release.target, wide))
     return _usable(problem, states)
 
 
@@ -132,25 +135,25 @@ def usable_candidates(problem: ThrowProblem, q: Array, qd: Array) -> list[Candid
     return _usable(problem, _distinct(q, qd))
 
 
-def _target_candidates(problem: ThrowProblem, release: TargetRelease, wide: bool) -> list[Candidate]:
+def _target_candidates(problem: ThrowProblem, target: Target, wide: bool) -> list[Candidate]:
     """Returns the candidates for a target; where obstacles leave too few, from a thorough search.
 
     Raises:
         Infeasible: there are none.
     """
     if not wide:
-        return _usable(problem, _distinct(*target_states(problem, release, wide=False)))
+        return _usable(problem, _distinct(*target_states(problem, target, wide=False)))
     try:
-        found = _usable(problem, _distinct(*target_states(problem, release)))
+        found = _usable(problem, _distinct(*target_states(problem, target)))
         refusal = None
     except Infeasible as error:
         found = []
         refusal = error
-    if len(found) < FEW_CANDIDATES and release.release_position is None and has_flight_obstacles(problem):
+    if len(found) < FEW_CANDIDATES and target.release_position is None and has_flight_obstacles(problem):
         try:
-            return _usable(problem, _distinct(*target_states(problem, release, thorough=True)))
+            return _usable(problem, _distinct(*target_states(problem, target, thorough=True)))
         except Infeasible as error:
-            blocked = blocked_flights(problem, release) if refusal else None
+            blocked = blocked_flights(problem, target) if refusal else None
             refusal = refusal and (error if blocked is None else _like(error, blocked))
     if refusal is not None:
         raise refusal
@@ -205,7 +208,7 @@ def _usable(problem: ThrowProblem, states: States) -> list[Candidate]:
 
 def _number(problem: ThrowProblem, states: States) -> str:
     """Returns how many states are looked at, in words: the best of many where the release leaves something free."""
-    if isinstance(problem.release, JointRelease):
+    if problem.release.joint_state is not None:
         return "the release state"
     if len(states.q) == 1:
         return "the only release state found"
@@ -237,10 +240,9 @@ def _clear(problem: ThrowProblem, states: States, bound: Array) -> list[Candidat
     raise Infeasible(body.violations_at(best))
 
 
-def _check_joint_positions(problem: ThrowProblem, release: JointRelease) -> None:
+def _check_joint_positions(problem: ThrowProblem, q: Array) -> None:
     """Raises `NoCandidates` with every joint position that is outside its limits."""
     limits = problem.limits
-    q = release.q
     outside = np.flatnonzero((q < limits.q_lower - POSITION_SLACK) | (q > limits.q_upper + POSITION_SLACK))
     if len(outside):
         violations = [_joint_violation(problem, joint, q[joint]) for joint in outside.tolist()]
@@ -255,22 +257,22 @@ def _joint_violation(problem: ThrowProblem, joint: int, q: float) -> Violation:
     return Violation("joint_position", float(q), float(lower if q < lower else upper), "rad", detail=detail)
 
 
-def _pose_states(problem: ThrowProblem, release: PoseRelease) -> States:
-    """Returns the joint states of every branch and turn that have the pose and the twist.
+def _tool_states(problem: ThrowProblem, tool: ToolState) -> States:
+    """Returns the joint states of every branch and turn that have the tool's pose and twist.
 
     Raises:
         Infeasible: the pose is out of reach, or no branch is inside the joint limits.
     """
     cell = problem.cell
     limits = problem.limits
-    X_BT = invert_pose(cell.X_WB) @ release.X_WT
+    X_BT = invert_pose(cell.X_WB) @ tool.X_WT
     found = inverse(cell.robot, X_BT, cell.tool.X_FT, limits.q_lower, limits.q_upper)
     if found.reach_excess_m > 0.0:
-        raise Infeasible([_reach_violation(problem, release.X_WT[:3, 3], found.reach_excess_m)])
+        raise Infeasible([_reach_violation(problem, tool.X_WT[:3, 3], found.reach_excess_m)])
     if len(found.q) == 0:
         raise Infeasible([_joint_limit_violation(problem, X_BT)])
     R_BW = cell.X_WB[:3, :3].T
-    V_BT = np.concatenate([R_BW @ release.V_WT[:3], R_BW @ release.V_WT[3:]])
+    V_BT = np.concatenate([R_BW @ tool.V_WT[:3], R_BW @ tool.V_WT[3:]])
     states = States(found.q, np.zeros_like(found.q), found.branch)
     usable = states.of_postures(lambda q: singularity_distances(cell.robot, q).minimum) > 1e-6
     if not usable.any():

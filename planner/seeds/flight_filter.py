@@ -15,7 +15,8 @@ from planner.cell import CONTACT_M, Box
 from planner.errors import Violation
 from planner.geometry import Arcs, body_model, point_segment_distance, segment_box_distance
 from planner.kinematics import LinkMotion, dot, link_poses
-from planner.problem import TargetRelease, ThrowProblem
+from planner.problem import ThrowProblem
+from planner.releases import Target
 
 FLIGHT_TIMES = (1.0, 0.8, 1.25, 0.6)  # [-] flight times tried, relative to that of the slowest throw
 STEEP_TIMES = (1.5, 1.8, 2.2)  # [-] tried too where a box or a rim may have to be cleared; 2.2: 78 degrees on a plane
@@ -34,9 +35,9 @@ def has_flight_obstacles(problem: ThrowProblem) -> bool:
 
 def flight_obstacles(problem: ThrowProblem) -> list[str]:
     """Returns the names of what may stand in the way of a throw to a target; none for another release."""
-    if not isinstance(problem.release, TargetRelease):
+    if problem.target is None:
         return []
-    return [*problem.cell.surroundings.keep_out_names, *([RIM] if problem.release.opening is not None else [])]
+    return [*problem.cell.surroundings.keep_out_names, *([RIM] if problem.target.opening is not None else [])]
 
 
 def flight_times(problem: ThrowProblem, thorough: bool = False) -> tuple[float, ...]:
@@ -46,22 +47,22 @@ def flight_times(problem: ThrowProblem, thorough: bool = False) -> tuple[float, 
     return FLIGHT_TIMES + STEEP_TIMES + (STEEPEST_TIMES if thorough else ())
 
 
-def clear_flights(problem: ThrowProblem, release: TargetRelease, p: Array, v: Array) -> Mask:
+def clear_flights(problem: ThrowProblem, target: Target, p: Array, v: Array) -> Mask:
     """Returns the mask (...,) of the drag-free flights that meet no keep-out box, nor the target's bin, nor the base.
 
     Args:
         problem: its cell.
-        release: the target.
+        target: of the throw.
         p: release positions (..., 3) [m].
         v: release velocities (..., 3) [m/s].
     """
-    return np.asarray(least_room(problem, release, p, v) >= -CONTACT_M)
+    return np.asarray(least_room(problem, target, p, v) >= -CONTACT_M)
 
 
-def _rooms(problem: ThrowProblem, release: TargetRelease, p: Array, v: Array) -> Iterator[tuple[str, Array]]:
+def _rooms(problem: ThrowProblem, target: Target, p: Array, v: Array) -> Iterator[tuple[str, Array]]:
     """Yields what a flight may meet, and the room (...,) [m] that the flights leave it; negative where it lacks."""
     around = problem.cell.surroundings
-    beside_base = _lands_beside_base(problem, release)
+    beside_base = _lands_beside_base(problem, target)
     if not beside_base and not has_flight_obstacles(problem):
         return
     p = np.broadcast_to(p, v.shape)
@@ -72,19 +73,19 @@ def _rooms(problem: ThrowProblem, release: TargetRelease, p: Array, v: Array) ->
             rising = arcs.room_beside_box(box.lower, box.upper, 0.0, around.floor_z_m)
             room = np.minimum(rising, _room_beside_lower_box(box, arcs, whole))
         else:
-            room = arcs.room_beside_box(box.lower, box.upper, _flight_gap(problem, release, box), around.floor_z_m)
+            room = arcs.room_beside_box(box.lower, box.upper, _flight_gap(problem, target, box), around.floor_z_m)
             room = np.minimum(room, whole.room_beside_box(box.lower, box.upper, 0.0, around.floor_z_m))
-        yield name, np.minimum(room, _room_lying(problem, release, box, whole))
-    if release.opening is not None:
-        mouth = release.opening
-        yield RIM, arcs.room_in_mouth(release.p_W, mouth.radius_m, mouth.rim_height_m)
+        yield name, np.minimum(room, _room_lying(problem, target, box, whole))
+    if target.opening is not None:
+        mouth = target.opening
+        yield RIM, arcs.room_in_mouth(target.p_W, mouth.radius_m, mouth.rim_height_m)
     if beside_base:
         yield "the arm's base", _room_beside_base(problem, whole)
 
 
-def _flight_gap(problem: ThrowProblem, release: TargetRelease, box: Box) -> float:
+def _flight_gap(problem: ThrowProblem, target: Target, box: Box) -> float:
     """Returns the room [m] that flights are to keep from a box: no more than there is at the target."""
-    centre = release.p_W + np.array([0.0, 0.0, problem.landing_radius_m])
+    centre = target.p_W + np.array([0.0, 0.0, problem.landing_radius_m])
     there = float(segment_box_distance(centre, centre, box.lower, box.upper)) - problem.cell.object.radius_m
     return min(max(there - CONTACT_M, 0.0), FLIGHT_GAP_M)
 
@@ -103,7 +104,7 @@ def _room_beside_lower_box(box: Box, arcs: Arcs, whole: Arcs) -> Array:
     return np.where(whole.until_s > arcs.until_s, room, np.inf)
 
 
-def _room_lying(problem: ThrowProblem, release: TargetRelease, box: Box, whole: Arcs) -> Array:
+def _room_lying(problem: ThrowProblem, target: Target, box: Box, whole: Arcs) -> Array:
     """Returns the room (...,) [m] beside a box of an object that lies, from where flights end to the target.
 
     Infinite for a target in the air or in a bin, and beside a box no higher than what the object lies on.
@@ -113,38 +114,38 @@ def _room_lying(problem: ThrowProblem, release: TargetRelease, box: Box, whole: 
     if problem.lies_z is None or not problem.is_met_lying(box.upper[2]):
         return room
     touched = whole.at(whole.until_s) - problem.aim_shift
-    target = release.p_W - problem.aim_shift
-    touched[..., 2] = target[2] = problem.lies_z
-    lower = np.minimum(touched, target) - radius
-    upper = np.maximum(touched, target) + radius
+    rests = target.p_W - problem.aim_shift
+    touched[..., 2] = rests[2] = problem.lies_z
+    lower = np.minimum(touched, rests) - radius
+    upper = np.maximum(touched, rests) + radius
     near = ((lower < box.upper) & (upper > box.lower)).all(axis=-1)
-    room[near] = segment_box_distance(touched[near], target, box.lower, box.upper) - radius
+    room[near] = segment_box_distance(touched[near], rests, box.lower, box.upper) - radius
     return room
 
 
-def least_room(problem: ThrowProblem, release: TargetRelease, p: Array, v: Array) -> Array:
+def least_room(problem: ThrowProblem, target: Target, p: Array, v: Array) -> Array:
     """Returns the room (...,) [m] that flights leave what they come closest to; infinite without any such thing."""
     least = np.full(v.shape[:-1], np.inf)
-    for _, room in _rooms(problem, release, p, v):
+    for _, room in _rooms(problem, target, p, v):
         least = np.minimum(least, room)
     return least
 
 
-def no_clear_flight(problem: ThrowProblem, release: TargetRelease, p: Array, v: Array, tried: int) -> Violation:
+def no_clear_flight(problem: ThrowProblem, target: Target, p: Array, v: Array, tried: int) -> Violation:
     """Returns the violation by the best of flights that all meet something: the one that lacks the least room.
 
     Args:
         problem: its cell.
-        release: the target.
+        target: of the throw.
         p: release positions (n, 3) [m].
         v: release velocities (n, 3) [m/s].
         tried: flights that were tried.
     """
-    beside_base = gap_to_base(problem, release.p_W)
+    beside_base = gap_to_base(problem, target.p_W)
     if beside_base < 0.0:
         detail = "the arm's base, from an object at the target"
         return Violation("flight_clearance", beside_base, 0.0, "m", detail=detail)
-    rooms = dict(_rooms(problem, release, p, v))
+    rooms = dict(_rooms(problem, target, p, v))
     best = int(np.min(list(rooms.values()), axis=0).argmax())
     name = min(rooms, key=lambda each: float(rooms[each][best]))
     others = [each for each, room in rooms.items() if each != name and (room < 0.0).any()]
@@ -153,9 +154,9 @@ def no_clear_flight(problem: ThrowProblem, release: TargetRelease, p: Array, v: 
     return Violation("flight_clearance", float(rooms[name][best]), 0.0, "m", detail=detail)
 
 
-def _lands_beside_base(problem: ThrowProblem, release: TargetRelease) -> bool:
+def _lands_beside_base(problem: ThrowProblem, target: Target) -> bool:
     """Returns whether a target is so near to the arm's base that flights to it may end there."""
-    return gap_to_base(problem, release.p_W) < BESIDE_BASE_M
+    return gap_to_base(problem, target.p_W) < BESIDE_BASE_M
 
 
 def gap_to_base(problem: ThrowProblem, p: Array) -> float:

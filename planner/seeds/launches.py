@@ -13,7 +13,8 @@ import numpy as np
 from planner.arrays import Array, Mask
 from planner.errors import Violation, nothing_found
 from planner.flight import elevation, launch_velocity, slowest_time, time_at_elevation
-from planner.problem import TargetRelease, ThrowProblem
+from planner.problem import ThrowProblem
+from planner.releases import Target
 from planner.seeds.flight_filter import clear_flights, flight_times
 
 TIMES_FROM_A_PLACE = np.geomspace(0.4, 3.0, 200)
@@ -24,63 +25,63 @@ FARTHEST_RAD = 0.2  # [rad] that a secant moves an elevation at most
 VERTICAL_M = 1e-6  # [m] a target no farther aside than that is reached straight up or down alone
 
 
-def launches(problem: ThrowProblem, release: TargetRelease, p: Array, thorough: bool) -> tuple[Array, Mask]:
+def launches(problem: ThrowProblem, target: Target, p: Array, thorough: bool) -> tuple[Array, Mask]:
     """Returns release velocities (k, n, 3) from p (n, 3), and which of them (k, n) keep the limits on the velocity."""
-    if release.release_position is not None:
-        return _launches_in(problem, release, p, _times_from(problem, release, release.release_position))
-    return _launches_in(problem, release, p, np.array(flight_times(problem, thorough)))
+    if target.release_position is not None:
+        return _launches_in(problem, target, p, _times_from(problem, target, target.release_position))
+    return _launches_in(problem, target, p, np.array(flight_times(problem, thorough)))
 
 
-def _launches_in(problem: ThrowProblem, release: TargetRelease, p: Array, times: Array) -> tuple[Array, Mask]:
+def _launches_in(problem: ThrowProblem, target: Target, p: Array, times: Array) -> tuple[Array, Mask]:
     """Returns what `launches` does for flight times (k,), relative to that of the slowest throw [-]."""
-    t = np.outer(times, slowest_time(p, release.p_W, problem.gravity_at_tool_speed))
-    t = _within_elevations(problem, release, p, t)
-    v = launch_velocity(p, release.p_W, t, problem.gravity_at_tool_speed)
-    return v, allowed_velocity(problem, release, v) & (v[..., 2] < problem.gravity_at_tool_speed * t)
+    t = np.outer(times, slowest_time(p, target.p_W, problem.gravity_at_tool_speed))
+    t = _within_elevations(problem, target, p, t)
+    v = launch_velocity(p, target.p_W, t, problem.gravity_at_tool_speed)
+    return v, allowed_velocity(problem, target, v) & (v[..., 2] < problem.gravity_at_tool_speed * t)
 
 
-def _within_elevations(problem: ThrowProblem, release: TargetRelease, p: Array, t: Array) -> Array:
+def _within_elevations(problem: ThrowProblem, target: Target, p: Array, t: Array) -> Array:
     """Returns flight times (..., n) from p (n, 3) [s], those beyond the requested elevations at their ends instead.
 
     NaN where no flight keeps them and falls on the target.
     """
     gravity = problem.gravity_at_tool_speed
-    low = release.min_elevation_rad
-    high = release.max_elevation_rad
+    low = target.min_elevation_rad
+    high = target.max_elevation_rad
     if low > -math.pi / 2:
-        t = np.fmax(t, time_at_elevation(p, release.p_W, low, gravity))
+        t = np.fmax(t, time_at_elevation(p, target.p_W, low, gravity))
     if high < math.pi / 2:
-        last = time_at_elevation(p, release.p_W, high, gravity)
-        t = np.where(high > _lowest_elevation(release, p), np.fmin(t, last), np.nan)  # no last one straight down
+        last = time_at_elevation(p, target.p_W, high, gravity)
+        t = np.where(high > _lowest_elevation(target, p), np.fmin(t, last), np.nan)  # no last one straight down
     return t
 
 
-def _lowest_elevation(release: TargetRelease, p: Array) -> Array:
+def _lowest_elevation(target: Target, p: Array) -> Array:
     """Returns the elevation (...,) [rad] that a drag-free flight from p (..., 3) exceeds if it falls on the target.
 
     Straight down there is none, unless the request sets a lower bound above -pi/2.
     """
-    d = release.p_W - p
+    d = target.p_W - p
     spread = np.hypot(d[..., 0], d[..., 1])
     rise = np.where(d[..., 2] > 0.0, 2.0, 1.0) * d[..., 2]  # twice as steep as the straight line, where that rises
-    falls = (d[..., 2] < 0.0) & (release.min_elevation_rad <= -math.pi / 2)
+    falls = (d[..., 2] < 0.0) & (target.min_elevation_rad <= -math.pi / 2)
     vertical = np.where(falls, -np.inf, math.pi / 2)
     return np.where(spread > VERTICAL_M, np.arctan2(rise, spread), vertical)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # of flights that drag brings down before the target: they end as NaN
-def with_drag(problem: ThrowProblem, release: TargetRelease, p: Array, t: Array) -> Array:
+def with_drag(problem: ThrowProblem, target: Target, p: Array, t: Array) -> Array:
     """Returns the release velocities (n, 3) of flights with drag from p (n, 3) to a target; NaN where there is none.
 
     They take the times t (n,) [s], but for those whose elevation would be beyond the requested ones: that is theirs.
     Their time is that of a drag-free flight at another elevation, which is found by secants.
     """
     gravity = problem.gravity_at_tool_speed
-    low = release.min_elevation_rad
-    high = release.max_elevation_rad
-    v = launch_velocity(p, release.p_W, t, gravity, problem.drag)
+    low = target.min_elevation_rad
+    high = target.max_elevation_rad
+    v = launch_velocity(p, target.p_W, t, gravity, problem.drag)
     flown = elevation(v)
-    without = elevation(launch_velocity(p, release.p_W, t, gravity))
+    without = elevation(launch_velocity(p, target.p_W, t, gravity))
     wanted = np.clip(flown, low, high)
     off = flown - wanted
     change = -off
@@ -89,72 +90,72 @@ def with_drag(problem: ThrowProblem, release: TargetRelease, p: Array, t: Array)
         if len(rows) == 0:
             break
         without[rows] += change[rows]
-        t = time_at_elevation(p[rows], release.p_W, without[rows], gravity)
+        t = time_at_elevation(p[rows], target.p_W, without[rows], gravity)
         v[rows] = np.nan
         timed = rows[np.isfinite(t)]
         before = off.copy()
         if len(timed) > 0:
-            v[timed] = launch_velocity(p[timed], release.p_W, t[np.isfinite(t)], gravity, problem.drag)
+            v[timed] = launch_velocity(p[timed], target.p_W, t[np.isfinite(t)], gravity, problem.drag)
         off[rows] = elevation(v[rows]) - wanted[rows]
         turned = np.where(off[rows] != before[rows], off[rows] - before[rows], -change[rows])
         change[rows] = np.clip(change[rows] * -off[rows] / turned, -FARTHEST_RAD, FARTHEST_RAD)
     return v
 
 
-def _times_from(problem: ThrowProblem, release: TargetRelease, p: Array) -> Array:
+def _times_from(problem: ThrowProblem, target: Target, p: Array) -> Array:
     """Returns flight times (k,) from a given place (3,), relative to that of the slowest throw [-].
 
     They are spread over those that are allowed and clear, which may be few; if none is, over all.
     """
-    found, allowed = _launches_in(problem, release, p[None], TIMES_FROM_A_PLACE)
+    found, allowed = _launches_in(problem, target, p[None], TIMES_FROM_A_PLACE)
     v = found[:, 0]
     kept = allowed[:, 0]
-    kept[kept] = clear_flights(problem, release, np.tile(p, (len(v), 1))[kept], v[kept])
+    kept[kept] = clear_flights(problem, target, np.tile(p, (len(v), 1))[kept], v[kept])
     times = TIMES_FROM_A_PLACE[kept] if kept.any() else TIMES_FROM_A_PLACE
     return times[np.unique(np.linspace(0, len(times) - 1, TIMES_TRIED).round().astype(int))]
 
 
-def allowed_velocity(problem: ThrowProblem, release: TargetRelease, v: Array) -> Mask:
+def allowed_velocity(problem: ThrowProblem, target: Target, v: Array) -> Mask:
     """Returns the mask of the release velocities (..., 3) within the requested elevations and the limits on speed."""
-    low = release.min_elevation_rad - ROUNDING_RAD
-    high = release.max_elevation_rad + ROUNDING_RAD
+    low = target.min_elevation_rad - ROUNDING_RAD
+    high = target.max_elevation_rad + ROUNDING_RAD
     angle = elevation(v)
-    return (angle >= low) & (angle <= high) & (np.linalg.norm(v, axis=-1) <= _speed_limit(problem, release))
+    return (angle >= low) & (angle <= high) & (np.linalg.norm(v, axis=-1) <= _speed_limit(problem, target))
 
 
-def is_slow_enough(problem: ThrowProblem, release: TargetRelease, p: Array) -> Mask:
+def is_slow_enough(problem: ThrowProblem, target: Target, p: Array) -> Mask:
     """Returns whether the slowest flight from p (n, 3) within the requested elevations keeps the limits on speed."""
-    return _least_speed(problem, release, p) <= _speed_limit(problem, release)
+    return _least_speed(problem, target, p) <= _speed_limit(problem, target)
 
 
-def _least_speed(problem: ThrowProblem, release: TargetRelease, p: Array) -> Array:
+def _least_speed(problem: ThrowProblem, target: Target, p: Array) -> Array:
     """Returns the least speed (n,) [m/s] of a flight from p (n, 3) within the requested elevations; NaN: none."""
     gravity = problem.gravity_at_tool_speed
-    t = _within_elevations(problem, release, p, slowest_time(p, release.p_W, gravity))
-    return np.linalg.norm(launch_velocity(p, release.p_W, t, gravity), axis=-1)
+    t = _within_elevations(problem, target, p, slowest_time(p, target.p_W, gravity))
+    return np.linalg.norm(launch_velocity(p, target.p_W, t, gravity), axis=-1)
 
 
-def _speed_limit(problem: ThrowProblem, release: TargetRelease) -> float:
+def _speed_limit(problem: ThrowProblem, target: Target) -> float:
     """Returns the highest release speed [m/s] that request and cell allow."""
-    return min(release.max_speed_m_s, problem.limits.tcp_speed_max)
+    return min(target.max_speed_m_s, problem.limits.tcp_speed_max)
 
 
-def no_flight(problem: ThrowProblem, release: TargetRelease, p: Array) -> Violation:
+def no_flight(problem: ThrowProblem, target: Target, p: Array) -> Violation:
     """Returns why no flight from the positions (n, 3) hits the target: there is none, or it takes too much speed."""
     if len(p) == 0:
-        apart = release.min_horizontal_distance_m
+        apart = target.min_horizontal_distance_m
         detail = "no posture was found that keeps off floor and singularities, in the keep-in boxes,"
         return nothing_found("release_position", f"{detail} at least {apart:g} m from the target")
-    speeds = _least_speed(problem, release, p)
+    speeds = _least_speed(problem, target, p)
     if np.isnan(speeds).all():
-        lowest = float(_lowest_elevation(release, p).min())
+        lowest = float(_lowest_elevation(target, p).min())
         detail = f"elevation above which a flight comes down on the target, from {len(p)} postures tried"
-        return Violation("release_velocity", lowest, release.max_elevation_rad, "rad", detail=detail)
-    name = "release_velocity" if release.max_speed_m_s < problem.limits.tcp_speed_max else "tcp_speed"
+        return Violation("release_velocity", lowest, target.max_elevation_rad, "rad", detail=detail)
+    name = "release_velocity" if target.max_speed_m_s < problem.limits.tcp_speed_max else "tcp_speed"
     detail = f"least speed that hits the target within the requested elevations, from {len(p)} postures tried"
-    return Violation(name, float(np.nanmin(speeds)), _speed_limit(problem, release), "m/s", detail=detail)
+    return Violation(name, float(np.nanmin(speeds)), _speed_limit(problem, target), "m/s", detail=detail)
 
 
-def far_enough(release: TargetRelease, p: Array) -> Mask:
+def far_enough(target: Target, p: Array) -> Mask:
     """Returns the mask of the positions (n, 3) at least the requested horizontal distance from the target."""
-    return np.asarray(np.linalg.norm((p - release.p_W)[:, :2], axis=1) >= release.min_horizontal_distance_m)
+    return np.asarray(np.linalg.norm((p - target.p_W)[:, :2], axis=1) >= target.min_horizontal_distance_m)

@@ -9,7 +9,7 @@ import numpy as np
 from planner.arrays import Array
 from planner.flight import fly
 from planner.geometry import tool_state
-from planner.problem import TargetRelease, ThrowProblem
+from planner.problem import ThrowProblem
 from planner.seeds.candidates import Candidate, usable_candidates
 from planner.seeds.velocity_allocation import tool_jacobian
 
@@ -37,12 +37,12 @@ def neighbour_candidates(problem: ThrowProblem, releases: Sequence[ReleaseState]
 
 def _redirected(problem: ThrowProblem, q: Array, qd: Array) -> Array | None:
     """Returns joint velocities (6,) near `qd` whose flight ends at the target; None where the throw does not land."""
-    assert isinstance(problem.release, TargetRelease)
+    assert problem.target is not None
     state = tool_state(problem.cell, q, qd)
     R_WB = problem.cell.X_WB[:3, :3]
     flight = fly(state.p_WT, state.v_WT, problem.plane_z, problem.gravity_at_tool_speed, problem.drag)
     if flight is None:
         return None
-    change_W = (problem.release.p_W - flight.landing_point) / flight.time_of_flight_s
+    change_W = (problem.target.p_W - flight.landing_point) / flight.time_of_flight_s
     J_v_BT = tool_jacobian(problem, q[None])[0]
     return qd + np.linalg.pinv(J_v_BT) @ (R_WB.T @ change_W)

@@ -12,7 +12,8 @@ import numpy as np
 
 from planner.arrays import Array, read_only
 from planner.flight import slowest_time
-from planner.problem import TargetRelease, ThrowProblem
+from planner.problem import ThrowProblem
+from planner.releases import Target
 from planner.rotations import invert_pose
 from planner.seeds.soonest_states import TOO_FAST_S, penalised_bound
 from planner.seeds.velocity_allocation import allocate_velocity, balanced_velocity, tool_motion, tool_velocity
@@ -30,7 +31,7 @@ DECIMALS = 9
 TIE_S = 1e-9
 
 
-def run_ups(problem: ThrowProblem, release: TargetRelease) -> tuple[Array, Array]:
+def run_ups(problem: ThrowProblem, target: Target) -> tuple[Array, Array]:
     """Returns run-ups q, qd (n, 6), one for each flight time that there is one for; drag is left out.
 
     For each flight time the velocity is found by iteration: linearised around the run-up of the velocity before, it is
@@ -39,14 +40,14 @@ def run_ups(problem: ThrowProblem, release: TargetRelease) -> tuple[Array, Array
 
     Args:
         problem: its start, limits and cell.
-        release: the target.
+        target: of the throw.
     """
     reachable = problem.reachable
     limits = problem.limits
     gravity = problem.gravity_at_tool_speed
     X_BW = invert_pose(problem.cell.X_WB)
     count = len(FLIGHT_SHARES)
-    target = X_BW[:3, :3] @ release.p_W + X_BW[:3, 3]
+    goal = X_BW[:3, :3] @ target.p_W + X_BW[:3, 3]
     up = X_BW[:3, 2]  # in the base, like p and v
     w = np.zeros((count, 6))
     T = np.full(count, FIRST_S)
@@ -56,8 +57,8 @@ def run_ups(problem: ThrowProblem, release: TargetRelease) -> tuple[Array, Array
     for step in range(STEPS):
         q = np.clip(problem.start + w * (T / 2.0)[:, None], reachable.q_lower, reachable.q_upper)
         p, J = tool_motion(problem, q)
-        t = FLIGHT_SHARES * np.maximum(slowest_time(p, target, gravity), SHORTEST_FLIGHT_S)
-        v = (target - p) / t[:, None] + np.multiply.outer(0.5 * gravity * t, up)
+        t = FLIGHT_SHARES * np.maximum(slowest_time(p, goal, gravity), SHORTEST_FLIGHT_S)
+        v = (goal - p) / t[:, None] + np.multiply.outer(0.5 * gravity * t, up)
         moved = tool_velocity(J, w)
         if step > 0:
             qd = w + allocate_velocity(J, v - moved, limits.qd_max)

@@ -18,7 +18,8 @@ from planner.errors import Infeasible, Violation, nothing_found
 from planner.flight import time_of_flight
 from planner.geometry import body_model, tool_pose
 from planner.kinematics import inverse_branches, singularity_distances
-from planner.problem import PointRelease, TargetRelease, ThrowProblem
+from planner.problem import ThrowProblem
+from planner.releases import PointState, Target
 from planner.rotations import invert_pose, quaternion_to_matrix
 from planner.seeds.aspects import ASPECTS, aspects
 from planner.seeds.flight_filter import (
@@ -48,20 +49,20 @@ FEW_SLOW = 6  # throws within the speed limits; fewer call for more postures whe
 CHECKED_MAX = 1536  # soonest of these states whose clearance is checked before they are compared: 40 ms
 
 
-def point_states(problem: ThrowProblem, release: PointRelease) -> tuple[Array, Array]:
+def point_states(problem: ThrowProblem, point: PointState) -> tuple[Array, Array]:
     """Returns joint states (n, 6) that have the point's position and velocity, in evenly spread orientations.
 
     Raises:
         Infeasible: no posture reaches the point.
     """
-    q = _postures(problem, release.p_WT)
-    qd = _with_velocity(problem, q, release.v_WT)
+    q = _postures(problem, point.p_WT)
+    qd = _with_velocity(problem, q, point.v_WT)
     leaving = _Leaving.of(problem, q, qd)
     kept = leaving.keeps(q, qd)
 
     def states_near(q: Array) -> tuple[Array, Array]:
-        q = _at_point(problem, release.p_WT, q)
-        qd = _with_velocity(problem, q, release.v_WT, reduced=False)
+        q = _at_point(problem, point.p_WT, q)
+        qd = _with_velocity(problem, q, point.v_WT, reduced=False)
         return q, np.where(leaving.keeps(q, qd)[:, None], qd, np.nan)
 
     return slower_nearby(problem, *soonest_nearby(problem, q[kept], qd[kept], states_near), states_near)
@@ -143,81 +144,81 @@ def _postures_in(problem: ThrowProblem, p_WT: Array, orientations: int) -> Array
 
 
 def target_states(
-    problem: ThrowProblem, release: TargetRelease, thorough: bool = False, wide: bool = True
+    problem: ThrowProblem, target: Target, thorough: bool = False, wide: bool = True
 ) -> tuple[Array, Array]:
     """Returns joint states (n, 6) whose free flight hits the target within the requested bounds, clear of obstacles.
 
     Args:
         problem: the problem.
-        release: its target.
+        target: of the throw.
         thorough: whether to try `MORE_POSTURES`, and leave out those in which the arm is not clear.
         wide: whether to try as many where few of the first throws are slow enough, and to look for sooner states near.
 
     Raises:
         Infeasible: there are none.
     """
-    q, qd = _thrown(problem, release, thorough, wide)
+    q, qd = _thrown(problem, target, thorough, wide)
     if thorough:
         q, qd = _clear_of_obstacles(problem, q, qd)
     kept = _Leaving.of(problem, q, qd).keeps(q, qd)
     q = q[kept]
     qd = qd[kept]
     if wide:
-        near = partial(_throws_near, problem, release)
+        near = partial(_throws_near, problem, target)
         q, qd = soonest_nearby(problem, q, qd, near, towards_run_ups=True)
-        if release.release_position is None:
-            q, qd = soonest(problem, *_with_run_ups(problem, release, q, qd))
+        if target.release_position is None:
+            q, qd = soonest(problem, *_with_run_ups(problem, target, q, qd))
         q, qd = slower_nearby(problem, q, qd, near, towards_run_ups=True)
     else:
         q, qd = soonest(problem, q, qd)
-    return (q, qd) if problem.drag <= 0.0 else _with_drag(problem, release, q, qd)
+    return (q, qd) if problem.drag <= 0.0 else _with_drag(problem, target, q, qd)
 
 
-def _throws_near(problem: ThrowProblem, release: TargetRelease, q: Array) -> tuple[Array, Array]:
+def _throws_near(problem: ThrowProblem, target: Target, q: Array) -> tuple[Array, Array]:
     """Returns throws q, qd (n, 6) from postures (n, 6), brought within the joint range; NaN where there is none."""
-    if release.release_position is not None:
-        q, p = _at_point(problem, release.release_position, q), np.broadcast_to(release.release_position, (len(q), 3))
-        return q, _best_flights(problem, release, q, p, balanced=True)
+    if target.release_position is not None:
+        q, p = _at_point(problem, target.release_position, q), np.broadcast_to(target.release_position, (len(q), 3))
+        return q, _best_flights(problem, target, q, p, balanced=True)
     limits = problem.reachable
     q = np.clip(q, limits.q_lower, limits.q_upper)
     p = tool_pose(problem.cell, q)[:, :3, 3]
-    allowed = far_enough(release, p) & throwing(problem.cell, q, p, limits.singularity_distance_min)
-    return q, np.where(allowed[:, None], _best_flights(problem, release, q, p, balanced=True), np.nan)
+    allowed = far_enough(target, p) & throwing(problem.cell, q, p, limits.singularity_distance_min)
+    return q, np.where(allowed[:, None], _best_flights(problem, target, q, p, balanced=True), np.nan)
 
 
-def _with_run_ups(problem: ThrowProblem, release: TargetRelease, q: Array, qd: Array) -> tuple[Array, Array]:
+def _with_run_ups(problem: ThrowProblem, target: Target, q: Array, qd: Array) -> tuple[Array, Array]:
     """Returns the states q, qd (n, 6) and before them the run-ups whose flights keep the requested bounds."""
-    run_q, run_qd = run_ups(problem, release)
+    run_q, run_qd = run_ups(problem, target)
     p = tool_pose(problem.cell, run_q)[:, :3, 3]
     v = tool_velocity(tool_jacobian(problem, run_q), run_qd) @ problem.cell.X_WB[:3, :3].T
-    kept = far_enough(release, p) & throwing(problem.cell, run_q, p, problem.limits.singularity_distance_min)
-    kept &= allowed_velocity(problem, release, v)
-    kept[kept] = clear_flights(problem, release, p[kept], v[kept])
+    kept = far_enough(target, p) & throwing(problem.cell, run_q, p, problem.limits.singularity_distance_min)
+    kept &= allowed_velocity(problem, target, v)
+    kept[kept] = clear_flights(problem, target, p[kept], v[kept])
     return np.concatenate([run_q[kept], q]), np.concatenate([run_qd[kept], qd])
 
 
-def _thrown(problem: ThrowProblem, release: TargetRelease, thorough: bool, wide: bool) -> tuple[Array, Array]:
+def _thrown(problem: ThrowProblem, target: Target, thorough: bool, wide: bool) -> tuple[Array, Array]:
     """Returns joint states (n, 6) whose flights hit the target: of many postures, too, where few are slow enough.
 
     Raises:
         Infeasible: there are none.
     """
-    if release.release_position is not None:
-        return _thrown_at(problem, release, release.release_position, wide)
+    if target.release_position is not None:
+        return _thrown_at(problem, target, target.release_position, wide)
     if thorough:
-        return _thrown_from(problem, release, thorough=True)
+        return _thrown_from(problem, target, thorough=True)
     try:
-        found = _thrown_from(problem, release, thorough=False)
+        found = _thrown_from(problem, target, thorough=False)
     except Infeasible:
         if not wide:
             raise
-        return _thrown_from(problem, release, thorough=True)
-    if not wide or _has_enough(problem, release, found[1]):
+        return _thrown_from(problem, target, thorough=True)
+    if not wide or _has_enough(problem, target, found[1]):
         return found
-    return _with_more(problem, found, partial(_thrown_from, problem, release, thorough=True))
+    return _with_more(problem, found, partial(_thrown_from, problem, target, thorough=True))
 
 
-def _thrown_at(problem: ThrowProblem, release: TargetRelease, p: Array, wide: bool) -> tuple[Array, Array]:
+def _thrown_at(problem: ThrowProblem, target: Target, p: Array, wide: bool) -> tuple[Array, Array]:
     """Returns joint states (n, 6) as `_thrown` does, from a given place (3,), in more orientations where it does.
 
     Raises:
@@ -225,10 +226,10 @@ def _thrown_at(problem: ThrowProblem, release: TargetRelease, p: Array, wide: bo
     """
 
     def thrown(q: Array) -> tuple[Array, Array]:
-        return _flights(problem, release, q, np.broadcast_to(p, q[:, :3].shape))
+        return _flights(problem, target, q, np.broadcast_to(p, q[:, :3].shape))
 
     found = thrown(_postures(problem, p))
-    if not wide or _has_enough(problem, release, found[1]):
+    if not wide or _has_enough(problem, target, found[1]):
         return found
     return _with_more(problem, found, lambda: thrown(_postures_in(problem, p, MORE_ORIENTATIONS)))
 
@@ -251,12 +252,12 @@ def _with_more(
     return np.concatenate([found[0][slow], q]), np.concatenate([found[1][slow], qd])
 
 
-def _has_enough(problem: ThrowProblem, release: TargetRelease, qd: Array) -> bool:
+def _has_enough(problem: ThrowProblem, target: Target, qd: Array) -> bool:
     """Returns whether some joint velocities (n, 6) keep their limits: a few, where the elevations are bounded.
 
     With bounds a posture's only flight is mostly one at an end of the range, and others release in a third of the time.
     """
-    is_bounded = release.min_elevation_rad > -np.pi / 2 or release.max_elevation_rad < np.pi / 2
+    is_bounded = target.min_elevation_rad > -np.pi / 2 or target.max_elevation_rad < np.pi / 2
     return int(_is_slow(problem, qd).sum()) >= (FEW_SLOW if is_bounded else 1)
 
 
@@ -265,51 +266,49 @@ def _is_slow(problem: ThrowProblem, qd: Array) -> Mask:
     return np.asarray((np.abs(qd) <= problem.limits.qd_max).all(axis=1))
 
 
-def _thrown_from(problem: ThrowProblem, release: TargetRelease, thorough: bool) -> tuple[Array, Array]:
+def _thrown_from(problem: ThrowProblem, target: Target, thorough: bool) -> tuple[Array, Array]:
     """Returns the joint states (n, 6) of `_thrown` among `POSTURES` or, in a thorough search, `MORE_POSTURES`.
 
     Raises:
         Infeasible: there are none.
     """
     q, p = throwing_postures(problem, MORE_POSTURES if thorough else POSTURES)
-    allowed = far_enough(release, p)
+    allowed = far_enough(target, p)
     q = q[allowed]
     p = p[allowed]
-    slow = is_slow_enough(problem, release, p)
+    slow = is_slow_enough(problem, target, p)
     if not slow.any():
-        raise Infeasible([no_flight(problem, release, p)])
-    return _flights(problem, release, q[slow], p[slow], thorough)
+        raise Infeasible([no_flight(problem, target, p)])
+    return _flights(problem, target, q[slow], p[slow], thorough)
 
 
-def _flights(
-    problem: ThrowProblem, release: TargetRelease, q: Array, p: Array, thorough: bool = False
-) -> tuple[Array, Array]:
+def _flights(problem: ThrowProblem, target: Target, q: Array, p: Array, thorough: bool = False) -> tuple[Array, Array]:
     """Returns the soonest joint state of every posture q (n, 6), tool at p (n, 3), that has a flight within the bounds.
 
     Raises:
         Infeasible: there are none.
     """
-    qd = _best_flights(problem, release, q, p, thorough)
+    qd = _best_flights(problem, target, q, p, thorough)
     rows = np.flatnonzero(np.isfinite(qd).all(axis=1))
     if len(rows):
         return q[rows], qd[rows]
-    v, allowed = launches(problem, release, p, thorough)
+    v, allowed = launches(problem, target, p, thorough)
     if not allowed.any():
-        raise Infeasible([no_flight(problem, release, p)])
+        raise Infeasible([no_flight(problem, target, p)])
     p = np.broadcast_to(p, v.shape)[allowed]
     v = v[allowed]
-    raise Infeasible([no_clear_flight(problem, release, p, v, len(p))])
+    raise Infeasible([no_clear_flight(problem, target, p, v, len(p))])
 
 
 def _best_flights(
-    problem: ThrowProblem, release: TargetRelease, q: Array, p: Array, thorough: bool = False, balanced: bool = False
+    problem: ThrowProblem, target: Target, q: Array, p: Array, thorough: bool = False, balanced: bool = False
 ) -> Array:
     """Returns the joint velocities (n, 6) of every posture's soonest drag-free flight, tool at p (n, 3); NaN: none.
 
     Where `balanced`, the largest share of a joint's speed limit is reduced even if it keeps the limit.
     """
-    v, ok = launches(problem, release, p, thorough)
-    ok[ok] = clear_flights(problem, release, np.broadcast_to(p, v.shape)[ok], v[ok])
+    v, ok = launches(problem, target, p, thorough)
+    ok[ok] = clear_flights(problem, target, np.broadcast_to(p, v.shape)[ok], v[ok])
     found = np.full(q.shape, np.nan)
     rows = np.flatnonzero(ok.any(axis=0))
     if len(rows) == 0:
@@ -339,15 +338,15 @@ def _clear_of_obstacles(problem: ThrowProblem, q: Array, qd: Array) -> tuple[Arr
     return q[rows], qd[rows]
 
 
-def blocked_flights(problem: ThrowProblem, release: TargetRelease) -> Violation | None:
+def blocked_flights(problem: ThrowProblem, target: Target) -> Violation | None:
     """Returns what is in the way of all flights from postures in which the arm is clear; None if some are clear."""
     q, p = throwing_postures(problem, MORE_POSTURES)
-    far = far_enough(release, p)
+    far = far_enough(target, p)
     q = q[far]
     p = p[far]
-    v, allowed = launches(problem, release, p, thorough=True)
+    v, allowed = launches(problem, target, p, thorough=True)
     room = np.full(allowed.shape, -np.inf)
-    room[allowed] = least_room(problem, release, np.broadcast_to(p, v.shape)[allowed], v[allowed])
+    room[allowed] = least_room(problem, target, np.broadcast_to(p, v.shape)[allowed], v[allowed])
     body = body_model(problem.cell_with_bin)
     order = np.argsort(-room.max(axis=0), kind="stable")
     for rows in (order[i : i + CHECKED_MAX] for i in range(0, len(order), CHECKED_MAX)):
@@ -356,19 +355,19 @@ def blocked_flights(problem: ThrowProblem, release: TargetRelease) -> Violation 
             flight = int(room[:, clear[0]].argmax())
             blocked = -np.inf < room[flight, clear[0]] < 0.0
             best = p[clear[:1]], v[flight, clear[:1]]
-            return no_clear_flight(problem, release, *best, int(allowed.sum())) if blocked else None
+            return no_clear_flight(problem, target, *best, int(allowed.sum())) if blocked else None
     return None
 
 
-def _with_drag(problem: ThrowProblem, release: TargetRelease, q: Array, qd: Array) -> tuple[Array, Array]:
+def _with_drag(problem: ThrowProblem, target: Target, q: Array, qd: Array) -> tuple[Array, Array]:
     """Returns the states (n, 6) whose flights with drag hit the target in the same time, as far as there are any."""
     p = tool_pose(problem.cell, q)[:, :3, 3]
     J = tool_jacobian(problem, q)
     R_WB = problem.cell.X_WB[:3, :3]
     v = tool_velocity(J, qd) @ R_WB.T
-    t = time_of_flight(p[:, 2] - release.p_W[2], v[:, 2], problem.gravity_at_tool_speed)
-    v = with_drag(problem, release, p, t)
-    hits = np.isfinite(v).all(axis=1) & allowed_velocity(problem, release, v)
+    t = time_of_flight(p[:, 2] - target.p_W[2], v[:, 2], problem.gravity_at_tool_speed)
+    v = with_drag(problem, target, p, t)
+    hits = np.isfinite(v).all(axis=1) & allowed_velocity(problem, target, v)
     return q[hits], allocate_velocity(J[hits], v[hits] @ R_WB, problem.limits.qd_max)
 
 

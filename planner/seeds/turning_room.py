@@ -18,7 +18,7 @@ from planner.arrays import Array
 from planner.errors import Violation
 from planner.geometry import barriers, body_model
 from planner.kinematics import jacobian
-from planner.problem import JointRelease, ThrowProblem
+from planner.problem import ThrowProblem
 
 # [m, rad] and [m/s, rad/s] by which a release may be off: a little more than the certificate's tolerances
 OFF = 1.01e-5
@@ -76,7 +76,7 @@ def _uncertainty(problem: ThrowProblem, q: Array, qd: Array) -> Array:
     at most, so dv = (|off per second| + c |v|) / (s - c). Its columns have norms up to the lever's, and each change
     moves all of them.
     """
-    if isinstance(problem.release, JointRelease):
+    if problem.release.joint_state is not None:
         dq = np.full((len(q), 1), OFF)
         dv = np.full((len(q), 1), OFF_PER_S)
     else:

@@ -90,9 +90,12 @@ def _violation_text(violation: dict[str, Any], is_late: bool) -> str:
     if violation["value"] is None and violation["limit"] is None:  # nothing was found that has a value
         return f"{violation['constraint']}: {violation['detail']}{proven}"
     unit = "" if violation["unit"] in ("-", "1") else f" {violation['unit']}"
-    numbers = violation["value"], violation["limit"]
-    if None in numbers:  # not finite: an object that never lands has an infinite error
-        value, limit = ("infinite" if number is None else f"{number:.4g}{unit}" for number in numbers)
+    numbers = [number for number in (violation["value"], violation["limit"]) if number is not None]
+    if len(numbers) < 2:  # one is not finite: an object that never lands has an infinite error
+        value, limit = (
+            "infinite" if number is None else f"{number:.4g}{unit}"
+            for number in (violation["value"], violation["limit"])
+        )
     else:
         value, limit = (f"{number}{unit}" for number in figures(*numbers))
     detail = f" ({violation['detail']})" if violation.get("detail") else ""

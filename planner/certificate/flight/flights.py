@@ -20,7 +20,7 @@ from planner.certificate.samples import MotionSamples
 from planner.flight import fly, paths, positions_after
 from planner.geometry import LEVEL_M, Surface
 from planner.kinematics import dot
-from planner.problem import Opening, TargetRelease
+from planner.releases import Opening
 
 # [m] of an object in flight: of a point the distance from a wall without thickness, or within a box, is never below 0
 LEAST_RADIUS_M = 1e-5
@@ -70,8 +70,8 @@ class Flights:
     @property
     def opening(self) -> Opening | None:
         """The bin's mouth; None where there is no bin."""
-        release = self.motion.problem.release
-        return release.opening if isinstance(release, TargetRelease) else None
+        target = self.motion.problem.target
+        return None if target is None else target.opening
 
     @cached_property
     def nominal(self) -> tuple[Array, Array]:
@@ -263,9 +263,9 @@ class Flights:
     @property
     def axis(self) -> Array:
         """Horizontal place (2,) of the bin's axis [m]."""
-        release = self.motion.problem.release
-        assert isinstance(release, TargetRelease)
-        return release.p_W[:2]
+        target = self.motion.problem.target
+        assert target is not None
+        return target.p_W[:2]
 
     def nearest_on_wall(self, x: Array) -> Array:
         """Returns the points of the bin's wall nearest to `x` (3, ...) [m]; infinitely far where there is no bin.

@@ -1,0 +1,192 @@
+"""What is required of a release, in terms that every room of the planner understands.
+
+A kind of release comes down to one or two of four demands: a joint state, a tool pose and twist, a tool point and its
+velocity, a target that the flight hits. Whoever looks for release states, solves or judges asks for the demands and
+does not look at the kind.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple, Self
+
+import numpy as np
+
+from planner.arrays import Array
+from planner.cell import Cell
+from planner.errors import FieldError
+from planner.fields import Record
+from planner.geometry import ToolState
+
+REST_SPEED = 1e-9  # [rad/s, m/s] a release slower than this is a move that ends at rest
+
+
+class JointState(NamedTuple):
+    """Joint positions `q` (6,) [rad] and velocities `qd` (6,) [rad/s]."""
+
+    q: Array
+    qd: Array
+
+
+class PointState(NamedTuple):
+    """Position `p_WT` (3,) [m] and velocity `v_WT` (3,) [m/s] of the tool centre point."""
+
+    p_WT: Array
+    v_WT: Array
+
+
+@dataclass(frozen=True)
+class Opening:
+    """Mouth of a round bin that is open upwards, above the target as the centre of its bottom.
+
+    Attributes:
+        radius_m: inner radius of the bin [m].
+        rim_height_m: height of the rim above the target [m].
+    """
+
+    radius_m: float
+    rim_height_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """A point to hit by free flight, on the way down; the release state is free within these bounds.
+
+    Attributes:
+        p_W: the target (3,) [m].
+        max_speed_m_s: highest release speed [m/s].
+        min_elevation_rad, max_elevation_rad: elevation of the release velocity above the horizontal [rad].
+        min_horizontal_distance_m: least horizontal distance from release to target [m].
+        release_position: point of release (3,) [m], None where it is free.
+        opening: of the bin that stands around the target, None where there is none.
+    """
+
+    p_W: Array
+    max_speed_m_s: float = math.inf
+    min_elevation_rad: float = -math.pi / 2
+    max_elevation_rad: float = math.pi / 2
+    min_horizontal_distance_m: float = 0.0
+    release_position: Array | None = None
+    opening: Opening | None = None
+
+
+class ReleaseSample(NamedTuple):
+    """A motion at its release: what a release's bounds are told of.
+
+    Attributes:
+        q, qd: joint positions [rad] and velocities [rad/s] (6,).
+        tool: pose and twist of the tool.
+    """
+
+    q: Array
+    qd: Array
+    tool: ToolState
+
+
+class Bound(NamedTuple):
+    """A value at the release, and the limit that a request sets it.
+
+    Attributes:
+        value: the value.
+        limit: its limit.
+        unit: of both.
+        detail: what the value is of; empty where that is plain.
+        is_least: whether the limit is the least value instead of the largest.
+        is_exact: whether the limit holds to the bit; otherwise to the certificate's tolerance.
+    """
+
+    value: float
+    limit: float
+    unit: str
+    detail: str = ""
+    is_least: bool = False
+    is_exact: bool = False
+
+
+class Release:
+    """A release of one kind: its demands, its bounds at the release and its JSON.
+
+    A kind overrides what it demands, and says nothing of the rest.
+
+    Attributes:
+        name: the JSON's `kind`.
+        record: fields of its JSON, without `kind`.
+        aims: whether the object is to hit something: then there is a `target`.
+    """
+
+    name: ClassVar[str]
+    record: ClassVar[Record]
+    aims: ClassVar[bool] = False
+
+    @property
+    def joint_state(self) -> JointState | None:
+        """The joint state; None where it is not given."""
+        return None
+
+    @property
+    def tool_state(self) -> ToolState | None:
+        """The tool's pose and twist; None where they are not given, or follow from the joint state."""
+        return None
+
+    @property
+    def point_state(self) -> PointState | None:
+        """Position and velocity of the tool centre point alone; None where they are not given, or more is."""
+        return None
+
+    @property
+    def target(self) -> Target | None:
+        """What the flight is to hit, and the bounds on the release to that end; None where that is open."""
+        return None
+
+    @property
+    def fixes_joints(self) -> bool:
+        """Whether the joint states at the release are given: one, or of a pose one for each branch."""
+        return self.joint_state is not None or self.tool_state is not None
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether the demanded state is at rest; such a move throws nothing."""
+        state = self.joint_state or self.tool_state or self.point_state
+        return state is not None and bool(np.abs(state[1]).max() < REST_SPEED)
+
+    def with_target(self, target: Target) -> Self:
+        """Returns this release with another target; for kinds that have one."""
+        raise NotImplementedError(f"a release of kind {self.name} has no target")
+
+    def errors(self, cell: Cell) -> list[FieldError]:
+        """Returns every field that contradicts another one or the cell."""
+        return []
+
+    def position_bounds(self, at: ReleaseSample) -> list[Bound]:
+        """Returns what the request says of the place of the release; empty where that is free."""
+        raise NotImplementedError
+
+    def velocity_bounds(self, at: ReleaseSample) -> list[Bound]:
+        """Returns what the request says of the velocity of the release; empty where that is free."""
+        raise NotImplementedError
+
+    @classmethod
+    def from_json(cls, given: Mapping[str, Any], X_WR: Array) -> Self:
+        """Returns the release in the world.
+
+        Args:
+            given: the fields, checked by `record`.
+            X_WR: pose of the request's frame.
+        """
+        raise NotImplementedError
+
+    def to_json(self) -> dict[str, Any]:
+        """Returns the fields of the release, in the world frame."""
+        raise NotImplementedError
+
+
+def move(X_WR: Array, p: list[float]) -> Array:
+    """Returns a point of the request's frame in the world frame."""
+    return X_WR[:3, :3] @ np.array(p) + X_WR[:3, 3]
+
+
+def turn(X_WR: Array, v: list[float]) -> Array:
+    """Returns a vector of the request's frame in the world frame."""
+    return X_WR[:3, :3] @ np.array(v)

@@ -1,0 +1,132 @@
+"""Kind `target`: hit a point by free flight."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from math import atan2, hypot, inf, isfinite, pi
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from planner.arrays import Array
+from planner.cell import Cell
+from planner.errors import FieldError
+from planner.fields import Field, Number, Record, Vector, required
+from planner.releases.release import Bound, Opening, Release, ReleaseSample, Target, move
+
+SPEED_MIN_M_S = 1e-3  # [m/s] lowest bound on the release speed
+OPENING_MAX_M = 10.0  # [m] largest radius and rim height of a bin; catches typing errors
+
+OPENING = Record(
+    "OpeningRequest",
+    "Mouth of a round bin that is open upwards; the target is the centre of its bottom.",
+    {
+        "radius_m": required(
+            Number(above=0.0, most=OPENING_MAX_M), "Inner radius of the bin [m]; above the object's radius."
+        ),
+        "rim_height_m": required(Number(0.0, OPENING_MAX_M), "Height of the rim above the target [m]."),
+    },
+)
+
+
+@dataclass(frozen=True, eq=False)
+class TargetRelease(Target, Release):
+    """Hit a target by free flight; its attributes are those of `Target`."""
+
+    name: ClassVar[str] = "target"
+    aims: ClassVar[bool] = True
+    record: ClassVar[Record] = Record(
+        "TargetReleaseRequest",
+        "Hit a point by free flight; the planner chooses the release.",
+        {
+            "position": required(Vector(3), "The point to hit, in `frame` [m]."),
+            "max_release_speed_m_s": Field(Number(SPEED_MIN_M_S), "Maximum speed of the object at the release [m/s]."),
+            "min_elevation_rad": Field(
+                Number(-pi / 2, pi / 2), "Minimum elevation of the release velocity above the horizon [rad]."
+            ),
+            "max_elevation_rad": Field(
+                Number(-pi / 2, pi / 2), "Maximum elevation of the release velocity above the horizon [rad]."
+            ),
+            "min_horizontal_distance_m": Field(
+                Number(0.0), "Minimum horizontal distance from the release to the target [m]."
+            ),
+            "release_position": Field(Vector(3), "Position of the release, in `frame` [m]; absent: free."),
+            "opening": Field(
+                OPENING, "The bin around the target: the object enters through its mouth, clear of rim and wall."
+            ),
+        },
+    )
+
+    @property
+    def target(self) -> Target:
+        """The target."""
+        return self
+
+    def with_target(self, target: Target) -> Self:
+        """Returns this release with another target."""
+        return replace(self, **{each.name: getattr(target, each.name) for each in fields(Target)})
+
+    def errors(self, cell: Cell) -> list[FieldError]:
+        """Returns the fields that contradict each other, and a bin that is too narrow for the cell's object."""
+        found = []
+        if self.min_elevation_rad > self.max_elevation_rad:
+            found.append(FieldError("release.min_elevation_rad", "is above max_elevation_rad"))
+        if self.opening is not None and self.opening.radius_m <= cell.object.radius_m:
+            sizes = f"radius {self.opening.radius_m:g} m, object {cell.object.radius_m:g} m"
+            reason = f"the bin is too narrow for the object: {sizes}"
+            found.append(FieldError("release.opening.radius_m", reason))
+        return found
+
+    def position_bounds(self, at: ReleaseSample) -> list[Bound]:
+        """Returns the distance from a requested place, or a requested distance from the target."""
+        p = at.tool.p_WT
+        if self.release_position is not None:
+            return [Bound(float(np.linalg.norm(p - self.release_position)), 0.0, "m")]
+        least = self.min_horizontal_distance_m
+        if least <= 0.0:
+            return []
+        distance = float(np.linalg.norm((p - self.p_W)[:2]))
+        return [Bound(distance, least, "m", "horizontal distance to the target", is_least=True, is_exact=True)]
+
+    def velocity_bounds(self, at: ReleaseSample) -> list[Bound]:
+        """Returns speed and elevation, as far as they are bounded."""
+        v = at.tool.v_WT
+        elevation = atan2(float(v[2]), hypot(float(v[0]), float(v[1])))
+        found = []
+        if isfinite(self.max_speed_m_s):
+            found.append(Bound(float(np.linalg.norm(v)), self.max_speed_m_s, "m/s", "speed"))
+        if self.min_elevation_rad > -pi / 2:
+            found.append(Bound(elevation, self.min_elevation_rad, "rad", "elevation", is_least=True))
+        if self.max_elevation_rad < pi / 2:
+            found.append(Bound(elevation, self.max_elevation_rad, "rad", "elevation"))
+        return found
+
+    @classmethod
+    def from_json(cls, given: Mapping[str, Any], X_WR: Array) -> Self:
+        """Returns the release in the world."""
+        return cls(
+            p_W=move(X_WR, given["position"]),
+            max_speed_m_s=given.get("max_release_speed_m_s", inf),
+            min_elevation_rad=given.get("min_elevation_rad", -pi / 2),
+            max_elevation_rad=given.get("max_elevation_rad", pi / 2),
+            min_horizontal_distance_m=given.get("min_horizontal_distance_m", 0.0),
+            release_position=move(X_WR, given["release_position"]) if "release_position" in given else None,
+            opening=Opening(**given["opening"]) if "opening" in given else None,
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """Returns the target and its bounds in the world."""
+        document: dict[str, Any] = {
+            "position": self.p_W.tolist(),
+            "min_elevation_rad": self.min_elevation_rad,
+            "max_elevation_rad": self.max_elevation_rad,
+            "min_horizontal_distance_m": self.min_horizontal_distance_m,
+        }
+        if isfinite(self.max_speed_m_s):
+            document["max_release_speed_m_s"] = self.max_speed_m_s
+        if self.release_position is not None:
+            document["release_position"] = self.release_position.tolist()
+        if self.opening is not None:
+            document["opening"] = asdict(self.opening)
+        return document
