@@ -23,7 +23,7 @@ from planner.search import PlanningSearch, find_way_home, search_candidates
 from planner.seeds import candidates
 
 BISECTIONS = 5  # [-] of a share, which is found to 1/32
-OPTIMISED = 2  # [-] candidates of one search that the optimiser starts from: most answers come from the first
+CANDIDATES = 2  # [-] tried in one search: the first leads to most answers
 SEARCHES_MAX = 12  # [-] in all; most refusals take three to six
 LATE_SEARCHES_MAX = 6  # [-] in all, once the request's deadline has passed
 WINDOW_STEP_S = 1e-4  # [s] windows are whole steps of it: no gripper is timed more finely
@@ -75,7 +75,7 @@ class _Answers:
             return False
         self.searches += 1
         search = PlanningSearch(problem, deadline_s=math.inf, is_for_any=True)
-        search_candidates(search, found, OPTIMISED)
+        search_candidates(search, found, CANDIDATES)
         self.refused.extend_deadline(search.loading_s)
         return search.best is not None and find_way_home(problem, search.best)[0] is not None
 

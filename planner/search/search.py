@@ -63,13 +63,13 @@ def load_libraries(backend: str) -> None:
         LIBRARIES[backend]()
 
 
-def search_candidates(search: PlanningSearch, found: Sequence[Candidate], optimised: int = OPTIMISED) -> None:
+def search_candidates(search: PlanningSearch, found: Sequence[Candidate], at_most: int = FALLBACKS) -> None:
     """Searches for the soonest motion to one of the candidates, by the problem's back end.
 
     Args:
         search: updated in place.
         found: candidates of its problem, by ascending lower bound on the launch time.
-        optimised: how many of them the optimiser starts from at most.
+        at_most: how many of them the optimiser and the fallback start from at most.
     """
     problem = search.problem
     if problem.backend in MOTIONS:
@@ -80,11 +80,11 @@ def search_candidates(search: PlanningSearch, found: Sequence[Candidate], optimi
         try_motions(search, "ruckig", found[:ARRIVALS], [partial(_soonest_motion, share) for share in JERK_SHARES])
     tried = 0
     for candidate, least_s in _first(problem, found):
-        if tried < optimised and least_s < search.release_time_s and not search.out_of_time:
+        if tried < min(at_most, OPTIMISED) and least_s < search.release_time_s and not search.out_of_time:
             optimise(search, candidate)
             tried += 1
     if is_auto and search.best is None:
-        try_motions(search, "ruckig", found[:FALLBACKS], MOTIONS["ruckig"])
+        try_motions(search, "ruckig", found[:at_most], MOTIONS["ruckig"])
 
 
 def try_motions(search: PlanningSearch, backend: str, found: Sequence[Candidate], solvers: Sequence[Solve]) -> None:
