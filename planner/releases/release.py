@@ -105,6 +105,7 @@ class Bound(NamedTuple):
     is_exact: bool = False
 
 
+@dataclass(frozen=True, eq=False)
 class Release:
     """A release of one kind: its demands, its bounds at the release and its JSON.
 
