@@ -96,12 +96,8 @@ class Seed:
     initial_guess: InitialGuess | None = None
 
 
-def candidates(problem: ThrowProblem, wide: bool = True) -> list[Candidate]:
+def candidates(problem: ThrowProblem) -> list[Candidate]:
     """Returns the release states that keep every limit themselves, by ascending lower bound on the launch time.
-
-    Args:
-        problem: the problem.
-        wide: whether more postures are drawn for a target that few of the first throw to.
 
     Raises:
         Infeasible: there is none; the violations give the reason.
@@ -117,7 +113,7 @@ def candidates(problem: ThrowProblem, wide: bool = True) -> list[Candidate]:
         states = _distinct(*point_states(problem, release.point_state))
     else:
         assert release.target is not None
-        return _rounded(problem, _target_candidates(problem, release.target, wide))
+        return _rounded(problem, _target_candidates(problem, release.target))
     return _usable(problem, states)
 
 
@@ -135,14 +131,12 @@ def usable_candidates(problem: ThrowProblem, q: Array, qd: Array) -> list[Candid
     return _usable(problem, _distinct(q, qd))
 
 
-def _target_candidates(problem: ThrowProblem, target: Target, wide: bool) -> list[Candidate]:
+def _target_candidates(problem: ThrowProblem, target: Target) -> list[Candidate]:
     """Returns the candidates for a target; where obstacles leave too few, from a thorough search.
 
     Raises:
         Infeasible: there are none.
     """
-    if not wide:
-        return _usable(problem, _distinct(*target_states(problem, target, wide=False)))
     try:
         found = _usable(problem, _distinct(*target_states(problem, target)))
         refusal = None

@@ -5,7 +5,6 @@ Filters that steer the search towards what the certificate can pass; they do not
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -14,7 +13,6 @@ from planner.arrays import Array, Mask
 from planner.cell import CONTACT_M, Box
 from planner.errors import Violation
 from planner.geometry import Arcs, body_model, point_segment_distance, segment_box_distance
-from planner.kinematics import LinkMotion, dot, link_poses
 from planner.problem import ThrowProblem
 from planner.releases import Target
 
@@ -174,25 +172,3 @@ def _gaps_to_base(problem: ThrowProblem, x: Array) -> Array:
     """Returns the distances (k, ...) of points (..., 3) from the k shapes that the base carries."""
     shapes = zip(*body_model(problem.cell).base_shapes, strict=True)
     return np.stack([point_segment_distance(x, start, end) - radius for start, end, radius in shapes])
-
-
-def leave_through_opening(problem: ThrowProblem, q: Array, qd: Array) -> Mask:
-    """Returns the mask (n,) of the joint states whose object leaves along the gripper's open side.
-
-    At the release position and velocity of object and tool agree: the object leaves along the difference of their
-    accelerations, g - a. Joint accelerations are free there, so a is taken as the centripetal part, q'' = 0.
-
-    Args:
-        problem: its gripper.
-        q: joint positions (n, 6) [rad].
-        qd: joint velocities (n, 6) [rad/s].
-    """
-    gripper = problem.cell.gripper
-    cell = problem.cell
-    if gripper.opening_direction is None or gripper.opening_cone_rad is None:
-        return np.ones(len(q), dtype=bool)
-    links = LinkMotion(link_poses(cell.robot, q, cell.X_WB), qd, np.zeros_like(q))
-    leaving = -links.acceleration(links.on_flange(cell.tool.X_FT[:3, 3]))
-    leaving[2] -= problem.gravity
-    opening = links.X[:, 6, :3, :3] @ (cell.tool.X_FT[:3, :3] @ gripper.opening_direction)
-    return dot(opening.T, leaving) >= math.cos(gripper.opening_cone_rad) * np.sqrt(dot(leaving, leaving))

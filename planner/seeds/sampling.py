@@ -7,7 +7,6 @@ and the speed free, too.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -21,11 +20,9 @@ from planner.kinematics import inverse_branches, singularity_distances
 from planner.problem import ThrowProblem
 from planner.releases import PointState, Target
 from planner.rotations import invert_pose, quaternion_to_matrix
-from planner.seeds.aspects import ASPECTS, aspects
 from planner.seeds.flight_filter import (
     clear_flights,
     least_room,
-    leave_through_opening,
     no_clear_flight,
 )
 from planner.seeds.launches import (
@@ -38,9 +35,9 @@ from planner.seeds.launches import (
 )
 from planner.seeds.quasi_random import quaternions
 from planner.seeds.run_ups import run_ups
-from planner.seeds.soonest_states import penalised_bound, slower_nearby, soonest, soonest_nearby
+from planner.seeds.soonest_states import penalised_bound, soonest
 from planner.seeds.throwing_postures import MORE_POSTURES, POSTURES, throwing, throwing_postures
-from planner.seeds.velocity_allocation import allocate_velocity, balanced_velocity, tool_jacobian, tool_velocity
+from planner.seeds.velocity_allocation import allocate_velocity, tool_jacobian, tool_velocity
 
 ORIENTATIONS = 96  # tool orientations tried at a point
 MORE_ORIENTATIONS = 1024
@@ -57,65 +54,13 @@ def point_states(problem: ThrowProblem, point: PointState) -> tuple[Array, Array
     """
     q = _postures(problem, point.p_WT)
     qd = _with_velocity(problem, q, point.v_WT)
-    leaving = _Leaving.of(problem, q, qd)
-    kept = leaving.keeps(q, qd)
-
-    def states_near(q: Array) -> tuple[Array, Array]:
-        q = _at_point(problem, point.p_WT, q)
-        qd = _with_velocity(problem, q, point.v_WT, reduced=False)
-        return q, np.where(leaving.keeps(q, qd)[:, None], qd, np.nan)
-
-    return slower_nearby(problem, *soonest_nearby(problem, q[kept], qd[kept], states_near), states_near)
+    return soonest(problem, q, qd)
 
 
-@dataclass(frozen=True, eq=False)
-class _Leaving:
-    """Which states are kept because the object leaves through what the gripper opens, at constant velocity.
-
-    Attributes:
-        problem: the problem.
-        asked: for every aspect (8,) whether that is asked of its states: some fulfil it. Elsewhere the optimiser's
-            accelerations may turn the tool's way out.
-    """
-
-    problem: ThrowProblem
-    asked: Mask
-
-    @staticmethod
-    def of(problem: ThrowProblem, q: Array, qd: Array) -> _Leaving:
-        """Returns what is asked where these states q, qd (n, 6) are all there are."""
-        leaves = leave_through_opening(problem, q, qd)
-        return _Leaving(problem, np.isin(np.arange(ASPECTS), aspects(problem.cell.robot, q[leaves])))
-
-    def keeps(self, q: Array, qd: Array) -> Mask:
-        """Returns which of the states q, qd (n, 6) are kept."""
-        return leave_through_opening(self.problem, q, qd) | ~self.asked[aspects(self.problem.cell.robot, q)]
-
-
-def _with_velocity(problem: ThrowProblem, q: Array, v_WT: Array, reduced: bool = True) -> Array:
+def _with_velocity(problem: ThrowProblem, q: Array, v_WT: Array) -> Array:
     """Returns the joint velocities (n, 6) with which the tool has the velocity `v_WT` (3,) in postures `q` (n, 6)."""
     v_B = problem.cell.X_WB[:3, :3].T @ v_WT
-    wanted = np.full(len(q), reduced)
-    return allocate_velocity(tool_jacobian(problem, q), v_B, problem.limits.qd_max, wanted)
-
-
-def _at_point(problem: ThrowProblem, p_WT: Array, q: Array) -> Array:
-    """Returns the postures (n, 6) closest to `q` (n, 6) that have the same orientation, and the tool at `p_WT` (3,).
-
-    NaN where there is none, or it is too near a singularity.
-    """
-    cell = problem.cell
-    limits = problem.reachable
-    turn = 2.0 * np.pi
-    X_WT = tool_pose(cell, q)
-    X_WT[:, :3, 3] = p_WT
-    branches, _ = inverse_branches(cell.robot, invert_pose(cell.X_WB) @ X_WT, cell.tool.X_FT)
-    branches = branches - turn * np.round((branches - q[:, None]) / turn)
-    away = np.abs(branches - q[:, None]).max(axis=2)
-    found = branches[np.arange(len(q)), np.where(np.isfinite(away), away, np.inf).argmin(axis=1)]
-    usable = np.all((found >= limits.q_lower) & (found <= limits.q_upper), axis=1)
-    usable &= singularity_distances(cell.robot, found).minimum >= limits.singularity_distance_min
-    return np.where(usable[:, None], found, np.nan)
+    return allocate_velocity(tool_jacobian(problem, q), v_B, problem.limits.qd_max)
 
 
 def _postures(problem: ThrowProblem, p_WT: Array) -> Array:
@@ -143,47 +88,24 @@ def _postures_in(problem: ThrowProblem, p_WT: Array, orientations: int) -> Array
     return q[singularity_distances(cell.robot, q).minimum >= problem.limits.singularity_distance_min]
 
 
-def target_states(
-    problem: ThrowProblem, target: Target, thorough: bool = False, wide: bool = True
-) -> tuple[Array, Array]:
+def target_states(problem: ThrowProblem, target: Target, thorough: bool = False) -> tuple[Array, Array]:
     """Returns joint states (n, 6) whose free flight hits the target within the requested bounds, clear of obstacles.
 
     Args:
         problem: the problem.
         target: of the throw.
         thorough: whether to try `MORE_POSTURES`, and leave out those in which the arm is not clear.
-        wide: whether to try as many where few of the first throws are slow enough, and to look for sooner states near.
 
     Raises:
         Infeasible: there are none.
     """
-    q, qd = _thrown(problem, target, thorough, wide)
+    q, qd = _thrown(problem, target, thorough)
     if thorough:
         q, qd = _clear_of_obstacles(problem, q, qd)
-    kept = _Leaving.of(problem, q, qd).keeps(q, qd)
-    q = q[kept]
-    qd = qd[kept]
-    if wide:
-        near = partial(_throws_near, problem, target)
-        q, qd = soonest_nearby(problem, q, qd, near, towards_run_ups=True)
-        if target.release_position is None:
-            q, qd = soonest(problem, *_with_run_ups(problem, target, q, qd))
-        q, qd = slower_nearby(problem, q, qd, near, towards_run_ups=True)
-    else:
-        q, qd = soonest(problem, q, qd)
+    if target.release_position is None:
+        q, qd = _with_run_ups(problem, target, q, qd)
+    q, qd = soonest(problem, q, qd)
     return (q, qd) if problem.drag <= 0.0 else _with_drag(problem, target, q, qd)
-
-
-def _throws_near(problem: ThrowProblem, target: Target, q: Array) -> tuple[Array, Array]:
-    """Returns throws q, qd (n, 6) from postures (n, 6), brought within the joint range; NaN where there is none."""
-    if target.release_position is not None:
-        q, p = _at_point(problem, target.release_position, q), np.broadcast_to(target.release_position, (len(q), 3))
-        return q, _best_flights(problem, target, q, p, balanced=True)
-    limits = problem.reachable
-    q = np.clip(q, limits.q_lower, limits.q_upper)
-    p = tool_pose(problem.cell, q)[:, :3, 3]
-    allowed = far_enough(target, p) & throwing(problem.cell, q, p, limits.singularity_distance_min)
-    return q, np.where(allowed[:, None], _best_flights(problem, target, q, p, balanced=True), np.nan)
 
 
 def _with_run_ups(problem: ThrowProblem, target: Target, q: Array, qd: Array) -> tuple[Array, Array]:
@@ -197,28 +119,26 @@ def _with_run_ups(problem: ThrowProblem, target: Target, q: Array, qd: Array) ->
     return np.concatenate([run_q[kept], q]), np.concatenate([run_qd[kept], qd])
 
 
-def _thrown(problem: ThrowProblem, target: Target, thorough: bool, wide: bool) -> tuple[Array, Array]:
+def _thrown(problem: ThrowProblem, target: Target, thorough: bool) -> tuple[Array, Array]:
     """Returns joint states (n, 6) whose flights hit the target: of many postures, too, where few are slow enough.
 
     Raises:
         Infeasible: there are none.
     """
     if target.release_position is not None:
-        return _thrown_at(problem, target, target.release_position, wide)
+        return _thrown_at(problem, target, target.release_position)
     if thorough:
         return _thrown_from(problem, target, thorough=True)
     try:
         found = _thrown_from(problem, target, thorough=False)
     except Infeasible:
-        if not wide:
-            raise
         return _thrown_from(problem, target, thorough=True)
-    if not wide or _has_enough(problem, target, found[1]):
+    if _has_enough(problem, target, found[1]):
         return found
     return _with_more(problem, found, partial(_thrown_from, problem, target, thorough=True))
 
 
-def _thrown_at(problem: ThrowProblem, target: Target, p: Array, wide: bool) -> tuple[Array, Array]:
+def _thrown_at(problem: ThrowProblem, target: Target, p: Array) -> tuple[Array, Array]:
     """Returns joint states (n, 6) as `_thrown` does, from a given place (3,), in more orientations where it does.
 
     Raises:
@@ -229,7 +149,7 @@ def _thrown_at(problem: ThrowProblem, target: Target, p: Array, wide: bool) -> t
         return _flights(problem, target, q, np.broadcast_to(p, q[:, :3].shape))
 
     found = thrown(_postures(problem, p))
-    if not wide or _has_enough(problem, target, found[1]):
+    if _has_enough(problem, target, found[1]):
         return found
     return _with_more(problem, found, lambda: thrown(_postures_in(problem, p, MORE_ORIENTATIONS)))
 
@@ -300,13 +220,8 @@ def _flights(problem: ThrowProblem, target: Target, q: Array, p: Array, thorough
     raise Infeasible([no_clear_flight(problem, target, p, v, len(p))])
 
 
-def _best_flights(
-    problem: ThrowProblem, target: Target, q: Array, p: Array, thorough: bool = False, balanced: bool = False
-) -> Array:
-    """Returns the joint velocities (n, 6) of every posture's soonest drag-free flight, tool at p (n, 3); NaN: none.
-
-    Where `balanced`, the largest share of a joint's speed limit is reduced even if it keeps the limit.
-    """
+def _best_flights(problem: ThrowProblem, target: Target, q: Array, p: Array, thorough: bool = False) -> Array:
+    """Returns the joint velocities (n, 6) of every posture's soonest drag-free flight, tool at p (n, 3); NaN: none."""
     v, ok = launches(problem, target, p, thorough)
     ok[ok] = clear_flights(problem, target, np.broadcast_to(p, v.shape)[ok], v[ok])
     found = np.full(q.shape, np.nan)
@@ -319,8 +234,7 @@ def _best_flights(
     of = np.nonzero(ok)[1]  # posture of every flight
     J = tool_jacobian(problem, q)
     R_BW = problem.cell.X_WB[:3, :3].T
-    allocate = balanced_velocity if balanced else allocate_velocity
-    qd = allocate(J[of], v[ok] @ R_BW.T, problem.limits.qd_max)
+    qd = allocate_velocity(J[of], v[ok] @ R_BW.T, problem.limits.qd_max)
     bound = np.full(ok.shape, np.inf)
     flight = np.zeros(ok.shape, dtype=np.intp)
     bound[ok] = penalised_bound(problem, q[of], qd)

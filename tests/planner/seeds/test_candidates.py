@@ -11,7 +11,7 @@ from planner.geometry import tool_pose, tool_state
 from planner.kinematics import forward, inverse, jacobian, singularity_distances
 from planner.planning import plan
 from planner.problem import JointRelease, Opening, PointRelease, PoseRelease, TargetRelease, ThrowProblem
-from planner.seeds import NoCandidates, candidates, soonest_states
+from planner.seeds import NoCandidates, candidates
 from tests.planner.problems import cell, joint_problem, point_problem, pose_problem, random_state, with_boxes
 
 
@@ -237,44 +237,4 @@ def test_the_same_problem_has_the_same_candidates():
     assert [c.q.tolist() for c in first] == [c.q.tolist() for c in second]
 
 
-@pytest.mark.parametrize("kind", ["point", "target"])
-def test_candidates_near_the_soonest_are_sooner_still(kind, monkeypatch):
-    here = cell()
-    problem = point_problem(here, *random_state(here, np.random.default_rng(2), 0.6))
-    if kind == "target":
-        problem = replace(problem, release=TargetRelease(np.array([1.4, -0.5, 0.1])))
-    monkeypatch.setattr("planner.seeds.sampling.run_ups", lambda *_: (np.empty((0, 6)), np.empty((0, 6))))
-    moved = np.mean([candidate.bound_s for candidate in candidates(problem)[:8]])
-    monkeypatch.setattr("planner.seeds.soonest_states._nearby_offsets", lambda _: ([], []))
-    assert moved < 0.95 * np.mean([candidate.bound_s for candidate in candidates(problem)[:8]])
-
-
 NARROW_BIN = TargetRelease(np.array([0.8, -0.2, 0.0]), opening=Opening(0.12, 1.0))
-
-
-def test_throws_that_are_a_little_too_fast_are_moved_until_one_is_not(monkeypatch):
-    """From the usual postures every throw into the bin asks a joint for a tenth more than its limit."""
-    problem = joint_problem(release=NARROW_BIN)
-    found = candidates(problem)
-    assert all((np.abs(each.qd) <= problem.limits.qd_max).all() for each in found)
-    assert plan(problem).certificate.valid
-    usual, _ = soonest_states._nearby_offsets(True)
-    monkeypatch.setattr(soonest_states, "_nearby_offsets", lambda _: (usual, []))
-    violation = refusal(problem)
-    assert violation.constraint == "joint_velocity"
-    assert 1.0 < violation.value / violation.limit < soonest_states.A_LITTLE
-
-
-@pytest.mark.parametrize(("speed", "moved_on"), [(0.6, False), (1.0, True), (2.0, False)])
-def test_throws_are_moved_on_only_where_all_are_a_little_too_fast(speed, moved_on, monkeypatch):
-    """With three fifths of the joints' speed none is nearly slow enough, with twice that some are."""
-    problem = joint_problem(release=NARROW_BIN)
-    moves = []
-    moved = soonest_states._moved_nearby
-    problem = replace(problem, limits=replace(problem.limits, qd_max=speed * problem.limits.qd_max))
-    monkeypatch.setattr(soonest_states, "_moved_nearby", lambda *given: moves.append(given[4]) or moved(*given))
-    try:
-        candidates(problem)
-    except Infeasible:
-        assert speed < 1.0
-    assert any(len(offsets) == 1 for offsets in moves) == moved_on

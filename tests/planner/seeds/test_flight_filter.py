@@ -12,12 +12,11 @@ from planner.cell import Box, Cell
 from planner.errors import Infeasible
 from planner.flight import launch_velocity
 from planner.geometry import Arcs, tool_state
-from planner.kinematics import tcp_acceleration
-from planner.problem import Opening, PointRelease, TargetRelease, ThrowProblem
+from planner.problem import Opening, TargetRelease, ThrowProblem
 from planner.seeds import candidates
 from planner.seeds.flight_filter import clear_flights, least_room, no_clear_flight
 from planner.seeds.sampling import blocked_flights
-from tests.planner.problems import cell, point_problem, random_state
+from tests.planner.problems import cell
 
 WALL = Box(np.array([0.8, -0.6, 0.0]), np.array([0.85, 0.6, 0.7]))
 
@@ -221,20 +220,3 @@ def test_a_bin_that_no_flight_enters_says_what_the_best_one_lacks() -> None:
         assert violation.detail.startswith("the rim of the bin: of ")
         rims[rim] = violation.value
     assert rims[0.7] < rims[0.5] < 0.0
-
-
-def test_points_have_postures_whose_palm_is_not_in_the_way() -> None:
-    direction = np.array([0.0, 0.0, 1.0])
-    cone = 1.2
-    rng = np.random.default_rng(3)
-    here = cell()
-    palm = replace(here, gripper=replace(here.gripper, opening_direction=direction, opening_cone_rad=cone))
-    for _ in range(5):
-        drawn = point_problem(here, *random_state(here, rng, 0.6))
-        assert isinstance(drawn.release, PointRelease)
-        for c in candidates(replace(drawn, cell=palm)):
-            X_WT = tool_state(palm, c.q, c.qd).X_WT
-            a_B = tcp_acceleration(palm.robot, c.q, c.qd, np.zeros(6), palm.tool.X_FT)[:3]
-            leaving = -palm.X_WB[:3, :3] @ a_B - [0.0, 0.0, 9.81]
-            cosine = leaving @ X_WT[:3, :3] @ direction / np.linalg.norm(leaving)
-            assert np.arccos(cosine) <= cone + 1e-9

@@ -56,7 +56,7 @@ def test_the_soonest_is_near_a_constant_acceleration_from_the_start(place):
 def test_they_are_sooner_than_throws_from_postures_that_are_drawn(place):
     problem = problem_of(place)
     q, qd = run_ups.run_ups(problem, problem.release)
-    drawn_q, drawn_qd = sampling.target_states(problem, problem.release, wide=False)
+    drawn_q, drawn_qd = sampling._thrown(problem, problem.release.target, thorough=False)
     drawn_s = least_time(drawn_q - problem.start, drawn_qd, problem.limits).min()
     assert least_time(q - problem.start, qd, problem.limits).min() < 0.8 * drawn_s
 
