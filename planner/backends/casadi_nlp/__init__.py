@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 from planner.backends.casadi_nlp.flight_rows import starts_with_flight
 from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, Margins, meets_arm
 from planner.errors import BackendUnavailable, SolverFailed
-from planner.kernel import compile_kernel
 from planner.problem import TargetRelease, ThrowProblem
 from planner.seeds import Seed
 from planner.solution import Solution
@@ -32,7 +31,6 @@ __all__ = [
     "load",
     "meets_arm",
     "solve",
-    "warm",
 ]
 
 ITERATION_BUDGET = 1000  # [-] the most that one solve took in 947 plans of the benchmark is 260
@@ -149,64 +147,30 @@ def _near_the_throw_without_window(instance: Instance, seed: Seed, options: Solv
     return replace(close, fitted_at=without_window.fitted_at, aim=without_window.aim)
 
 
-def warm(progress: Callable[[str, float], None] = lambda _what, _share: None) -> bool:
-    """Compiles the functions and the planner's kernel unless that is done, and builds the solvers of this process.
-
-    Args:
-        progress: called with the current step and the share done so far.
-
-    Returns:
-        Whether compiled functions are in use; without a compiler the interpreted ones are, several times slower.
+def load() -> None:
+    """Loads casadi and the functions of every formula, once per process.
 
     Raises:
         BackendUnavailable: casadi is not installed.
     """
     _require_casadi()
-    from planner.backends.casadi_nlp import codegen
+    from planner.backends.casadi_nlp.functions import all_blocks
 
-    progress("compiling", 0.0)
-    compile_kernel()
-    compiled = codegen.compile_blocks() is not None
-    build_solvers(lambda share: progress("building solvers", 0.9 + 0.1 * share))
-    progress("ready" if compiled else "no compiler: interpreted functions", 1.0)
-    return compiled
+    all_blocks()
 
 
-def load() -> bool:
-    """Loads casadi and the functions of every formula, once per process; compiles nothing.
-
-    Returns:
-        Whether they are compiled. Otherwise casadi interprets them: the same numbers to the last bit, as the C has the
-        same operations in the same order, and compiles without fusing any.
+def build_solvers() -> None:
+    """Builds the common solvers of this process.
 
     Raises:
         BackendUnavailable: casadi is not installed.
     """
     _require_casadi()
-    from planner.backends.casadi_nlp.codegen import loaded_blocks
-
-    return loaded_blocks().compiled
-
-
-def build_solvers(progress: Callable[[float], None] = lambda _share: None) -> None:
-    """Builds the common solvers of this process, with compiled functions if there are any; compiles nothing.
-
-    Args:
-        progress: called with the share done so far.
-
-    Raises:
-        BackendUnavailable: casadi is not installed.
-    """
-    _require_casadi()
-    from planner.backends.casadi_nlp.fatrop import compiled_launch
+    from planner.backends.casadi_nlp.fatrop import launch_of
     from planner.backends.casadi_nlp.instance import common_layouts
-    from planner.backends.casadi_nlp.transcription import transcription
 
-    layouts = common_layouts()
-    for i, stages in enumerate(layouts):
-        progress(i / len(layouts))
-        if compiled_launch(stages) is None:
-            _ = transcription(stages).functions
+    for stages in common_layouts():
+        launch_of(stages)
 
 
 def _require_casadi() -> None:

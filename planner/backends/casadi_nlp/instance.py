@@ -112,7 +112,7 @@ def window_stages(problem: ThrowProblem) -> int:
 
 
 def common_layouts() -> list[StageLayout]:
-    """Returns the layouts whose solvers are built ahead of requests, 0.2 s together; uncompiled, a few 10 ms each."""
+    """Returns the layouts whose solvers are built ahead of requests."""
     (launch, brake) = STAGES
     n = WINDOW_STAGES
     throws = ((launch, brake, 0), (launch + n, brake + n, n))

@@ -12,13 +12,7 @@ from functools import cache
 
 import numpy as np
 
-from planner.backends.casadi_nlp.fatrop import (
-    RESTORATIONS,
-    Options,
-    compiled_launch,
-    solve_by_fatrop,
-)
-from planner.backends.casadi_nlp.functions import evaluate
+from planner.backends.casadi_nlp.fatrop import RESTORATIONS, Options, launch_of
 from planner.backends.casadi_nlp.instance import Arguments, Instance
 from planner.backends.casadi_nlp.layout import NU, NX, NZ, QD, TIME, Q, StageLayout, Vector
 from planner.backends.casadi_nlp.margins import POSITIONS
@@ -206,11 +200,7 @@ class Solver:
         What breaks no row where fatrop gives up is a solution, too, if not an optimal one: it often turns on the spot,
         along what hardly changes the cost.
         """
-        launch = compiled_launch(part)
-        if launch is None:
-            outcome = solve_by_fatrop(part, arguments, options, latest)
-        else:
-            outcome = launch.solve(arguments, options, latest)
+        outcome = launch_of(part).solve(arguments, options, latest)
         x, iterations, self.has_converged, was_late = outcome
         if was_late:
             self.iterations += iterations
@@ -247,10 +237,7 @@ def _breaks_no_row(part: StageLayout, x: Vector, arguments: Arguments) -> bool:
 
 def _rows_at(stages: StageLayout, x: Vector, p: Vector) -> Vector:
     """Returns the rows at variables `x`, with parameters `p`."""
-    launch = compiled_launch(stages)
-    if launch is None:
-        return evaluate(transcription(stages).functions["g"], x, p)[0].ravel()
-    return launch.rows(x, p)
+    return launch_of(stages).rows(x, p)
 
 
 def _beyond(values: Vector, lower: Vector, upper: Vector) -> Vector:

@@ -20,10 +20,12 @@ from planner.planning import plan
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
 from planner.search import policy
 from planner.seeds import Seed, candidates
+from tests.planner.backends import casadi_fatrop
+from tests.planner.backends.casadi_fatrop import CasadiLaunch
+from tests.planner.backends.whole_problem import whole_problem
 
 CELL = load_cell(Path(__file__).parents[3] / "cells" / "ur5e-sim.toml")
 RNG = np.random.default_rng(5)
-needs_launch = pytest.mark.skipif(fatrop._libraries() is None, reason="nothing is compiled")
 
 PROBLEMS = {
     "target": ThrowProblem(CELL, CELL.home, TargetRelease(np.array([0.9, -0.5, 0.0])), CELL.limits),
@@ -81,16 +83,14 @@ def test_a_call_that_releases_in_time_is_not_changed(instance: Instance) -> None
     assert found[0].tobytes() == found[1].tobytes()
 
 
-@needs_launch
 @pytest.mark.parametrize("share", [0.6, 0.9, 0.99, 1.01])
-def test_casadi_s_interface_ends_where_the_compiled_launch_does(
+def test_casadi_s_interface_ends_where_the_extension_does(
     instance: Instance, share: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """So that what follows does not depend on whether anything is compiled."""
     release_s, _ = _solved(instance)
     found = []
-    for launch in (fatrop.compiled_launch, lambda _stages: None):
-        monkeypatch.setattr(solver, "compiled_launch", launch)
+    for launch in (fatrop.launch_of, CasadiLaunch):
+        monkeypatch.setattr(solver, "launch_of", launch)
         calls = _calls(share * release_s)
         z = calls._without_other_groups(instance, instance.arguments)
         found.append((calls.is_late, calls.iterations, calls.status, None if z is None else z.tobytes()))
@@ -98,13 +98,12 @@ def test_casadi_s_interface_ends_where_the_compiled_launch_does(
     assert found[0][0] is (share < 1.0)
 
 
-@pytest.mark.parametrize("is_compiled", [False, pytest.param(True, marks=needs_launch)])
+@pytest.mark.parametrize("launch", [fatrop.launch_of, CasadiLaunch])
 def test_a_call_that_finds_no_step_is_ended(
-    instance: Instance, is_compiled: bool, monkeypatch: pytest.MonkeyPatch
+    instance: Instance, launch: object, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """No motion takes a third of the time: fatrop looks for what comes close to one, for 30 iterations and more."""
-    if not is_compiled:
-        monkeypatch.setattr(solver, "compiled_launch", lambda _stages: None)
+    monkeypatch.setattr(solver, "launch_of", launch)
     z = _calls().solve(instance)
     release_s = float(-z[0, layout.TIME])
     end_s = float(z[-1, layout.TIME] - z[0, layout.TIME])
@@ -164,7 +163,7 @@ def test_the_estimate_of_a_linear_program_is_a_lower_bound_that_its_multipliers_
     given = {"p": np.zeros(1), "lbx": low, "ubx": high, "lbg": b, "ubg": np.full(m, np.inf)}
 
     def estimate(at: np.ndarray, by: np.ndarray) -> float:
-        return fatrop._least_release(functions, given, at, by)
+        return casadi_fatrop._least_release(functions, given, at, by)
 
     at_optimum = best.ineqlin.marginals
     inside = RNG.uniform(low, high)
@@ -176,12 +175,12 @@ def test_the_estimate_of_a_linear_program_is_a_lower_bound_that_its_multipliers_
 
 def test_multipliers_of_zero_say_nothing(instance: Instance) -> None:
     """fatrop begins anew with them where a step fails; the estimate would be the time of the iteration itself."""
-    functions = instance.transcription.functions
+    functions = whole_problem(instance.stages)
     arguments = dict(instance.arguments)
     n = len(arguments["x0"])
     arguments |= {"lbx": np.full(n, -np.inf), "ubx": np.full(n, np.inf)}
     rows = len(arguments["lbg"])
-    assert fatrop._least_release(functions, arguments, arguments["x0"], np.zeros(rows)) == -math.inf
+    assert casadi_fatrop._least_release(functions, arguments, arguments["x0"], np.zeros(rows)) == -math.inf
 
 
 def test_a_search_is_as_soon_with_calls_that_are_ended_as_without(monkeypatch: pytest.MonkeyPatch) -> None:
