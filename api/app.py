@@ -32,7 +32,7 @@ from api.http import (
 )
 from api.logs import REQUESTS, configure_logs
 from api.metrics import Metrics
-from api.planning import BatchDrivers, MapRunners, PlannerPool, compile_when_idle
+from api.planning import BatchDrivers, MapRunners, PlannerPool
 from api.routes import ROUTERS
 from api.settings import ServiceSettings, is_loopback_host
 from api.store_probe import StoreProbe
@@ -168,10 +168,8 @@ def _service(settings: ServiceSettings, tokens: TokenRegistry) -> Service:
 
 
 async def _warm_up(service: Service) -> None:
-    """Starts the planner processes; compiles the solvers where that is not done, while nothing is executed."""
+    """Starts the planner processes."""
     await service.pool.warm_up()
-    if not service.pool.is_compiled and await compile_when_idle(service.is_idle):
-        await service.pool.renew()
 
 
 async def _drive_batches(service: Service) -> None:

@@ -1,4 +1,4 @@
-"""Commands that work without a service: plan, warm."""
+"""The command that plans without a service."""
 
 from __future__ import annotations
 
@@ -48,23 +48,6 @@ def plan(file: Path, cells: Path | None, cell: str | None, odds: float | None) -
     plan_document = planned.document.decode()
     click.echo(plan_document)
     click.echo(plan_text(json.loads(plan_document)), err=True)
-    _note_uncompiled(planned.summary)
-
-
-@click.command()
-def warm() -> None:
-    """Build the generated solvers for this machine and cache them, so that no request waits for a compiler."""
-    from planner.backends.casadi_nlp import warm as build
-
-    with click.progressbar(length=100, label="solvers") as bar:
-
-        def progress(what: str, share: float) -> None:
-            bar.label = f"solvers: {what}"
-            bar.update(max(0, round(100 * share) - bar.pos))
-
-        compiled = build(progress)
-    if not compiled:
-        click.echo("There is no C compiler: the slower interpreted functions are used.", err=True)
 
 
 def _plan(body: Any, cells: Path | None, cell: str | None) -> Planned:
@@ -88,11 +71,3 @@ def _plan(body: Any, cells: Path | None, cell: str | None) -> Planned:
     request = {**body.model_dump(exclude_none=True), "cell": name}
     job = PlanningJob(new_id(), iso_time(time.time()) or "", source, request)
     return solve(job)
-
-
-def _note_uncompiled(summary: bytes) -> None:
-    """Says on standard error where the plan took longer for want of compiled solvers."""
-    from planner.search import NOT_COMPILED
-
-    if any(attempt["result"] == NOT_COMPILED for attempt in json.loads(summary)["solver"]["attempts"]):
-        click.echo(f"fling: {NOT_COMPILED}", err=True)

@@ -20,10 +20,6 @@ if TYPE_CHECKING:
     from api.settings import ServiceSettings
     from planner.cell import ControllerAddress
 
-COMPILING = (
-    "first use: where there is a C compiler, the optimiser is compiled for this machine while nothing is executed. "
-    "That takes a few minutes, once; plans are the same meanwhile, and take longer."
-)
 PATIENCE_HELP = "How long to wait for each process to be ready [s]; default: 300."
 
 
@@ -42,7 +38,6 @@ def up(cell: str | None, port: int | None, patience: float | None, truth: Path |
         READY_S,
         ChildFailed,
         ChildProcesses,
-        are_interpreted,
         catch_signals,
         require_streaming_client,
         start_all,
@@ -64,8 +59,6 @@ def up(cell: str | None, port: int | None, patience: float | None, truth: Path |
         with ChildProcesses(_environment(settings, name, number)) as children:
             truth_flags = truth_arguments(truth, reveal)
             start_all(children, settings.cells, name, url, simulated, truth_flags, patience or READY_S)
-            if are_interpreted(url):
-                say(COMPILING, BAD)
             say(f"\nFling is up: {url}    (OpenAPI: {url}/docs)", GOOD)
             say(f"try: fling throw 1.2 0.3 0.0{'' if url == service_url(None) else f' --url {url}'}\nCtrl-C stops all.")
             _keep_alive(children)

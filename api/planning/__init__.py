@@ -1,7 +1,6 @@
 """The planner in processes of its own: the pool of workers behind a bounded queue."""
 
 from api.planning.batch_drivers import BatchDrivers
-from api.planning.compilation import compile_when_idle
 from api.planning.map_runners import MapRunners
 from api.planning.pool import ClientGone, PlannerPool, PlanningEnded, PlanningQueueFull
 
@@ -12,5 +11,4 @@ __all__ = [
     "PlannerPool",
     "PlanningEnded",
     "PlanningQueueFull",
-    "compile_when_idle",
 ]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+import os
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -15,7 +16,7 @@ from multiprocessing import get_context
 from multiprocessing.process import BaseProcess
 from typing import Any
 
-from batch.jobs import Planned, PlanningJob, has_compiled_solvers, initialise, solve
+from batch.jobs import Planned, PlanningJob, initialise, solve
 from planner.errors import SolverFailed
 
 GRACE_S = 20.0  # [s] beyond `time_limit_s`: solver calls under way, the search for the nearest request, a busy machine
@@ -50,7 +51,6 @@ class WorkerFunctions:
 
     solve: Callable[[Any], Any] = solve
     initialise: Callable[[Any], object] = initialise
-    has_compiled_solvers: Callable[[], bool] = has_compiled_solvers
 
 
 class PlannerPool:
@@ -66,7 +66,6 @@ class PlannerPool:
     Attributes:
         waiting: Number of requests being planned or queued.
         is_warm: Whether the processes have planned their warm-up job.
-        is_compiled: Whether they solve with compiled functions.
     """
 
     def __init__(
@@ -85,20 +84,11 @@ class PlannerPool:
         self._starting = asyncio.Lock()
         self.waiting = 0
         self.is_warm = False
-        self.is_compiled = False
         self._is_draining = False
 
     async def warm_up(self) -> None:
         """Starts the processes and waits until they have planned their warm-up job."""
         await self._ready()
-
-    async def renew(self) -> None:
-        """Replaces the processes once new ones are warm, as after compiling; the old ones finish their jobs."""
-        before = self._executor
-        await self._use(self._new())
-        if before is not None:
-            _unwatch(before)
-            before.shutdown(wait=False)
 
     async def solve(self, job: PlanningJob, time_limit_s: float, gone: asyncio.Event | None = None) -> Planned:
         """Plans one request.
@@ -187,9 +177,9 @@ class PlannerPool:
         loop = asyncio.get_running_loop()
         loaded = False
         try:
-            loading = [loop.run_in_executor(executor, self._functions.has_compiled_solvers) for _ in range(self._count)]
+            loading = [loop.run_in_executor(executor, os.getpid) for _ in range(self._count)]
             self._watch(executor)
-            self.is_compiled = all(await asyncio.gather(*loading))
+            await asyncio.gather(*loading)
             loaded = True
         finally:
             if not loaded:

@@ -31,8 +31,7 @@ async def read_readiness(request: Request, service: ServiceDep) -> JSONResponse:
     outage = await run_in_threadpool(service.probe.outage)
     cells = {} if outage else await run_in_threadpool(_executors, service)
     store = outage is None
-    solvers = "compiled" if service.pool.is_compiled else "interpreted"
-    parts = {"store": store, "planner": service.pool.is_warm, "solvers": solvers, "cells": cells}
+    parts = {"store": store, "planner": service.pool.is_warm, "cells": cells}
     if request.app.state.is_draining:
         reason = "the service is shutting down"
         raise ProblemDetails("not-ready", reason, headers=retry_after(RESTART_S), ready=False, **parts)

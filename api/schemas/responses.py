@@ -201,9 +201,6 @@ class Readiness(BaseModel):
     ready: bool
     store: bool
     planner: bool
-    solvers: Literal["compiled", "interpreted"] = Field(
-        description="Functions that the planner solves with; interpreted ones give the same plans, later."
-    )
     cells: dict[str, bool] = Field(description="Whether each cell has an executor.")
 
 

@@ -2,14 +2,13 @@
 
 from batch.jobs.lifetime import end_with_parent, end_with_starter
 from batch.jobs.refusals import refusal_of
-from batch.jobs.work import Planned, PlanningJob, has_compiled_solvers, initialise, load, solve, warm_up_job
+from batch.jobs.work import Planned, PlanningJob, initialise, load, solve, warm_up_job
 
 __all__ = [
     "Planned",
     "PlanningJob",
     "end_with_parent",
     "end_with_starter",
-    "has_compiled_solvers",
     "initialise",
     "load",
     "refusal_of",

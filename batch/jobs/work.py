@@ -73,7 +73,7 @@ def load(warm_up: PlanningJob | None) -> None:
     from planner.backends.casadi_nlp import build_solvers
 
     os.nice(NICENESS)
-    build_solvers()  # compiled ones, or interpreted ones; never compiles
+    build_solvers()
     if warm_up is not None:
         with suppress(PlannerError):  # a refused warm-up has loaded everything up to there
             solve(warm_up)
@@ -85,12 +85,6 @@ def warm_up_job(source: CellSource) -> PlanningJob:
     """Returns a job that loads and builds everything, as any throw does; its plan is not stored."""
     return PlanningJob(None, "", source, {"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}})
 
-
-def has_compiled_solvers() -> bool:
-    """Returns whether this process solves with compiled functions."""
-    from planner.backends import casadi_nlp
-
-    return casadi_nlp.load()
 
 
 def solve(job: PlanningJob) -> Planned:

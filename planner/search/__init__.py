@@ -3,7 +3,6 @@
 from planner.search.auto import search_once
 from planner.search.incumbent import Attempt, CertifiedSolution, PlanningSearch
 from planner.search.nearest import nearest_problem
-from planner.search.optimise import NOT_COMPILED
 from planner.search.proofs import farthest_target_m, of_candidates, refuse_impossible
 from planner.search.sequential import VARIANTS_BY_BACKEND, load_libraries, search_sequential
 from planner.search.stops import search_with_stop
@@ -11,7 +10,6 @@ from planner.search.throw_range import shoulder_position
 from planner.search.way_home import best_with_way_home
 
 __all__ = [
-    "NOT_COMPILED",
     "VARIANTS_BY_BACKEND",
     "Attempt",
     "CertifiedSolution",

@@ -23,7 +23,6 @@ ROUNDS = 4  # [-] solves from one seed at most
 SOLVE_ITERATIONS = (
     150  # [-] at least for a solve that is begun: what is left of a budget is no reason to give up half way
 )
-NOT_COMPILED = "the solvers are not compiled: the same answer, later; `fling warm` compiles them"
 
 
 def optimise(search: PlanningSearch, problem: ThrowProblem, own: Seed, end: int, rounds: int = ROUNDS) -> bool:
@@ -57,10 +56,8 @@ def optimise(search: PlanningSearch, problem: ThrowProblem, own: Seed, end: int,
 def load_optimiser(search: PlanningSearch) -> None:
     """Loads the optimiser; the request's clock stands still meanwhile."""
     begun = time.perf_counter()
-    compiled = casadi_nlp.load()
+    casadi_nlp.load()
     search.extend_deadline(time.perf_counter() - begun)
-    if not compiled and all(attempt.result != NOT_COMPILED for attempt in search.attempts):
-        search.log_attempt("casadi", NOT_COMPILED, begun)
 
 
 def _from_any(

@@ -208,12 +208,6 @@ def start_simulator(children: ChildProcesses, cell: Path, truth: Sequence[str] =
     children.start("simulator", "executor.simulator", ["--cell", str(cell), *truth], ready_s)
 
 
-def are_interpreted(url: str) -> bool:
-    """Returns whether the service still plans with interpreted solvers, as on the first use on a machine."""
-    with ServiceClient(url, os.environ.get("FLING_TOKEN")) as client:
-        return client.get("/readyz").get("solvers") == "interpreted"
-
-
 def cell_path(folder: Path, name: str) -> Path:
     """Returns the path of a cell file.
 

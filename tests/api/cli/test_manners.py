@@ -18,7 +18,7 @@ from api.cli import main
 from api.cli.support.addresses import require_free
 from api.cli.support.client import ServiceClient
 from api.cli.support.errors import FlingGroup
-from api.cli.support.processes import DEATHS_MAX, ChildFailed, ChildProcesses, are_interpreted
+from api.cli.support.processes import DEATHS_MAX, ChildFailed, ChildProcesses
 
 HOST = "127.0.45.3"
 
@@ -218,12 +218,6 @@ def test_a_child_that_dies_again_and_again_does_not_come_back(children: ChildPro
         assert revived(children) == ["the service ended with status 3; started again"]
     with pytest.raises(ChildFailed, match="the service ended with status 3, the 4th time within 60 s"):
         revived(children)
-
-
-@pytest.mark.parametrize(("solvers", "expected"), [("interpreted", True), ("compiled", False)])
-def test_first_use_is_told_by_the_service(monkeypatch: pytest.MonkeyPatch, solvers: str, expected: bool):
-    monkeypatch.setattr("fling.client.Client.get", lambda _self, path: {"path": path, "solvers": solvers})
-    assert are_interpreted(f"http://{HOST}:9") is expected
 
 
 def test_without_a_client_for_the_controller_one_sentence_says_so(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):

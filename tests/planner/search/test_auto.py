@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from planner.search.policy import AGAIN_POLICY, FROM_ANSWER, UNLIKE
 
 from benchmarks.problem_sets import build
 from planner import planning
@@ -19,7 +20,6 @@ from planner.planning import plan
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
 from planner.search import (
     LAST_POLICY,
-    NOT_COMPILED,
     POLICY,
     CertifiedSolution,
     PlanningSearch,
@@ -30,7 +30,6 @@ from planner.search import (
     search_thoroughly,
 )
 from planner.search.auto import SOLVE_ITERATIONS
-from planner.search.policy import AGAIN_POLICY, FROM_ANSWER, UNLIKE
 from planner.seeds import candidates
 from planner.solution import Solution
 from tests.planner.problems import cell, joint_problem, point_problem, pose_problem, random_state
@@ -143,15 +142,6 @@ def test_a_way_home_beyond_the_time_limit_does_not_cut_the_plan_short(monkeypatc
     monkeypatch.setattr(time, "perf_counter", lambda: clock[0])
     monkeypatch.setattr(planning, "best_with_way_home", finds_late)
     assert not plan(target_problem()).was_cut_short
-
-
-def test_solvers_that_are_not_compiled_are_named_once_and_change_nothing(monkeypatch):
-    compiled = plan(target_problem())
-    monkeypatch.setattr(casadi_nlp, "load", lambda: False)
-    interpreted = plan(target_problem())
-    assert [attempt.result for attempt in interpreted.attempts].count(NOT_COMPILED) == 1
-    assert "fling warm" in NOT_COMPILED
-    np.testing.assert_array_equal(interpreted.trajectory.q, compiled.trajectory.q)
 
 
 def test_the_deadline_of_the_request_ends_the_search(solves):
