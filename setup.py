@@ -68,7 +68,9 @@ class BuildNative(build_ext):
         if shutil.which(compiler) is None:
             raise CompileError(f"building Fling from source needs a C compiler: there is no {compiler}")
         self.build_temp = str(WRITTEN)
-        self.compiler.linker_so = [compiler, "-shared"]  # without Python's own libraries: none is needed
+        self.compiler.linker_so = [
+            part for part in self.compiler.linker_so if not part.startswith(("-L", "-Wl,-rpath"))
+        ]  # where Python's own libraries are: none is needed
         self._compile = self.compiler.compile
         self.compiler.compile = self._compile_side_by_side
         self._link_to_fatrop()
@@ -109,6 +111,7 @@ class BuildNative(build_ext):
 def written_blocks() -> list[Path]:
     """Returns the C files of the optimiser's functions, written unless they are newer than the formulas."""
     sys.path.insert(0, str(ROOT))
+    from planner.backends.casadi_nlp.emission import write_block
     from planner.backends.casadi_nlp.symbols import ALL_FORMULAS
 
     WRITTEN.mkdir(parents=True, exist_ok=True)
@@ -116,16 +119,9 @@ def written_blocks() -> list[Path]:
     changed = max(file.stat().st_mtime for file in formulas)
     files = {name: WRITTEN / f"{name}.c" for name in ALL_FORMULAS}
     missing = [name for name, file in files.items() if not file.exists() or file.stat().st_mtime < changed]
-    with ProcessPoolExecutor() as pool:
-        list(pool.map(write_block, missing))
+    with ProcessPoolExecutor() as pool:  # casadi takes seconds for some
+        list(pool.map(partial(write_block, folder=WRITTEN), missing))
     return list(files.values())
-
-
-def write_block(name: str) -> None:
-    """Writes the C of one block's functions; casadi takes seconds for some."""
-    from planner.backends.casadi_nlp.emission import write_block
-
-    write_block(name, WRITTEN)
 
 
 if __name__ == "__main__":
