@@ -7,7 +7,6 @@ from pathlib import Path
 
 from benchmarks.consistency.report import consistency_report
 from benchmarks.results import write_report
-from planner.backends.casadi_nlp import warm
 
 
 def main() -> None:
@@ -18,7 +17,6 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, help="folder of the report; default: standard output")
     given = parser.parse_args()
-    warm()
     text = consistency_report(given.problems, given.searched, given.seed)
     write_report(text, given.out, "consistency.md")
 

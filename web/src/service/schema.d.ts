@@ -3395,12 +3395,6 @@ export interface components {
             planner: boolean;
             /** Ready */
             ready: boolean;
-            /**
-             * Solvers
-             * @description Functions that the planner solves with; interpreted ones give the same plans, later.
-             * @enum {string}
-             */
-            solvers: "compiled" | "interpreted";
             /** Store */
             store: boolean;
         };

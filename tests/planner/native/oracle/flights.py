@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from functools import reduce
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from planner.arrays import Array, Index
+from planner.certificate.exits import Cone
 from planner.certificate.flight.flights import nearest_on_segments
 from planner.certificate.flight.separation import segment_bound
 from planner.kinematics import dot
@@ -17,15 +17,6 @@ from planner.kinematics import dot
 TINY = 1e-9  # [m/s^2] an acceleration that has no direction
 
 ConeNumbers = tuple[Array, float, float, float]  # direction, half angle, distances at which an object is free, and out
-
-
-class Cone(NamedTuple):
-    """The numbers of a cone, with names."""
-
-    direction: Array
-    half_rad: float
-    free_m: float
-    out_m: float
 
 
 def drag_paths(states: Array, steps: Index, h: Array, air: tuple[float, float]) -> Array:
