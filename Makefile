@@ -3,44 +3,41 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
+# What the C of the planner is made of.
+NATIVE := $(wildcard planner/native/*/*.[ch] planner/backends/casadi_nlp/*.py planner/backends/casadi_nlp/symbols/*.py)
 SOURCES := fling planner store learning jobs api executor simulator benchmarks
 
-.PHONY: setup demo up test verify verify-ci fuzz test-kernels check web web-check bench bench-batches pictures docs lock clean
+.PHONY: setup demo up test verify verify-ci wheels fuzz test-kernels check web web-check bench bench-batches pictures docs lock clean
 
-setup: $(VENV)/dev.stamp $(VENV)/warm.stamp   ## .venv with everything pinned, and the generated solvers built
+setup: $(VENV)/dev.stamp   ## .venv with everything pinned, and the C compiled
 
-demo: $(VENV)/warm.stamp        ## one throw from plan to landing on a simulated UR5e
+demo: $(VENV)/native.stamp      ## one throw from plan to landing on a simulated UR5e
 	$(BIN)/fling demo
 
-up: $(VENV)/warm.stamp          ## simulator, executor, service and web page until Ctrl-C
+up: $(VENV)/native.stamp        ## simulator, executor, service and web page until Ctrl-C
 	$(BIN)/fling up
 
-test: $(VENV)/dev.stamp $(VENV)/warm.stamp
+test: $(VENV)/dev.stamp
 	$(BIN)/python -m pytest -n 2 --dist loadfile --ignore tests/system --ignore tests/verify
 	$(BIN)/python -m pytest tests/system  # in real time: nothing beside it
 
-verify: $(VENV)/docs.stamp $(VENV)/verify.stamp $(VENV)/ray.stamp $(VENV)/warm.stamp   ## what takes minutes: wheels, both databases, generated clients, notebooks
+verify: $(VENV)/docs.stamp $(VENV)/verify.stamp $(VENV)/ray.stamp   ## what takes minutes: wheels, both databases, generated clients, notebooks
 	$(BIN)/python -m pytest tests/verify
 
-verify-ci: $(VENV)/verify.stamp $(VENV)/warm.stamp   ## what of it continuous integration has time for
+verify-ci: $(VENV)/verify.stamp   ## what of it continuous integration has time for
 	$(BIN)/python -m pytest -n 2 --dist loadfile tests/verify -m "not slow"
 
-fuzz: $(VENV)/verify.stamp $(VENV)/warm.stamp   ## 5,000 cases of schemathesis, twice, on both databases
+wheels: $(VENV)/dev.stamp       ## dist/: one wheel for CPython 3.11 and later, and the source
+	$(BIN)/python -m build --no-isolation --outdir dist
+
+fuzz: $(VENV)/verify.stamp   ## 5,000 cases of schemathesis, twice, on both databases
 	FLING_CASES=5000 $(BIN)/python -m pytest tests/verify/test_openapi.py
 
-# What computes once more as other processors round: older kernels of numpy, BLAS and libm on one thread, then the
-# optimiser's functions compiled for x86-64-v3, which fuses multiplications and additions. About eight minutes.
-KERNELS := $(abspath $(VENV))/kernels
-COMPUTES := -n 2 --dist loadfile tests/planner tests/benchmarks
-
-test-kernels: $(VENV)/dev.stamp $(VENV)/warm.stamp
+# What computes once more with older kernels of numpy, BLAS and libm, on one thread. About four minutes.
+test-kernels: $(VENV)/dev.stamp
 	NPY_DISABLE_CPU_FEATURES="X86_V3 X86_V4" GLIBC_TUNABLES=glibc.cpu.hwcaps=-AVX2,-FMA,-AVX512F OPENBLAS_CORETYPE=Prescott \
-		OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -W "ignore:During parsing:ImportWarning" $(COMPUTES)
-	mkdir -p $(KERNELS)
-	printf '#!/bin/sh\nexec gcc "$$@" -march=x86-64-v3 -ffp-contract=fast\n' > $(KERNELS)/cc
-	chmod +x $(KERNELS)/cc
-	PATH="$(KERNELS):$$PATH" XDG_CACHE_HOME=$(KERNELS) $(BIN)/fling warm
-	PATH="$(KERNELS):$$PATH" XDG_CACHE_HOME=$(KERNELS) $(BIN)/python -m pytest $(COMPUTES)
+		OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -W "ignore:During parsing:ImportWarning" \
+		-n 2 --dist loadfile tests/planner tests/benchmarks
 
 check: $(VENV)/dev.stamp
 	$(BIN)/ruff check .
@@ -65,17 +62,17 @@ web/node_modules/.package-lock.json: web/package.json web/package-lock.json
 	cd web && npm ci --silent
 	touch $@
 
-bench: $(VENV)/bench.stamp $(VENV)/warm.stamp  ## writes docs/benchmarks, about ten minutes; SLOW=1 for hours
+bench: $(VENV)/bench.stamp  ## writes docs/benchmarks, about ten minutes; SLOW=1 for hours
 	$(BIN)/python -m benchmarks $(if $(SLOW),--slow)
 	$(BIN)/python -m benchmarks.conditions --count $(if $(SLOW),100,5) --out docs/benchmarks
 	$(BIN)/python -m benchmarks.maps $(if $(SLOW),,--resolution 0.3 --sample 30) --out docs/benchmarks
 	$(BIN)/python -m benchmarks.page
 	$(BIN)/python -m benchmarks.throwbench --count $(if $(SLOW),20,4) --out docs/benchmarks/throwbench.md
 
-bench-batches: $(VENV)/ray.stamp $(VENV)/warm.stamp  ## batches through both engines, with kills: minutes; SLOW=1: 20,000 plans each, about two hours
+bench-batches: $(VENV)/ray.stamp  ## batches through both engines, with kills: minutes; SLOW=1: 20,000 plans each, about two hours
 	$(BIN)/python -m benchmarks.batches --count $(if $(SLOW),20000,400) --costs $(if $(SLOW),1000,200) --out docs/benchmarks
 
-pictures: $(VENV)/dev.stamp $(VENV)/warm.stamp  ## the README's pictures and animation of a throw (needs chromium)
+pictures: $(VENV)/dev.stamp  ## the README's pictures and animation of a throw (needs chromium)
 	$(BIN)/python -m benchmarks.page.pictures
 
 docs: $(VENV)/docs.stamp        ## writes build/docs: tutorial, course, reference; runs the course's notebooks
@@ -96,17 +93,17 @@ $(VENV)/bin/python:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Fling needs Python 3.11 or newer; try: make PYTHON=python3.12 ...")'
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/run.stamp: requirements/run.txt pyproject.toml | $(VENV)/bin/python
-	$(PIP) install --quiet --require-hashes -r requirements/run.txt
+$(VENV)/run.stamp: requirements/run.txt | $(VENV)/bin/python
+	$(PIP) install --quiet --no-compile --require-hashes -r requirements/run.txt
+	touch $@
+
+$(VENV)/dev.stamp: requirements/dev.txt $(VENV)/native.stamp
+	$(PIP) install --quiet --no-compile --require-hashes -r requirements/dev.txt
+	touch $@
+
+# Compiles what is newer than its object, on all processors.
+$(VENV)/native.stamp: $(VENV)/run.stamp pyproject.toml setup.py $(NATIVE)
 	$(PIP) install --quiet --no-deps --no-build-isolation --editable .
-	touch $@
-
-$(VENV)/warm.stamp: $(VENV)/run.stamp $(wildcard planner/backends/casadi_nlp/*.py planner/kernel/*.py planner/kernel/*.c)
-	$(BIN)/fling warm
-	touch $@
-
-$(VENV)/dev.stamp: requirements/dev.txt $(VENV)/run.stamp
-	$(PIP) install --quiet --require-hashes -r requirements/dev.txt
 	touch $@
 
 $(VENV)/docs.stamp: requirements/docs.txt $(VENV)/dev.stamp

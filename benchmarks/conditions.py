@@ -1,12 +1,12 @@
-"""The same requests under other conditions: through library, command line and service, beside other work, uncompiled.
+"""The same requests under other conditions: through library, command line and service, and beside other work.
 
     python -m benchmarks.conditions                       # 10 requests of every kind, every way and condition
     python -m benchmarks.conditions --count 100 --out docs/benchmarks
-    python -m benchmarks.conditions --way library --condition quiet --condition uncompiled
+    python -m benchmarks.conditions --way library --condition quiet --condition busy
     python -m benchmarks.conditions --count 100 --way command --condition busy --parallel 4
 
 The library's answers on a quiet machine are the reference. All others must have the same back end, the same tick of the
-release and the same samples to 1e-9; with other kernels of numpy, the C library and the compiler, a certified plan
+release and the same samples to 1e-9; with other kernels of numpy and the C library, a certified plan
 released within one tick. The exit status is 1 where they have not.
 """
 
@@ -54,7 +54,6 @@ OTHER_KERNELS = {
     "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA,-AVX512F",
     "OPENBLAS_CORETYPE": "Prescott",
 }
-FUSING_COMPILER = '#!/bin/sh\nexec gcc "$@" -march=x86-64-v3 -ffp-contract=fast\n'
 
 
 def requests(count: int, seed: int) -> list[Request]:
@@ -225,28 +224,12 @@ def busy() -> Iterator[dict[str, str]]:
 
 
 @contextmanager
-def uncompiled() -> Iterator[dict[str, str]]:
-    """Yields an environment without compiled solvers, and without a compiler that a service could use meanwhile."""
-    with tempfile.TemporaryDirectory() as folder:
-        yield {**os.environ, "XDG_CACHE_HOME": folder, "PATH": folder}
-
-
-@contextmanager
 def kernels() -> Iterator[dict[str, str]]:
-    """Yields an environment in which numpy, the C library and the compiled solvers round otherwise."""
-    folder = ROOT / "build" / "kernels"
-    folder.mkdir(parents=True, exist_ok=True)
-    compiler = folder / "cc"
-    compiler.write_text(FUSING_COMPILER)
-    compiler.chmod(0o755)
-    path = f"{folder}{os.pathsep}{os.environ['PATH']}"
-    environment = {**os.environ, **OTHER_KERNELS, "PATH": path, "XDG_CACHE_HOME": str(folder)}
-    command = [sys.executable, "-m", "planner.backends.casadi_nlp.codegen"]
-    subprocess.run(command, env=environment, check=True, cwd=ROOT)
-    yield environment
+    """Yields an environment in which numpy, its linear algebra and the C library round otherwise."""
+    yield {**os.environ, **OTHER_KERNELS}
 
 
-CONDITIONS = {"quiet": quiet, "busy": busy, "uncompiled": uncompiled, "kernels": kernels}
+CONDITIONS = {"quiet": quiet, "busy": busy, "kernels": kernels}
 
 
 # --- comparison ---

@@ -16,7 +16,6 @@ import numpy as np
 
 from benchmarks.audit import flight_faults
 from benchmarks.problem_sets import Task, cell, obstructed_tasks, open_tasks
-from planner.backends import casadi_nlp
 from planner.errors import Infeasible, SolverFailed
 from planner.planning import Plan, plan
 from planner.problem import TargetRelease, ThrowProblem
@@ -28,7 +27,6 @@ TIME_LIMIT_S = 120.0  # ample: no answer may end at the clock
 def main() -> None:
     """Prints one line a problem, and the shares and times of each set."""
     options = _options()
-    casadi_nlp.warm()
     tasks = obstructed_tasks(cell(options.cell), options.count, options.seed)
     for robust in {"soonest": (False,), "robust": (True,), "both": (False, True)}[options.window]:
         _run("robust" if robust else "soonest", [_asked(task, robust) for task in tasks], options.verbose)

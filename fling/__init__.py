@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from fling import tracing
     from fling.cells import cell_names, open_cell
     from fling.client import Client, ServiceRefusal
-    from fling.planning import plan, plan_document, problem, warm
+    from fling.planning import plan, plan_document, problem
     from fling.ros import as_joint_trajectory
     from planner import flight, kinematics, rotations, timing
     from planner.cell import Cell
@@ -63,7 +63,6 @@ __all__ = [
     "rotations",
     "timing",
     "tracing",
-    "warm",
 ]
 
 DISTRIBUTION = "fling-robotics"  # on the package index, where "fling" is another project's name
@@ -71,7 +70,7 @@ DISTRIBUTION = "fling-robotics"  # on the package index, where "fling" is anothe
 _HOMES = {  # module: the public names that it holds
     "fling.cells": ("cell_names", "open_cell"),
     "fling.client": ("Client", "ServiceRefusal"),
-    "fling.planning": ("plan", "plan_document", "problem", "warm"),
+    "fling.planning": ("plan", "plan_document", "problem"),
     "fling.ros": ("as_joint_trajectory",),
     "planner": ("flight", "kinematics", "rotations", "timing"),
     "planner.cell": ("Cell",),

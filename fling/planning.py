@@ -48,7 +48,7 @@ def problem(request: Mapping[str, Any], cell: Cell | str | Path | None = None) -
 def plan(request: Mapping[str, Any] | ThrowProblem, cell: Cell | str | Path | None = None) -> Plan:
     """Returns the best certified motion for a request.
 
-    The first plan of a process takes seconds longer: it loads the optimiser. `warm()` makes every plan faster.
+    The first plan of a process takes seconds longer: it loads the optimiser.
 
     Args:
         request: as `POST /plan` takes it, or a problem.
@@ -72,13 +72,3 @@ def plan_document(plan: Plan, request: Mapping[str, Any] | None = None) -> dict[
     """
     asked = request_document(plan.problem, plan.problem.release) if request is None else request
     return document_of(plan, {"cell": plan.problem.cell.name, **asked}, str(uuid4()), iso_time(time.time()))
-
-
-def warm() -> bool:
-    """Compiles the optimiser's functions for this machine, once, and returns whether they are compiled.
-
-    It takes about a minute. Without a C compiler, or without this call, plans are the same and take longer.
-    """
-    from planner.backends.casadi_nlp import warm as build
-
-    return build(lambda _what, _share: None)

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner.arrays import Array, Index
-from planner.kernel import Kernel, twin_of
+from planner import native
+from planner.arrays import Array
 
 AIR_DENSITY_KG_M3 = 1.204  # source: ISO 2533 standard atmosphere, dry air at 20 degC and 101,325 Pa
 STEP_S = 0.004  # [s] Runge-Kutta step: landing error below 1e-9 m for |v| <= 10 m/s and k <= 1 /m (see the tests)
@@ -186,7 +186,7 @@ def paths(p: Array, v: Array, times: Array, gravity: float, drag: float) -> Arra
     durations = np.diff(times, axis=1, prepend=0.0)
     steps = np.ceil(durations.max(axis=0, initial=0.0) / STEP_S).astype(np.intp)
     h = durations / np.maximum(steps, 1)
-    return _drag_paths(np.concatenate([p, v], axis=1), steps, h, (gravity, drag))
+    return native.drag_paths(np.concatenate([p, v], axis=1), steps, h, (gravity, drag))
 
 
 def positions_after(p: ArrayLike, v: ArrayLike, times: ArrayLike, gravity: float, drag: float = 0.0) -> Array:
@@ -205,7 +205,7 @@ def positions_after(p: ArrayLike, v: ArrayLike, times: ArrayLike, gravity: float
     if drag <= 0.0 or times.size == 0:
         return p + v * times - np.array([0.0, 0.0, 0.5 * gravity]) * times**2
     steps = np.array([max(1, math.ceil(float(np.max(times)) / STEP_S))])
-    return _drag_paths(np.concatenate([p, v], axis=1), steps, times / steps, (gravity, drag))[:, 0]
+    return native.drag_paths(np.concatenate([p, v], axis=1), steps, times / steps, (gravity, drag))[:, 0]
 
 
 def landing_sensitivity(
@@ -342,27 +342,8 @@ def _advance(state: Array, duration: ArrayLike, gravity: float, drag: float) -> 
     return state
 
 
-def _example_states() -> Array:
-    return np.array([[0.1, -0.2, 0.9, 3.0, -1.0, 2.0], [0.0, 0.4, 1.2, -2.0, 0.5, -1.0]])
-
-
-def _example_paths() -> tuple[Array, Index, Array, tuple[float, float]]:
-    return _example_states(), np.array([0, 3, 5]), np.array([[0.0, 0.004, 0.003], [0.0, 0.002, 0.004]]), (9.81, 0.1)
-
-
-@twin_of(Kernel.drag_paths, _example_paths)
-def _drag_paths(states: Array, steps: Index, h: Array, air: tuple[float, float]) -> Array:
-    """Returns positions (n, k, 3) of flights from `states` (n, 6): after steps[j] steps of h[:, j] more, each."""
-    rows = []
-    for j, count in enumerate(steps):
-        for _ in range(count):
-            states = _step(states, h[:, j, None], *air)
-        rows.append(states[:, :3])
-    return np.array(rows).reshape(len(steps), len(states), 3).swapaxes(0, 1)
-
-
 def _fly_with_drag(p: Array, v: Array, plane_z: float, gravity: float, drag: float) -> Flight | None:
-    found = _drag_landings(np.concatenate([p, v])[None], plane_z, (STEP_S, FLIGHT_MAX_S), (gravity, drag))[0]
+    found = native.drag_landings(np.concatenate([p, v])[None], plane_z, (STEP_S, FLIGHT_MAX_S), (gravity, drag))[0]
     if math.isnan(found[6]):
         return None
     return Flight(found[:3], found[3:6], float(found[6]), float(found[7]), float(np.linalg.norm(v)))
@@ -370,50 +351,8 @@ def _fly_with_drag(p: Array, v: Array, plane_z: float, gravity: float, drag: flo
 
 def _landing_states_with_drag(state: Array, plane_z: float, gravity: float, drag: float) -> LandingStates:
     """Returns the landing of flights from states (n, 6), as `_fly_with_drag` finds it."""
-    found = _drag_landings(state, plane_z, (STEP_S, FLIGHT_MAX_S), (gravity, drag))
+    found = native.drag_landings(state, plane_z, (STEP_S, FLIGHT_MAX_S), (gravity, drag))
     return LandingStates(found[:, :3], found[:, 3:6], found[:, 6])
-
-
-@twin_of(Kernel.drag_landings, lambda: (_example_states(), 0.1, (STEP_S, FLIGHT_MAX_S), (9.81, 0.1)))
-def _drag_landings(state: Array, plane_z: float, step: tuple[float, float], air: tuple[float, float]) -> Array:
-    """Returns state at the landing, time and apex (n, 8) of flights from states (n, 6); NaN where they miss it."""
-    (h, longest) = step
-    flying = np.arange(len(state))
-    t = 0.0
-    before = np.full(state.shape, np.nan)
-    found = np.full((len(state), 8), np.nan)
-    apex = state[:, 2].copy()
-    while len(flying) and t < longest:
-        following = _step(state, h, *air)
-        tops = (state[:, 5] > 0.0) & (following[:, 5] <= 0.0)
-        highest = _step(state[tops], _crossing(state[tops], *air, 5, 0.0)[:, None], *air)
-        apex[flying[tops]] = highest[:, 2]
-        below = (following[:, 5] < 0.0) & (following[:, 2] < plane_z)
-        lands = below & (state[:, 2] >= plane_z)
-        before[flying[lands]] = state[lands]
-        found[flying[lands], 6] = t
-        state = following[~below]
-        flying = flying[~below]
-        t = t + h
-    rest = _crossing(before, *air, 2, plane_z)
-    found[:, :6] = _step(before, rest[:, None], *air)
-    found[:, 6] += rest
-    landed = ~np.isnan(found[:, 6])
-    found[landed, 7] = apex[landed]
-    found[landed, 2] = plane_z
-    return found
-
-
-def _crossing(state: Array, gravity: float, drag: float, index: int, level: float) -> Array:
-    """Returns the times (...,) [s] within one step at which component `index` falls through `level`, by bisection."""
-    low = np.zeros(state.shape[:-1])
-    high = np.full(state.shape[:-1], STEP_S)
-    for _ in range(50):
-        middle = 0.5 * (low + high)
-        above = _step(state, middle[..., None], gravity, drag)[..., index] > level
-        low = np.where(above, middle, low)
-        high = np.where(above, high, middle)
-    return 0.5 * (low + high)
 
 
 def _derivative(function: Callable[[Array], Array], size: int) -> Array:

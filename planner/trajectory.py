@@ -13,8 +13,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
+from planner import native
 from planner.arrays import Array, read_only
-from planner.kernel import Kernel, Pinned, twin_of
+from planner.native import Pinned
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,26 +80,9 @@ class Trajectory:
     def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """Returns exact q, qd, qdd (..., n) at times `t` (...,) [s]; times outside [0, duration] are clipped to it."""
         t = np.asarray(t, float)
-        found = _states_at(t.ravel(), float(self.sample_rate_hz), self.samples)
+        found = native.states_at(t.ravel(), float(self.sample_rate_hz), self.samples)
         q, qd, qdd = found.reshape(3, *t.shape, self.q.shape[1])
         return q, qd, qdd
-
-
-def _example() -> tuple[Array, float, Pinned]:
-    q, qd, qdd, jerk = np.random.default_rng(0).uniform(-1.0, 1.0, (4, 5, 3))
-    return np.array([-0.1, 0.0, 0.013, 0.02, 0.039, 0.04, 0.1]), 100.0, Pinned(q, qd, qdd, jerk[1:])
-
-
-@twin_of(Kernel.states_at, _example)
-def _states_at(t: Array, rate: float, samples: Pinned) -> Array:
-    """Returns q, qd, qdd (3, k, n) at times `t` (k,) for all samples of q, qd, qdd and the jerk of every tick."""
-    last = len(samples.arrays[0]) - 1
-    t = np.clip(t, 0.0, last / rate)
-    i = np.minimum((t * rate).astype(int), last - 1)
-    s = (t - i / rate)[:, None]
-    q, qd, qdd, jerk = (values[i] for values in samples.arrays)
-    place = q + s * (qd + s * (qdd / 2.0 + s * jerk / 6.0))
-    return np.array([place, qd + s * (qdd + s * jerk / 2.0), qdd + s * jerk])
 
 
 def integrate(q0: ArrayLike, qd0: ArrayLike, qdd0: ArrayLike, jerk: Array, dt: float) -> tuple[Array, Array, Array]:

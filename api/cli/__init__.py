@@ -29,7 +29,6 @@ COMMANDS = {
     "acknowledge": ("throw", "acknowledge", "Clear a latched fault, after checking the robot."),
     "doctor": ("serve", "doctor", "Check this machine's timing and the link to the controller."),
     "cell": ("admin", "cell", "Check cell files, import an arm's kinematics."),
-    "warm": ("plan", "warm", "Build and cache the generated solvers."),
     "token": ("admin", "token", "Create, list and revoke tokens for the service."),
     "db": ("admin", "db", "Migrate the database."),
     "version": ("admin", "version", "Show the version."),

@@ -1,4 +1,4 @@
-"""Commands that work without a service: plan, warm."""
+"""The command that works without a service: plan."""
 
 from __future__ import annotations
 
@@ -50,22 +50,6 @@ def plan(file: Path, cells: Path | None, cell: str | None, odds: float | None) -
     plan_document = planned.row.document.decode()
     click.echo(plan_document)
     click.echo(plan_text(json.loads(plan_document)), err=True)
-
-
-@click.command()
-def warm() -> None:
-    """Build the generated solvers for this machine and cache them, so that no request waits for a compiler."""
-    from planner.backends.casadi_nlp import warm as build
-
-    with click.progressbar(length=100, label="solvers") as bar:
-
-        def progress(what: str, share: float) -> None:
-            bar.label = f"solvers: {what}"
-            bar.update(max(0, round(100 * share) - bar.pos))
-
-        compiled = build(progress)
-    if not compiled:
-        click.echo("There is no C compiler: the slower interpreted functions are used.", err=True)
 
 
 def _plan(asked: Mapping[str, Any], cells: Path | None, cell: str | None) -> PlanRecord:

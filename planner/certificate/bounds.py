@@ -21,8 +21,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from planner import native
 from planner.arrays import Array, Index, Mask
-from planner.kernel import Kernel, Pinned, twin_of
 from planner.trajectory import Trajectory
 
 ROUNDS = 16  # [-] bisections of an interval: 2^-16 of a coarse one is below a microsecond
@@ -44,24 +44,12 @@ class Rates:
 
     def __init__(self, rows: Array) -> None:
         """Takes the four rows (4, n, m)."""
-        self.rows, self.bounds = rows, _derivative_bounds(rows[:3])
+        self.rows = rows
+        self.bounds = native.derivative_bounds(rows[:3])
         self.qd, self.qdd, self.jerk, self.jumps = rows
         self.sums = self.bounds[:3]
         self.totals = self.bounds[3:7]
         self.by_derivative = self.bounds[7:]
-
-
-def _example_rows() -> Array:
-    return np.abs(np.random.default_rng(0).uniform(-1.0, 1.0, (3, 4, 5)))
-
-
-@twin_of(Kernel.derivative_bounds, lambda: (_example_rows(),))
-def _derivative_bounds(rates: Array) -> Array:
-    """Returns sums, totals and weights (11, n, m) of `Rates` for bounds on |qd|, |qdd| and |jerk| (3, n, m)."""
-    s, a, j = sums = np.cumsum(rates, axis=1)
-    s2 = s * s
-    totals = np.array([s, a + s2, j + 3 * s * a + s2 * s, 4 * s * j + 3 * a * a + 6 * s2 * a + s2 * s2])
-    return np.concatenate([sums, totals, np.diff(totals, axis=1, prepend=0.0)])
 
 
 def joint_rates(trajectory: Trajectory, knots: Index | None = None) -> Rates:
@@ -73,34 +61,7 @@ def joint_rates(trajectory: Trajectory, knots: Index | None = None) -> Rates:
     """
     if knots is None:
         knots = np.arange(len(trajectory.q))
-    return Rates(_joint_rates(trajectory.samples, trajectory.dt, knots))
-
-
-def _example_motion() -> tuple[Pinned, float, Index]:
-    q, qd, qdd, jerk = np.sin(np.arange(160.0)).reshape(4, 10, 4)
-    return Pinned(q, qd, qdd, jerk[1:]), 0.1, np.array([1, 2, 5, 9])
-
-
-@twin_of(Kernel.joint_rates, _example_motion)
-def _joint_rates(samples: Pinned, dt: float, knots: Index) -> Array:
-    """Returns the rows of `Rates` between `knots` (k,), for q, qd, qdd (N, n) and the jerk of every tick (N-1, n)."""
-    _, *rates, jerks = samples.arrays
-    qd, qdd = (_largest_between(values, knots, True) for values in rates)
-    jerk = _largest_between(jerks, knots, False)  # of a tick, which ends at the next sample
-    jumps = np.zeros((knots[-1] + 1, len(qd)))
-    jumps[1:-1] = np.abs(np.diff(jerks[: knots[-1]], axis=0))
-    jumps[knots] = 0.0  # a jump at the end of an interval has no effect inside
-    return np.array([qd + jerk * dt**2 / 8.0, qdd, jerk, np.add.reduceat(jumps, knots[:-1], axis=0).T])
-
-
-def _largest_between(values: Array, rows: Index, closed: bool) -> Array:
-    """Returns the largest sizes (c, k-1) of `values` (n, c) from each of `rows` (k,) to the next.
-
-    The next row is among them if `closed`.
-    """
-    size = np.abs(values[rows[0] : rows[-1] + 1])
-    inside = np.maximum.reduceat(size[: rows[-1] - rows[0]], rows[:-1] - rows[0])
-    return (np.maximum(inside, size[rows[1:] - rows[0]]) if closed else inside).T
+    return Rates(native.joint_rates(trajectory.samples, trajectory.dt, knots))
 
 
 def point_bound(lever: Array, rates: Rates, derivative: int) -> Array:

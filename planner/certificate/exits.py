@@ -30,11 +30,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from planner import native
 from planner.arrays import Array, Index, Mask
 from planner.certificate.bounds import EVALUATIONS_MAX, ROUNDS, joint_rates
 from planner.certificate.flight import Flights
 from planner.certificate.samples import ArmSamples
-from planner.kernel import Kernel, twin_of
 from planner.kinematics import LinkMotion, dot, flange_poses
 
 FREE_M = 0.001  # [m] displacements below this are ignored: chosen, a fraction of the play between object and palm
@@ -291,7 +291,7 @@ class Exits:
         """Returns what is known of cells."""
         w = self._ways(cells.r, cells.s)
         s0 = cells.s[cells.corners[0]]
-        rows = _seen(w, cells.s, cells.corners, bounds.deviation(*cells.size, s0), self.cone)
+        rows = native.exit_cells(w, cells.s, cells.corners, bounds.deviation(*cells.size, s0), self.cone)
         last = cells.corners[3]
         return Seen(rows[:4], rows[4], rows[5], rows[6] > 0.0, cells.r[last] + cells.s[last])
 
@@ -302,7 +302,7 @@ class Exits:
         cell = motion.problem.cell
         X_WF = flange_poses(cell.robot, motion.trajectory.at(r + s)[0], cell.X_WB)
         fallen = self.flights.flown(arm.p_WT[:, release], arm.v_WT[:, release], s)
-        return _in_tool(X_WF, cell.tool.X_FT, fallen, s, arm.felt[:, release])
+        return native.ways(X_WF, cell.tool.X_FT, fallen, s, arm.felt[:, release])
 
     def _releases(self, r: Array) -> tuple[ArmSamples, Index]:
         """Returns the arm at releases (k,), and which of its instants each is."""
@@ -322,80 +322,3 @@ def _joined(blocks: list[tuple[Cells, Seen]]) -> tuple[Cells, Seen]:
     corners = np.concatenate([block.corners + begin for block, begin in zip(cells, begins, strict=True)], axis=1)
     r, s = (np.concatenate([getattr(block, name) for block in cells]) for name in "rs")
     return Cells(r, s, corners), Seen._make(np.concatenate(values, axis=-1) for values in zip(*seen, strict=True))
-
-
-def _example_way() -> tuple[Array, Array, Array, Array, Array]:
-    rng = np.random.default_rng(0)
-    X, fallen, felt = (rng.uniform(-1.0, 1.0, shape) for shape in ((4, 4, 4), (3, 4), (3, 4)))
-    return X, rng.uniform(-1.0, 1.0, (4, 4)), fallen, np.array([0.0, 0.01, 0.1, 0.2]), felt
-
-
-@twin_of(Kernel.ways, _example_way)
-def _in_tool(X_WF: Array, X_FT: Array, fallen: Array, s: Array, felt: Array) -> Array:
-    """Returns w in the tool frame (3, p), for flange poses (p, 4, 4) and the object at `fallen` (3, p) after `s` (p,).
-
-    At the beginning it is against what the gripper has `felt` (3, p).
-    """
-    later = s > 0.0
-    p_WT = (X_WF[:, :3, :3] @ X_FT[:3, 3] + X_WF[:, :3, 3]).T
-    w = np.where(later, (fallen - p_WT) * (2.0 / np.where(later, s * s, 1.0)), -felt)
-    R_WT = (X_WF[:, :3, :3] @ X_FT[:3, :3]).transpose(1, 2, 0)
-    return np.stack([dot(R_WT[:, c], w) for c in range(3)])
-
-
-def _example_cells() -> tuple[Array, Array, Index, Array, Cone]:
-    rng = np.random.default_rng(0)
-    cells = cells_between(np.array([0.0, 0.1, 0.2]), np.array([0.0, 0.03, 0.06, 0.09]))
-    w = np.array([[0.0], [0.0], [9.0]]) + rng.uniform(-8.0, 8.0, (3, 12))
-    return w, cells.s, cells.corners, rng.uniform(0.0, 1.0, 6), Cone(np.array([0.0, 0.6, 0.8]), 2.0, 0.001, 0.01)
-
-
-@twin_of(Kernel.exit_cells, _example_cells)
-def _seen(w: Array, s: Array, corners: Index, deviation: Array, cone: Cone) -> Array:
-    """Returns the first rows of `Seen` (7, k): angles at the four corners, leaving, room, is_out.
-
-    Args:
-        w: at the points (3, p) [m/s^2].
-        s: time after the release (p,) [s].
-        corners: points of the cells (4, k).
-        deviation: of w between them, at most (k,) [m/s^2].
-        cone: the cone.
-    """
-    w = w[:, corners]
-    s = s[corners]
-    size = np.sqrt(dot(w, w))
-    moved = 0.5 * size * s * s
-    out = moved >= cone.out_m
-    angle = _angle(w, cone)
-    root = np.sqrt(moved)  # it grows about linearly in time
-    share = (math.sqrt(cone.out_m) - root[::2]) / np.maximum(root[1::2] - root[::2], TINY)
-    leaving = _angle(w[:, ::2] + share * (w[:, 1::2] - w[:, ::2]), cone)
-    leaving = np.where(out[1::2] & ~out[::2], leaving, -np.inf).max(axis=0)
-    if cone.half_rad > np.pi / 2:
-        room = _outside(w, cone)
-    else:
-        room = (size * np.sin(np.maximum(cone.half_rad - angle, -np.pi / 2))).min(axis=0)
-    in_place = 0.5 * (size.max(axis=0) + deviation) * s.max(axis=0) ** 2 < cone.free_m
-    mean = w[:, 0] + w[:, 2]
-    least = np.minimum(dot(w[:, 0], mean), dot(w[:, 2], mean)) / np.maximum(np.sqrt(dot(mean, mean)), TINY)
-    is_out = 0.5 * (least - deviation) * s[0] ** 2 >= cone.out_m
-    counted = np.where(out | (moved < cone.free_m), -np.inf, angle)
-    return np.stack([*counted, leaving, np.where(in_place, np.inf, room - deviation), is_out])
-
-
-def _angle(w: Array, cone: Cone) -> Array:
-    """Returns the angles (...) [rad] of vectors (3, ...) from the cone's axis."""
-    along = dot(cone.direction, w)
-    return np.arctan2(np.sqrt(np.maximum(dot(w, w) - along * along, 0.0)), along)
-
-
-def _outside(w: Array, cone: Cone) -> Array:
-    """Returns lower bounds (k,) on how far cells with corners (3, 4, k) are outside of what a wide cone leaves out."""
-    axis = cone.direction[:, None]
-    middle = w.sum(axis=1)
-    across = middle - axis * dot(cone.direction, middle)
-    across = across / np.maximum(np.sqrt(dot(across, across)), TINY)
-    edge = math.sin(cone.half_rad) * axis - math.cos(cone.half_rad) * across
-    tip = middle / np.maximum(np.sqrt(dot(middle, middle)), TINY)
-    away = np.where(_angle(middle, cone) <= cone.half_rad - np.pi / 2, tip, edge)
-    return dot(away[:, None], w).min(axis=0)

@@ -6,11 +6,11 @@ from functools import lru_cache
 
 import numpy as np
 
+from planner import native
 from planner.arrays import Array
 from planner.certificate.certificate import Check, at_most
 from planner.certificate.samples import MotionSamples
-from planner.kernel import Kernel, Pinned, twin_of
-from planner.trajectory import Trajectory, integrate
+from planner.trajectory import Trajectory
 
 START_TOLERANCE = 1e-6  # [rad, rad/s, rad/s^2] rounding only; far below the step of an encoder
 REST_TOLERANCE = 1e-6  # [rad/s, rad/s^2] rounding only
@@ -94,75 +94,13 @@ def _largest(name: str, motion: MotionSamples, row: int, limit: Array, unit: str
 
 @lru_cache(maxsize=1)
 def _extremes(trajectory: Trajectory) -> Array:
-    """Returns the extremes of a motion and their ticks, see `_joint_extremes`."""
-    return _joint_extremes(trajectory.dt, trajectory.samples)
-
-
-def _example() -> tuple[float, Pinned]:
-    jerk = np.random.default_rng(0).uniform(-500.0, 500.0, (40, 6))
-    q, qd, qdd = integrate(np.zeros(6), np.zeros(6), np.ones(6), jerk, 0.002)
-    return 0.002, Pinned(q, qd, qdd + 1e-6 * q, jerk)
-
-
-@twin_of(Kernel.joint_extremes, _example)
-def _joint_extremes(dt: float, samples: Pinned) -> Array:
-    """Returns largest values and their ticks (2, 6, 6) for q, qd, qdd (N, 6) and the jerk of every tick (N-1, 6).
+    """Returns the largest values of a motion and their ticks (2, 6, 6).
 
     They are those of -q, q, |qd|, |qdd|, |jerk| and of the disagreement of neighbouring samples. What is not finite is
-    infinite.
+    infinite. Inside a tick a velocity is largest where the acceleration changes sign; a joint turns back only where its
+    velocity changes sign, or its acceleration does.
     """
-    q, qd, qdd, jerk = samples.arrays
-    rows = (
-        *_position_extrema(dt, q, qd, qdd, jerk),
-        _speed_extrema(qd, qdd, jerk),
-        np.abs(qdd),
-        np.abs(jerk),
-        _disagreement(dt, q, qd, qdd),
-    )
-    return np.array([_largest_of(values) for values in rows]).swapaxes(0, 1)
-
-
-def _largest_of(values: Array) -> Array:
-    """Returns the largest of `values` (k, n) and their first rows (2, n)."""
-    values = np.where(np.isfinite(values), values, np.inf)
-    return np.array([values.max(axis=0), values.argmax(axis=0)])
-
-
-def _disagreement(dt: float, q: Array, qd: Array, qdd: Array) -> Array:
-    """Returns by how much the state at the end of every tick (N-1, n) differs from that at its beginning."""
-    speed = np.abs(np.diff(qd, axis=0) - dt * (qdd[:-1] + qdd[1:]) / 2.0)
-    place = np.abs(np.diff(q, axis=0) - dt * (qd[:-1] + dt * (2.0 * qdd[:-1] + qdd[1:]) / 6.0))
-    return np.maximum(speed, place)
-
-
-def _speed_extrema(qd: Array, qdd: Array, jerk: Array) -> Array:
-    """Returns the largest |qd| of every tick (N-1, n): at its ends, or at the vertex where qdd changes sign."""
-    ends = np.maximum(np.abs(qd[:-1]), np.abs(qd[1:]))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        vertex = np.abs(qd[:-1] - qdd[:-1] ** 2 / (2.0 * jerk))
-    return np.where(qdd[:-1] * qdd[1:] < 0.0, np.maximum(ends, vertex), ends)
-
-
-def _position_extrema(dt: float, q: Array, qd: Array, qdd: Array, jerk: Array) -> tuple[Array, Array]:
-    """Returns the largest -q and q of every tick (N-1, n).
-
-    A joint turns back inside a tick only where its velocity changes sign, or its acceleration does.
-    """
-    lowest = np.minimum(q[:-1], q[1:])
-    highest = np.maximum(q[:-1], q[1:])
-    turns = ~((qd[:-1] * qd[1:] > 0.0) & (qdd[:-1] * qdd[1:] >= 0.0))
-    start = q[:-1][turns]
-    v = qd[:-1][turns]
-    a = qdd[:-1][turns]
-    j = jerk[turns]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        root = np.sqrt(a * a - 2.0 * j * v)
-        s = np.array([(-a + root) / j, (-a - root) / j, -v / a])
-    s = np.where(np.isfinite(s), np.clip(s, 0.0, dt), 0.0)
-    turn = start + s * (v + s * (a / 2.0 + s * j / 6.0))
-    lowest[turns] = np.minimum(lowest[turns], turn.min(axis=0))
-    highest[turns] = np.maximum(highest[turns], turn.max(axis=0))
-    return -lowest, highest
+    return native.joint_extremes(trajectory.dt, trajectory.samples)
 
 
 def _joint(motion: MotionSamples, index: int) -> str:

@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from planner import native
 from planner.arrays import Array
 from planner.cell import Cell
-from planner.certificate.bounds import Rates, point_bound
+from planner.certificate.bounds import Rates
 from planner.dynamics import WatchedPoint, elbow_points, payload_of, tool_points
 from planner.geometry import levers
-from planner.kernel import Kernel, twin_of
 
 CELLS_KEPT = 32  # cells whose loads are cached; bounds are kept for the checks of one motion
 
@@ -85,11 +85,12 @@ class LoadBounds(NamedTuple):
     """Bounds between the knots on what moves the loads.
 
     Attributes:
-        torque: on the second derivatives of the torques (6, m) [N m/s^2], see `torque_curvature`.
+        torque: on the second derivatives of the torques (6, m) [N m/s^2].
         torque_jumps: on the jumps of their slopes inside the intervals (6, m) [N m/s].
-        joint_momentum: see `joint_momentum_bounds` (3, 6, m).
+        joint_momentum: on M qd with the mass matrix M, on its first and its second derivative (3, 6, m) [N m s, N m,
+            N m/s].
         momentum: on the second derivative of the linear momentum (m,) [kg m/s^3].
-        power: see `power_rates` (2, m).
+        power: on the power of all joints, as `kinked_bound` takes them (2, m).
     """
 
     torque: Array
@@ -101,82 +102,25 @@ class LoadBounds(NamedTuple):
 
 @lru_cache(maxsize=1)
 def load_bounds(loads: Loads, rates: Rates, gravity: float) -> LoadBounds:
-    """Returns the bounds on what moves the loads between the knots of `rates`."""
-    rows = _load_bounds(loads, rates, gravity)
-    return LoadBounds(rows[:6], rows[6:12], rows[12:30].reshape(3, 6, -1), rows[30], rows[31:])
+    """Returns the bounds on what moves the loads between the knots of `rates`.
 
+    With w1 to w4 bounding the derivatives of any direction in the arm, and V, A, A', A'' those of each centre of mass:
 
-def _compiled(kernel: Kernel, loads: Loads, rates: Rates, gravity: float) -> Array:
-    bodies = loads.lever, loads.moment_arm, loads.mass, loads.turned_inertia, loads.mass_matrix
-    return kernel.load_bounds((rates.rows, rates.bounds), bodies, float(loads.inertia.sum()), gravity)
+    Torques: tau_j = z_j . sum over links beyond of [r x m (a - g) + d/dt (I w)], so by the product rule
+    |tau''| <= sum m r [A'' + 4 w1 A' + 2 (w2 + w1^2) A] + 2 I [w4 + 4 w1 w3 + 2 (w2 + w1^2) w2]. Without joint
+    accelerations every term is smaller: the bound holds for gravity and velocity terms alone, too.
 
+    Joint momentum: (M qd)_j = z_j . sum over links beyond of [r x m v + I w], the angular momentum about the axis of
+    joint j, so |.|'' <= sum m r [V'' + 4 w1 V' + 2 (w2 + w1^2) V] + I [w3 + 3 w1 w2].
 
-def _example() -> tuple[Loads, Rates, float]:
-    rng = np.random.default_rng(0)
-    shapes = (8,), (8,), (8, 6), (8, 6), (6,), (6, 6)
-    return Loads(*(rng.uniform(0.0, 1.0, shape) for shape in shapes)), Rates(rng.uniform(0.0, 1.0, (4, 6, 5))), 9.81
-
-
-@twin_of(_compiled, _example)
-def _load_bounds(loads: Loads, rates: Rates, gravity: float) -> Array:
-    """Returns the rows of `LoadBounds` (33, m)."""
-    momentum = loads.mass @ point_bound(loads.lever, rates, 3)
-    rows = (
-        torque_curvature(loads, rates, gravity),
-        loads.mass_matrix @ rates.jumps,
-        *joint_momentum_bounds(loads, rates),
-        momentum[None],
-        power_rates(loads, rates, gravity),
-    )
-    return np.concatenate(rows)
-
-
-def torque_curvature(loads: Loads, rates: Rates, gravity: float) -> Array:
-    """Returns sup |tau''| of every joint between the knots (6, m) [N m/s^2], apart from the ends of ticks.
-
-    tau_j = z_j . sum over links beyond of [r x m (a - g) + d/dt (I w)]; by the product rule, with w1 to w4 bounding the
-    derivatives of any direction in the arm:
-    |tau''| <= sum m r [A'' + 4 w1 A' + 2 (w2 + w1^2) A] + 2 I [w4 + 4 w1 w3 + 2 (w2 + w1^2) w2].
-    Without joint accelerations every term is smaller: the bound holds for gravity and velocity terms alone, too.
-    """
-    w1, w2, w3, w4 = (total[-1] for total in rates.totals)
-    twice = 2.0 * (w2 + w1 * w1)
-    acceleration, jerk, snap = (point_bound(loads.lever, rates, derivative) for derivative in (2, 3, 4))
-    force = snap + 4.0 * w1 * jerk + twice * (acceleration + gravity)
-    return loads.moment_arm.T @ force + np.outer(loads.turned_inertia, 2.0 * (w4 + 4.0 * w1 * w3 + twice * w2))
-
-
-def joint_momentum_bounds(loads: Loads, rates: Rates) -> tuple[Array, Array, Array]:
-    """Returns sup of |M qd|, of its first and of its second derivative, for every joint (6, m) [N m s, N m, N m/s].
-
-    M is the mass matrix; (M qd)_j = z_j . sum over links beyond of [r x m v + I w], the angular momentum about the
-    axis of joint j. The product rule gives, with the same bounds as in `torque_curvature`,
-    |.|'' <= sum m r [V'' + 4 w1 V' + 2 (w2 + w1^2) V] + I [w3 + 3 w1 w2].
-    """
-    w1, w2, w3, _ = (total[-1] for total in rates.totals)
-    speed, acceleration, jerk = (point_bound(loads.lever, rates, derivative) for derivative in (1, 2, 3))
-    arms = loads.moment_arm.T
-    turned = loads.turned_inertia[:, None]
-    return (
-        arms @ speed + turned * w1,
-        arms @ (acceleration + 2.0 * w1 * speed) + turned * (w2 + w1 * w1),
-        arms @ (jerk + 4.0 * w1 * acceleration + 2.0 * (w2 + w1 * w1) * speed) + turned * (w3 + 3.0 * w1 * w2),
-    )
-
-
-def power_rates(loads: Loads, rates: Rates, gravity: float) -> Array:
-    """Returns bounds on the power P of all joints between the knots as `kinked_bound` takes them (2, m).
-
-    P = sum of m v . (a - g) + w . I dw/dt over the bodies, the rate of their energy. With bounds V, A, A', A'' on the
-    derivatives of each centre of mass:  |P''| <= sum m [A' (A + g) + 2 A A' + V A''] + I [3 w2 w3 + w1 w4].
-    P' jumps with the jerk by qd . M (jump).
+    Power: P = sum of m v . (a - g) + w . I dw/dt over the bodies, the rate of their energy, so
+    |P''| <= sum m [A' (A + g) + 2 A A' + V A''] + I [3 w2 w3 + w1 w4]. P' jumps with the jerk by qd . M (jump).
 
     Args:
         loads: of the cell.
         rates: of the joints over m intervals.
         gravity: [m/s^2].
     """
-    v, a, j, s = (point_bound(loads.lever, rates, derivative) for derivative in (1, 2, 3, 4))
-    w1, w2, w3, w4 = (total[-1] for total in rates.totals)
-    smooth = loads.mass @ (j * (3.0 * a + gravity) + v * s) + loads.inertia.sum() * (3.0 * w2 * w3 + w1 * w4)
-    return np.stack([smooth, (rates.qd * (loads.mass_matrix @ rates.jumps)).sum(axis=0)])
+    bodies = loads.lever, loads.moment_arm, loads.mass, loads.turned_inertia, loads.mass_matrix
+    rows = native.load_bounds((rates.rows, rates.bounds), bodies, float(loads.inertia.sum()), gravity)
+    return LoadBounds(rows[:6], rows[6:12], rows[12:30].reshape(3, 6, -1), rows[30], rows[31:])

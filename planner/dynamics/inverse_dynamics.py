@@ -8,12 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from planner import native
 from planner.arrays import Array
 from planner.cell import Cell
-from planner.kernel import Kernel, twin_of
-from planner.kinematics import LinkMotion, accumulate, cross, dot, link_poses
+from planner.kinematics import LinkMotion, link_poses
 from planner.robots import Link, Robot
-from planner.robots import robot as robot_named
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +81,11 @@ class Bodies:
     fixed: Array
     principal: Array
 
+    @property
+    def arrays(self) -> tuple[Array, Array, Array]:
+        """All three."""
+        return self.mass, self.fixed, self.principal
+
 
 def chain_torques(chain: LinkMotion, carried: Bodies, gravity: ArrayLike, p_F: Array | None = None) -> Array:
     """Returns torques (2, 6, N) [N m] of the bodies, and per kilogram of a point mass on the flange [N m/kg].
@@ -93,7 +97,8 @@ def chain_torques(chain: LinkMotion, carried: Bodies, gravity: ArrayLike, p_F: A
         p_F: place of the point mass on the flange (3,) [m]; its origin by default.
     """
     upward = -np.asarray(gravity, dtype=np.float64)  # gravity acts as an upward acceleration of the base
-    return _newton_euler(chain, carried, upward, np.zeros(3) if p_F is None else p_F)
+    place = np.zeros(3) if p_F is None else p_F
+    return native.chain_torques(chain.X, (chain.qd, chain.qdd), carried.arrays, upward, place)
 
 
 class TorqueTerms(NamedTuple):
@@ -112,73 +117,8 @@ class TorqueTerms(NamedTuple):
 
 def torque_terms(chain: LinkMotion, carried: Bodies, gravity: ArrayLike, p_F: Array) -> TorqueTerms:
     """Returns the torques of `chain_torques` with their terms (2, 6, N) each."""
-    return TorqueTerms(*_torque_terms(chain, carried, -np.asarray(gravity, dtype=np.float64), p_F))
-
-
-def _compiled(kernel: Kernel, chain: LinkMotion, carried: Bodies, upward: Array, p_F: Array) -> Array:
-    masses = carried.mass, carried.fixed, carried.principal
-    return kernel.chain_torques(chain.X, (chain.qd, chain.qdd), masses, upward, p_F)
-
-
-def _compiled_terms(kernel: Kernel, chain: LinkMotion, carried: Bodies, upward: Array, p_F: Array) -> Array:
-    masses = carried.mass, carried.fixed, carried.principal
-    return kernel.torque_terms(chain.X, (chain.qd, chain.qdd), masses, upward, p_F)
-
-
-def _example() -> tuple[LinkMotion, Bodies, Array, Array]:
-    q, qd, qdd = np.random.default_rng(0).uniform(-3.0, 3.0, (3, 8, 6))
-    arm = robot_named("ur5e")
-    load = Payload(1.5, np.array([0.01, -0.02, 0.1]), np.diag([0.01, 0.02, 0.03]))
-    p_F = np.array([0.03, -0.02, 0.15])
-    return LinkMotion(link_poses(arm, q), qd, qdd), bodies(arm, load), np.array([0.1, -0.2, 9.8]), p_F
-
-
-@twin_of(_compiled_terms, _example)
-def _torque_terms(chain: LinkMotion, carried: Bodies, upward: Array, p_F: Array) -> Array:
-    """Returns `TorqueTerms` (3, 2, 6, N) for a base with the acceleration `upward` (3,) [m/s^2]."""
-    still = np.zeros_like(chain.qd)
-    return np.array(
-        [
-            _newton_euler(chain, carried, upward, p_F),
-            _newton_euler(LinkMotion(chain.X, chain.qd, still), carried, upward, p_F),
-            _newton_euler(LinkMotion(chain.X, still, chain.qd), carried, np.zeros(3), p_F),
-        ]
-    )
-
-
-@twin_of(_compiled, _example)
-def _newton_euler(chain: LinkMotion, carried: Bodies, upward: Array, p_F: Array) -> Array:
-    """Returns the results of `chain_torques` (2, 6, N) for a base with the acceleration `upward` (3,) [m/s^2]."""
-    fixed = chain.in_links(carried.fixed)
-    coms = fixed[:, 0]
-    axes = fixed[:, 1:]
-    extra = (chain.on_flange(p_F) - chain.origins[:, 6])[:, None]
-    relative = chain.relative_acceleration(np.concatenate([chain.offsets, coms, extra], axis=1), _CARRIERS)
-    origins = accumulate(relative[:, :6]) + upward[:, None, None]
-    force = carried.mass[:, None] * (origins + relative[:, 6:12])
-    moment = _turning_moments(chain, axes, carried.principal) + cross(chain.origins[:, 1:] + coms, force)
-    for v in (force, moment):
-        accumulate(v[:, ::-1])  # from the tip inwards: the load on each joint
-    tau = dot(chain.axes, moment - cross(chain.origins[:, :6], force))
-    point = (chain.origins[:, 6] + extra[:, 0])[:, None] - chain.origins[:, :6]
-    return np.array([tau, dot(chain.axes, cross(point, (origins[:, 5] + relative[:, 12])[:, None]))])
-
-
-_CARRIERS = np.array([*range(6), *range(6), 5])  # links of the frame origins, centres of mass and the point mass
-
-
-def _turning_moments(chain: LinkMotion, axes: Array, principal: Array) -> Array:
-    """Returns the moments (3, 6, N) [N m] on the links about their centres of mass: I dw/dt + w x I w.
-
-    Args:
-        chain: motion of the links.
-        axes: principal axes of the links (3, 3, 6, N); the second index counts them.
-        principal: moments of inertia about them (3, 6) [kg m^2].
-    """
-    both = np.stack([chain.angular_acceleration, chain.angular_velocity], axis=1)
-    along = (axes[:, :, None] * both[:, None]).sum(axis=0) * principal[:, None, :, None]
-    moments = (axes[:, :, None] * along).sum(axis=1)
-    return moments[:, 0] + cross(chain.angular_velocity, moments[:, 1])
+    upward = -np.asarray(gravity, dtype=np.float64)
+    return TorqueTerms(*native.torque_terms(chain.X, (chain.qd, chain.qdd), carried.arrays, upward, p_F))
 
 
 def bodies(robot: Robot, payload: Payload | None) -> Bodies:

@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from planner import native
 from planner.arrays import Array
 from planner.cell import Cell
 from planner.dynamics.inverse_dynamics import Bodies, bodies, payload_of
 from planner.geometry import arm_capsules
-from planner.kernel import Kernel, twin_of
-from planner.kinematics import LinkMotion, cross, link_poses
+from planner.kinematics import LinkMotion, link_poses
 
 CELLS_KEPT = 32  # cells whose bodies are cached
 
@@ -59,41 +59,15 @@ def point_velocity(chain: LinkMotion, point: WatchedPoint) -> Array:
     return LinkMotion(chain.X, chain.qd * moving, chain.qdd).velocity(place.T)
 
 
-def _compiled_fastest(kernel: Kernel, chain: LinkMotion, points: tuple[WatchedPoint, ...]) -> Array:
-    _, frames, places = zip(*points, strict=True)
-    return kernel.fastest(chain.X, chain.qd, np.array(frames), np.array(places))
-
-
-def _example_chain() -> LinkMotion:
-    rng = np.random.default_rng(0)
-    return LinkMotion(rng.uniform(-1.0, 1.0, (4, 7, 4, 4)), *rng.uniform(-1.0, 1.0, (2, 4, 6)))
-
-
-def _example_points() -> tuple[LinkMotion, tuple[WatchedPoint, ...]]:
-    return _example_chain(), tuple(WatchedPoint("", frame, np.array([0.1, -0.2, 0.3])) for frame in (2, 6))
-
-
-@twin_of(_compiled_fastest, _example_points)
 def fastest(chain: LinkMotion, points: tuple[WatchedPoint, ...]) -> Array:
     """Returns the speed (N,) [m/s] of the fastest of some points."""
-    return np.max([_norm(point_velocity(chain, point)) for point in points], axis=0)
+    _, frames, places = zip(*points, strict=True)
+    return native.fastest(chain.X, chain.qd, np.array(frames), np.array(places))
 
 
-def _compiled_momentum(kernel: Kernel, chain: LinkMotion, carried: Bodies) -> Array:
-    return kernel.momentum(chain.X, chain.qd, carried.mass, carried.fixed[0])
-
-
-def _example_bodies() -> tuple[LinkMotion, Bodies]:
-    fixed = np.random.default_rng(1).uniform(-1.0, 1.0, (4, 6, 3))
-    return _example_chain(), Bodies(np.arange(6.0), fixed, np.ones((3, 6)))
-
-
-@twin_of(_compiled_momentum, _example_bodies)
 def momentum(chain: LinkMotion, carried: Bodies) -> Array:
     """Returns the linear momentum (3, N) [kg m/s] of the bodies: the sum of mass times velocity."""
-    coms = chain.in_links(carried.fixed[:1])[:, 0]
-    velocities = chain.origin_velocities + cross(chain.angular_velocity, coms)
-    return (carried.mass[:, None] * velocities).sum(axis=1)
+    return native.momentum(chain.X, chain.qd, carried.mass, carried.fixed[0])
 
 
 class Use(NamedTuple):

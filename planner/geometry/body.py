@@ -8,13 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from planner import native
 from planner.arrays import Array, Index
 from planner.cell import Cell
 from planner.errors import Violation
 from planner.geometry.capsules import Capsule, body_capsules, levers
 from planner.geometry.distances import pair_distances, segment_box_distance
 from planner.geometry.self_collision import SELF_CLEARANCE_M, object_pairs, self_collision_pairs
-from planner.kernel import Kernel, twin_of
 from planner.kinematics import forward, jacobian, link_poses
 
 CELLS_KEPT = 32  # cells whose models are cached
@@ -131,11 +131,11 @@ class BodyModel:
 
     def end_points(self, X_WL: Array) -> Array:
         """Returns the ends of all capsules in the world (k, 2, 3, n) [m] for link poses (n, 7, 4, 4)."""
-        return _end_points(X_WL, self.frames, self.ends)
+        return native.end_points(X_WL, self.frames, self.ends)
 
     def end_points_of(self, item: Index, X_WL: Array) -> Array:
         """Returns the ends of one capsule a sample: (n, 2, 3) [m] of capsule `item[i]` for `X_WL[i]` (4, 4)."""
-        return _end_points_of(X_WL, self.frames[item], self.ends[item])
+        return native.end_points_of(X_WL, self.frames[item], self.ends[item])
 
     def heights(self, ends: Array) -> Array:
         """Returns the heights above the floor (j, n) [m] of the moving capsules with `ends` (k, 2, 3, n)."""
@@ -202,26 +202,6 @@ class BodyModel:
                 violations.append(Violation(name, value, limit, "m", detail=detail))
         broken = [violation for violation, margin in zip(violations, margins, strict=True) if margin < 0.0]
         return broken or [violations[int(np.argmin(margins))]]
-
-
-def _example() -> tuple[Array, Index, Array]:
-    X = np.random.default_rng(0).uniform(-1.0, 1.0, (4, 7, 4, 4))
-    return X, np.array([0, 3, 6]), np.arange(18.0).reshape(3, 2, 3)
-
-
-@twin_of(Kernel.end_points, _example)
-def _end_points(X_WL: Array, frames: Index, ends: Array) -> Array:
-    """Returns the ends in the world (k, 2, 3, n) of segments with `ends` (k, 2, 3) in `frames` (k,) of the poses."""
-    X = X_WL[:, frames, :3].transpose(1, 3, 2, 0)
-    rotated = ends @ X[:, :3].reshape(len(frames), 3, -1)
-    return (rotated + X[:, 3].reshape(len(frames), 1, -1)).reshape(len(frames), 2, 3, -1)
-
-
-@twin_of(Kernel.end_points_of, lambda: (np.random.default_rng(0).uniform(-1.0, 1.0, (3, 7, 4, 4)), *_example()[1:]))
-def _end_points_of(X_WL: Array, frames: Index, ends: Array) -> Array:
-    """Returns the ends in the world (n, 2, 3) of one segment a sample, with `ends` (n, 2, 3) in `frames` (n,)."""
-    X = X_WL[np.arange(len(frames)), frames]
-    return np.matmul(ends, np.swapaxes(X[:, :3, :3], -1, -2)) + X[:, None, :3, 3]
 
 
 @lru_cache(maxsize=CELLS_KEPT)

@@ -11,12 +11,11 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike
 
+from planner import native
 from planner.arrays import Array
-from planner.kernel import Kernel, twin_of
-from planner.kinematics.link_motion import LinkMotion, cross
+from planner.kinematics.link_motion import LinkMotion
 from planner.robots import Robot
-from planner.robots import robot as robot_named
-from planner.rotations import matrix_to_rotation_vector, pose, rotation_vector_rate, rotation_vector_to_matrix
+from planner.rotations import matrix_to_rotation_vector, rotation_vector_rate
 
 
 def link_poses(robot: Robot, q: ArrayLike, X_WB: ArrayLike | None = None) -> Array:
@@ -35,8 +34,8 @@ def link_poses(robot: Robot, q: ArrayLike, X_WB: ArrayLike | None = None) -> Arr
     rows = q.reshape(-1, 6)
     base = np.eye(4) if X_WB is None else np.asarray(X_WB, dtype=np.float64)
     if robot.fixed is not None:
-        return _fixed_chain(np.cos(rows), np.sin(rows), robot.fixed, base).reshape(*q.shape[:-1], 7, 4, 4)
-    return _chained(np.cos(rows), np.sin(rows), _dh(robot), base).reshape(*q.shape[:-1], 7, 4, 4)
+        return native.fixed_chain_poses(np.cos(rows), np.sin(rows), robot.fixed, base).reshape(*q.shape[:-1], 7, 4, 4)
+    return native.link_poses(np.cos(rows), np.sin(rows), _dh(robot), base).reshape(*q.shape[:-1], 7, 4, 4)
 
 
 def flange_poses(robot: Robot, q: ArrayLike, X_WB: ArrayLike | None = None) -> Array:
@@ -45,8 +44,10 @@ def flange_poses(robot: Robot, q: ArrayLike, X_WB: ArrayLike | None = None) -> A
     rows = q.reshape(-1, 6)
     base = np.eye(4) if X_WB is None else np.asarray(X_WB, dtype=np.float64)
     if robot.fixed is not None:
-        return _fixed_chain(np.cos(rows), np.sin(rows), robot.fixed, base)[:, 6].reshape(*q.shape[:-1], 4, 4)
-    return _last(np.cos(rows), np.sin(rows), _dh(robot), base).reshape(*q.shape[:-1], 4, 4)
+        return native.fixed_chain_poses(np.cos(rows), np.sin(rows), robot.fixed, base)[:, 6].reshape(
+            *q.shape[:-1], 4, 4
+        )
+    return native.flange_poses(np.cos(rows), np.sin(rows), _dh(robot), base).reshape(*q.shape[:-1], 4, 4)
 
 
 @cache
@@ -54,68 +55,6 @@ def _dh(robot: Robot) -> Array:
     """Returns a, d, and cosine and sine of the DH twists (4, 6), exact at quarter turns, where floats leave 6e-17."""
     twists = np.array([np.cos(robot.alpha), np.sin(robot.alpha)])
     return np.array([robot.a, robot.d, *np.where(np.abs(twists) < np.finfo(np.float64).eps, 0.0, twists)])
-
-
-def _example() -> tuple[Array, ...]:
-    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (8, 6))
-    base = pose([0.3, -0.2, 0.1], rotation_vector_to_matrix([0.4, -0.5, 0.6]))
-    return np.cos(q), np.sin(q), _dh(robot_named("ur5e")), base
-
-
-@twin_of(Kernel.link_poses, _example)
-def _chained(cosine: Array, sine: Array, dh: Array, base: Array) -> Array:
-    """Returns link poses (n, 7, 4, 4) for cosines and sines (n, 6) of the joint positions."""
-    cos = np.ascontiguousarray(cosine.T)
-    sin = np.ascontiguousarray(sine.T)
-    x, y, z, p = (np.repeat(base[:3, k, None], cos.shape[1], axis=1) for k in range(4))
-    X = np.zeros((cos.shape[1], 7, 4, 4))
-    X[:, 0] = base
-    X[:, 1:, 3, 3] = 1.0
-    for i, (a, d, c_alpha, s_alpha) in enumerate(dh.T):
-        turned = cos[i] * y - sin[i] * x
-        x = cos[i] * x + sin[i] * y
-        if d != 0.0:
-            p = p + d * z
-        if a != 0.0:
-            p = p + a * x
-        if c_alpha == 1.0:
-            y = turned
-        else:
-            y = c_alpha * turned + s_alpha * z
-            z = c_alpha * z - s_alpha * turned
-        for column, vector in enumerate((x, y, z, p)):
-            X[:, i + 1, :3, column] = vector.T
-    return X
-
-
-@twin_of(Kernel.flange_poses, _example)
-def _last(cosine: Array, sine: Array, dh: Array, base: Array) -> Array:
-    """Returns flange poses (n, 4, 4) for cosines and sines (n, 6) of the joint positions."""
-    return _chained(cosine, sine, dh, base)[:, 6]
-
-
-def _example_chain() -> tuple[Array, ...]:
-    cosine, sine, _, base = _example()
-    rng = np.random.default_rng(1)
-    fixed = pose(rng.uniform(-1.0, 1.0, (6, 3)), rotation_vector_to_matrix(rng.uniform(-1.0, 1.0, (6, 3))))
-    return cosine, sine, fixed, base
-
-
-@twin_of(Kernel.fixed_chain_poses, _example_chain)
-def _fixed_chain(cosine: Array, sine: Array, fixed: Array, base: Array) -> Array:
-    """Returns link poses (n, 7, 4, 4) of a measured chain: X_i = X_(i-1) Rz(q_i) M_i with `fixed` M (6, 4, 4)."""
-    X = np.empty((len(cosine), 7, 4, 4))
-    X[:, 0] = base
-    for i, M in enumerate(fixed):
-        turned = X[:, i].copy()
-        x = X[:, i, :, 0]
-        y = X[:, i, :, 1]
-        c = cosine[:, i, None]
-        s = sine[:, i, None]
-        turned[:, :, 0] = c * x + s * y
-        turned[:, :, 1] = c * y - s * x
-        X[:, i + 1] = turned @ M
-    return X
 
 
 def forward(robot: Robot, q: ArrayLike, X_FT: ArrayLike | None = None) -> Array:
@@ -128,7 +67,7 @@ def jacobian(robot: Robot, q: ArrayLike, X_FT: ArrayLike | None = None) -> Array
     """Returns the geometric Jacobian (..., 6, 6) of the tool in the base: linear [m/rad], then angular [1] rows."""
     X = link_poses(robot, q)
     p_F = np.zeros(3) if X_FT is None else np.asarray(X_FT, dtype=np.float64)[:3, 3]
-    return _jacobians(X.reshape(-1, 7, 4, 4), p_F).reshape(*X.shape[:-3], 6, 6)
+    return native.jacobians(X.reshape(-1, 7, 4, 4), p_F).reshape(*X.shape[:-3], 6, 6)
 
 
 def point_motion(robot: Robot, q: Array, p_F: Array) -> tuple[Array, Array]:
@@ -140,19 +79,7 @@ def point_motion(robot: Robot, q: Array, p_F: Array) -> tuple[Array, Array]:
         p_F: the point in the flange (3,) [m].
     """
     X = link_poses(robot, q)
-    return X[:, 6, :3, :3] @ p_F + X[:, 6, :3, 3], _jacobians(X, p_F)[:, :3]
-
-
-def _posed_example() -> tuple[Array, Array]:
-    return np.random.default_rng(0).uniform(-1.0, 1.0, (4, 7, 4, 4)), np.array([0.1, -0.2, 0.3])
-
-
-@twin_of(Kernel.jacobians, _posed_example)
-def _jacobians(X: Array, p_F: Array) -> Array:
-    """Returns the Jacobians (n, 6, 6) of a point `p_F` (3,) of the flange for link poses."""
-    axes, origins = (X[:, :6, :3, k].transpose(2, 0, 1) for k in (2, 3))
-    point = X[:, 6, :3, 3] + X[:, 6, :3, :3] @ p_F
-    return np.concatenate([cross(axes, point.T[..., None] - origins), axes]).transpose(1, 0, 2)
+    return X[:, 6, :3, :3] @ p_F + X[:, 6, :3, 3], native.jacobians(X, p_F)[:, :3]
 
 
 def _tool_point(X: Array, X_FT: ArrayLike | None) -> Array:

@@ -16,13 +16,12 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner.arrays import Array, Index, Mask
-from planner.kernel import Kernel, twin_of
+from planner import native
+from planner.arrays import Array, Index
 from planner.kinematics.forward_kinematics import forward, jacobian
 from planner.kinematics.singularities import SINGULARITIES, signed_singularity_distances
 from planner.robots import Robot
-from planner.robots import robot as robot_named
-from planner.rotations import invert_pose, matrix_to_rotation_vector, pose, rotation_vector_to_matrix
+from planner.rotations import invert_pose, matrix_to_rotation_vector
 
 # signs of (shoulder, wrist, elbow) of the eight branches
 _SIGNS = np.array(list(product((1.0, -1.0), repeat=3)))
@@ -100,31 +99,14 @@ def inverse_branches(robot: Robot, X_BT: ArrayLike, X_FT: ArrayLike | None = Non
     X_BF = np.asarray(X_BT, dtype=np.float64)
     if X_FT is not None:
         X_BF = X_BF @ invert_pose(X_FT)
+    lengths = np.array([*robot.d[[0, 3, 4, 5]], *robot.a[[1, 2]], REACH_TOLERANCE_M, WRIST_FREE])
+    found = native.branches(X_BF.reshape(-1, 4, 4), lengths).reshape(*X_BF.shape[:-2], len(_SIGNS), 7)
+    q = found[..., :6]
+    excess = found[..., 6]
     if robot.fixed is not None:
-        q, excess = _refined(robot, X_BF, *_closed_form(robot, X_BF))
-        q[excess > 0.0] = np.nan
-        return q, excess
-    found = _branches(X_BF.reshape(-1, 4, 4), robot).reshape(*X_BF.shape[:-2], len(_SIGNS), 7)
-    return found[..., :6], found[..., 6]
-
-
-def _compiled(kernel: Kernel, X_BF: Array, robot: Robot) -> Array:
-    lengths = *robot.d[[0, 3, 4, 5]], *robot.a[[1, 2]], REACH_TOLERANCE_M, WRIST_FREE
-    return kernel.branches(X_BF, np.array(lengths))
-
-
-def _example() -> tuple[Array, Robot]:
-    """Returns poses within reach, the last with joint 6 free."""
-    turn = rotation_vector_to_matrix([[0.1, 0.2, 0.3], [2.0, 1.0, -1.0], [0.5 * np.pi, 0.0, 0.0]])
-    return pose([[0.3, -0.4, 0.2], [-0.5, 0.1, 0.4], [0.4, 0.3, 0.1]], turn), robot_named("ur5e")
-
-
-@twin_of(_compiled, _example)
-def _branches(X_BF: Array, robot: Robot) -> Array:
-    """Returns the branches (n, 8, 6) of flange poses (n, 4, 4), and how far each is out of reach: (n, 8, 7)."""
-    q, excess = _closed_form(robot, X_BF)
+        q, excess = _refined(robot, X_BF, q, excess)
     q[excess > 0.0] = np.nan
-    return np.concatenate([q, excess[..., None]], axis=-1)
+    return q, excess
 
 
 def _refined(robot: Robot, X_BF: Array, q: Array, excess: Array) -> tuple[Array, Array]:
@@ -173,97 +155,6 @@ def _twist_between(X: Array, goal: Array) -> Array:
     """Returns the twists (n, 6) that move poses X (n, 4, 4) to `goal` (n, 4, 4) in unit time."""
     turn = matrix_to_rotation_vector(goal[:, :3, :3] @ np.swapaxes(X[:, :3, :3], -1, -2))
     return np.concatenate([goal[:, :3, 3] - X[:, :3, 3], turn], axis=1)
-
-
-def _closed_form(robot: Robot, X_BF: Array) -> tuple[Array, Array]:
-    """Returns the eight branches (..., 8, 6) of the flange's pose, and how far each is out of reach (..., 8) [m].
-
-    A branch out of reach is the closest to it.
-    """
-    x6, y6, z6 = (X_BF[..., None, :3, k] for k in range(3))
-    p5 = X_BF[..., None, :3, 3] - robot.d[5] * z6
-    q1, short = _shoulder(p5, robot.d[3])
-    across, along = _plane(q1)
-    q5, c6, s6, free = _wrist(across, x6, y6, z6)
-    p = np.stack([_dot(p5, along), p5[..., 2] - robot.d[0] + 0.0 * q1], axis=-1)  # wrist centre in the arm's plane
-    z4 = -(s6[..., None] * x6 + c6[..., None] * y6)
-    down = np.stack([_dot(z4, along), z4[..., 2]], axis=-1)  # from wrist 1 to the wrist's centre, in the arm's plane
-    down = np.where(free[..., None], _elbow_at_right_angle(p, robot), down)
-    q6 = np.where(free, _last_joint(down, along, x6, y6), np.arctan2(s6, c6))
-    q2, q3, beyond = _elbow(p - robot.d[4] * down, robot)
-    q4 = np.arctan2(down[..., 0], -down[..., 1]) - q2 - q3
-    q = _wrapped(np.stack(np.broadcast_arrays(q1, q2, q3, q4, q5, q6), axis=-1))
-    return q, np.maximum(short, beyond)
-
-
-def _shoulder(p5: Array, offset: float) -> tuple[Array, Array]:
-    """Returns joint 1 (..., 8) with the wrist's centre `offset` beside the arm's plane, and the missing reach [m]."""
-    x = p5[..., 0]
-    y = p5[..., 1]
-    radius = np.hypot(x, y)
-    ahead = np.sqrt(np.maximum((radius - offset) * (radius + offset), 0.0))
-    q1 = np.arctan2(y, x) + np.arctan2(offset, _SIGNS[:, 0] * ahead)
-    return q1, _beyond_tolerance(offset - radius) + 0.0 * q1
-
-
-def _plane(q1: Array) -> tuple[Array, Array]:
-    """Returns horizontal directions (..., 3) across the arm's plane (axes 2, 3, 4) and along it."""
-    cos = np.cos(q1)
-    sin = np.sin(q1)
-    nothing = np.zeros_like(q1)
-    return np.stack([sin, -cos, nothing], axis=-1), np.stack([cos, sin, nothing], axis=-1)
-
-
-def _wrist(across: Array, x6: Array, y6: Array, z6: Array) -> tuple[Array, Array, Array, Mask]:
-    """Returns joint 5, cosine and sine of joint 6 (..., 8), and where joint 6 is free.
-
-    The axes 2, 3, 4 are (s5 c6, -s5 s6, c5) in the flange.
-    """
-    x = _dot(across, x6)
-    y = _dot(across, y6)
-    z = _dot(across, z6)
-    sine = np.hypot(x, y)
-    free = sine < WRIST_FREE
-    scale = _SIGNS[:, 1] / np.where(free, 1.0, sine)
-    return np.arctan2(_SIGNS[:, 1] * sine, z), x * scale, -y * scale, free
-
-
-def _elbow_at_right_angle(p: Array, robot: Robot) -> Array:
-    """Returns the direction (..., 2) from wrist 1 to the wrist's centre with the elbow closest to a right angle."""
-    reach = np.maximum(np.hypot(p[..., 0], p[..., 1]), REACH_TOLERANCE_M)
-    wanted = robot.a[1] ** 2 + robot.a[2] ** 2
-    cosine = np.clip((reach**2 + robot.d[4] ** 2 - wanted) / (2.0 * reach * robot.d[4]), -1.0, 1.0)
-    angle = np.arctan2(p[..., 1], p[..., 0]) + np.arccos(cosine)
-    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-
-
-def _last_joint(down: Array, along: Array, x6: Array, y6: Array) -> Array:
-    """Returns joint 6 (..., 8) with the axis of joint 5 along `down`."""
-    z4 = down[..., :1] * along + down[..., 1:] * np.array([0.0, 0.0, 1.0])
-    return np.arctan2(-_dot(z4, x6), -_dot(z4, y6))
-
-
-def _elbow(p4: Array, robot: Robot) -> tuple[Array, Array, Array]:
-    """Returns joints 2 and 3 (..., 8) with wrist 1 at a point (..., 2) of the arm's plane; the missing reach [m]."""
-    upper = robot.a[1]
-    fore = robot.a[2]
-    reach = np.hypot(p4[..., 0], p4[..., 1])
-    longest = abs(upper + fore)
-    shortest = abs(upper - fore)
-    room = np.maximum(longest - reach, 0.0) * (longest + reach)
-    slack = np.maximum(reach - shortest, 0.0) * (reach + shortest)
-    q3 = _SIGNS[:, 2] * 2.0 * np.arctan2(np.sqrt(room), np.sqrt(slack))  # half-angle form: exact near 0 and pi
-    q2 = np.arctan2(p4[..., 1], p4[..., 0]) - np.arctan2(fore * np.sin(q3), upper + fore * np.cos(q3))
-    return q2, q3, _beyond_tolerance(np.maximum(reach - longest, shortest - reach))
-
-
-def _beyond_tolerance(excess: Array) -> Array:
-    return np.where(excess > REACH_TOLERANCE_M, excess, 0.0)
-
-
-def _dot(a: Array, b: Array) -> Array:
-    """Returns the dot product (...) of vectors (..., 3)."""
-    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
 
 
 def _wrapped(q: Array) -> Array:

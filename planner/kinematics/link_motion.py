@@ -9,8 +9,8 @@ from functools import cached_property
 
 import numpy as np
 
+from planner import native
 from planner.arrays import Array, Index
-from planner.kernel import Kernel, twin_of
 
 
 class LinkMotion:
@@ -80,11 +80,11 @@ class LinkMotion:
 
     def velocity(self, point: Array) -> Array:
         """Returns velocities (3, N) [m/s] of a point (3, N) that moves with the flange."""
-        return _point_velocity(self, point)
+        return native.point_velocity(self.X, self.qd, point)
 
     def acceleration(self, point: Array) -> Array:
         """Returns accelerations (3, N) [m/s^2] of a point (3, N) that moves with the flange."""
-        return _point_acceleration(self, point)
+        return native.point_acceleration(self.X, self.qd, self.qdd, point)
 
     def relative_acceleration(self, points: Array, link: Index) -> Array:
         """Returns accelerations (3, k, N) [m/s^2] of points relative to the origins of their links.
@@ -96,33 +96,6 @@ class LinkMotion:
         omega = self.angular_velocity[:, link]
         alpha = self.angular_acceleration[:, link]
         return cross(alpha, points) + cross(omega, cross(omega, points))
-
-
-def _compiled(kernel: Kernel, links: LinkMotion, point: Array) -> Array:
-    return kernel.point_velocity(links.X, links.qd, point)
-
-
-def _example() -> tuple[LinkMotion, Array]:
-    rng = np.random.default_rng(0)
-    return LinkMotion(rng.uniform(-1.0, 1.0, (4, 7, 4, 4)), *rng.uniform(-1.0, 1.0, (2, 4, 6))), np.ones((3, 4))
-
-
-@twin_of(_compiled, _example)
-def _point_velocity(links: LinkMotion, point: Array) -> Array:
-    return cross(links.joint_rotations, point[:, None] - links.origins[:, :6]).sum(axis=1)
-
-
-def _compiled_acceleration(kernel: Kernel, links: LinkMotion, point: Array) -> Array:
-    return kernel.point_acceleration(links.X, links.qd, links.qdd, point)
-
-
-@twin_of(_compiled_acceleration, _example)
-def _point_acceleration(links: LinkMotion, point: Array) -> Array:
-    points = np.concatenate([links.offsets, (point - links.origins[:, 6])[:, None]], axis=1)
-    return links.relative_acceleration(points, _CARRIERS).sum(axis=1)
-
-
-_CARRIERS = np.array([*range(6), 5])  # links with which the origins of their frames move, and a point of the flange
 
 
 def accumulate(v: Array) -> Array:

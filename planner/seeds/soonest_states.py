@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from planner.arrays import Array, Index, Mask
+from planner import native
+from planner.arrays import Array, Index
 from planner.cell import Limits
-from planner.kernel import Kernel, twin_of
 from planner.problem import ThrowProblem
 from planner.seeds.aspects import aspects, first_rows
-from planner.seeds.velocity_allocation import largest_share
 
 STATES_MAX = 48  # states kept, those of the least lower bound that are apart from one another
 APART_RAD = 0.35  # [rad] least difference of two kept states in some joint
-BATCH = 64  # states compared with one another at once
 TOO_FAST_S = 1e3  # [s] penalty per multiple of a speed limit: every state that is too fast comes after all others
 
 
@@ -54,25 +52,9 @@ def penalised_bound(problem: ThrowProblem, q: Array, qd: Array) -> Array:
 
     Too-fast states sort last; infinite for NaN.
     """
-    return _penalised(q, qd, problem.start, problem.limits.qd_max, problem.limits.qdd_max)
-
-
-def _compiled(kernel: Kernel, q: Array, qd: Array, start: Array, v_max: Array, a_max: Array) -> Array:
-    return kernel.penalised_bounds(q, qd.reshape(-1, 6), start, (v_max, a_max), TOO_FAST_S).reshape(qd.shape[:-1])
-
-
-def _example() -> tuple[Array, ...]:
-    """Returns slow and fast states, and one without a velocity."""
-    q, qd = np.random.default_rng(0).uniform(-2.0, 2.0, (2, 20, 6))
-    qd[0, 0] = np.nan
-    return q, np.stack([qd, 0.1 * qd, 3.0 * qd]), q[-1], np.linspace(2.0, 3.0, 6), np.linspace(4.0, 6.0, 6)
-
-
-@twin_of(_compiled, _example)
-def _penalised(q: Array, qd: Array, start: Array, v_max: Array, a_max: Array) -> Array:
-    excess = largest_share(qd, v_max)
-    bound = _least_time(q - start, qd, v_max, a_max)
-    return np.where(np.isnan(excess + bound), np.inf, np.where(excess <= 1.0, bound, TOO_FAST_S * excess))
+    limits = problem.limits
+    bounds = limits.qd_max, limits.qdd_max
+    return native.penalised_bounds(q, qd.reshape(-1, 6), problem.start, bounds, TOO_FAST_S).reshape(qd.shape[:-1])
 
 
 def _soonest(problem: ThrowProblem, q: Array, qd: Array) -> Index:
@@ -86,31 +68,5 @@ def _soonest(problem: ThrowProblem, q: Array, qd: Array) -> Index:
     if len(usable) == 0:
         return order[:STATES_MAX]
     first = first_rows(aspects(problem.cell.robot, q[usable]))
-    others = _apart(q[usable])
+    others = native.distinct_rows(q[usable], APART_RAD, STATES_MAX)
     return usable[np.concatenate([others, first[~np.isin(first, others)]])]
-
-
-def _compiled_rows(kernel: Kernel, q: Array) -> Index:
-    return kernel.distinct_rows(q, APART_RAD, STATES_MAX)
-
-
-@twin_of(_compiled_rows, lambda: (np.random.default_rng(0).uniform(-0.4, 0.4, (100, 6)),))
-def _apart(q: Array) -> Index:
-    """Returns the first `STATES_MAX` rows of `q` (n, 6) that are apart from every row kept before them."""
-    kept: list[int] = []
-    for begin in range(0, len(q), BATCH):
-        batch = q[begin : begin + BATCH]
-        free = np.asarray(_differ(batch, q[kept]).all(axis=1))
-        apart = _differ(batch, batch)
-        for i in range(len(batch)):
-            if free[i]:
-                kept.append(begin + i)
-                free &= apart[i]
-        if len(kept) >= STATES_MAX:
-            break
-    return np.array(kept[:STATES_MAX], dtype=np.intp)
-
-
-def _differ(a: Array, b: Array) -> Mask:
-    """Returns the mask (n, m) of rows of `a` (n, 6) and `b` (m, 6) that are apart."""
-    return np.asarray((np.abs(a[:, None] - b) > APART_RAD).any(axis=2))

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from planner import native
 from planner.arrays import Array, Mask, read_only
-from planner.kernel import Kernel, twin_of
 from planner.kinematics import jacobian, point_motion
 from planner.problem import ThrowProblem
 
@@ -79,93 +79,20 @@ def tool_velocity(J: Array, qd: Array) -> Array:
     return np.asarray((J @ qd[..., None])[..., 0])
 
 
-def _compiled_share(kernel: Kernel, qd: Array, qd_max: Array) -> Array:
-    return kernel.largest_shares(qd.reshape(-1, 6), qd_max).reshape(qd.shape[:-1])
-
-
-@twin_of(_compiled_share, lambda: _example()[2:])
 def largest_share(qd: Array, qd_max: Array) -> Array:
     """Returns the largest share (...,) [-] of the speed limits (6,) in joint velocities `qd` (..., 6)."""
-    return np.asarray((np.abs(qd) / qd_max).max(axis=-1))
+    return native.largest_shares(qd.reshape(-1, 6), qd_max).reshape(qd.shape[:-1])
 
 
-def _example() -> tuple[Array, Array, Array, Array]:
-    """Returns Jacobians, tool velocities, joint velocities and their limits."""
-    J, v, qd = (np.random.default_rng(0).uniform(-1.0, 1.0, (5, *shape)) for shape in ((3, 6), (3,), (6,)))
-    return J, v, qd, np.linspace(2.0, 3.0, 6)
-
-
-def _compiled_norm(kernel: Kernel, J: Array, v: Array, qd_max: Array) -> Array:
-    qd = kernel.least_norms(J, qd_max**2, np.ascontiguousarray(v).reshape(-1, 3), GRAM_FLOOR)
+def _least_norm(J: Array, v: Array, qd_max: Array) -> Array:
+    """Returns the joint velocities (..., n, 6) of least norm, weighted with qd_max^2, for v (..., n, 3)."""
+    qd = native.least_norms(J, qd_max**2, np.ascontiguousarray(v).reshape(-1, 3), GRAM_FLOOR)
     return qd.reshape(*v.shape[:-1], 6)
 
 
-@twin_of(_compiled_norm, lambda: (_example()[0], np.ones((2, 5, 3)), _example()[-1]))
-def _least_norm(J: Array, v: Array, qd_max: Array) -> Array:
-    """Returns the joint velocities (..., n, 6) of least norm, weighted with qd_max^2, for v (..., n, 3)."""
-    return _weighted(J, qd_max**2, v)
-
-
-def _weighted(J: Array, weight: Array, v: Array, refinements: int = 0) -> Array:
-    """Returns the weighted least-norm joint velocities (..., 6): W J^T (J W J^T)^-1 v for weights (..., 6).
-
-    By Cramer's rule: for three rows and equal weights as accurate as a general solver, and far faster over thousands of
-    states. Each refinement adds the solution for what the one before misses of v.
-    """
-    x, y, z = (J[..., i, :] for i in range(3))
-    wx = weight * x
-    wy = weight * y
-    wz = weight * z
-    xx = _dot(wx, x)
-    yy = _dot(wy, y)
-    zz = _dot(wz, z)
-    xy = _dot(wx, y)
-    xz = _dot(wx, z)
-    yz = _dot(wy, z)
-    floor = GRAM_FLOOR * (xx + yy + zz)
-    xx = xx + floor
-    yy = yy + floor
-    zz = zz + floor
-    c00 = yy * zz - yz * yz
-    c01 = xz * yz - xy * zz
-    c02 = xy * yz - xz * yy
-    c11 = xx * zz - xz * xz
-    c12 = xy * xz - xx * yz
-    c22 = xx * yy - xy * xy
-    scale = 1.0 / (xx * c00 + xy * c01 + xz * c02)
-
-    def solution(v: Array) -> Array:
-        a = v[..., 0] * scale
-        b = v[..., 1] * scale
-        c = v[..., 2] * scale
-        first = c00 * a + c01 * b + c02 * c
-        second = c01 * a + c11 * b + c12 * c
-        third = c02 * a + c12 * b + c22 * c
-        return first[..., None] * wx + second[..., None] * wy + third[..., None] * wz
-
-    qd = solution(v)
-    for _ in range(refinements):
-        qd = qd + solution(v - _dot(J, qd[..., None, :]))
-    return qd
-
-
-def _dot(a: Array, b: Array) -> Array:
-    return np.einsum("...j,...j->...", a, b)
-
-
-def _compiled_reduction(kernel: Kernel, J: Array, v: Array, qd: Array, qd_max: Array) -> Array:
-    return kernel.lower_shares((J, v, qd), qd_max, NORMS, (SHARE_FLOOR, GRAM_FLOOR), REFINEMENTS)
-
-
-@twin_of(_compiled_reduction, _example)
 def _towards_maximum_norm(J: Array, v: Array, qd: Array, qd_max: Array) -> Array:
-    """Returns `qd` after damped iteratively reweighted least squares.
+    """Returns `qd` (n, 6) after damped iteratively reweighted least squares.
 
     Source: Burrus, Iterative Reweighted Least Squares, 2012.
     """
-    for p in NORMS:
-        share = np.abs(qd) / qd_max
-        share = np.maximum(share / share.max(axis=1, keepdims=True), SHARE_FLOOR)
-        step = _weighted(J, qd_max**2 * share ** (2.0 - p), v, REFINEMENTS)
-        qd = qd + (step - qd) / (p - 1.0)
-    return qd
+    return native.lower_shares((J, v, qd), qd_max, NORMS, (SHARE_FLOOR, GRAM_FLOOR), REFINEMENTS)

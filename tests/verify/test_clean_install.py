@@ -98,15 +98,9 @@ def test_the_library_from_a_folder_of_its_own(installed: CleanInstall):
     assert done.stdout.split()[1:] == ["True", "True"]
 
 
-def test_the_shipped_c_is_what_this_environment_would_write(installed: CleanInstall):
-    """Its first line is the digest of formulas and casadi; a compiler would be given exactly this text."""
-    script = (
-        "from planner.backends.casadi_nlp import codegen as c; t = c.c_source(); "
-        "print(c.SHIPPED_C.is_file(), t == c.SHIPPED_C.read_text(), t.startswith(c._origin()), len(t) > 1e6)"
-    )
-    done = subprocess.run([str(installed.bin / "python"), "-P", "-c", script], cwd=installed.work, capture_output=True,
-                          text=True, check=False)  # fmt: skip
-    assert done.stdout.split() == ["True"] * 4, done.stderr
+def test_it_plans_where_there_is_no_compiler(installed: CleanInstall, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(installed.environment, "PATH", str(installed.folder / "nothing"))
+    plan_of(installed.fling("plan", "request.json"))
 
 
 @pytest.fixture

@@ -7,12 +7,10 @@ solver and answer. casadi is imported with the first use.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, Margins, meets_arm
 from planner.errors import BackendUnavailable, SolverFailed
-from planner.kernel import compile_kernel
 from planner.problem import ThrowProblem
 from planner.seeds import Seed
 from planner.solution import Solution
@@ -25,7 +23,6 @@ __all__ = [
     "load",
     "meets_arm",
     "solve",
-    "warm",
 ]
 
 ITERATION_BUDGET = 1000  # [-] four times what a solve takes; the search gives less
@@ -90,42 +87,16 @@ def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOption
         raise SeedFailed(failure.status, solver.iterations, isinstance(failure, TooLate)) from None
 
 
-def warm(progress: Callable[[str, float], None] = lambda _what, _share: None) -> bool:
-    """Compiles the functions and the planner's kernel unless that is done.
-
-    Args:
-        progress: called with the current step and the share done so far.
-
-    Returns:
-        Whether compiled functions are in use; without a compiler the interpreted ones are, several times slower.
+def load() -> None:
+    """Loads casadi and the functions of every formula, once per process.
 
     Raises:
         BackendUnavailable: casadi is not installed.
     """
     _require_casadi()
-    from planner.backends.casadi_nlp import codegen
+    from planner.backends.casadi_nlp.functions import all_blocks
 
-    progress("compiling", 0.0)
-    compile_kernel()
-    compiled = codegen.compile_blocks() is not None
-    progress("ready" if compiled else "no compiler: interpreted functions", 1.0)
-    return compiled
-
-
-def load() -> bool:
-    """Loads casadi and the functions of every formula, once per process; compiles nothing.
-
-    Returns:
-        Whether they are compiled. Otherwise casadi interprets them: the same numbers to the last bit, as the C has the
-        same operations in the same order, and compiles without fusing any.
-
-    Raises:
-        BackendUnavailable: casadi is not installed.
-    """
-    _require_casadi()
-    from planner.backends.casadi_nlp.codegen import loaded_blocks
-
-    return loaded_blocks().compiled
+    all_blocks()
 
 
 def _require_casadi() -> None:

@@ -3,17 +3,26 @@
 casadi's own C evaluates one stage. Here every operation on a stage's variables applies to `LANES` stages at once, and
 what follows from parameters alone is computed once for all of them. The operations and their order are those of
 casadi's interpreter, so the numbers are the same to the last bit.
+
+The C is written when the package is built: see setup.py.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
 
-HEADER = Path(__file__).parent / "c" / "lanes.h"
+from planner.backends.casadi_nlp.functions import build_block
+from planner.backends.casadi_nlp.symbols import ALL_FORMULAS
+
+MOST_DIFFER = (True, False, True)  # arguments that differ from stage to stage: z and multipliers, not the parameters
+EACH_DIFFERS = (True, True, True)  # of the costs
+# [-] operations of one C function. A compiler's time grows faster than the length of a function.
+PART = 300
 
 OPERATORS = {
     ca.OP_ADD: "{0} + {1}",
@@ -45,15 +54,29 @@ const long long *{name}_sparsity_in(long long i) {{ return i < {n_in} ? {name}_i
 const long long *{name}_sparsity_out(long long i) {{ return i < {n_out} ? {name}_out[i] : 0; }}
 int {name}(const double **arg, double **res, long long *iw, double *w, int mem) {{
     static const double none[{most}];
+    (void)none;
     lanes {local};
     (void)iw, (void)w, (void)mem;
     {read}
     {name}_lanes({arguments});
     {write}
-    LEAVE_LANES();
     return 0;
 }}
 """
+
+
+def write_block(name: str, folder: Path) -> Path:
+    """Writes the C of a block's functions, and returns the file.
+
+    Args:
+        name: key of `symbols.ALL_FORMULAS`.
+        folder: where the file is written.
+    """
+    block = build_block(name, ALL_FORMULAS[name])
+    differs = EACH_DIFFERS if name == "cost" else MOST_DIFFER
+    file = folder / f"{name}.c"
+    file.write_text(written([(function, differs[: function.n_in()]) for function in block.functions]))
+    return file
 
 
 def written(functions: Iterable[tuple[Any, Sequence[bool]]]) -> str:
@@ -65,61 +88,115 @@ def written(functions: Iterable[tuple[Any, Sequence[bool]]]) -> str:
     Raises:
         ValueError: a function has an operation that is not in `OPERATORS` or `CALLS`.
     """
-    parts = [HEADER.read_text()]
+    parts = ['#include "lanes.h"\n']
     for function, differs in functions:
         parts += [_of_lanes(function, differs), _for_casadi(function, differs)]
     return "\n".join(parts)
 
 
-class _Values:
-    """The C names of a function's work vector, and whether each differs from stage to stage."""
+@dataclass(frozen=True)
+class _Value:
+    """A value of casadi's work vector.
+
+    Attributes:
+        name: in the part of the C that computes it.
+        differs: whether it differs from stage to stage.
+        part: which computes it; None for constants and arguments, which all parts know by name.
+    """
+
+    name: str
+    differs: bool
+    part: int | None = None
+
+
+class _Statements:
+    """The C of a function's operations, in parts of `PART` statements. What a later part needs is kept in memory.
+
+    casadi gives each result a slot of its work vector, until another result takes it. The same slots are used here, in
+    `w` for what differs from stage to stage, and in `s` for what does not.
+    """
 
     def __init__(self, function: Any, differs: Sequence[bool]) -> None:
         self.function = function
         self.differs = differs
-        self.names: dict[int, tuple[str, bool]] = {}
+        self.parts: list[list[str]] = [[]]
+        self._values: dict[int, _Value] = {}
+        self._last_uses = self._uses()
+        for k in range(function.n_instructions()):
+            self._add(k)
 
-    def lines(self) -> Iterator[str]:
-        """Yields the statements."""
-        for k in range(self.function.n_instructions()):
-            inputs = self.function.instruction_input(k)
-            outputs = self.function.instruction_output(k)
-            line = self._line(k, self.function.instruction_id(k), inputs, outputs)
-            if line:
-                yield f"    {line}"
+    def _uses(self) -> dict[int, int]:
+        """Returns how many statements there are before the last one that uses the result of each operation."""
+        function = self.function
+        results: dict[int, int] = {}
+        uses: dict[int, int] = {}
+        count = 0
+        for k in range(function.n_instructions()):
+            operation = function.instruction_id(k)
+            if operation not in (ca.OP_CONST, ca.OP_INPUT):
+                uses.update((results[slot], count) for slot in function.instruction_input(k))
+                count += 1
+            if operation != ca.OP_OUTPUT:
+                results[function.instruction_output(k)[0]] = k
+        return uses
 
-    def _line(self, k: int, operation: int, inputs: Sequence[int], outputs: Sequence[int]) -> str:
+    def _add(self, k: int) -> None:
+        operation = self.function.instruction_id(k)
+        inputs = self.function.instruction_input(k)
+        to, *place = self.function.instruction_output(k)
         if operation == ca.OP_CONST:
-            self.names[outputs[0]] = f"({float(self.function.instruction_constant(k))!r})", False
-            return ""
+            self._values[to] = _Value(f"({float(self.function.instruction_constant(k))!r})", False)
+            return
         if operation == ca.OP_INPUT:
             argument, entry = inputs
-            return self._declared(k, outputs[0], f"i{argument}[{entry}]", self.differs[argument])
-        names = [self.names[i] for i in inputs]
+            self._values[to] = _Value(f"i{argument}[{entry}]", self.differs[argument])
+            return
+        if len(self.parts[-1]) == PART:
+            self.parts.append([])
+        operands = [self._operand(slot) for slot in inputs]
         if operation == ca.OP_OUTPUT:
-            name, differs = names[0]
-            return f"r{outputs[0]}[{outputs[1]}] = {name if differs else f'spread({name})'};"
-        return self._declared(k, outputs[0], *self._expression(operation, names))
+            name, differs = operands[0]
+            self.parts[-1].append(f"r{to}[{place[0]}] = {name if differs else f'spread({name})'};")
+            return
+        expression, differs = self._expression(operation, operands)
+        part = len(self.parts) - 1
+        line = f"const {'lanes' if differs else 'double'} a{k} = {expression};"
+        if self._last_uses.get(k, 0) // PART > part:
+            line += f" {self._kept(to, differs)} = a{k};"
+        self._values[to] = _Value(f"a{k}", differs, part)
+        self.parts[-1].append(line)
 
-    def _declared(self, k: int, slot: int, expression: str, differs: bool) -> str:
-        self.names[slot] = f"a{k}", differs
-        return f"const {'lanes' if differs else 'double'} a{k} = {expression};"
+    def _operand(self, slot: int) -> tuple[str, bool]:
+        value = self._values[slot]
+        is_here = value.part is None or value.part == len(self.parts) - 1
+        return value.name if is_here else self._kept(slot, value.differs), value.differs
 
-    def _expression(self, operation: int, names: Sequence[tuple[str, bool]]) -> tuple[str, bool]:
-        differs = any(each for _, each in names)
+    def _kept(self, slot: int, differs: bool) -> str:
+        return f"{'w' if differs else 's'}[{slot}]"
+
+    def _expression(self, operation: int, operands: Sequence[tuple[str, bool]]) -> tuple[str, bool]:
+        differs = any(each for _, each in operands)
         if operation in OPERATORS:
-            return OPERATORS[operation].format(*(name for name, _ in names)), differs
+            return OPERATORS[operation].format(*(name for name, _ in operands)), differs
         if operation not in CALLS:
             raise ValueError(f"{self.function.name()}: operation {operation} of casadi has no C here")
-        spread = [f"spread({name})" if differs and not each else name for name, each in names]
+        spread = [f"spread({name})" if differs and not each else name for name, each in operands]
         return f"{CALLS[operation]}{'_lanes' if differs else ''}({', '.join(spread)})", differs
 
 
 def _of_lanes(function: Any, differs: Sequence[bool]) -> str:
-    taken = [f"const {'lanes' if each else 'double'} *i{i}" for i, each in enumerate(differs)]
-    given = [f"lanes *r{i}" for i in range(function.n_out())]
-    lines = "\n".join(_Values(function, differs).lines())
-    return f"void {function.name()}_lanes({', '.join(taken + given)}) {{\n{lines}\n}}\n"
+    name = function.name()
+    arguments = [f"i{i}" for i in range(function.n_in())] + [f"r{i}" for i in range(function.n_out())]
+    kinds = ["const lanes" if each else "const double" for each in differs] + ["lanes"] * function.n_out()
+    taken = ", ".join(f"{kind} *restrict {argument}" for kind, argument in zip(kinds, arguments, strict=True))
+    text = ""
+    calls = ""
+    for i, lines in enumerate(_Statements(function, differs).parts):
+        body = "".join(f"    {line}\n" for line in lines)
+        text += f"PART void {name}_{i}({taken}, lanes *restrict w, double *restrict s) {{\n{body}}}\n"
+        calls += f"    {name}_{i}({', '.join(arguments)}, w, s);\n"
+    work = f"    lanes w[{function.sz_w()}];\n    double s[{function.sz_w()}];\n"
+    return f"{text}void {name}_lanes({taken}) {{\n{work}{calls}}}\n"
 
 
 def _for_casadi(function: Any, differs: Sequence[bool]) -> str:

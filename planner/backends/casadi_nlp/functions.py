@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from typing import Any
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 
 from planner.backends.casadi_nlp.layout import COST, SHARED
 from planner.backends.casadi_nlp.symbols import ALL_FORMULAS, BlockFormula, Terms
+from planner.native import OPTIMISER
 
 SX = Any
 Vector = NDArray[np.float64]
@@ -64,13 +64,14 @@ class Block:
 
 
 @cache
-def interpreted_blocks() -> dict[str, Block]:
-    """Returns every block with functions that casadi interprets."""
-    return {name: build_block(name, formula) for name, formula in ALL_FORMULAS.items()}
+def all_blocks() -> dict[str, Block]:
+    """Returns every block, with the functions of the package's extension."""
+    path = str(OPTIMISER)
+    return {name: Block(name, *(ca.external(f"{name}_{kind}", path) for kind in KINDS)) for name in ALL_FORMULAS}
 
 
 def build_block(name: str, formula: BlockFormula) -> Block:
-    """Returns the block of a formula, by symbolic differentiation."""
+    """Returns the block of a formula, by symbolic differentiation: what the extension is made from."""
     size = COST.size if name == "cost" else sum(SHARED[piece].size for piece in formula.parameters)
     z = ca.SX.sym("z", formula.variables)
     p = ca.SX.sym("p", size)
@@ -124,34 +125,17 @@ def evaluate(function: Any, *arguments: Vector) -> list[Vector]:
         ValueError: an argument has another size than the function takes.
     """
     known = _signature(function)
-    _, results = _run(function, dict(zip(known.names, arguments, strict=True)), range(len(known.shapes)))
-    return [_dense(*each) for each in zip(results, known.shapes, known.nonzeros, strict=True)]
-
-
-def first_result(solver: Any, arguments: Mapping[str, Vector]) -> tuple[Vector, dict[str, Any]]:
-    """Returns the first result (n,) of a solver called with named arguments, and its statistics.
-
-    Raises:
-        ValueError: an argument is unknown, or has another size than the solver takes.
-    """
-    buffer, (result,) = _run(solver, arguments, range(1))
-    return result, buffer.stats()
-
-
-def _run(function: Any, arguments: Mapping[str, Vector], wanted: Sequence[int]) -> tuple[Any, list[Vector]]:
-    known = _signature(function)
     buffer, trigger = function.buffer()
-    inputs = {name: np.ascontiguousarray(value, dtype=np.float64) for name, value in arguments.items()}
-    for name, value in inputs.items():
-        i = known.names.index(name)
-        if value.size != known.sizes[i]:
-            raise ValueError(f"{function.name()}: {name} has {value.size} entries instead of {known.sizes[i]}")
-        buffer.set_arg(i, value.data)
-    results = [np.zeros(len(known.nonzeros[i][0])) for i in wanted]
-    for i, result in zip(wanted, results, strict=True):
+    given = [np.ascontiguousarray(values, dtype=np.float64) for values in arguments]
+    for i, (values, name, size) in enumerate(zip(given, known.names, known.sizes, strict=True)):
+        if values.size != size:
+            raise ValueError(f"{function.name()}: {name} has {values.size} entries instead of {size}")
+        buffer.set_arg(i, values.data)
+    results = [np.zeros(len(rows)) for rows, _ in known.nonzeros]
+    for i, result in enumerate(results):
         buffer.set_res(i, result.data)
     trigger()
-    return buffer, results
+    return [_dense(*each) for each in zip(results, known.shapes, known.nonzeros, strict=True)]
 
 
 def _dense(values: Vector, shape: tuple[int, int], nonzeros: tuple[NDArray[np.intp], NDArray[np.intp]]) -> Vector:

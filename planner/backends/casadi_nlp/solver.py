@@ -12,8 +12,7 @@ from functools import cache
 
 import numpy as np
 
-from planner.backends.casadi_nlp.fatrop import Options, compiled_launch, solve_by_fatrop
-from planner.backends.casadi_nlp.functions import evaluate
+from planner.backends.casadi_nlp.fatrop import Options, launch_of
 from planner.backends.casadi_nlp.instance import Arguments, Instance
 from planner.backends.casadi_nlp.layout import NU, NX, NZ, QD, TIME, Q, StageLayout, Vector
 from planner.backends.casadi_nlp.margins import POSITIONS
@@ -98,11 +97,7 @@ class Solver:
         reduced = self._reduced(instance, part, arguments)
         latest = self.latest_s / float(instance.scales[TIME]) if are_times_free else np.inf
         options = FATROP if are_times_free else FATROP | FIXED_TIMES
-        launch = compiled_launch(part)
-        if launch is None:
-            x, iterations, is_solved, is_late = solve_by_fatrop(part, reduced, options, latest)
-        else:
-            x, iterations, is_solved, is_late = launch.solve(reduced, options, latest)
+        x, iterations, is_solved, is_late = launch_of(part).solve(reduced, options, latest)
         self.iterations += iterations
         release = -x[TIME]
         if is_late or (is_solved and release > latest):
@@ -135,10 +130,7 @@ def _breaks_no_row(part: StageLayout, x: Vector, arguments: Arguments) -> bool:
 
 def _rows_at(stages: StageLayout, x: Vector, p: Vector) -> Vector:
     """Returns the rows at variables `x`, with parameters `p`."""
-    launch = compiled_launch(stages)
-    if launch is None:
-        return evaluate(transcription(stages).functions["g"], x, p)[0].ravel()
-    return launch.rows(x, p)
+    return launch_of(stages).rows(x, p)
 
 
 def _beyond(values: Vector, lower: Vector, upper: Vector) -> Vector:

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from planner import native
 from planner.arrays import Array, Mask
 from planner.cell import CONTACT_M
 from planner.certificate.bounds import EVALUATIONS_MAX, ROUNDS
@@ -24,7 +25,6 @@ from planner.certificate.flight.flights import Flights, flights_of, nearest_on_s
 from planner.certificate.flight.patches import (
     PatchBounds,
     Patches,
-    capsule_bounds,
     corners_on_grid,
     patch_bounds,
 )
@@ -268,7 +268,7 @@ def _capsule_distances(flights: Flights, grid: Grid, s: Array, h: Array) -> Arra
     bounds = grid.bounds
     capsules = body.frames[: body.object], body.ends[: body.object]
     moving = np.array([bounds.speed(s), bounds.time_bend(s, h)])
-    return capsule_bounds((grid.x, grid.X_WL, h), capsules, grid.rates, bounds.reach, moving)
+    return native.capsule_bounds((grid.x, grid.X_WL, h), capsules, grid.rates, bounds.reach, moving)
 
 
 def _decided(flights: Flights, grid: Grid, lower: Array) -> tuple[Mask, Mask, Mask]:

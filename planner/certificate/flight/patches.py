@@ -22,17 +22,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property, reduce
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
+from planner import native
 from planner.arrays import Array, Index, Mask
 from planner.certificate.bounds import joint_rates
 from planner.certificate.flight.boxes import box_gaps
-from planner.certificate.flight.flights import TINY_M, Flights, nearest_on_segments
-from planner.certificate.flight.separation import mean, segment_bound
-from planner.kernel import Kernel, twin_of
+from planner.certificate.flight.flights import TINY_M, Flights
+from planner.certificate.flight.separation import mean
 from planner.kinematics import dot
 
 
@@ -225,7 +225,7 @@ class PatchBounds:
             body = flights.motion.body
             capsule = item[is_capsule] - count
             poses = flights.motion.distinct_poses(t[:2, is_capsule])
-            found = capsule_distances(poses, (body.frames[capsule], body.ends[capsule]), corners[:, :, is_capsule])
+            found = native.patch_distances(poses, (body.frames[capsule], body.ends[capsule]), corners[:, :, is_capsule])
             bound[is_capsule] = found[0]
             sampled[:, is_capsule] = found[1:]
         return bound, sampled
@@ -277,71 +277,6 @@ def patch_bounds(flights: Flights, height: float, spacing_s: float, v: Array) ->
         tool = most * a, most * j
     first = math.sqrt(float(dot(v, v).max())) + tool[1] * spacing_s**2 / 8.0
     return PatchBounds(flights, height, first, tool, spacing_s)
-
-
-def _example_grid() -> tuple[tuple[Array, Array, Array], tuple[Index, Array], Array, Array, Array]:
-    rng = np.random.default_rng(0)
-    grid = rng.uniform(-1.0, 1.0, (3, 3, 5)), rng.uniform(-1.0, 1.0, (5, 7, 4, 4)), np.array([0.1, 0.2, 0.1, 0.3])
-    ends = rng.uniform(-1.0, 1.0, (3, 2, 3))
-    ends[2, 1] = ends[2, 0]
-    return grid, (np.array([0, 3, 6]), ends), rng.uniform(0.0, 1.0, (2, 7, 4)), np.arange(7.0), np.ones((2, 2, 4))
-
-
-@twin_of(Kernel.capsule_bounds, _example_grid)
-def capsule_bounds(
-    grid: tuple[Array, Array, Array], capsules: tuple[Index, Array], rates: Array, reach: Array, moving: Array
-) -> Array:
-    """Returns lower bounds (c, m, n) [m] on the distances of patches from capsules, but for the bend of the flights.
-
-    Args:
-        grid: positions (3, m + 1, n + 1), or (3, 1, n + 1) of a single release, link poses (n + 1, 7, 4, 4), and
-            lengths of the intervals between the instants (n,).
-        capsules: frames (c,) and ends in them (c, 2, 3).
-        rates: sums of joint speeds and accelerations that move each frame (2, 7, n).
-        reach: of the joints before each frame (7,) [m].
-        moving: bounds on the object's speed and on the bend of its flight in time (2, m, n) [m/s, m].
-    """
-    (x, X_WL, h) = grid
-    (frames, ends) = capsules
-    (w, a) = rates[:, :, None]
-    R = X_WL[:, :, :3, :3].transpose(2, 3, 1, 0)
-    origins = X_WL[:, :, :3, 3].transpose(2, 1, 0)
-    apart = x[:, None] - origins[:, :, None]
-    local = np.stack([dot(R[:, c, :, None], apart) for c in range(3)])  # (3, 7, m + 1, n + 1)
-    far = reduce(np.maximum, corners_on_grid(np.sqrt(dot(local[:, 0], local[:, 0])))) + moving[1]
-    turned = (2.0 * w * moving[0] + (a + w * w) * (far + reach[:, None, None])) * (h * h / 8.0)
-    start, end = (ends[:, i].T[:, :, None, None] for i in (0, 1))
-    return segment_bound(corners_on_grid(local[:, frames]), start, end) - turned[frames]
-
-
-def _example_patches() -> tuple[tuple[Array, Index], tuple[Index, Array], Array]:
-    rng = np.random.default_rng(0)
-    poses = rng.uniform(-1.0, 1.0, (3, 7, 4, 4)), np.array([[0, 1, 0], [1, 2, 2]])
-    ends = rng.uniform(-1.0, 1.0, (3, 2, 3))
-    ends[2, 1] = ends[2, 0]
-    return poses, (np.array([0, 3, 6]), ends), rng.uniform(-1.0, 1.0, (3, 4, 3))
-
-
-@twin_of(Kernel.patch_distances, _example_patches)
-def capsule_distances(poses: tuple[Array, Index], capsules: tuple[Index, Array], corners: Array) -> Array:
-    """Returns distances [m] of k patches of flights, each from the axis of a capsule (5, k).
-
-    First lower bounds, but for the bend of the flights and the turning of the links, then those of the corners.
-
-    Args:
-        poses: link poses (n, 7, 4, 4), and which of them are at both instants of each patch (2, k).
-        capsules: frames (k,) and ends in them (k, 2, 3).
-        corners: of the patches (3, 4, k) [m].
-    """
-    (X, at) = poses
-    (frames, ends) = capsules
-    X = X[np.concatenate([at, at]), frames]  # the corners of both releases are at the same two instants
-    apart = corners - X[..., :3, 3].transpose(2, 0, 1)
-    R = X[..., :3, :3].transpose(2, 3, 0, 1)
-    x = np.stack([dot(R[:, c], apart) for c in range(3)])
-    start, end = ends.transpose(1, 2, 0)
-    sampled = _length(x - nearest_on_segments(x, start[:, None], end[:, None]))
-    return np.concatenate([segment_bound(_corners(x), start, end)[None], sampled])
 
 
 def corners_on_grid(x: Array) -> list[Array]:

@@ -17,10 +17,12 @@ from planner.backends.casadi_nlp.instance import Instance
 from planner.cell import load_cell
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
 from planner.seeds import Seed, candidates
+from tests.planner.backends import casadi_fatrop
+from tests.planner.backends.casadi_fatrop import CasadiLaunch
+from tests.planner.backends.whole_problem import whole_problem
 
 CELL = load_cell(Path(__file__).parents[3] / "cells" / "ur5e-sim.toml")
 RNG = np.random.default_rng(5)
-needs_launch = pytest.mark.skipif(fatrop._libraries() is None, reason="nothing is compiled")
 
 PROBLEMS = {
     "target": ThrowProblem(CELL, CELL.home, TargetRelease(np.array([0.9, -0.5, 0.0])), CELL.limits),
@@ -77,16 +79,15 @@ def test_a_call_that_releases_in_time_is_not_changed(instance: Instance) -> None
     assert found.tobytes() == in_time.tobytes()
 
 
-@needs_launch
 @pytest.mark.parametrize("share", [0.6, 0.9, 0.99, 1.01])
-def test_casadi_s_interface_ends_where_the_compiled_launch_does(
+def test_casadi_s_interface_ends_where_the_extension_does(
     instance: Instance, share: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """So that what follows does not depend on whether anything is compiled."""
+    """So that what it is tested by is the same solver."""
     release_s = _release_s(instance, _first(_calls(), instance))
     found: list[tuple[int, bytes]] = []
-    for launch in (fatrop.compiled_launch, lambda _stages: None):
-        monkeypatch.setattr(solver, "compiled_launch", launch)
+    for launch in (fatrop.launch_of, CasadiLaunch):
+        monkeypatch.setattr(solver, "launch_of", launch)
         calls = _calls(share * release_s)
         try:
             found.append((calls.iterations, _first(calls, instance).tobytes()))
@@ -135,7 +136,7 @@ def test_the_estimate_of_a_linear_program_is_a_lower_bound_that_its_multipliers_
     given = {"p": np.zeros(1), "lbx": low, "ubx": high, "lbg": b, "ubg": np.full(m, np.inf)}
 
     def estimate(at: np.ndarray, by: np.ndarray) -> float:
-        return fatrop._least_release(functions, given, at, by)
+        return casadi_fatrop._least_release(functions, given, at, by)
 
     at_optimum = best.ineqlin.marginals
     inside = RNG.uniform(low, high)
@@ -147,9 +148,9 @@ def test_the_estimate_of_a_linear_program_is_a_lower_bound_that_its_multipliers_
 
 def test_multipliers_of_zero_say_nothing(instance: Instance) -> None:
     """fatrop begins anew with them where a step fails; the estimate would be the time of the iteration itself."""
-    functions = instance.transcription.functions
+    functions = whole_problem(instance.stages)
     arguments = dict(instance.arguments)
     n = len(arguments["x0"])
     arguments |= {"lbx": np.full(n, -np.inf), "ubx": np.full(n, np.inf)}
     rows = len(arguments["lbg"])
-    assert fatrop._least_release(functions, arguments, arguments["x0"], np.zeros(rows)) == -math.inf
+    assert casadi_fatrop._least_release(functions, arguments, arguments["x0"], np.zeros(rows)) == -math.inf

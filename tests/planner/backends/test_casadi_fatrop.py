@@ -1,11 +1,11 @@
-"""The compiled launch against casadi's interface to fatrop, and its matrix products against BLASFEO's own."""
+"""The extension's calls of fatrop against casadi's interface to it, and its matrix products against BLASFEO's own."""
 
 from __future__ import annotations
 
 import ctypes
 import json
 import math
-import shutil
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +17,6 @@ from planner.backends import ruckig_otg
 from planner.backends.casadi_nlp import (
     DEFAULT_MARGINS,
     Margins,
-    codegen,
     emission,
     fatrop,
     functions,
@@ -29,16 +28,18 @@ from planner.backends.casadi_nlp.instance import Instance
 from planner.backends.casadi_nlp.layout import StageLayout
 from planner.cell import Box, Cell, load_cell
 from planner.errors import SolverFailed
-from planner.kernel import compile_once
+from planner.native import OPTIMISER
 from planner.problem import JointRelease, TargetRelease, ThrowProblem
 from planner.seeds import Seed, candidates
+from tests.planner.backends.casadi_fatrop import CasadiLaunch
+from tests.planner.backends.whole_problem import whole_problem
 
 CELL = load_cell(Path(__file__).parents[3] / "cells" / "ur5e-sim.toml")
 WALL = Box(np.array([0.55, -0.8, 0.0]), np.array([0.6, 0.2, 0.3]), "wall")
 RNG = np.random.default_rng(12)
+CASADI = Path(ca.__file__).parent
+C = OPTIMISER.parent / "optimiser"
 TARGET = TargetRelease(np.array([0.9, -0.5, 0.0]))
-
-needs_launch = pytest.mark.skipif(fatrop._libraries() is None, reason="nothing is compiled")
 
 
 def _instance(cell: Cell, window_s: float, margins: Margins = DEFAULT_MARGINS) -> Instance:
@@ -63,7 +64,6 @@ def instance(request: pytest.FixtureRequest) -> Instance:
     return _instance(*INSTANCES[request.param])
 
 
-@needs_launch
 @pytest.mark.parametrize("with_groups", [False, True])
 def test_variables_and_iterations_are_those_of_casadi_s_interface(
     instance: Instance, with_groups: bool, monkeypatch: pytest.MonkeyPatch
@@ -74,45 +74,43 @@ def test_variables_and_iterations_are_those_of_casadi_s_interface(
 def _is_solved_alike(instance: Instance, with_groups: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     groups = frozenset((*instance.stages.groups, solver.POSITIONS)) if with_groups else frozenset[str]()
     found = []
-    for launch in (fatrop.compiled_launch, lambda _stages: None):
-        monkeypatch.setattr(solver, "compiled_launch", launch)
+    for launch in (fatrop.launch_of, CasadiLaunch):
+        monkeypatch.setattr(solver, "launch_of", launch)
         calls = solver.Solver(1000, None, groups, math.inf)
         found.append((calls._with_groups(instance, instance.arguments).tobytes(), calls.iterations))
     assert found[0] == found[1]
     assert calls.iterations > 5
 
 
-@needs_launch
 def test_variables_and_iterations_of_a_solve_that_is_given_up_are_those_too(
     instance: Instance, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """So that what counts as a solution does not depend on whether anything is compiled."""
+    """So that what counts as a solution is compared, too."""
     found = []
     monkeypatch.setitem(solver.FATROP, "max_iter", 8)
     monkeypatch.setattr(solver, "_breaks_no_row", lambda _part, x, _arguments: found.append(x.tobytes()))
-    for launch in (fatrop.compiled_launch, lambda _stages: None):
-        monkeypatch.setattr(solver, "compiled_launch", launch)
+    for launch in (fatrop.launch_of, CasadiLaunch):
+        monkeypatch.setattr(solver, "launch_of", launch)
         with pytest.raises(SolverFailed, match="gave up") as error:
             solver.Solver(1000, None, frozenset(), math.inf)._with_groups(instance, instance.arguments)
         found.append(error.value.iterations)
     assert found[:2] == found[2:]
 
 
-@needs_launch
 @pytest.mark.parametrize(("off", "is_solution"), [(0.0, True), (0.5, True), (2.0, False)])
 def test_where_fatrop_gives_up_what_breaks_no_row_is_a_solution(
     instance: Instance, off: float, is_solution: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     calls = solver.Solver(1000, None, frozenset(), math.inf)
-    solve = fatrop.CompiledLaunch.solve
+    solve = fatrop.Launch.solve
     expected = calls._with_groups(instance, instance.arguments)
 
-    def given_up(launch: fatrop.CompiledLaunch, *given: object) -> fatrop.Outcome:
+    def given_up(launch: fatrop.Launch, *given: object) -> fatrop.Outcome:
         outcome = solve(launch, *given)  # pyright: ignore[reportArgumentType]
         outcome.x[layout.NZ] += off * solver.VIOLATED  # a joint position after the first stage
         return outcome._replace(is_solved=False)
 
-    monkeypatch.setattr(fatrop.CompiledLaunch, "solve", given_up)
+    monkeypatch.setattr(fatrop.Launch, "solve", given_up)
     if not is_solution:
         with pytest.raises(SolverFailed, match="gave up"):
             calls._with_groups(instance, instance.arguments)
@@ -122,18 +120,17 @@ def test_where_fatrop_gives_up_what_breaks_no_row_is_a_solution(
         calls._with_groups(instance, instance.arguments)
 
 
-@needs_launch
 @pytest.mark.parametrize(("has_converged", "is_late"), [(True, True), (False, False)])
 def test_only_an_optimum_says_that_a_release_is_too_late(
     instance: Instance, has_converged: bool, is_late: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    solve = fatrop.CompiledLaunch.solve
+    solve = fatrop.Launch.solve
 
-    def ended(launch: fatrop.CompiledLaunch, arguments: object, options: object, _latest: float) -> fatrop.Outcome:
+    def ended(launch: fatrop.Launch, arguments: object, options: object, _latest: float) -> fatrop.Outcome:
         outcome = solve(launch, arguments, options)  # pyright: ignore[reportArgumentType]
         return outcome._replace(is_solved=has_converged)
 
-    monkeypatch.setattr(fatrop.CompiledLaunch, "solve", ended)
+    monkeypatch.setattr(fatrop.Launch, "solve", ended)
     with pytest.raises(SolverFailed) as error:
         solver.Solver(1000, None, frozenset(), 0.01).solve(instance)
     assert isinstance(error.value, solver.TooLate) is is_late
@@ -149,42 +146,34 @@ def test_a_flight_that_is_free_is_constrained_from_the_first_solve_with_a_box_an
             assert ("flight" in instance.first_groups) is is_free
 
 
-@needs_launch
 def test_rows_are_those_of_casadi_s_functions(instance: Instance) -> None:
-    launch = fatrop.compiled_launch(instance.stages)
+    launch = fatrop.launch_of(instance.stages)
     arguments = instance.arguments
-    assert launch is not None
     x = arguments["x0"] + RNG.uniform(-0.1, 0.1, len(arguments["x0"]))
-    expected = functions.evaluate(instance.transcription.functions["g"], x, arguments["p"])[0].ravel()
+    expected = functions.evaluate(whole_problem(instance.stages)["g"], x, arguments["p"])[0].ravel()
     np.testing.assert_array_equal(launch.rows(x, arguments["p"]), expected)
     assert np.abs(expected).max() > 0.1
 
 
-@needs_launch
 def test_arrays_of_another_problem_are_refused(instance: Instance) -> None:
-    launch = fatrop.compiled_launch(instance.stages)
+    launch = fatrop.launch_of(instance.stages)
     arguments = instance.arguments
-    assert launch is not None
     with pytest.raises(ValueError, match=r"bounds and \d+ variables do not fit"):
         launch.solve({**arguments, "lbg": arguments["lbg"][1:]}, {})
     with pytest.raises(ValueError, match="variables do not fit"):
         launch.rows(arguments["x0"][1:], arguments["p"])
 
 
-@needs_launch
 def test_another_launch_from_the_same_arguments_gives_the_same(instance: Instance) -> None:
-    launch = fatrop.compiled_launch(instance.stages)
-    assert launch is not None
+    launch = fatrop.launch_of(instance.stages)
     first, second = (launch.solve(instance.arguments, solver.FATROP) for _ in range(2))
     assert first[0].tobytes() == second[0].tobytes()
     assert first[1:] == second[1:]
 
 
-@needs_launch
 def test_a_start_that_is_not_finite_is_not_solved(instance: Instance) -> None:
-    launch = fatrop.compiled_launch(instance.stages)
+    launch = fatrop.launch_of(instance.stages)
     arguments = instance.arguments
-    assert launch is not None
     for name in ("x0", "p"):
         spoilt = arguments[name].copy()
         spoilt[5] = np.nan
@@ -193,13 +182,10 @@ def test_a_start_that_is_not_finite_is_not_solved(instance: Instance) -> None:
         assert np.isnan(x).all()  # so that nothing takes it for a solution
 
 
-@needs_launch
 @pytest.mark.parametrize("calls", [0, 20])
 def test_derivatives_that_are_not_finite_end_a_solve(instance: Instance, calls: int) -> None:
     """From such fatrop does not return."""
-    libraries = fatrop._libraries()
-    assert libraries is not None
-    launch = fatrop.CompiledLaunch(instance.transcription.row_index, *libraries)
+    launch = fatrop.Launch(instance.transcription.row_index)
     motion = launch._problem.block[0]
     made = []
     signature = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 4)
@@ -221,9 +207,7 @@ def test_derivatives_that_are_not_finite_end_a_solve(instance: Instance, calls: 
 
 
 def test_options_reach_fatrop(instance: Instance) -> None:
-    launch = fatrop.compiled_launch(instance.stages)
-    if launch is None:
-        pytest.skip("nothing is compiled")
+    launch = fatrop.launch_of(instance.stages)
     _, iterations, is_solved, _ = launch.solve(instance.arguments, {**solver.FATROP, "max_iter": 3})
     assert not is_solved
     assert iterations == 3 + 1  # of which fatrop counts the last
@@ -231,29 +215,82 @@ def test_options_reach_fatrop(instance: Instance) -> None:
 
 # --- matrix products ---
 
-
-def _launch_compiled(folder: Path, *more: str) -> ctypes.CDLL:
-    flags = (*codegen.LAUNCH_FLAGS, "-mavx2", f"-I{codegen.CASADI / 'include'}", *more)
-    text = "\n".join(file.read_text() for file in codegen.LAUNCH_C)
-    made = compile_once(folder / "launch.so", flags, lambda: [text], codegen._linked())
-    assert made is not None
-    return ctypes.CDLL(str(made))
+SIZE = 48  # rows and columns of the matrices compared: more than a stage's
 
 
-needs_avx2 = pytest.mark.skipif(
-    codegen._processor_flags() != codegen.AVX2 or shutil.which("cc") is None, reason="no compiler, or no AVX2"
-)
+class Matrix(ctypes.Structure):
+    """`struct blasfeo_dmat`, panel-major: four rows at a time, column by column."""
+
+    _fields_ = (
+        *((name, ctypes.c_void_p) for name in ("mem", "pA", "dA")),
+        *((name, ctypes.c_int) for name in ("m", "n", "pm", "cn", "use_dA", "memsize")),
+    )
 
 
-@needs_avx2
-def test_matrix_products_are_blasfeo_s_to_the_last_bit(tmp_path: Path) -> None:
-    assert _launch_compiled(tmp_path).linear_algebra_agrees() == 1
+class Vector(ctypes.Structure):
+    """`struct blasfeo_dvec`."""
+
+    _fields_ = (
+        *((name, ctypes.c_void_p) for name in ("mem", "pa")),
+        *((name, ctypes.c_int) for name in ("m", "pm", "memsize")),
+    )
 
 
-@needs_avx2
-def test_products_that_round_otherwise_are_not_used(tmp_path: Path) -> None:
-    fused = _launch_compiled(tmp_path, "-mfma", "-ffp-contract=fast")
-    assert fused.linear_algebra_agrees() == 0
+def _matrix(values: np.ndarray) -> Matrix:
+    return Matrix(None, values.ctypes.data, None, SIZE, SIZE, SIZE, SIZE, 0, 0)
+
+
+def _vector(values: np.ndarray) -> Vector:
+    return Vector(None, values.ctypes.data, values.size, values.size, 0)
+
+
+def _multiplied(library: ctypes.CDLL, name: str, rng: np.random.Generator) -> np.ndarray:
+    """Returns D of D = alpha A B' + beta C, or z of z = alpha A x + beta y, among random numbers."""
+    a, b, c, d = aligned = _aligned(4)
+    aligned[:] = rng.uniform(-1.0, 1.0, aligned.shape)
+    n = int(rng.integers(1, 40))
+    m = n + int(rng.integers(3))
+    k = int(rng.integers(41))
+    columns = [int(i) for i in rng.integers(3, size=4)]
+    rows = [int(i) for i in rng.choice([0, 0, 0, 1, 4], size=4)]
+    alpha, beta = (ctypes.c_double(float(rng.choice(each))) for each in ([-1.0, 0.7], [0.0, 1.0]))
+    places = list(zip(rows, columns, strict=True))
+    if "gemv" in name:
+        given = [m, n, alpha, _matrix(a), *places[0], _vector(b), 1, beta, _vector(c), 2, _vector(d), 3]
+    else:
+        depth = [_matrix(a), *places[0], _matrix(b), *places[1], beta, _matrix(c), *places[2], _matrix(d), *places[3]]
+        given = [m, n, k, alpha, *depth]
+    getattr(library, name)(*(ctypes.byref(x) if isinstance(x, ctypes.Structure) else x for x in given))
+    return d.copy()
+
+
+def _aligned(count: int) -> np.ndarray:
+    """Returns matrices (count, SIZE, SIZE) at addresses that BLASFEO takes."""
+    memory = np.zeros(count * SIZE * SIZE + 8)
+    begin = (-memory.ctypes.data % 64) // 8
+    return memory[begin : begin + count * SIZE * SIZE].reshape(count, SIZE, SIZE)
+
+
+@pytest.fixture(scope="module")
+def narrow_products(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The products compiled without wider instructions."""
+    made = tmp_path_factory.mktemp("products") / "narrow.so"
+    flags = ["-O2", "-ffp-contract=off", "-w", "-DWIDEST=", f"-I{CASADI / 'include'}", "-shared", "-fPIC"]
+    subprocess.run(["cc", *flags, str(C / "products.c"), "-o", str(made)], check=True)
+    return made
+
+
+@pytest.mark.parametrize("name", ["dgemm_nt", "dsyrk_ln_mn", "dgemv_n", "dgemv_t"])
+@pytest.mark.parametrize("is_narrow", [False, True])
+def test_matrix_products_are_blasfeo_s_to_the_last_bit(name: str, is_narrow: bool, narrow_products: Path) -> None:
+    """Of matrices that begin within a panel, too."""
+    own = ctypes.CDLL(str(narrow_products if is_narrow else OPTIMISER))
+    blasfeo = ctypes.CDLL(str(next(CASADI.glob("libblasfeo.so.0"))))
+    for seed in range(200):
+        expected, found = (
+            _multiplied(library, f"blasfeo_{name}", np.random.default_rng(seed)) for library in (blasfeo, own)
+        )
+        np.testing.assert_array_equal(found, expected)
 
 
 # --- the C of functions ---
@@ -263,10 +300,18 @@ def test_what_follows_from_parameters_alone_is_computed_once() -> None:
     x = ca.SX.sym("x", 2)
     p = ca.SX.sym("p", 2)
     text = emission.written([(ca.Function("f", [x, p], [ca.sin(p[0]) * p[1] + x]), (True, False))])
-    body = text[text.index("void f_lanes") : text.index("static const long long f_in_0")]
+    body = text[text.index("void f_0") : text.index("static const long long f_in_0")]
     assert "double" in body
-    assert "= sin(a" in body
+    assert "= sin(i1[0])" in body
     assert "sin_lanes" not in body
+
+
+def test_parts_of_a_long_function_keep_what_later_ones_need() -> None:
+    x = ca.SX.sym("x")
+    terms = [ca.sin(k * x) for k in range(2, emission.PART)]
+    text = emission.written([(ca.Function("f", [x], [ca.vertcat(sum(terms), *terms)]), (True,))])
+    assert "void f_2(" in text
+    assert "] = a" in text[text.index("void f_0(") : text.index("void f_1(")]
 
 
 def test_an_operation_without_c_is_named() -> None:
@@ -275,51 +320,20 @@ def test_an_operation_without_c_is_named() -> None:
         emission.written([(ca.Function("f", [x], [ca.tanh(x)]), (True,))])
 
 
-def test_compiled_units_are_one_library(tmp_path: Path) -> None:
-    if shutil.which("cc") is None:
-        pytest.skip("no compiler")
-    units = ["int one(void) { return 1; }", "int one(void); int two(void) { return one() + one(); }"]
-    made = compile_once(tmp_path / "two.so", ("-shared", "-fPIC"), lambda: units)
-    assert ctypes.CDLL(str(made)).two() == 2
-
-
-def test_without_libraries_for_this_processor_those_for_any_are_used(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(codegen, "_processor_flags", lambda: codegen.AVX2)
-    caches = codegen._flags, codegen._blocks_path, codegen._launch_path
-    try:
-        for cached in caches:
-            cached.cache_clear()
-        assert codegen._flags() == codegen.AVX2  # nothing is compiled: for this processor
-        made = codegen._blocks_path(codegen.ANY_PROCESSOR)
-        made.parent.mkdir(parents=True)
-        made.touch()
-        codegen._flags.cache_clear()
-        assert codegen.library() == made
-        assert codegen.launch_library() == codegen._launch_path(codegen.ANY_PROCESSOR)
-    finally:
-        for cached in caches:
-            cached.cache_clear()
-
-
 def test_the_launch_takes_the_sizes_that_python_does() -> None:
-    source = (codegen.LAUNCH_C[-1]).read_text()
+    source = (C / "launch.c").read_text()
     for name, value in (("STATES", layout.NX), ("CONTROLS", layout.NU), ("THROWN", layout.N_THROWN)):
         assert f"#define {name} {value}\n" in source
     for name, value in (("ROWS_MAX", fatrop.ROWS_MAX), ("OBJECTS_MAX", fatrop.OBJECTS_MAX)):
         assert f"#define {name} {value} " in source
 
 
-@needs_launch
 def test_a_solve_from_which_fatrop_does_not_return_is_left() -> None:
     """Found by the audit: these are the arguments of that solve."""
     stored = json.loads(Path(__file__).with_name("unreturned_launch.json").read_text(encoding="utf-8"))
     options = stored.pop("options")
     arguments = {name: np.array(values, float) for name, values in stored.items()}
-    launch = fatrop.compiled_launch(StageLayout(launch=8, brake=3, groups=("clearance", "flight")))
-    assert launch is not None
+    launch = fatrop.launch_of(StageLayout(launch=8, brake=3, groups=("clearance", "flight")))
     before = launch.solve(arguments, {**options, "max_iter": 20})
     for _ in range(3):
         variables, iterations, is_solved, _ = launch.solve(arguments, options)

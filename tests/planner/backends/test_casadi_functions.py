@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import ast
-import importlib.util
-from pathlib import Path
-
 import casadi as ca
 import numpy as np
 import pytest
 
-from planner.backends.casadi_nlp import codegen, functions
+from planner.backends.casadi_nlp import functions
 from planner.backends.casadi_nlp.layout import StageLayout
 from planner.backends.casadi_nlp.transcription import transcription
 
@@ -46,56 +42,11 @@ def test_a_wrong_size_is_refused() -> None:
         functions.evaluate(double)
 
 
-def test_a_solver_is_called_by_names_and_returns_its_statistics() -> None:
-    x = ca.SX.sym("x", 2)
-    p = ca.SX.sym("p", 1)
-    problem = {"x": x, "p": p, "f": (x[0] - p) ** 2 + x[1] ** 2, "g": x[0] + x[1]}
-    solver = ca.nlpsol("solver", "ipopt", problem, {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"})
-    call = {"x0": np.zeros(2), "p": np.array([3.0]), "lbg": np.array([1.0]), "ubg": np.array([1.0]),
-            "lbx": np.full(2, -np.inf), "ubx": np.full(2, np.inf)}  # fmt: skip
-    result, stats = functions.first_result(solver, call)
-    np.testing.assert_allclose(result, [2.0, -1.0], atol=1e-6)
-    assert stats["success"]
-    assert stats["iter_count"] > 0
-    with pytest.raises(ValueError, match="p has 2 entries"):
-        functions.first_result(solver, {**call, "p": np.zeros(2)})
-
-
-def _is_module(name: str) -> bool:
-    try:
-        return importlib.util.find_spec(name) is not None
-    except ModuleNotFoundError:
-        return False
-
-
-def test_every_module_behind_the_compiled_formulas_is_part_of_their_hash() -> None:
-    package = "planner.backends.casadi_nlp"
-    known = set(codegen.FORMULA_MODULES)
-    names = {f"{package}.{module}".replace("/", ".").removesuffix(".__init__") for module in known}
-    imported = set()
-    for module in known:
-        source = Path(codegen.__file__).parent.joinpath(f"{module}.py").read_text()
-        for node in ast.walk(ast.parse(source)):
-            if isinstance(node, ast.Import):
-                imported |= {alias.name for alias in node.names}
-            elif isinstance(node, ast.ImportFrom):
-                assert node.level == 0, f"{module}: relative import"
-                for alias in node.names:
-                    inner = f"{node.module}.{alias.name}"
-                    imported.add(inner if _is_module(inner) else node.module or "")
-    fling = {name for name in imported if name.split(".")[0] in ("planner", "api", "store", "executor", "benchmarks")}
-    assert fling <= names
-    assert len(names) == len(known)
-
-
 @pytest.mark.parametrize("kind", functions.KINDS)
-def test_compiled_functions_give_the_numbers_of_the_interpreted_ones(kind: str) -> None:
-    compiled = codegen.compiled_blocks()
-    if compiled is None:
-        pytest.skip("nothing is compiled")
-    for name in functions.ALL_FORMULAS:
-        interpreted = getattr(functions.interpreted_blocks()[name], kind)
-        function = getattr(compiled[name], kind)
+def test_compiled_functions_give_the_numbers_of_casadi_s_interpreter(kind: str) -> None:
+    for name, block in functions.all_blocks().items():
+        interpreted = getattr(functions.build_block(name, functions.ALL_FORMULAS[name]), kind)
+        function = getattr(block, kind)
         arguments = [RNG.uniform(0.1, 1.0, function.numel_in(i)) for i in range(function.n_in())]
         for a, b in zip(
             functions.evaluate(function, *arguments), functions.evaluate(interpreted, *arguments), strict=True

@@ -19,7 +19,6 @@ from planner.backends.casadi_nlp import (
     DEFAULT_MARGINS,
     SolveOptions,
     answer,
-    codegen,
     flight_rows,
     layout,
     object_path,
@@ -32,7 +31,6 @@ from planner.cell import Box, Cell, ToolCapsule, load_cell
 from planner.certificate import certify
 from planner.errors import SolverFailed
 from planner.geometry import body_model
-from planner.kernel import compilation
 from planner.problem import JointRelease, PointRelease, TargetRelease, ThrowProblem
 from planner.seeds import Candidate, InitialGuess, Seed, candidates
 from planner.trajectory import Trajectory
@@ -221,20 +219,6 @@ def test_a_launch_takes_no_tick_more_than_its_solution(cell: Cell) -> None:
 def test_125_hz() -> None:
     made, _, _ = _solve(_problem(load_cell(CELLS / "ur5-sim.toml"), TARGET), seeds=6)
     assert made.sample_rate_hz == 125
-
-
-def test_without_a_compiler_there_is_no_library(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(compilation, "COMPILERS", ())
-    caches = codegen._flags, codegen._blocks_path, codegen._launch_path
-    try:
-        for cached in caches:
-            cached.cache_clear()
-        assert codegen.compile_blocks() is None
-        assert codegen.compiled_blocks() is None
-    finally:
-        for cached in caches:
-            cached.cache_clear()
 
 
 def test_many_tool_capsules_are_wrapped(cell: Cell) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from planner import flight
-from planner.backends.casadi_nlp import Margins, codegen, functions, layout, transcription
+from planner.backends.casadi_nlp import Margins, functions, layout, transcription
 from planner.backends.casadi_nlp.instance import stage_layout
 from planner.backends.casadi_nlp.margins import LINKS
 from planner.backends.casadi_nlp.parameters import arm_parameters, box_parameters, scale_parameters, variable_scales
@@ -57,8 +57,8 @@ def _state(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _blocks() -> dict[str, functions.Block]:
-    """Returns what requests are solved with: the compiled functions, where they were compiled."""
-    return codegen.compiled_blocks() or functions.interpreted_blocks()
+    """Returns what requests are solved with."""
+    return functions.all_blocks()
 
 
 def _rows(block: str, z: np.ndarray, p: np.ndarray) -> np.ndarray:

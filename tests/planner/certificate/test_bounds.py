@@ -6,11 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from planner import native
 from planner.cell import Box
 from planner.certificate import certify
 from planner.certificate.bounds import joint_rates
-from planner.certificate.exits import Cone, _seen
-from planner.certificate.loads import loads_of, torque_curvature
+from planner.certificate.exits import Cone
+from planner.certificate.loads import load_bounds, loads_of
 from planner.certificate.release import _landing_curvature
 from planner.certificate.samples import MotionSamples
 from planner.certificate.tool import _singularity_curvature
@@ -39,7 +40,7 @@ def test_the_curvature_of_torques_is_within_its_bound():
         robot = problem.cell.robot
         held = payload_of(problem.cell, with_object=True)
         curvature = second_differences(lambda *s: joint_torques(robot, *s, DOWN, held), trajectory)  # noqa: B023
-        bound = torque_curvature(loads_of(problem.cell), joint_rates(trajectory), problem.gravity)
+        bound = load_bounds(loads_of(problem.cell), joint_rates(trajectory), problem.gravity).torque
         assert np.all(np.abs(curvature) <= bound.T + 1e-2)
 
 
@@ -107,7 +108,7 @@ def test_a_cell_in_a_cone_is_as_deep_as_claimed(half_rad):
     share = rng.dirichlet(np.ones(4), 400)
     for _ in range(200):
         corner = rng.uniform(-1.0, 1.0, 3) + rng.uniform(0.0, 1.0) * rng.uniform(-1.0, 1.0, (4, 3))
-        claimed = _seen(corner.T, np.zeros(4), np.arange(4)[:, None], np.zeros(1), cone)[5, 0]
+        claimed = native.exit_cells(corner.T, np.zeros(4), np.arange(4)[:, None], np.zeros(1), cone)[5, 0]
         w = share @ corner
         size = np.linalg.norm(w, axis=1)
         angle = np.arccos(np.clip(w @ cone.direction / size, -1.0, 1.0))

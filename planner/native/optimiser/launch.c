@@ -1,6 +1,6 @@
 /* A launch and brake as fatrop's C interface takes it: rows, derivatives and bounds, stage by stage.
 
-   Follows lanes.h. What casadi's interface to fatrop does by way of sparse matrices of the whole problem is done stage
+   What casadi's interface to fatrop does by way of sparse matrices of the whole problem is done stage
    by stage here, several stages at once, with every sum in the same order, so that both find the same numbers to the
    last bit. Variables in Python's order: z_0 .. z_N, each state then control, the last without one; fatrop takes each
    control before its state. */
@@ -9,6 +9,9 @@
 #include <string.h>
 
 #include <fatrop/ocp/OCPCInterface.h>
+
+#include "lanes.h"
+#include "products.h"
 
 #define STATES 19
 #define CONTROLS 7
@@ -226,7 +229,6 @@ static int violations(const double *primal, const double *stage_p, const double 
             out[s->g_offs[k] + column] = residual(call, call->equality[i], 1);
     }
     FOR_FOLLOWING(call->of, b, k, row) out[s->dyn_eq_offs[k] + b->into + row] = 0.0 - call->g[positions(b, k)[row]];
-    LEAVE_LANES();
     return 1;
 }
 
@@ -289,7 +291,6 @@ static int jacobian(const double *primal, const double *stage_p, const double *g
     }
     FOR_FOLLOWING(of, b, k, row)
         BLASFEO_DMATEL(dynamics + k, states(of, k) + CONTROLS, b->into + row) = 0.0 - call->g[positions(b, k)[row]];
-    LEAVE_LANES();
     return 1;
 }
 
@@ -393,7 +394,6 @@ static int hessian(double scale, const double *primal, const double *given, cons
         for (int j = 0; j < WITH_THROWN; j++)
             if (exists(of, k, j)) BLASFEO_DMATEL(out + k, states(of, k) + free, placed(j, free)) = own[j];
     }
-    LEAVE_LANES();
     return 1;
 }
 
@@ -415,7 +415,6 @@ static int objective_gradient(double scale, const double *primal, const double *
                 for (long long e = first[j]; e < first[j + 1]; e++)
                     out[s->ux_offs[k + lane] + placed(j, CONTROLS)] = scale * entries[e][lane];
     }
-    LEAVE_LANES();
     return 1;
 }
 
@@ -433,7 +432,6 @@ static int objective(double scale, const double *primal, const double *stage_p, 
         FOR_LANES(b, k, lane) sum += row[0][lane];
     }
     *out = scale * sum;
-    LEAVE_LANES();
     return 1;
 }
 
@@ -496,7 +494,6 @@ static int begins_finite(struct call *call) {
     int all = 1;
     unpack(call->of, call->guess, call->z);
     rows_of_all(call);
-    LEAVE_LANES();
     for (int i = 0; i < n; i++) all &= isfinite(call->guess[i]);
     for (int i = 0; i < call->of->rows; i++) all &= isfinite(call->g[i]);
     return all;
@@ -548,8 +545,7 @@ int solve_launch(const struct problem *of, const double *lower, const double *up
         leave = &here, products = 0;
         status = fatrop_ocp_c_solve(solver);
         *iterations = call.ended ? call.iterations : fatrop_ocp_c_get_stats(solver)->iterations_count;
-    } else { /* past fatrop's destructors, deliberately: it cannot be asked to return, and what they would
-                have freed is lost */
+    } else { /* past fatrop's destructors, deliberately: what they would have freed is lost */
         call.broken = 1;
         *iterations = call.iterations;
     }
@@ -572,6 +568,5 @@ void launch_rows(const struct problem *of, const double *x, const double *p, dou
     if (!z) return;
     unpack(of, x, z);
     rows_of_all(&call);
-    LEAVE_LANES();
     free(z);
 }

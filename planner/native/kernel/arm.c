@@ -1,26 +1,8 @@
-/* Poses, torques and distances of an arm at many instants: compiled twins of numpy functions.
+/* Poses, torques and distances of an arm at many instants.
 
-   Each function does what the numpy function of the same name does, in the same order, and is compared with it when it
-   is loaded (twin.py). Arrays are contiguous doubles; n counts instants. A NaN that goes in comes out, so that what
-   cannot be evaluated fails its check. */
+   n counts instants. A NaN that goes in comes out, so that what cannot be evaluated fails its check. */
 
-#include <float.h>
-#include <math.h>
-#include <stddef.h>
-#include <string.h>
-
-typedef ptrdiff_t count;
-typedef const double *in;
-
-static double dot(in a, in b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-
-static void add_cross(in a, in b, double *out) {
-    out[0] += a[1] * b[2] - a[2] * b[1];
-    out[1] += a[2] * b[0] - a[0] * b[2];
-    out[2] += a[0] * b[1] - a[1] * b[0];
-}
-
-static double clamped(double x, double low, double high) { return x < low ? low : x > high ? high : x; }
+#include "vectors.h"
 
 /* Poses X (7, 4, 4) of base and links, all zero before; cosines and sines (6,) of the joints, see link_poses. */
 static void pose_chain(in cosine, in sine, in dh, in base, double *X) {
@@ -74,11 +56,6 @@ void fixed_chain_poses(count n, in cosine, in sine, in fixed, in base, double *X
             X[16 * (i + 1) + 15] = 1.0;
         }
     }
-}
-
-/* A point of a frame, or with translation 0 a direction, in the world. */
-static void in_world(in X, in p, double translation, double *out) {
-    for (int row = 0; row < 3; row++) out[row] = dot(X + 4 * row, p) + translation * X[4 * row + 3];
 }
 
 /* Ends (k, 2, 3, n) in the world of k segments with ends (k, 2, 3) in their frames. */

@@ -2,6 +2,8 @@
 
    See planner/flight.py, and exits.py and flight/patches.py of planner/certificate. */
 
+#include "vectors.h"
+
 /* Rate of a flight's state: position and velocity (6,), under gravity and the drag k |v| v. */
 static void flight_rate(in state, double gravity, double drag, double *out) {
     in v = state + 3;

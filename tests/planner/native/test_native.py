@@ -1,38 +1,50 @@
-"""The compiled kernel: the same certificates with and without it, and numpy where it is missing or wrong."""
+"""The kernel against its numpy oracle: function by function, and in certificates and candidates."""
 
 import copy
-import logging
 import pickle
 import re
+import subprocess
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from planner import kernel
+from planner import native
 from planner.backends import ruckig_otg
 from planner.cell import Box, Cell, ToolCapsule
 from planner.certificate import certify
 from planner.dynamics import joint_torques
 from planner.flight import fly, landing_states, paths, positions_after
 from planner.geometry import body_model, segment_box_distance, segment_segment_distance
-from planner.kernel import Kernel, compilation, library
 from planner.kinematics import forward, inverse_branches, jacobian, link_poses
+from planner.native import functions, libraries
 from planner.problem import JointRelease, PointRelease, TargetRelease, ThrowProblem
 from planner.robots import ROBOT_NAMES, robot
 from planner.rotations import pose, rotation_vector_to_matrix
 from planner.seeds import Candidate, allocate_velocity, candidates
 from planner.trajectory import Trajectory, integrate
+from tests.planner.native.examples import EXAMPLES
+from tests.planner.native.oracle import twin
 from tests.planner.problems import cell
 
 CLOSE = 1e-9  # [m, N m, -] of certificate values
-needs_compiler = pytest.mark.skipif(not kernel.compile_kernel(), reason="there is no C compiler")
+# [-] of the largest value, or absolute where that is below 1: a hundred roundings of the longest sum, which differ by
+# the order of its terms
+ROUNDING = 1e-12
+EXAMPLES_EACH = 20
+SOURCES = Path(native.__file__).parent / "kernel"
 
 
 @pytest.fixture
 def numpy_alone(monkeypatch):
-    """Returns a function that takes the kernel away from all that follows."""
-    return lambda: monkeypatch.setattr(library, "loaded", lambda: None)
+    """Returns a function that puts the oracle in the place of the kernel, for all that follows."""
+
+    def replace_kernel():
+        for name in EXAMPLES:
+            monkeypatch.setattr(native, name, twin(name))
+
+    return replace_kernel
 
 
 def cells() -> list[Cell]:
@@ -72,7 +84,23 @@ def motions(here: Cell, count: int):
         yield problem, ruckig_otg.solve(problem, Candidate(q, qd, 0.0, "test")).trajectory
 
 
-@needs_compiler
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_every_function_gives_the_numbers_of_its_oracle(name):
+    rng = np.random.default_rng(1)
+    for _ in range(EXAMPLES_EACH):
+        arguments = EXAMPLES[name](rng)
+        found = getattr(native, name)(*arguments)
+        with np.errstate(invalid="ignore"):
+            expected = np.asarray(twin(name)(*arguments))
+        assert found.shape == expected.shape
+        scale = max(1.0, np.abs(expected[np.isfinite(expected)]).max(initial=0.0))
+        np.testing.assert_allclose(found, expected, rtol=0.0, atol=ROUNDING * scale)
+
+
+def test_every_function_has_an_oracle():
+    assert set(EXAMPLES) == set(libraries.SIGNATURES) == set(native.__all__) - {"OPTIMISER", "Pinned"}
+
+
 @pytest.mark.parametrize("here", cells(), ids=lambda here: here.robot.name)
 def test_certificates_are_the_same_with_and_without_it(here, numpy_alone):
     drawn = list(motions(here, 6))
@@ -84,7 +112,6 @@ def test_certificates_are_the_same_with_and_without_it(here, numpy_alone):
         np.testing.assert_allclose(*values, rtol=CLOSE, atol=CLOSE)
 
 
-@needs_compiler
 @pytest.mark.parametrize("here", cells(), ids=lambda here: here.robot.name)
 def test_clearances_and_torques_are_the_same_with_and_without_it(here, numpy_alone):
     q, qd, qdd = np.random.default_rng(3).uniform(-3.0, 3.0, (3, 40, 6))
@@ -100,7 +127,6 @@ def test_clearances_and_torques_are_the_same_with_and_without_it(here, numpy_alo
         np.testing.assert_allclose(with_it, without, rtol=1e-12, atol=1e-12)
 
 
-@needs_compiler
 def test_poses_are_the_same_to_the_bit(numpy_alone):
     q = np.random.default_rng(1).uniform(-6.0, 6.0, (100, 6))
     compiled = [link_poses(robot(name), q) for name in ROBOT_NAMES]
@@ -109,7 +135,6 @@ def test_poses_are_the_same_to_the_bit(numpy_alone):
         np.testing.assert_array_equal(found, link_poses(robot(name), q))
 
 
-@needs_compiler
 def test_what_cannot_be_evaluated_stays_so():
     """A NaN must not be clamped to a distance that passes a check."""
     p0, p1, q0, q1 = np.random.default_rng(2).uniform(-1.0, 1.0, (4, 12, 3))
@@ -123,33 +148,15 @@ def test_what_cannot_be_evaluated_stays_so():
     assert np.isnan(joint_torques(robot("ur5e"), q, q, q, [0.0, 0.0, -9.8])).any()
 
 
-@needs_compiler
-def test_a_twin_that_differs_is_refused_with_a_warning(monkeypatch, caplog):
-    def off(self, p0, p1, lower, upper):
-        return right(self, p0, p1, lower, upper) + 1e-9
-
-    right = Kernel.box_distances
-    q = np.random.default_rng(5).uniform(-3.0, 3.0, (5, 3))
-    expected = right(library.loaded(), q, q + 1.0, q + 2.0, q + 3.0)
-    twin = kernel.twin_of(off, lambda: (q, q + 1.0, q + 2.0, q + 3.0))(lambda *ends: right(library.loaded(), *ends))
-    with caplog.at_level(logging.WARNING):
-        np.testing.assert_array_equal(twin(q, q + 1.0, q + 2.0, q + 3.0), expected)
-    assert "differs" in caplog.text
-    caplog.clear()
-    twin(q, q + 1.0, q + 2.0, q + 3.0)
-    assert not caplog.records  # compared once
-
-
 def test_the_signatures_are_those_of_the_source():
-    source = "\n".join(each.read_text() for each in library.SOURCES)
+    source = "\n".join(each.read_text() for each in SOURCES.glob("*.c"))
     declared = dict(re.findall(r"^(?:WIDEST )?void (\w+)\(([^)]*)\)", source, re.MULTILINE))
-    for name, signature in library.SIGNATURES.items():
+    for name, signature in libraries.SIGNATURES.items():
         parameters = [" ".join(each.split()) for each in declared[name].split(",")]
         kinds = ["a" if "*" in each or each.startswith("in ") else each[0] for each in parameters]
         assert "".join(kinds).translate(str.maketrans("cd", "nx")) == signature, name
 
 
-@needs_compiler
 def test_arrays_read_in_place_move_with_their_copies():
     jerk = np.random.default_rng(6).uniform(-1.0, 1.0, (5, 6))
     motion = Trajectory(500.0, *integrate(*np.zeros((3, 6)), jerk, 0.002), release_index=5)
@@ -158,62 +165,14 @@ def test_arrays_read_in_place_move_with_their_copies():
         np.testing.assert_array_equal(copied.at(0.005), expected)
         assert copied.samples.of_shapes(*3 * [(6, 6)], (5, 6)) != motion.samples.of_shapes(*3 * [(6, 6)], (5, 6))
     with pytest.raises(ValueError, match="instead of"):
-        library.loaded().joint_extremes(0.002, kernel.Pinned(*jerk[:4]))
+        native.joint_extremes(0.002, native.Pinned(*jerk[:4]))
 
 
-@needs_compiler
 def test_wrong_shapes_are_refused():
     with pytest.raises(ValueError, match="instead of"):
-        library.loaded().box_distances(np.zeros((3, 3)), np.zeros((2, 3)), np.zeros((3, 3)), np.zeros((3, 3)))
+        native.box_distances(np.zeros((3, 3)), np.zeros((2, 3)), np.zeros((3, 3)), np.zeros((3, 3)))
 
 
-@needs_compiler
-@pytest.mark.parametrize("count", [1, 3, 4, 6, 41])
-def test_wider_instructions_change_no_bit(tmp_path, count):
-    """Compares nothing on a processor, or with a compiler, that has them not; so numpy's NaN are compared, too."""
-    text = "\n".join(each.read_text() for each in library.SOURCES)
-    narrow = Kernel(compilation.compile_once(tmp_path / "narrow.so", (*library.FLAGS, "-DWIDEST="), lambda: [text]))
-    rng = np.random.default_rng(count)
-    J, v, q, qd = (rng.uniform(-3.0, 3.0, (count, *shape)) for shape in ((3, 6), (3,), (6,), (6,)))
-    qd[0, 2] = np.nan
-    J[-1] = 0.0
-    start = np.zeros(6)
-    limit = np.linspace(2.0, 3.0, 6)
-    calls = [
-        lambda kernel: kernel.least_norms(J, limit**2, v, 1e-13),
-        lambda kernel: kernel.largest_shares(qd, limit),
-        lambda kernel: kernel.lower_shares((J, v, qd), limit, np.array([3.0, 4.0, 8.0]), (0.1, 1e-13), 2),
-        lambda kernel: kernel.penalised_bounds(q, np.concatenate([qd, 0.2 * qd]), start, (limit, 2.0 * limit), 1e3),
-    ]
-    for call in calls:
-        np.testing.assert_array_equal(call(library.loaded()), call(narrow))
-    shares = library.loaded().largest_shares(qd, limit)
-    np.testing.assert_allclose(shares, (np.abs(qd) / limit).max(axis=1), rtol=1e-12)  # a NaN is the largest
-    assert np.isnan(shares[0])
-    bounds = library.loaded().penalised_bounds(q, qd, start, (limit, 2.0 * limit), 1e3)
-    assert np.isinf(bounds[0])
-    assert np.isfinite(bounds[1:]).all()
-
-
-def test_without_a_compiler_or_with_a_broken_library_numpy_does_the_work(monkeypatch, tmp_path, caplog):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(compilation, "COMPILERS", ())
-    try:
-        assert not kernel.compile_kernel()
-        assert np.isfinite(link_poses(robot("ur5e"), np.zeros(6))).all()
-        broken = library.path()
-        broken.parent.mkdir(parents=True)
-        broken.write_text("no library")
-        library.loaded.cache_clear()
-        with caplog.at_level(logging.WARNING):
-            assert library.loaded() is None
-        assert "numpy is" in caplog.text
-    finally:
-        monkeypatch.undo()
-        library.loaded.cache_clear()
-
-
-@needs_compiler
 def test_flights_with_drag_are_the_same_with_and_without_it(numpy_alone):
     """With one that never lands, and one that is released below the plane on its way up."""
     rng = np.random.default_rng(4)
@@ -239,14 +198,12 @@ def test_flights_with_drag_are_the_same_with_and_without_it(numpy_alone):
     np.testing.assert_allclose(compiled[0][:, -1], compiled[1], rtol=0.0, atol=1e-8)
 
 
-@needs_compiler
 @pytest.mark.parametrize("row", [-1, 7])
 def test_indices_of_no_row_are_refused(row):
     with pytest.raises(IndexError):
-        library.loaded().end_points(np.zeros((2, 7, 4, 4)), np.array([0, row]), np.zeros((2, 2, 3)))
+        native.end_points(np.zeros((2, 7, 4, 4)), np.array([0, row]), np.zeros((2, 2, 3)))
 
 
-@needs_compiler
 def test_nothing_has_no_distances():
     none = np.zeros((0, 3))
     assert segment_segment_distance(none, none, none, none).shape == (0,)
@@ -254,7 +211,6 @@ def test_nothing_has_no_distances():
     assert body_model(cell()).clearances(np.zeros((0, 6))).least.shape == (0,)
 
 
-@needs_compiler
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_inverse_kinematics_is_the_same_with_and_without_it(name, numpy_alone):
     """With poses out of reach, and one with joint 6 free."""
@@ -270,7 +226,6 @@ def test_inverse_kinematics_is_the_same_with_and_without_it(name, numpy_alone):
         np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-9)
 
 
-@needs_compiler
 @pytest.mark.parametrize("release", [PointRelease, TargetRelease])
 def test_candidates_are_the_same_with_and_without_it(release, numpy_alone):
     here = cell()
@@ -282,7 +237,6 @@ def test_candidates_are_the_same_with_and_without_it(release, numpy_alone):
         np.testing.assert_allclose([found.q, found.qd], [expected.q, expected.qd], rtol=0.0, atol=CLOSE)
 
 
-@needs_compiler
 def test_velocities_of_lowered_shares_are_exact(numpy_alone):
     """Also where joints are weighted a million apart: they give the tool its velocity with and without the kernel."""
     arm = robot("ur5e")
@@ -298,3 +252,24 @@ def test_velocities_of_lowered_shares_are_exact(numpy_alone):
         shares = [(np.abs(each[lowered]) / arm.qd_max).max(axis=1) for each in (qd, least)]
         assert np.mean(shares[0] < shares[1]) > 0.9  # not all: it is no descent
         np.testing.assert_allclose((J @ qd[..., None])[lowered, :, 0], v[lowered], rtol=0.0, atol=1e-10)
+
+
+@pytest.mark.parametrize("name", ["least_norms", "largest_shares", "lower_shares", "penalised_bounds"])
+def test_wider_instructions_change_no_bit(name, tmp_path_factory, monkeypatch):
+    """Compares nothing on a processor that has them not."""
+    narrow = libraries.kernel(_narrow(tmp_path_factory.getbasetemp()))
+    rng = np.random.default_rng(11)
+    arguments = EXAMPLES[name](rng)
+    wide = getattr(native, name)(*arguments)
+    monkeypatch.setattr(functions, "kernel", lambda: narrow)
+    np.testing.assert_array_equal(getattr(native, name)(*arguments), wide)
+
+
+def _narrow(folder: Path) -> Path:
+    """Returns the kernel compiled without wider instructions."""
+    made = folder / "narrow.so"
+    if not made.exists():
+        flags = ["-O3", "-ffp-contract=off", "-fno-math-errno", "-w", "-DWIDEST=", "-shared", "-fPIC"]
+        sources = [str(source) for source in SOURCES.glob("*.c")]
+        subprocess.run(["cc", *flags, *sources, "-o", str(made), "-lm"], check=True)
+    return made

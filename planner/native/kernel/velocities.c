@@ -1,7 +1,9 @@
-/* Joint velocities for tool velocities, and bounds on the times of launches to them. Follows kernel.c.
+/* Joint velocities for tool velocities, and bounds on the times of launches to them.
 
    They are calculated for thousands of states, so for four at once: every operation applies to one number of each, and
    they come out as they would alone, to the last bit. */
+
+#include "vectors.h"
 
 /* Before a function: it takes the instructions for four numbers, where the processor has them. */
 #if !defined(WIDEST) && defined(__x86_64__) && defined(__gnu_linux__) && defined(__GNUC__) && !defined(__clang__)

@@ -1,4 +1,6 @@
-/* Joint states at the release: Jacobians, inverse kinematics, and which states are kept. Follows kernel.c. */
+/* Joint states at the release: Jacobians, inverse kinematics, and which states are kept. */
+
+#include "vectors.h"
 
 static const double PI = 3.14159265358979323846;
 
@@ -66,7 +68,7 @@ static double elbow(double x, double y, double sign, const struct arm *arm, doub
     return beyond_tolerance(larger(reach - longest, shortest - reach), arm);
 }
 
-/* The two branches (2, 7) of a shoulder and a wrist, of which joints 1 and 5 are given; see `inverse_branches`. */
+/* The two branches (2, 7) of a shoulder and a wrist, of which joints 1 and 5 are given. */
 static void elbows(in frame[3], in p5, in along, in last, double missing, const struct arm *arm, in given, double *out) {
     double c6 = last[0], s6 = last[1], z4[3], x = dot(p5, along), y = p5[2] - arm->base, down[2], q6 = atan2(s6, c6);
     for (int row = 0; row < 3; row++) z4[row] = -(s6 * frame[0][row] + c6 * frame[1][row]);
@@ -82,13 +84,12 @@ static void elbows(in frame[3], in p5, in along, in last, double missing, const 
         double beyond = elbow(x - arm->wrist * down[0], y - arm->wrist * down[1], side ? -1.0 : 1.0, arm, q);
         q[3] = atan2(down[0], -down[1]) - q[1] - q[2];
         out[6] = larger(missing, beyond);
-        for (int i = 0; i < 6; i++)
-            out[i] = out[6] > 0.0 ? NAN : q[i] - 2.0 * PI * ceil(q[i] / (2.0 * PI) - 0.5);
+        for (int i = 0; i < 6; i++) out[i] = q[i] - 2.0 * PI * ceil(q[i] / (2.0 * PI) - 0.5);
     }
 }
 
 /* The eight branches of joint positions, and the missing reach (n, 8, 7), of flange poses X (n, 4, 4); `lengths` are
-   the numbers of `struct arm`. See `inverse_branches`. */
+   the numbers of `struct arm`. A branch out of reach is the closest to it. */
 void branches(count n, in X, in lengths, double *out) {
     struct arm arm;
     memcpy(&arm, lengths, sizeof arm);

@@ -2,6 +2,8 @@
 
    See planner/trajectory.py, and bounds.py, joints.py and loads.py of planner/certificate. */
 
+#include "vectors.h"
+
 /* States q, qd, qdd (3, k, c) at times t (k,) of a motion with n samples (n, c) of each, and jerks (n - 1, c). */
 void states_at(count k, in t, count n, count c, double rate, in q, in qd, in qdd, in jerk, double *out) {
     for (count m = 0; m < k; m++) {
