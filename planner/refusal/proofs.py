@@ -14,10 +14,11 @@ from planner.cell import FARTHEST_M
 from planner.errors import Infeasible, Violation
 from planner.flight import least_speed
 from planner.geometry import body_model, segment_box_distance, tool_state
-from planner.problem import JointRelease, PoseRelease, TargetRelease, ThrowProblem
+from planner.problem import ThrowProblem
 from planner.refusal.blocked_postures import blocked_postures
 from planner.refusal.released_flight import released_flight_blocked
 from planner.refusal.throw_range import SLACK, farthest_reach_from_shoulder, out_of_range, shoulder_position
+from planner.releases import Target
 
 RIM_POINTS = 2048  # [-] places on the rim of the arm's reach from which a target is aimed at
 RANGE_STEP_M = 0.01  # [m] to which the farthest distance of a target is found
@@ -50,9 +51,9 @@ def _of_demands(problem: ThrowProblem) -> list[Violation]:
     if release.point_state is not None:
         p, v = release.point_state
         return [*_place(problem, p), *_speed(problem, v, p)]
-    assert isinstance(release, TargetRelease)
-    p = release.release_position
-    return _misfit(problem) or ([] if p is None else _place(problem, p)) or _range(problem, release, p)
+    assert release.target is not None
+    p = release.target.release_position
+    return _misfit(problem) or ([] if p is None else _place(problem, p)) or _range(problem, release.target, p)
 
 
 def farthest_target_m(problem: ThrowProblem) -> float | None:
@@ -64,14 +65,13 @@ def farthest_target_m(problem: ThrowProblem) -> float | None:
     Args:
         problem: of a target; its height counts.
     """
-    asked = problem.release
-    assert isinstance(asked, TargetRelease)
+    target = problem.target
+    assert target is not None
     shoulder = shoulder_position(problem.cell)
-    target = asked.p_W
 
     def is_out_of_range(distance: float) -> bool:
-        place = np.array([shoulder[0] + distance, shoulder[1], target[2]])
-        return bool(_range(problem, replace(asked, p_W=place)))
+        place = np.array([shoulder[0] + distance, shoulder[1], target.p_W[2]])
+        return bool(_range(problem, replace(target, p_W=place)))
 
     if is_out_of_range(0.0):
         return None
@@ -94,7 +94,7 @@ def of_candidates(problem: ThrowProblem, violations: tuple[Violation, ...]) -> t
     """
     release = problem.release
     distinct = problem.limits.singularity_distance_min > SLACK and not problem.ends_at_rest
-    complete = isinstance(release, JointRelease) or (isinstance(release, PoseRelease) and distinct)
+    complete = release.joint_state is not None or (release.tool_state is not None and distinct)
     return tuple(replace(violation, proven=violation.proven or complete) for violation in violations)
 
 
@@ -187,28 +187,28 @@ def _turning(problem: ThrowProblem, w_WT: Array) -> list[Violation]:
     return [Violation("joint_velocity", speed, fastest, "rad/s", detail=detail)]
 
 
-def _range(problem: ThrowProblem, release: TargetRelease, p_WT: Array | None = None) -> list[Violation]:
+def _range(problem: ThrowProblem, target: Target, p_WT: Array | None = None) -> list[Violation]:
     """Returns the speed that rules a target out: even the best place takes more than the limits on speed allow."""
     bounds = {
         "tcp_speed": problem.limits.tcp_speed_max,
-        "release_velocity": release.max_speed_m_s,
+        "release_velocity": target.max_speed_m_s,
         "joint_velocity": fastest_tool(problem, p_WT),
     }
     name = min(bounds, key=lambda name: bounds[name])
-    if p_WT is None and _least_speed(problem, release.p_W, *_rim(problem, release.p_W, RIM_FIRST)) <= bounds[name]:
-        return _beyond_stretched_arm(problem, release)
-    needed = least_speed_within_reach(problem, release.p_W, p_WT)
+    if p_WT is None and _least_speed(problem, target.p_W, *_rim(problem, target.p_W, RIM_FIRST)) <= bounds[name]:
+        return _beyond_stretched_arm(problem, target)
+    needed = least_speed_within_reach(problem, target.p_W, p_WT)
     if needed > bounds[name] + SLACK:
         detail = "least speed that hits the target from anywhere within the arm's reach"
         detail += f"; {TOOL_LIMIT}" if name == "joint_velocity" else ""
-        detail += _in_metres(float(np.linalg.norm(release.p_W - problem.cell.X_WB[:3, 3])))
+        detail += _in_metres(float(np.linalg.norm(target.p_W - problem.cell.X_WB[:3, 3])))
         return [Violation(name, needed, bounds[name], "m/s", detail=detail)]
-    return _beyond_stretched_arm(problem, release) if p_WT is None else []
+    return _beyond_stretched_arm(problem, target) if p_WT is None else []
 
 
-def _beyond_stretched_arm(problem: ThrowProblem, release: TargetRelease) -> list[Violation]:
+def _beyond_stretched_arm(problem: ThrowProblem, target: Target) -> list[Violation]:
     """Returns the joints' speed limits where these rule out every throw to a target: see `throw_range`."""
-    found = out_of_range(problem, release)
+    found = out_of_range(problem, target)
     if found is None:
         return []
     needed, given = found

@@ -1,10 +1,9 @@
-"""What a release kind may relax: releases from an easy one to the requested one, the mildest relaxation first.
+"""What a release may relax: releases from an easy one to the requested one, the mildest relaxation first.
 
 Each relaxation is a function of a share: 0 is easy, 1 is as requested, or as close to it as the arm can be asked.
 
-    joint        slower; towards a standstill at the start
-    pose, point  slower; from the closest places where some posture has the velocity; towards a standstill at the start
-    target       past what is in its way; from a target that is easy to hit; the same from any release position
+    a state   slower; of a tool from the closest places where some posture has the velocity; towards the start at rest
+    a target  past what is in its way; from a target that is easy to hit; the same from any release position
 """
 
 from __future__ import annotations
@@ -16,13 +15,14 @@ from functools import cache, partial
 import numpy as np
 
 from planner.arrays import Array, Mask, read_only
-from planner.geometry import body_model, tool_pose
+from planner.geometry import ToolState, body_model, tool_pose
 from planner.kinematics import inverse_branches, inverse_velocity, jacobian, singularity_distances
-from planner.problem import JointRelease, PointRelease, PoseRelease, Release, TargetRelease, ThrowProblem
-from planner.rotations import invert_pose, matrix_to_rotation_vector, pose, rotation_vector_to_matrix
+from planner.problem import ThrowProblem
+from planner.releases import PointState, Release, Target
+from planner.releases.release import between
+from planner.rotations import invert_pose
 from planner.seeds import SPREAD_RAD, allocate_velocity, farthest_reach, tool_jacobian
 
-PlacedRelease = PoseRelease | PointRelease
 Relaxation = Callable[[float], Release]
 
 SHARE_MIN = 0.02  # [-] of the requested speed or displacement that is still a throw
@@ -46,55 +46,47 @@ TINY_M = 1e-6  # [m] keeps lengths away from zero
 
 def relaxations(problem: ThrowProblem) -> Iterator[Relaxation]:
     """Yields the relaxations of a problem's release, the mildest first."""
-    match problem.release:
-        case JointRelease() as release:
-            yield from joint_relaxations(problem, release)
-        case PoseRelease() | PointRelease() as release:
-            yield from place_relaxations(problem, release)
-        case TargetRelease() as release:
-            yield from target_relaxations(problem, release)
+    if problem.target is None:
+        yield from state_relaxations(problem)
+    else:
+        yield from target_relaxations(problem, problem.target)
 
 
-def joint_relaxations(problem: ThrowProblem, release: JointRelease) -> Iterator[Relaxation]:
-    """Yields a slower release, then one drawn towards a standstill at the start."""
-    q = release.q
-    qd = release.qd
-    if not problem.ends_at_rest:
-        yield lambda share: JointRelease(q, _at_least(share) * qd)
-    yield lambda share: JointRelease(between(problem.start, q, _at_least(share)), _at_least(share) * qd)
+def state_relaxations(problem: ThrowProblem) -> Iterator[Relaxation]:
+    """Yields a slower release, others from feasible places, then one drawn towards a standstill at the start.
 
-
-def place_relaxations(problem: ThrowProblem, release: PlacedRelease) -> Iterator[Relaxation]:
-    """Yields a slower release of a pose or point, others from feasible places, then one drawn towards the start.
-
-    The closest place at the requested velocity comes first, then those at less of it.
+    The closest place at the requested velocity comes first, then those at less of it. Given joints have no other place.
     """
+    release = problem.release
     if not problem.ends_at_rest:
-        yield lambda share: _slower(release, _at_least(share))
-    farthest = within(problem.cell.X_WB[:3, 3], _place(release), farthest_reach(problem))
-    for speed in SPEEDS:
-        slowed = _slower(release, speed)
-        closest = _closest_place(problem, slowed)
-        if closest is not None:
-            yield partial(_moved_between, slowed, closest, farthest)
-    yield partial(_towards_start, problem, release)
+        yield lambda share: release.slower(_at_least(share))
+    tool = release.tool_state or release.point_state
+    if tool is not None:
+        farthest = within(problem.cell.X_WB[:3, 3], tool.p_WT, farthest_reach(problem))
+        for speed in SPEEDS:
+            slowed = release.slower(speed)
+            closest = _closest_place(problem, slowed)
+            if closest is not None:
+                yield partial(_moved_between, slowed, closest, farthest)
+    X_W0 = tool_pose(problem.cell, problem.start)
+    yield lambda share: release.slower(_at_least(share)).towards(problem.start, X_W0, _at_least(share))
 
 
-def target_relaxations(problem: ThrowProblem, release: TargetRelease) -> Iterator[Relaxation]:
+def target_relaxations(problem: ThrowProblem, target: Target) -> Iterator[Relaxation]:
     """Yields nearer targets: past what is in the way, from easy ones, and the same without a release position.
 
     A target below the floor is lifted onto it.
     """
-    x, y, z = release.p_W
-    release = replace(release, p_W=np.array([x, y, max(z, problem.cell.surroundings.floor_z_m)]))
-    farthest = _farthest_throw(problem, release)
+    x, y, z = target.p_W
+    target = replace(target, p_W=np.array([x, y, max(z, problem.cell.surroundings.floor_z_m)]))
+    farthest = _farthest_throw(problem, target)
     tool = tool_pose(problem.cell, problem.start)[:3, 3]
-    under = np.array([*within(tool[:2], release.p_W[:2], UNDER_M), release.p_W[2]])
-    comfortable = [_comfortable_target(problem, towards, release.p_W[2]) for towards in (release.p_W, tool)]
-    releases = [release] if release.release_position is None else [release, replace(release, release_position=None)]
-    for requested in releases:
-        for easy in (*_aside(problem, release.p_W), *comfortable, under):
-            yield partial(_target_between, requested, easy, farthest)
+    under = np.array([*within(tool[:2], target.p_W[:2], UNDER_M), target.p_W[2]])
+    comfortable = [_comfortable_target(problem, towards, target.p_W[2]) for towards in (target.p_W, tool)]
+    targets = [target] if target.release_position is None else [target, replace(target, release_position=None)]
+    for requested in targets:
+        for easy in (*_aside(problem, target.p_W), *comfortable, under):
+            yield partial(_target_between, problem.release.with_target(requested), easy, farthest)
 
 
 def _aside(problem: ThrowProblem, p_W: Array) -> Iterator[Array]:
@@ -119,65 +111,41 @@ def _at_least(share: float) -> float:
     return max(share, SHARE_MIN)
 
 
-def _slower(release: PlacedRelease, share: float) -> PlacedRelease:
-    """Returns the release with a share of its speed."""
-    match release:
-        case PoseRelease(X, V):
-            return PoseRelease(X, share * V)
-        case PointRelease(p, v):
-            return PointRelease(p, share * v)
+def _moved_between(release: Release, near: Array, far: Array, share: float) -> Release:
+    return release.moved_to(between(near, far, share))
 
 
-def _moved_between(release: PlacedRelease, near: Array, far: Array, share: float) -> Release:
-    p_WT = between(near, far, share)
-    if isinstance(release, PointRelease):
-        return PointRelease(p_WT, release.v_WT)
-    return PoseRelease(pose(p_WT, release.X_WT[:3, :3]), release.V_WT)
-
-
-def _towards_start(problem: ThrowProblem, release: PlacedRelease, share: float) -> Release:
-    """Returns the release drawn towards a standstill at the start."""
-    share = _at_least(share)
-    X_W0 = tool_pose(problem.cell, problem.start)
-    match release:
-        case PointRelease(p, v):
-            return PointRelease(between(X_W0[:3, 3], p, share), share * v)
-        case PoseRelease(X, V):
-            turn = share * matrix_to_rotation_vector(X[:3, :3] @ X_W0[:3, :3].T)
-            R_WT = rotation_vector_to_matrix(turn) @ X_W0[:3, :3]
-            return PoseRelease(pose(between(X_W0[:3, 3], X[:3, 3], share), R_WT), share * V)
-
-
-def _place(release: PlacedRelease) -> Array:
-    """Returns the tool position (3,) [m] of a release."""
-    return release.p_WT if isinstance(release, PointRelease) else release.X_WT[:3, 3]
-
-
-def _closest_place(problem: ThrowProblem, release: PlacedRelease) -> Array | None:
+def _closest_place(problem: ThrowProblem, release: Release) -> Array | None:
     """Returns the closest place (3,) where a posture has the release's velocity and room to move; None without any."""
-    q, p = _point_postures(problem, release) if isinstance(release, PointRelease) else _pose_postures(problem, release)
-    order = np.argsort(np.linalg.norm(p - _place(release), axis=1), kind="stable")[:CHECKED_MAX]
+    if release.tool_state is not None:
+        place = release.tool_state.p_WT
+        q, p = _pose_postures(problem, release.tool_state)
+    else:
+        assert release.point_state is not None
+        place = release.point_state.p_WT
+        q, p = _point_postures(problem, release.point_state)
+    order = np.argsort(np.linalg.norm(p - place, axis=1), kind="stable")[:CHECKED_MAX]
     clear = body_model(problem.cell_with_bin).clearances(q[order]).least >= CLEARANCE_M
     return p[order[clear.argmax()]] if clear.any() else None
 
 
-def _point_postures(problem: ThrowProblem, release: PointRelease) -> tuple[Array, Array]:
+def _point_postures(problem: ThrowProblem, point: PointState) -> tuple[Array, Array]:
     """Returns drawn postures (n, 6) that can have the velocity, and their tool positions (n, 3)."""
     cell = problem.cell
     limits = problem.reachable
     q = np.clip(problem.start + _offsets() * SPREAD_RAD, limits.q_lower, limits.q_upper)
     q = q[_regular(problem, q)]
-    qd = allocate_velocity(tool_jacobian(problem, q), cell.X_WB[:3, :3].T @ release.v_WT, limits.qd_max)
+    qd = allocate_velocity(tool_jacobian(problem, q), cell.X_WB[:3, :3].T @ point.v_WT, limits.qd_max)
     q = q[_within_speed(problem, qd)]
     return q, tool_pose(cell, q)[:, :3, 3]
 
 
-def _pose_postures(problem: ThrowProblem, release: PoseRelease) -> tuple[Array, Array]:
+def _pose_postures(problem: ThrowProblem, tool: ToolState) -> tuple[Array, Array]:
     """Returns postures (n, 6) in the requested orientation that can have the twist, and their tool positions (n, 3)."""
     cell = problem.cell
     limits = problem.reachable
-    grid = _position_grid(problem, release.X_WT[:3, 3])
-    X_WT = np.tile(release.X_WT, (len(grid), 1, 1))
+    grid = _position_grid(problem, tool.p_WT)
+    X_WT = np.tile(tool.X_WT, (len(grid), 1, 1))
     X_WT[:, :3, 3] = grid
     q, _ = inverse_branches(cell.robot, invert_pose(cell.X_WB) @ X_WT, cell.tool.X_FT)
     p = np.repeat(grid, q.shape[1], axis=0)
@@ -189,7 +157,7 @@ def _pose_postures(problem: ThrowProblem, release: PoseRelease) -> tuple[Array, 
     q = q[good]
     p = p[good]
     R_BW = cell.X_WB[:3, :3].T
-    V_BT = np.concatenate([R_BW @ release.V_WT[:3], R_BW @ release.V_WT[3:]])
+    V_BT = np.concatenate([R_BW @ tool.V_WT[:3], R_BW @ tool.V_WT[3:]])
     good = _within_speed(problem, inverse_velocity(jacobian(cell.robot, q, cell.tool.X_FT), V_BT))
     return q[good], p[good]
 
@@ -222,8 +190,9 @@ def _offsets() -> Array:
     return read_only(np.random.default_rng(0).uniform(-1.0, 1.0, (POSTURES, 6)))
 
 
-def _target_between(release: TargetRelease, near: Array, far: Array, share: float) -> Release:
-    return replace(release, p_W=between(near, far, share))
+def _target_between(release: Release, near: Array, far: Array, share: float) -> Release:
+    assert release.target is not None
+    return release.with_target(replace(release.target, p_W=between(near, far, share)))
 
 
 def _comfortable_target(problem: ThrowProblem, direction: Array, height: float) -> Array:
@@ -253,7 +222,7 @@ def _unblocked(problem: ThrowProblem, p: Array) -> int:
     return NEAREST_OUT + int(ahead[0]) - 1 if len(ahead) and ahead[0] else len(p) - 1
 
 
-def _farthest_throw(problem: ThrowProblem, release: TargetRelease) -> Array:
+def _farthest_throw(problem: ThrowProblem, target: Target) -> Array:
     """Returns the target (3,), or the farthest position on the way to it that a throw within the speed limits reaches.
 
     Source: range of a throw from height h at speed v, v/g sqrt(v^2 + 2 g h).
@@ -261,18 +230,13 @@ def _farthest_throw(problem: ThrowProblem, release: TargetRelease) -> Array:
     base = problem.cell.X_WB[:3, 3]
     reach = farthest_reach(problem)
     g = problem.gravity_at_tool_speed
-    v = min(problem.limits.tcp_speed_max, release.max_speed_m_s)
-    height = max(base[2] + reach - release.p_W[2], 0.0)
-    near = np.array([*base[:2], release.p_W[2]])
-    return within(near, release.p_W, reach + v / g * np.sqrt(v * v + 2.0 * g * height))
+    v = min(problem.limits.tcp_speed_max, target.max_speed_m_s)
+    height = max(base[2] + reach - target.p_W[2], 0.0)
+    near = np.array([*base[:2], target.p_W[2]])
+    return within(near, target.p_W, reach + v / g * np.sqrt(v * v + 2.0 * g * height))
 
 
 def within(centre: Array, p: Array, radius: float) -> Array:
     """Returns `p`, or the closest position to it within a radius of the centre."""
     distance = float(np.linalg.norm(p - centre))
     return p if distance <= radius else centre + (p - centre) * radius / distance
-
-
-def between(near: Array, far: Array, share: float) -> Array:
-    """Returns the position at a share of the way from `near` to `far`."""
-    return (1.0 - share) * near + share * far

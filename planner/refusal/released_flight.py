@@ -12,7 +12,7 @@ from planner.arrays import Array, Mask
 from planner.errors import Violation
 from planner.flight import fly, path, touchdown_s
 from planner.geometry import body_model, point_segment_distance, segment_box_distance, tool_state
-from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
+from planner.problem import ThrowProblem
 
 STEP_S = 0.001  # [s] between the instants that are looked at; a contact in between is left to the certificate
 COARSE = 16  # [-] steps between the instants that are looked at first: most flights stay far from everything
@@ -21,7 +21,7 @@ SLACK_M = 0.002  # [m] depth from which a contact is proven: the certificate let
 
 def released_flight_blocked(problem: ThrowProblem) -> Violation | None:
     """Returns the violation by a flight that the request fixes and that meets a box or the base; None otherwise."""
-    if isinstance(problem.release, TargetRelease) or problem.ends_at_rest:
+    if problem.target is not None or problem.ends_at_rest:
         return None
     p, v = _release(problem)
     t = _times(problem, p, v)
@@ -49,16 +49,12 @@ def _comes_from_above(problem: ThrowProblem, box: int, x: Array, gaps: Array) ->
 
 def _release(problem: ThrowProblem) -> tuple[Array, Array]:
     """Returns position (3,) [m] and velocity (3,) [m/s] of the object at the release."""
-    factor = problem.release_speed_factor
-    match problem.release:
-        case JointRelease(q, qd):
-            tool = tool_state(problem.cell, q, qd)
-            return tool.p_WT, factor * tool.v_WT
-        case PoseRelease(X_WT, V_WT):
-            return X_WT[:3, 3], factor * V_WT[:3]
-        case PointRelease(p_WT, v_WT):
-            return p_WT, factor * v_WT
-    raise AssertionError("a target does not fix the flight")
+    release = problem.release
+    tool = release.tool_state or release.point_state
+    if tool is None:
+        assert release.joint_state is not None
+        tool = tool_state(problem.cell, *release.joint_state)
+    return tool.p_WT, problem.release_speed_factor * tool.v_WT
 
 
 def _times(problem: ThrowProblem, p: Array, v: Array) -> Array:

@@ -25,7 +25,8 @@ import numpy as np
 
 from planner.arrays import Array, Mask, read_only
 from planner.cell import Cell
-from planner.problem import TargetRelease, ThrowProblem
+from planner.problem import ThrowProblem
+from planner.releases import Target
 
 SLACK = 1e-3  # [m, m/s, rad/s] beyond the certificate's tolerances on release and landing, all below it
 ANGLES = 240
@@ -89,7 +90,7 @@ def farthest_reach_from_shoulder(cell: Cell) -> float:
     return float(np.hypot(across, along).max() + chain.beside + half * chain.tool)
 
 
-def out_of_range(problem: ThrowProblem, release: TargetRelease) -> OutOfRange | None:
+def out_of_range(problem: ThrowProblem, target: Target) -> OutOfRange | None:
     """Returns why no drag-free throw from anywhere reaches a target; None where that is not proven.
 
     The ball of the arm's reach is divided into cubes until a throw from each takes more speed than allowed, or more
@@ -102,9 +103,9 @@ def out_of_range(problem: ThrowProblem, release: TargetRelease) -> OutOfRange | 
         return None
     shoulder = shoulder_position(cell)
     reach = farthest_reach_from_shoulder(cell)
-    target = release.p_W - shoulder
+    goal = target.p_W - shoulder
     bound = _radial_bound(cell, limits.qd_max[2:5].tobytes())
-    fastest = min(limits.tcp_speed_max, release.max_speed_m_s) + SLACK
+    fastest = min(limits.tcp_speed_max, target.max_speed_m_s) + SLACK
     gravity = problem.gravity_at_tool_speed
     places = _Places(np.zeros((1, 3)), reach)
     looked_at = 0
@@ -112,9 +113,9 @@ def out_of_range(problem: ThrowProblem, release: TargetRelease) -> OutOfRange | 
     while len(places.x):
         looked_at += len(places.x)
         within = np.linalg.norm(places.x, axis=1) <= reach
-        if looked_at > CUBES_MAX or _possible(_Places(places.x[within], 0.0), target, gravity, fastest, bound):
+        if looked_at > CUBES_MAX or _possible(_Places(places.x[within], 0.0), goal, gravity, fastest, bound):
             return None
-        needed = _least_radial_speed(places, target, gravity, fastest)
+        needed = _least_radial_speed(places, goal, gravity, fastest)
         needed[np.linalg.norm(places.x, axis=1) - places.radius > reach] = np.inf
         given = bound.most(np.linalg.norm(places.x, axis=1) - places.radius)
         excluded = needed > given + SLACK

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from planner.arrays import Array, read_only
 from planner.fields import Record, Vector, required
-from planner.releases.release import Bound, JointState, Release, ReleaseSample
+from planner.releases.release import Bound, JointState, Release, ReleaseSample, between
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +34,14 @@ class JointRelease(Release):
     def joint_state(self) -> JointState:
         """The joint state."""
         return JointState(self.q, self.qd)
+
+    def slower(self, share: float) -> Self:
+        """Returns this release with a share of its velocity."""
+        return replace(self, qd=share * self.qd)
+
+    def towards(self, q_0: Array, X_W0: Array, share: float) -> Self:
+        """Returns this release with positions at a share of the way from `q_0`."""
+        return replace(self, q=between(q_0, self.q, share))
 
     def position_bounds(self, at: ReleaseSample) -> list[Bound]:
         """Returns the largest deviation of a joint's position."""

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from planner.arrays import Array
 from planner.fields import Record, Vector, required
-from planner.releases.release import Bound, PointState, Release, ReleaseSample, move, turn
+from planner.releases.release import Bound, PointState, Release, ReleaseSample, between, move, turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +34,18 @@ class PointRelease(Release):
     def point_state(self) -> PointState:
         """Position and velocity of the tool centre point."""
         return PointState(self.p_WT, self.v_WT)
+
+    def slower(self, share: float) -> Self:
+        """Returns this release with a share of its velocity."""
+        return replace(self, v_WT=share * self.v_WT)
+
+    def moved_to(self, p_WT: Array) -> Self:
+        """Returns this release at another point."""
+        return replace(self, p_WT=p_WT)
+
+    def towards(self, q_0: Array, X_W0: Array, share: float) -> Self:
+        """Returns this release at a share of the way from the tool pose's position."""
+        return self.moved_to(between(X_W0[:3, 3], self.p_WT, share))
 
     def position_bounds(self, at: ReleaseSample) -> list[Bound]:
         """Returns the distance from the point."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -12,11 +12,12 @@ from planner.arrays import Array
 from planner.errors import FieldError
 from planner.fields import Field, Record, Vector, required
 from planner.geometry import ToolState
-from planner.releases.release import Bound, Release, ReleaseSample, turn
+from planner.releases.release import Bound, Release, ReleaseSample, between, turn
 from planner.rotations import (
     angle_between,
     beyond_full_turn,
     matrix_to_quaternion,
+    matrix_to_rotation_vector,
     pose,
     quaternion_to_matrix,
     rotation_vector_to_matrix,
@@ -99,6 +100,20 @@ class PoseRelease(Release):
     def tool_state(self) -> ToolState:
         """The tool's pose and twist."""
         return ToolState(self.X_WT, self.V_WT)
+
+    def slower(self, share: float) -> Self:
+        """Returns this release with a share of its twist."""
+        return replace(self, V_WT=share * self.V_WT)
+
+    def moved_to(self, p_WT: Array) -> Self:
+        """Returns this release at another position, in the same orientation."""
+        return replace(self, X_WT=pose(p_WT, self.X_WT[:3, :3]))
+
+    def towards(self, q_0: Array, X_W0: Array, share: float) -> Self:
+        """Returns this release at a share of the way from a tool pose, position and orientation."""
+        angle = share * matrix_to_rotation_vector(self.X_WT[:3, :3] @ X_W0[:3, :3].T)
+        R_WT = rotation_vector_to_matrix(angle) @ X_W0[:3, :3]
+        return replace(self, X_WT=pose(between(X_W0[:3, 3], self.X_WT[:3, 3], share), R_WT))
 
     def position_bounds(self, at: ReleaseSample) -> list[Bound]:
         """Returns the deviations of position and orientation."""

@@ -156,6 +156,24 @@ class Release:
         """Returns this release with another target; for kinds that have one."""
         raise NotImplementedError(f"a release of kind {self.name} has no target")
 
+    def slower(self, share: float) -> Self:
+        """Returns this release with a share of its velocity; for kinds that have one."""
+        raise NotImplementedError(f"a release of kind {self.name} has no velocity")
+
+    def moved_to(self, p_WT: Array) -> Self:
+        """Returns this release with the tool at another position (3,); for kinds that have one."""
+        raise NotImplementedError(f"a release of kind {self.name} has no tool position")
+
+    def towards(self, q_0: Array, X_W0: Array, share: float) -> Self:
+        """Returns this release at a share of the way to its own joint positions or tool pose; for kinds that have them.
+
+        Args:
+            q_0: joint positions (6,) from which the way leads [rad].
+            X_W0: the tool's pose (4, 4) there.
+            share: of the way; the velocity stays.
+        """
+        raise NotImplementedError(f"a release of kind {self.name} has no state")
+
     def errors(self, cell: Cell) -> list[FieldError]:
         """Returns every field that contradicts another one or the cell."""
         return []
@@ -181,6 +199,11 @@ class Release:
     def to_json(self) -> dict[str, Any]:
         """Returns the fields of the release, in the world frame."""
         raise NotImplementedError
+
+
+def between(near: Array, far: Array, share: float) -> Array:
+    """Returns the position at a share of the way from `near` to `far`."""
+    return (1.0 - share) * near + share * far
 
 
 def move(X_WR: Array, p: list[float]) -> Array:

@@ -14,7 +14,7 @@ from planner.backends.casadi_nlp import SolveOptions
 from planner.certificate import Check
 from planner.errors import SolverFailed
 from planner.geometry import tool_state
-from planner.problem import TargetRelease, ThrowProblem
+from planner.problem import ThrowProblem
 from planner.search.record import PlanningSearch
 from planner.seeds import Candidate, InitialGuess, Seed
 from planner.trajectory import Trajectory
@@ -100,8 +100,9 @@ def _wider(
     problem: ThrowProblem, margins: casadi_nlp.Margins, failures: Sequence[Check], made: Trajectory
 ) -> casadi_nlp.Margins | None:
     """Returns the margins after a solution's failed checks; None where another motion would fail them, too."""
-    aims = isinstance(problem.release, TargetRelease)
-    if not aims and all(check.name == "flight_clearance" and not casadi_nlp.meets_arm(check) for check in failures):
+    if problem.target is None and all(
+        check.name == "flight_clearance" and not casadi_nlp.meets_arm(check) for check in failures
+    ):
         return None  # the flight is given, and meets something but a link
     return margins.widened(failures, partial(_tool_speed, problem, made))
 

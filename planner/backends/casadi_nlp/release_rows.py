@@ -1,6 +1,6 @@
-"""What a kind of release asks of the optimiser: the one module here that tells kinds apart.
+"""What a release asks of the optimiser: the one module here that asks it for its demands.
 
-Joint states that are given (`joint`, `pose`) are fixed as variables and have no rows. Of others each entry of
+Joint states that are given are fixed as variables and have no rows. Of others each entry of
 `RELEASE_ROWS` has bounds; where they are equal, the release is refined until it fulfils them exactly.
 """
 
@@ -16,7 +16,8 @@ from planner.backends.casadi_nlp.symbols import RELEASE_ROWS
 from planner.backends.casadi_nlp.tuning import WINDOW_STAGES
 from planner.flight import fly
 from planner.geometry import tool_state
-from planner.problem import Opening, PointRelease, TargetRelease, ThrowProblem
+from planner.problem import ThrowProblem
+from planner.releases import Opening
 
 WINDOW_STAGE_S = 0.005  # [s] least duration of one of them, or a tick
 ROUNDING = 1e-9  # [-] of a number of stages
@@ -29,17 +30,17 @@ ROOM = 3e-3
 
 def aims(problem: ThrowProblem) -> bool:
     """Returns whether the object is to land somewhere, so that its flight is part of the solution."""
-    return isinstance(problem.release, TargetRelease)
+    return problem.target is not None
 
 
 def lands_on(problem: ThrowProblem) -> Vector | None:
     """Returns where the object is to land (3,) [m], None where its flight is given."""
-    return problem.release.p_W if isinstance(problem.release, TargetRelease) else None
+    return None if problem.target is None else problem.target.p_W
 
 
 def bin_of(problem: ThrowProblem) -> Opening | None:
     """Returns the bin around the target, None where there is none."""
-    return problem.release.opening if isinstance(problem.release, TargetRelease) else None
+    return None if problem.target is None else problem.target.opening
 
 
 def window_stages(problem: ThrowProblem) -> int:
@@ -57,36 +58,37 @@ def window_stages(problem: ThrowProblem) -> int:
 
 def release_bounds(problem: ThrowProblem) -> Vector:
     """Returns lower and upper bounds (2, n) of `RELEASE_ROWS` at the release of a problem whose joint state is free."""
-    release = problem.release
+    point = problem.release.point_state
+    target = problem.target
     bounds = np.tile([[-np.inf], [np.inf]], RELEASE_ROWS.size)
     at = RELEASE_ROWS.slices
-    if isinstance(release, PointRelease):
-        bounds[:, at["position"]] = release.p_WT
+    if point is not None:
+        bounds[:, at["position"]] = point.p_WT
         if not problem.ends_at_rest:
-            bounds[:, at["velocity"]] = release.v_WT
+            bounds[:, at["velocity"]] = point.v_WT
         return bounds
-    assert isinstance(release, TargetRelease)
-    lowest = release.min_elevation_rad
-    highest = release.max_elevation_rad
+    assert target is not None
+    lowest = target.min_elevation_rad
+    highest = target.max_elevation_rad
     bounds[:, at["landing"]] = 0.0
     bounds[0, at["falls"]] = FALL_MIN
     bounds[0, at["elevation"]] = 0.0 if lowest > -math.pi / 2 else -np.inf, -np.inf
     bounds[1, at["elevation"]] = np.inf, 0.0 if highest < math.pi / 2 else np.inf
     if highest - lowest < THIN_RAD:
         bounds[:, at["elevation"]] = [[0.0, -np.inf], [0.0, np.inf]]
-    bounds[1, at["speed"]] = release.max_speed_m_s**2
-    if release.min_horizontal_distance_m > 0.0:
-        bounds[0, at["distance"]] = release.min_horizontal_distance_m**2
-    if release.release_position is not None:
-        bounds[:, at["position"]] = release.release_position
+    bounds[1, at["speed"]] = target.max_speed_m_s**2
+    if target.min_horizontal_distance_m > 0.0:
+        bounds[0, at["distance"]] = target.min_horizontal_distance_m**2
+    if target.release_position is not None:
+        bounds[:, at["position"]] = target.release_position
     return bounds
 
 
 def release_parameters(problem: ThrowProblem, aim: Vector) -> Vector:
     """Returns the `RELEASE` vector for an aim (3,) [m]."""
     elevations = (-math.pi / 2, math.pi / 2)
-    if isinstance(problem.release, TargetRelease):
-        elevations = (problem.release.min_elevation_rad, problem.release.max_elevation_rad)
+    if problem.target is not None:
+        elevations = (problem.target.min_elevation_rad, problem.target.max_elevation_rad)
     slopes = [math.tan(e) if abs(e) < LARGEST_SLOPE_RAD else 0.0 for e in elevations]
     return RELEASE.pack({"target": aim, "gravity_z": problem.gravity_at_tool_speed, "tan_elevation": slopes})
 
@@ -96,20 +98,20 @@ def with_room(problem: ThrowProblem) -> ThrowProblem:
 
     The refined release keeps what is asked exactly, such as the landing, and moves within this room else.
     """
-    release = problem.release
-    if problem.cell.robot.fixed is None or not isinstance(release, TargetRelease):
+    target = problem.target
+    if problem.cell.robot.fixed is None or target is None:
         return problem
-    lowest = release.min_elevation_rad
-    highest = release.max_elevation_rad
+    lowest = target.min_elevation_rad
+    highest = target.max_elevation_rad
     room = min(ROOM, max(highest - lowest, 0.0) / 4.0)
     inner = replace(
-        release,
-        max_speed_m_s=release.max_speed_m_s - min(ROOM, release.max_speed_m_s / 4.0),
+        target,
+        max_speed_m_s=target.max_speed_m_s - min(ROOM, target.max_speed_m_s / 4.0),
         min_elevation_rad=lowest + room if lowest > -math.pi / 2 else lowest,
         max_elevation_rad=highest - room if highest < math.pi / 2 else highest,
-        min_horizontal_distance_m=release.min_horizontal_distance_m + ROOM * (release.min_horizontal_distance_m > 0.0),
+        min_horizontal_distance_m=target.min_horizontal_distance_m + ROOM * (target.min_horizontal_distance_m > 0.0),
     )
-    return replace(problem, release=inner)
+    return replace(problem, release=problem.release.with_target(inner))
 
 
 def aim_from(problem: ThrowProblem, q: Vector, qd: Vector) -> Vector:
