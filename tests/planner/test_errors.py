@@ -4,7 +4,9 @@ import pickle
 
 import pytest
 
+from jobs.pool.worker import PlannerBug
 from planner.backends.casadi_nlp import SeedFailed
+from planner.backends.casadi_nlp.solver import TooLate
 from planner.errors import (
     BackendUnavailable,
     CellError,
@@ -33,6 +35,8 @@ EXAMPLES = [
     Infeasible([]),
     NoCandidates([Violation("keep_out", -0.01, 0.02, "m")], "48 release states: none clear of everything"),
     SolverFailed("iteration limit", 80, [{"backend": "casadi", "result": "iteration limit", "duration_s": 0.4}]),
+    TooLate("would release after 0.3 s", 12),
+    PlannerBug("KeyError: 'q'"),
     SeedFailed("fatrop: gave up in 71 iterations", 71, is_late=True),
     BackendUnavailable("toppra", "toppra"),
 ]

@@ -227,7 +227,7 @@ class Matrix(ctypes.Structure):
     )
 
 
-class Vector(ctypes.Structure):
+class BlasfeoVector(ctypes.Structure):
     """`struct blasfeo_dvec`."""
 
     _fields_ = (
@@ -240,8 +240,8 @@ def _matrix(values: np.ndarray) -> Matrix:
     return Matrix(None, values.ctypes.data, None, SIZE, SIZE, SIZE, SIZE, 0, 0)
 
 
-def _vector(values: np.ndarray) -> Vector:
-    return Vector(None, values.ctypes.data, values.size, values.size, 0)
+def _vector(values: np.ndarray) -> BlasfeoVector:
+    return BlasfeoVector(None, values.ctypes.data, values.size, values.size, 0)
 
 
 def _multiplied(library: ctypes.CDLL, name: str, rng: np.random.Generator) -> np.ndarray:

@@ -10,7 +10,7 @@ from planner.backends import ruckig_otg
 from planner.cell import Safety
 from planner.certificate import certify
 from planner.certificate.bounds import joint_rates, point_bound
-from planner.certificate.loads import joint_momentum_bounds, loads_of, power_rates, torque_curvature
+from planner.certificate.loads import load_bounds, loads_of
 from planner.certificate.samples import MotionSamples
 from planner.certificate.stopping import MEASURED_DISTANCE, MEASURED_TIME, _least_time
 from planner.dynamics import Payload, joint_torques
@@ -184,9 +184,10 @@ def test_the_bounds_between_samples_are_never_below_the_truth():
         loads = loads_of(problem.cell)
         h, b, power = curvatures(problem, motion, True)
         noise = 1e-3
-        assert np.all(h <= torque_curvature(loads, rates, 9.81) + noise)
-        assert np.all(b <= joint_momentum_bounds(loads, rates)[2] + noise)
-        assert np.all(power <= power_rates(loads, rates, 9.81)[0] + noise)
+        bounds = load_bounds(loads, rates, 9.81)
+        assert np.all(h <= bounds.torque + noise)
+        assert np.all(b <= bounds.joint_momentum[2] + noise)
+        assert np.all(power <= bounds.power[0] + noise)
         samples = MotionSamples(problem, motion)
         assert np.all(point_bound(loads.lever, rates, 1) >= 0.0)
         _, (h, _), (b, _) = samples.at_knots.torques
