@@ -29,6 +29,7 @@ from planner.geometry import (
 from planner.kinematics import forward, jacobian, tcp_acceleration
 from planner.request import problem_from_request
 from planner.robots import ROBOT_NAMES, robot
+from tests.planner.backends.whole_problem import assemble
 
 CELLS = Path(__file__).parents[3] / "cells"
 NO_MARGINS = Margins(torque=1.0, tcp_speed=1.0, floor_m=0.0, self_m=0.0, keep_in_m=0.0, box_m=0.0, singularity=1.0)
@@ -148,7 +149,7 @@ LAYOUTS = (
 def test_derivatives_of_the_whole_problem(stages: layout.StageLayout) -> None:
     cell = load_cell(CELLS / "ur5e-sim.toml")
     index = transcription.RowIndex(stages, _blocks())
-    assembled = transcription.assemble(index)
+    assembled = assemble(index)
     rng = np.random.default_rng(5)
     x = rng.normal(size=(stages.stages + 1, layout.NZ)) * 0.4
     x[:, layout.STEP] = rng.uniform(0.2, 0.6, stages.stages + 1)
