@@ -24,7 +24,7 @@ HANGS_S = 200.0  # [s] processes are started anew before, on a busy machine
 
 def run(test: Callable[[PlannerPool], Coroutine[Any, Any, None]], solve: Callable[[Any], Any], **options: Any) -> None:
     async def whole() -> None:
-        light = WorkerFunctions(solve, bool, bool)  # nothing is loaded: most of this is about the pool
+        light = WorkerFunctions(solve, bool)  # nothing is loaded: most of this is about the pool
         functions = WorkerFunctions(solve) if options.pop("whole", False) else light
         pool = PlannerPool(options.pop("count", 1), options.pop("queue", 0), None, functions, **options)
         try:
