@@ -105,9 +105,9 @@ def by_library(asked: Sequence[Request], environment: Mapping[str, str]) -> list
 def library_answers(asked: Sequence[Request]) -> list[Answer]:
     """Returns the planner's answers in this process."""
     from api.http import problem_document, translate
+    from planner.answer import plan_document
     from planner.cell import load_cell
     from planner.errors import PlannerError
-    from planner.plan_document import plan_document
     from planner.planning import plan
     from planner.request import problem_from_request
 

@@ -19,9 +19,9 @@ from executor.streaming.state_checks import EMERGENCY_BITS, NORMAL
 from executor.supervision import StreamRun
 from fling import tracing
 from learning import CellKnowledge, knowledge_of
+from planner.answer import aimed_problem, promised_tolerance
 from planner.approach import Approach, find_approach, jog_advice, obstacle_words
 from planner.certificate import Check, release_flight
-from planner.plan_reading import aimed_problem, promised_tolerance
 from store import ExecutionRow, ProfileRow, new_id
 
 SAFETY_WAIT_S = 0.2  # [s] after a fault, for a state that is newer than the fault

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from executor.robot import KinematicsInfo, RobotSession, RobotState
 from executor.streaming.state_checks import NORMAL, OUTPUT_SHIFT, ROBOT_RUNNING, SAFETY_WORDS
 from learning import cell_with_profile
+from planner.answer import aim_shift, plan_from_document
 from planner.calibration import ImplausibleChain, calibrated, transforms_of_table
 from planner.cell import Cell
 from planner.certificate import certify
 from planner.errors import PlannerError
 from planner.kinematics import ChainDifference, chain_difference
-from planner.plan_reading import aim_shift, plan_from_document
 from planner.problem import ThrowProblem
 from planner.rotations import matrix_to_rotation_vector, rotation_vector_to_matrix
 from planner.trajectory import Trajectory

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 from executor import realtime
 from executor.settings import ExecutorSettings
 from executor.stream_job import ExpectedLanding, JobRows, StreamJob
-from learning import CellKnowledge
+from learning import FEEDBACK_GAIN, FEEDBACK_MAX, CellKnowledge
 from planner.approach import APPROACH_ACCELERATION, APPROACH_SPEED, Approach, find_brakes, line_stop
 from planner.cell import Cell
 from planner.certificate import window_landing_points
-from planner.feedback import FEEDBACK_GAIN, FEEDBACK_MAX
 from planner.flight import landing_points
 from planner.geometry import tool_state
 from planner.problem import ThrowProblem

@@ -10,10 +10,10 @@ from uuid import uuid4
 
 from fling.cells import open_cell
 from planner import planning
+from planner.answer import iso_time
+from planner.answer import plan_document as document_of
 from planner.cell import Cell
 from planner.errors import FieldError, InvalidProblem
-from planner.plan_document import iso_time
-from planner.plan_document import plan_document as document_of
 from planner.planning import Plan
 from planner.problem import ThrowProblem
 from planner.request import problem_from_request, request_document

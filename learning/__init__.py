@@ -18,12 +18,14 @@ from learning.profile import (
 )
 from learning.recordings import MotionRecording, RecordingError, recording_from_csv
 from learning.release import ObservedThrow, ReleasePosterior, learn_release, prior_state
-from learning.streamed_arm import StreamedArm
+from learning.streamed_arm import FEEDBACK_GAIN, FEEDBACK_MAX, StreamedArm
 from learning.throws import ThrowTable, throw_table
 from learning.timing import JointTiming, TimingEstimate, estimate_timing
 from learning.timing_history import lag_advice, lag_change, pool_timing, pooled_document, timing_runs
 
 __all__ = [
+    "FEEDBACK_GAIN",
+    "FEEDBACK_MAX",
     "CellKnowledge",
     "JointSpeeds",
     "JointTiming",

@@ -13,11 +13,11 @@ from learning.hit_evidence import TargetOutcome
 from learning.release import ObservedThrow
 from learning.streamed_arm import StreamedArm
 from learning.throws import ThrowTable, table_times, throw_table
+from planner.answer import aim_shift, aimed_problem, plan_from_document
 from planner.arrays import Array
 from planner.cell import Cell
 from planner.certificate import release_flight
 from planner.errors import PlannerError
-from planner.plan_reading import aim_shift, aimed_problem, plan_from_document
 from planner.problem import ThrowProblem
 from planner.releases import Target
 from planner.trajectory import Trajectory, columns_at

@@ -7,14 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from planner.approach import Approach
-from planner.certificate import Certificate
+from planner.answer import Plan
 from planner.errors import Infeasible, SolverFailed
 from planner.problem import TIME_LIMIT_S, ThrowProblem
 from planner.refusal import nearest_problem, of_candidates, refuse_impossible
 from planner.request import request_document
 from planner.search import (
-    Attempt,
     PlanningSearch,
     best_with_way_home,
     load_libraries,
@@ -22,36 +20,6 @@ from planner.search import (
     search_with_stop,
 )
 from planner.seeds import Candidate, NoCandidates, ReleaseState, candidates, neighbour_candidates
-from planner.trajectory import Trajectory
-
-
-@dataclass(frozen=True, eq=False)
-class Plan:
-    """A certified motion for a problem, with the record of the search.
-
-    Attributes:
-        problem: as requested.
-        backend: that made the motion.
-        trajectory: the motion.
-        certificate: of the motion, valid.
-        status: final status of the back end, in words.
-        iterations: of the back end for this motion.
-        solve_time_s: duration of the whole search, loading of libraries and solvers excluded [s].
-        attempts: log of the search.
-        way_home: certified motion from the plan's end to the cell's home.
-        was_cut_short: whether the time limit passed before the end of the search: more time may give a sooner release.
-    """
-
-    problem: ThrowProblem
-    backend: str
-    trajectory: Trajectory
-    certificate: Certificate
-    status: str
-    iterations: int
-    solve_time_s: float
-    attempts: tuple[Attempt, ...]
-    way_home: Approach
-    was_cut_short: bool = False
 
 
 @dataclass(frozen=True)

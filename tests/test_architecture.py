@@ -151,10 +151,10 @@ def test_a_module_outside_every_layer_is_found(copy: Path, root: Path):
 
 
 def test_the_planner_costs_numpy_alone():
-    modules = "planner.cell_folder, planner.problem, planner.trajectory, planner.certificate, planner.plan_document"
+    modules = "planner.cell_folder, planner.problem, planner.trajectory, planner.certificate, planner.answer"
     script = f"""
 import sys
-import {modules}, planner.plan_reading
+import {modules}
 heavy = ("casadi", "ruckig", "toppra", "scipy", "matplotlib", "pydantic", "sqlalchemy", "fastapi", "rtde_control")
 print([name for name in heavy if name in sys.modules])
 """

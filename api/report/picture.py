@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from planner.answer import plan_from_document
 from planner.cell import Cell
 from planner.flight import path as flight_path
 from planner.geometry import tool_pose
 from planner.kinematics import link_poses
-from planner.plan_reading import plan_from_document
 from planner.problem import Opening, ThrowProblem
 
 Vector = NDArray[np.float64]

@@ -6,10 +6,10 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from planner.answer import plan_from_document
 from planner.arrays import Array
 from planner.cell import Cell
 from planner.certificate import Curve, Series, motion_curves
-from planner.plan_reading import plan_from_document
 
 DIGITS = 9  # of a value: below every rounding that a limit allows, and half the size of all sixteen
 

@@ -14,9 +14,9 @@ from benchmarks.maps.runs import MapMeasurement
 from jobs.maps import LandingState
 from jobs.planning import PlanningJob
 from jobs.pool import open_pool
+from planner.answer import plan_from_document
 from planner.cell import CellSource, cell_of
 from planner.certificate import certify
-from planner.plan_reading import plan_from_document
 from store import Store
 
 ASIDE_M = 0.01  # [m] that a target is moved, to see whether a landing cell without a plan has one next to its centre

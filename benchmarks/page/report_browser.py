@@ -12,8 +12,8 @@ from playwright.sync_api import Browser, Page, sync_playwright
 
 from api.report import ReportContent, report_html
 from api.scene import cell_model, plan_curves
+from planner.answer import plan_document
 from planner.cell import load_cell
-from planner.plan_document import plan_document
 from planner.planning import plan
 from planner.request import problem_from_request
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from learning import CellKnowledge, LandingForecast
+from planner.answer import aimed_problem
 from planner.errors import TIME_LIMIT, Infeasible, SolverFailed
-from planner.plan_reading import aimed_problem
 from planner.planning import ORDINARY, Plan, SearchHints, plan
 from planner.problem import ThrowProblem
 

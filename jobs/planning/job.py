@@ -10,9 +10,9 @@ from typing import Any
 
 import orjson
 
+from planner.answer import iso_time
 from planner.cell import Cell, CellSource, cell_of
 from planner.errors import CUT_SHORT
-from planner.plan_document import iso_time
 from planner.problem import TIME_LIMIT_S
 from store import PlanRow, pack_trajectory
 
@@ -93,7 +93,7 @@ def solve(job: PlanningJob) -> PlanRecord:
     from jobs.planning.duration import check_duration, check_limits
     from jobs.planning.odds import plan_for_odds
     from learning import cell_with_profile, knowledge_of, prior_knowledge
-    from planner.plan_document import plan_document
+    from planner.answer import plan_document
     from planner.planning import SearchHints
     from planner.request import problem_from_request
 

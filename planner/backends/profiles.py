@@ -12,11 +12,11 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from planner.backends.solution import Solution
 from planner.cell import Limits
 from planner.errors import SolverFailed
 from planner.problem import ThrowProblem
 from planner.seeds import POSITION_SLACK, Candidate
-from planner.solution import Solution
 from planner.timing import (
     CubicProfile,
     RawMotion,

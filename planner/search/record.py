@@ -6,20 +6,12 @@ import math
 import time
 from dataclasses import dataclass, field
 
+from planner.answer import Attempt
+from planner.backends.solution import Solution
 from planner.certificate import Certificate, Examination
 from planner.errors import TIME_LIMIT, Infeasible, SolverFailed, Violation, nothing_found
 from planner.problem import ThrowProblem
-from planner.solution import Solution
 from planner.trajectory import Trajectory
-
-
-@dataclass(frozen=True)
-class Attempt:
-    """One entry of the attempt log: back end ("candidates", "approach" for a way), result in words, duration [s]."""
-
-    backend: str
-    result: str
-    duration_s: float
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,12 +21,12 @@ from functools import partial
 import numpy as np
 
 from planner.backends import profiles, ruckig_otg, toppra_path
+from planner.backends.solution import Solution
 from planner.errors import SolverFailed
 from planner.problem import ThrowProblem
 from planner.search.optimise import optimise
 from planner.search.record import PlanningSearch, counted
 from planner.seeds import Candidate, aspects, least_times_to_aspects
-from planner.solution import Solution
 
 Solve = Callable[[ThrowProblem, Candidate], Solution]
 

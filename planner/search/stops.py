@@ -15,13 +15,13 @@ import numpy as np
 
 from planner.approach import find_approach
 from planner.arrays import Array
+from planner.backends.solution import Solution
 from planner.errors import Infeasible, InvalidProblem
 from planner.geometry import body_model
 from planner.problem import ThrowProblem
 from planner.search.record import CertifiedSolution, PlanningSearch, counted
 from planner.search.search import MOTIONS, search_candidates, try_motions
 from planner.seeds import Candidate, candidates
-from planner.solution import Solution
 from planner.trajectory import Trajectory, in_a_row
 
 PACE = 4.0  # [-] of an approach, in turn with its halves: 4 rad/s, 22 rad/s^2, 900 rad/s^3, or less as the request asks

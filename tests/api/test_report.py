@@ -16,8 +16,8 @@ from api.cli import main
 from api.experiment_statistics import statistics_of
 from api.report import ReportContent, plan_svg, report_html
 from api.scene import cell_model, plan_curves
+from planner.answer import plan_document
 from planner.cell import load_cell
-from planner.plan_document import plan_document
 from planner.planning import plan as plan_request
 from planner.request import problem_from_request
 from tests.api.conftest import RunningService

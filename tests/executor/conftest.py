@@ -11,9 +11,9 @@ import pytest
 from executor.preparation import StreamRows, prepare_job, sample_rows
 from executor.settings import ExecutorSettings
 from executor.stream_job import StreamJob
+from planner.answer import plan_document
 from planner.approach import Approach, Brakes, find_brakes
 from planner.cell import Cell, load_cell
-from planner.plan_document import plan_document
 from planner.planning import plan
 from planner.problem import ThrowProblem
 from planner.request import problem_from_request

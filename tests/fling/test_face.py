@@ -102,7 +102,7 @@ def test_a_release_at_the_start_is_there_at_once():
 
 
 def test_the_document_of_a_plan_is_read_back(answer: fling.Plan):
-    from planner.plan_reading import plan_from_document
+    from planner.answer import plan_from_document
 
     document = fling.plan_document(answer)
     problem, trajectory = plan_from_document(document, answer.problem.cell)

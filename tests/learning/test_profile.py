@@ -16,8 +16,8 @@ from benchmarks.learning.plans import CELL, PlannedThrow, benchmark_cell
 from jobs.planning import aiming
 from jobs.planning.aiming import plan_aimed
 from learning import cell_with_profile, estimate_profile, knowledge_of, prior_knowledge, profile_bytes
+from planner.answer import plan_document
 from planner.cell import Box
-from planner.plan_document import plan_document
 from planner.planning import plan
 from planner.problem import ThrowProblem
 from planner.request import problem_from_request

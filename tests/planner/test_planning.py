@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from planner.answer import aimed_problem
 from planner.certificate import certify
 from planner.errors import Infeasible
-from planner.plan_reading import aimed_problem
 from planner.planning import plan
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease
 from planner.request import problem_from_request

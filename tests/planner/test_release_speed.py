@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from planner.answer import plan_document, plan_from_document
 from planner.cell import Box, Cell
 from planner.certificate import certify
 from planner.flight import path
 from planner.geometry import tool_state
-from planner.plan_document import plan_document
-from planner.plan_reading import plan_from_document
 from planner.planning import Plan, plan
 from planner.problem import Opening, ThrowProblem
 from planner.request import problem_from_request

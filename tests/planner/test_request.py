@@ -6,10 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from planner.answer import plan_document, plan_from_document
 from planner.certificate import certify
 from planner.errors import InvalidProblem
-from planner.plan_document import plan_document
-from planner.plan_reading import plan_from_document
 from planner.planning import plan
 from planner.problem import JointRelease, Opening, PointRelease, PoseRelease, TargetRelease
 from planner.request import problem_from_request, request_document

@@ -18,8 +18,8 @@ import orjson
 import psutil
 
 from executor.robot import DashboardClient, simulator_client
+from planner.answer import plan_document
 from planner.cell import load_cell
-from planner.plan_document import plan_document
 from planner.planning import plan
 from planner.request import problem_from_request
 from store import ExecutionRow, PlanRow, Store, new_id, split_plan

@@ -8,7 +8,7 @@ import re
 import pytest
 
 from learning import cell_with_profile, estimate_profile, profile_bytes
-from planner.plan_document import plan_document
+from planner.answer import plan_document
 from planner.planning import plan
 from planner.request import problem_from_request
 from store import new_id

@@ -10,10 +10,10 @@ import math
 from dataclasses import dataclass
 
 from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, Margins, meets_arm
+from planner.backends.solution import Solution
 from planner.errors import BackendUnavailable, SolverFailed
 from planner.problem import ThrowProblem
 from planner.seeds import Seed
-from planner.solution import Solution
 
 __all__ = [
     "DEFAULT_MARGINS",

@@ -13,11 +13,11 @@ from planner.backends.casadi_nlp.layout import QD, QDD, TIME, Q, Vector
 from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS
 from planner.backends.casadi_nlp.release_state import State, corrected, is_close, refined_release
 from planner.backends.casadi_nlp.solver import Solver, TooLate
+from planner.backends.solution import Solution
 from planner.errors import SolverFailed
 from planner.flight import landing_points
 from planner.geometry import tool_state
 from planner.problem import ThrowProblem
-from planner.solution import Solution
 from planner.timing import RESERVES, onto_grid
 from planner.trajectory import Trajectory, columns_at, join
 

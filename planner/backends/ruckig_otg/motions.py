@@ -20,10 +20,10 @@ import numpy as np
 
 from planner.backends.ruckig_otg.arrival import earliest_arrival
 from planner.backends.ruckig_otg.library import State, Vector, accelerations, fastest_motion
+from planner.backends.solution import Solution
 from planner.cell import Limits
 from planner.problem import ThrowProblem
 from planner.seeds import Candidate
-from planner.solution import Solution
 from planner.timing import RESERVES, fits, grid_limits, onto_grid
 from planner.trajectory import join
 

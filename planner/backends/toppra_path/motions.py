@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from planner.backends.solution import Solution
 from planner.backends.toppra_path.parameterization import PathTiming, fastest_timing
 from planner.backends.toppra_path.paths import SINGULAR, JointLine, Path, ProfilePath, ToolLine, Vector
 from planner.cell import Limits
@@ -16,7 +17,6 @@ from planner.kinematics import forward, inverse_velocity, jacobian
 from planner.problem import ThrowProblem
 from planner.rotations import matrix_to_rotation_vector
 from planner.seeds import Candidate
-from planner.solution import Solution
 from planner.timing import RawMotion, linear_brake, shortest_cubic, shortest_trapezoid, smooth, whole_ticks
 
 PATHS = {  # of each variant, as the plan's status names it

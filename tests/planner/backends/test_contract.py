@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from planner.backends import casadi_nlp, profiles, ruckig_otg, toppra_path
+from planner.backends.solution import Solution
 from planner.certificate import certify
 from planner.errors import BackendUnavailable, Infeasible, SolverFailed
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.seeds import Candidate, Seed, candidates
-from planner.solution import Solution
 from tests.planner.problems import cell, joint_problem, point_problem, pose_problem
 
 Solve = Callable[[ThrowProblem, Candidate], Solution]

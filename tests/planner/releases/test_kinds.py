@@ -7,10 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from planner.answer import plan_document, plan_from_document
 from planner.cell import Cell
 from planner.errors import Infeasible, InvalidProblem
-from planner.plan_document import plan_document
-from planner.plan_reading import plan_from_document
 from planner.planning import plan
 from planner.releases import KINDS, JointRelease, PointRelease, PoseRelease, Release, TargetRelease, release_document
 from planner.request import PLAN_REQUEST, problem_from_request

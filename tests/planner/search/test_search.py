@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from planner import planning
+from planner.answer import plan_document
 from planner.backends import casadi_nlp
 from planner.backends.casadi_nlp import instance
 from planner.certificate import certify
 from planner.errors import CUT_SHORT, Infeasible, SolverFailed
-from planner.plan_document import plan_document
 from planner.planning import plan
 from planner.problem import JointRelease, TargetRelease, ThrowProblem
 from planner.request import problem_from_request

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from planner.approach.rest_to_rest import rest_to_rest_motion
+from planner.backends.solution import Solution
 from planner.cell import Cell
 from planner.certificate import certify
 from planner.errors import TIME_LIMIT, Infeasible, SolverFailed
 from planner.planning import plan
 from planner.problem import JointRelease, TargetRelease, ThrowProblem
 from planner.search import PlanningSearch, best_with_way_home
-from planner.solution import Solution
 from tests.planner.problems import cell, joint_problem
 
 THROW = joint_problem(release=TargetRelease(np.array([1.3, 0.2, 0.0])))

@@ -1,31 +1,68 @@
-"""Plans as the JSON documents that the service stores and returns."""
+"""The planner's answer: a plan, as the JSON document that the service stores and returns, and read back from it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from planner.approach import Approach
 from planner.arrays import Array
 from planner.cell import Cell
-from planner.certificate import landing_errors, release_flight, window_landing_points
-from planner.errors import CUT_SHORT
+from planner.certificate import Certificate, landing_errors, release_flight, window_landing_points
+from planner.errors import CUT_SHORT, FieldError, InvalidProblem
 from planner.flight import Flight, landing_per_release_delay, path
 from planner.geometry import tool_state
 from planner.kinematics import tcp_acceleration
 from planner.problem import ThrowProblem
+from planner.request import problem_from_request
 from planner.rotations import matrix_to_quaternion, matrix_to_rotation_vector
 from planner.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from planner.planning import Plan
-
 
 PATH_STEP_S = 0.02  # [s] between the listed positions of the object in flight
 SHIFT_S = 0.01  # [s] early and late, for which every answer gives the shift of the landing point
 WINDOW_DELAYS_S = (-0.02, -0.01, 0.0, 0.01, 0.02)  # [s] release delays listed for a request without a window
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One entry of the attempt log: back end ("candidates", "approach" for a way), result in words, duration [s]."""
+
+    backend: str
+    result: str
+    duration_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A certified motion for a problem, with the record of the search.
+
+    Attributes:
+        problem: as requested.
+        backend: that made the motion.
+        trajectory: the motion.
+        certificate: of the motion, valid.
+        status: final status of the back end, in words.
+        iterations: of the back end for this motion.
+        solve_time_s: duration of the whole search, loading of libraries and solvers excluded [s].
+        attempts: log of the search.
+        way_home: certified motion from the plan's end to the cell's home.
+        was_cut_short: whether the time limit passed before the end of the search: more time may give a sooner release.
+    """
+
+    problem: ThrowProblem
+    backend: str
+    trajectory: Trajectory
+    certificate: Certificate
+    status: str
+    iterations: int
+    solve_time_s: float
+    attempts: tuple[Attempt, ...]
+    way_home: Approach
+    was_cut_short: bool = False
 
 
 def plan_document(plan: Plan, request: Mapping[str, Any], plan_id: str, created_at: str) -> dict[str, Any]:
@@ -163,3 +200,85 @@ def _landing_drift(problem: ThrowProblem, trajectory: Trajectory) -> Array:
     a_WT = cell.X_WB[:3, :3] @ a_BT
     air = (problem.plane_z, problem.gravity, problem.drag)
     return landing_per_release_delay(X_WT[:3, 3], V_WT[:3], a_WT, *air, problem.release_speed_factor)
+
+
+def plan_from_document(document: Mapping[str, Any], cell: Cell) -> tuple[ThrowProblem, Trajectory]:
+    """Returns problem and trajectory of a stored plan, for the executor to certify again with its own cell.
+
+    Args:
+        document: as `GET /plans/{id}` returns it.
+        cell: the robot station that will execute the plan.
+
+    Raises:
+        InvalidProblem: the request does not fit this cell, or the trajectory is malformed.
+    """
+    cell = _as_the_flight_says(cell, document.get("flight") or {})
+    problem = replace(problem_from_request(document["request"], cell), **_window(document))
+    problem = aimed_problem(problem, aim_shift(document))
+    samples = document["trajectory"]
+    arrays = [np.array(samples[name], float) for name in ("positions", "velocities", "accelerations")]
+    try:
+        trajectory = Trajectory(float(document["sample_rate_hz"]), *arrays, release_index=document["release"]["index"])
+    except (ValueError, TypeError) as error:
+        raise InvalidProblem([FieldError("trajectory", str(error))]) from error
+    return problem, trajectory
+
+
+def aim_shift(document: Mapping[str, Any]) -> Array:
+    """Returns by how much a plan's aim lies off its target (3,) [m], so that a learnt cell hits the target."""
+    aim = document.get("aim")
+    return np.zeros(3) if aim is None else np.array(aim["shift_m"], float)
+
+
+def promised_tolerance(document: Mapping[str, Any], problem: ThrowProblem) -> float | None:
+    """Returns the landing error that a plan promises not to exceed [m]; None where it promises nothing.
+
+    A window promises its tolerance, a bin its room, and a request what it states; a soonest throw that states none is
+    for whoever accepts any landing.
+
+    Args:
+        document: the plan.
+        problem: read from it.
+    """
+    target = problem.target
+    stated = document["request"].get("landing_tolerance_m")
+    if target is None or not (problem.is_robust or stated or target.opening is not None):
+        return None
+    return problem.landing_tolerance_m or None
+
+
+def aimed_problem(problem: ThrowProblem, shift: Array) -> ThrowProblem:
+    """Returns the problem with its aim, and the mouth that the flight enters, moved by `shift` (3,) [m].
+
+    The bin that the arm keeps out of stays where it stands.
+    """
+    target = problem.target
+    if target is None or not shift.any():
+        return problem
+    aim = replace(target, p_W=target.p_W + shift)
+    return replace(problem, release=problem.release.with_target(aim), aim_shift=problem.aim_shift + shift)
+
+
+def _as_the_flight_says(cell: Cell, flight: Mapping[str, Any]) -> Cell:
+    """Returns the cell with the release speed factor and the drag that a plan was made with.
+
+    Plans of version 0.1 do not state them: their objects leave with the tool's speed, with the cell's drag.
+    """
+    factor = float(flight.get("release_speed_factor", 1.0))
+    drag = float(flight.get("drag_coefficient", cell.object.drag_coefficient))
+    if (factor, drag) == (cell.gripper.release_speed_factor, cell.object.drag_coefficient):
+        return cell
+    gripper = replace(cell.gripper, release_speed_factor=factor)
+    thing = replace(cell.object, drag_coefficient=drag)
+    return replace(cell, gripper=gripper, object=thing)
+
+
+def _window(document: Mapping[str, Any]) -> dict[str, float]:
+    """Returns the window that the plan was made for, which the cell's defaults of today do not change.
+
+    Plans of version 0.1 do not state it: those without one in their request had none.
+    """
+    flight = document.get("flight") or {}
+    request = document["request"]
+    names = ("release_window_s", "landing_tolerance_m")
+    return {name: float(flight.get(name, request.get(name)) or 0.0) for name in names}
