@@ -86,7 +86,6 @@ def warm_up_job(source: CellSource) -> PlanningJob:
     return PlanningJob(None, "", source, {"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}})
 
 
-
 def solve(job: PlanningJob) -> Planned:
     """Plans one request.
 

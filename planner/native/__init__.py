@@ -1,8 +1,8 @@
 """C that is compiled when the package is built: the kernel, and the optimiser with its calls of fatrop.
 
 numpy takes about as long for one instant as for a hundred: what counts is the number of its operations. The kernel does
-the planner's hot loops in one pass. tests/planner/native has an oracle in numpy for each of its functions. The executor,
-which certifies too, loads the kernel alone.
+the planner's hot loops in one pass. Each of its functions has an oracle in numpy, in tests/planner/native. The
+executor, which certifies too, loads the kernel alone.
 """
 
 from planner.native.arguments import Pinned
