@@ -215,11 +215,11 @@ def plan_from_document(document: Mapping[str, Any], cell: Cell) -> tuple[ThrowPr
     cell = _as_the_flight_says(cell, document.get("flight") or {})
     problem = replace(problem_from_request(document["request"], cell), **_window(document))
     problem = aimed_problem(problem, aim_shift(document))
-    samples = document["trajectory"]
-    arrays = [np.array(samples[name], float) for name in ("positions", "velocities", "accelerations")]
     try:
+        samples = document["trajectory"]
+        arrays = [np.array(samples[name], float) for name in ("positions", "velocities", "accelerations")]
         trajectory = Trajectory(float(document["sample_rate_hz"]), *arrays, release_index=document["release"]["index"])
-    except (ValueError, TypeError) as error:
+    except (KeyError, ValueError, TypeError) as error:
         raise InvalidProblem([FieldError("trajectory", str(error))]) from error
     return problem, trajectory
 

@@ -5,7 +5,6 @@ All quantities are in the world frame.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 
@@ -15,7 +14,7 @@ from planner.arrays import Array, Mask
 from planner.cell import Box, Cell, Limits
 from planner.errors import FieldError, InvalidProblem
 from planner.flight import drag_constant
-from planner.geometry import LEVEL_M, Misfit, Surface, barriers, landing_surfaces, misfit, passable
+from planner.geometry import LEVEL_M, Misfit, Surface, landing_surfaces, misfit, passable
 from planner.releases import JointRelease, Opening, PointRelease, PoseRelease, Release, Target, TargetRelease
 from planner.rotations import unit_hint
 
@@ -87,24 +86,6 @@ class ThrowProblem:
         lower, upper = passable(self.cell.robot, self.cell.tool.capsules, self.start)
         limits = self.limits
         return replace(limits, q_lower=np.maximum(limits.q_lower, lower), q_upper=np.minimum(limits.q_upper, upper))
-
-    def beyond_barrier(self, q: Array, names: str) -> float:
-        """Returns by how much positions (n, 6) exceed the barrier of two capsules from the start [rad].
-
-        Negative within; -inf where the two have none.
-
-        Args:
-            q: positions of a motion from the start [rad].
-            names: of the capsules, as in a certificate's check.
-        """
-        robot = self.cell.robot
-        capsules = self.cell.tool.capsules
-        of_both = [each for each in barriers(robot, capsules) if set(each.names) == set(names.split(", "))]
-        if not of_both:
-            return -math.inf
-        joints = [each.joint for each in of_both]
-        (lower, upper) = passable(robot, capsules, self.start)
-        return float(np.maximum(lower - q, q - upper)[:, joints].max())
 
     @cached_property
     def cell_with_bin(self) -> Cell:

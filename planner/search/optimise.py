@@ -25,26 +25,28 @@ CERTIFIED = "certified"
 GENTLE_RAMP_S = 0.1  # [s] that an acceleration takes to its limit in a gentle initial guess
 
 
-def optimise(search: PlanningSearch, candidate: Candidate) -> None:
-    """Optimises from a candidate until a motion is certified, or known to be no sooner than the best.
+def optimise(search: PlanningSearch, candidate: Candidate) -> bool:
+    """Optimises from a candidate; returns whether a motion is certified, or known to be no sooner than the best.
 
     Args:
         search: updated in place.
         candidate: of its problem.
     """
     begun_s = time.perf_counter() + _load(search)
-    result = "no initial guess"
+    result = ""
+    is_settled = False
     for guess in _guesses(search.problem, candidate):
         try:
             result = _optimise_from(search, Seed(candidate, guess))
+            is_settled = result == CERTIFIED
         except casadi_nlp.SeedFailed as failure:
             search.iterations += failure.iterations
             result = str(failure)
-            if failure.is_late:
-                break
-        if result == CERTIFIED:
+            is_settled = failure.is_late
+        if is_settled:
             break
     search.log_attempt("casadi", f"{candidate.label}: {result}", begun_s)
+    return is_settled
 
 
 def _load(search: PlanningSearch) -> float:
@@ -65,10 +67,11 @@ def _guesses(problem: ThrowProblem, candidate: Candidate) -> Iterator[InitialGue
     gentle = np.minimum(limits.jerk_max, limits.qdd_max / GENTLE_RAMP_S)
     for jerk_max in (limits.jerk_max, gentle):
         try:
-            yield ruckig_otg.initial_guess(replace(problem, limits=replace(limits, jerk_max=jerk_max)), candidate)
+            guess = ruckig_otg.initial_guess(replace(problem, limits=replace(limits, jerk_max=jerk_max)), candidate)
         except SolverFailed:
-            yield None
-        if np.array_equal(gentle, limits.jerk_max):
+            guess = None
+        yield guess
+        if guess is None or np.array_equal(gentle, limits.jerk_max):
             return
 
 

@@ -31,7 +31,7 @@ from planner.seeds import Candidate, aspects, least_times_to_aspects
 Solve = Callable[[ThrowProblem, Candidate], Solution]
 
 OPTIMISED = 8  # [-] candidates that the optimiser starts from
-AN_ASPECT = 4  # [-] of these in one aspect: from most states of one it comes to the same motion
+AN_ASPECT = 4  # [-] of these in one aspect, until one leads to a motion: from most states of one it comes to the same
 ARRIVALS = 2  # [-] given joint states to which Ruckig's soonest motions are tried
 JERK_SHARES = (1.0, 0.5, 0.25, 0.125, 0.0625, 0.03125)  # [-] of the limit, of these motions in turn
 FALLBACKS = 24  # [-] candidates to which all of Ruckig's motions are tried; of a pose the others are full turns away
@@ -69,7 +69,7 @@ def search_candidates(search: PlanningSearch, found: Sequence[Candidate], at_mos
     Args:
         search: updated in place.
         found: candidates of its problem, by ascending lower bound on the launch time.
-        at_most: how many of them the optimiser and the fallback start from at most.
+        at_most: how many of them the optimiser and the fallback start from; a back end that is named tries all.
     """
     problem = search.problem
     if problem.backend in MOTIONS:
@@ -79,11 +79,14 @@ def search_candidates(search: PlanningSearch, found: Sequence[Candidate], at_mos
     if is_auto and problem.fixes_joints:
         try_motions(search, "ruckig", found[:ARRIVALS], [partial(_soonest_motion, share) for share in JERK_SHARES])
     tried = 0
-    for candidate, least_s in _first(problem, found):
-        if tried < min(at_most, OPTIMISED) and least_s < search.release_time_s and not search.out_of_time:
-            optimise(search, candidate)
+    settled = set[int]()
+    for candidate, aspect, least_s in _first(problem, found):
+        is_excluded = aspect in settled or least_s >= search.release_time_s
+        if tried < min(at_most, OPTIMISED) and not is_excluded and not search.out_of_time:
             tried += 1
-    if is_auto and search.best is None:
+            if optimise(search, candidate):
+                settled.add(aspect)
+    if is_auto and search.best is None and not search.out_of_time:
         try_motions(search, "ruckig", found[:at_most], MOTIONS["ruckig"])
 
 
@@ -123,22 +126,22 @@ def _soonest_motion(jerk_share: float, problem: ThrowProblem, candidate: Candida
     return ruckig_otg.solve(gentler, candidate, "free")
 
 
-def _first(problem: ThrowProblem, found: Sequence[Candidate]) -> Iterator[tuple[Candidate, float]]:
-    """Yields the candidates to optimise from, each with a lower bound on the release time of what comes of it [s].
+def _first(problem: ThrowProblem, found: Sequence[Candidate]) -> Iterator[tuple[Candidate, int, float]]:
+    """Yields the candidates to optimise from, each with its aspect and a lower bound on the time of its release [s].
 
-    Where the joint states are given, the optimiser keeps them: none releases before its slowest joint alone arrives.
-    Otherwise it moves them within their aspect, and none releases before the arm can be there. The aspects that can be
-    reached soonest come first, the start's own before all others.
+    Where the joint states are given, the optimiser keeps them: none releases before its slowest joint alone arrives,
+    and each counts as an aspect of its own. Otherwise it moves them within their aspect, and none releases before the
+    arm can be there. The aspects that can be reached soonest come first, the start's own before all others.
     """
     if problem.fixes_joints:
-        yield from ((candidate, _least_release_time(problem, candidate)) for candidate in found[:OPTIMISED])
+        yield from ((each, row, _least_release_time(problem, each)) for row, each in enumerate(found))
         return
     aspect = aspects(problem.cell.robot, np.array([each.q for each in found])).tolist()
     least_s = least_times_to_aspects(problem)
     order = sorted(range(len(found)), key=lambda row: (least_s[aspect[row]], found[row].bound_s))
     for row in order:
         if aspect[:row].count(aspect[row]) < AN_ASPECT:
-            yield found[row], float(least_s[aspect[row]])
+            yield found[row], aspect[row], float(least_s[aspect[row]])
 
 
 def _least_release_time(problem: ThrowProblem, candidate: Candidate) -> float:

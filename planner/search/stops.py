@@ -26,7 +26,6 @@ from planner.trajectory import Trajectory, in_a_row
 
 PACE = 4.0  # [-] of an approach, in turn with its halves: 4 rad/s, 22 rad/s^2, 900 rad/s^3, or less as the request asks
 RUN_UPS_S = (0.2, 0.3, 0.5)  # [s] of constant acceleration to the release; 3 rad/s at 15 rad/s^2 take 0.2 s
-CANDIDATES_MAX = 24  # [-] postures that a move to rest may end in: as many as are ranked; of a pose, all branches
 RUN_UP_CANDIDATES_MAX = 8  # [-] candidates with run-up postures: each costs six certificates where none is valid
 WAYS_MAX = 4  # [-] postures to which a way is searched for; a search in vain takes up to two seconds
 
@@ -60,7 +59,7 @@ def _launches(search: PlanningSearch, found: Sequence[Candidate]) -> Iterator[tu
     """Yields postures at rest and certified motions from them; None for the end of a move to rest itself."""
     problem = search.problem
     if problem.ends_at_rest:
-        yield from ((candidate.q, None) for candidate in found[:CANDIDATES_MAX])
+        yield from ((candidate.q, None) for candidate in found)
         return
     home = problem.cell.home
     if not np.array_equal(home, problem.start) and (throw := _from(search, home, None)) is not None:
@@ -86,6 +85,7 @@ def _from(search: PlanningSearch, stop: Array, candidate: Candidate | None) -> C
     except (InvalidProblem, Infeasible):
         return None
     search.iterations += inner.iterations
+    search.extend_deadline(inner.loading_s)
     return inner.best
 
 

@@ -33,14 +33,6 @@ def constrains_flight(problem: ThrowProblem) -> bool:
     return is_passed or problem.cell.gripper.opening_direction is not None
 
 
-def starts_with_flight(problem: ThrowProblem) -> bool:
-    """Returns whether the flight is constrained from the first solve: where it is free, that of a throw to a target.
-
-    A solution without would be far from one with, and with a box taken away the search is to begin as before.
-    """
-    return aims(problem) and constrains_flight(problem)
-
-
 def flight_parameters(problem: ThrowProblem, candidate: Candidate, margins: Margins, aim: Vector) -> Vector:
     """Returns the `FLIGHT` vector.
 

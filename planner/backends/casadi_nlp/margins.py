@@ -17,7 +17,7 @@ from planner.backends.casadi_nlp.tuning import (
     USABLE,
 )
 
-# What is missing between two rows is more at their own times, where they are widened; and the next motion is another.
+# What is missing between two rows is less at the rows, which are widened; and the next motion is another one.
 OVER = 1.5  # [-] times what is missing
 SPARE_M = 0.001  # [m], [rad] beyond that
 SPARE_SHARE = 0.01  # [-] of a limit beyond what is missing

@@ -23,7 +23,7 @@ WINDOW_STAGE_S = 0.005  # [s] least duration of one of them, or a tick
 ROUNDING = 1e-9  # [-] of a number of stages
 THIN_RAD = 1e-3  # [rad] a narrower range of elevations is an equality: it has no interior to solve in
 FALL_MIN = 0.05  # [m^2/s^2] least discriminant of a flight: below, the object only grazes the plane
-LARGEST_SLOPE_RAD = 1.57  # [rad] elevations beyond have no finite tangent; they are no limits
+LARGEST_SLOPE_RAD = 1.57  # [rad] elevations beyond have hardly a finite tangent: they are no limits
 # [m, m/s, rad] that a calibrated arm's refined release moves in place, speed and elevation, at most as a rule
 ROOM = 3e-3
 
@@ -72,8 +72,8 @@ def release_bounds(problem: ThrowProblem) -> Vector:
     highest = target.max_elevation_rad
     bounds[:, at["landing"]] = 0.0
     bounds[0, at["falls"]] = FALL_MIN
-    bounds[0, at["elevation"]] = 0.0 if lowest > -math.pi / 2 else -np.inf, -np.inf
-    bounds[1, at["elevation"]] = np.inf, 0.0 if highest < math.pi / 2 else np.inf
+    bounds[0, at["elevation"]] = 0.0 if lowest > -LARGEST_SLOPE_RAD else -np.inf, -np.inf
+    bounds[1, at["elevation"]] = np.inf, 0.0 if highest < LARGEST_SLOPE_RAD else np.inf
     if highest - lowest < THIN_RAD:
         bounds[:, at["elevation"]] = [[0.0, -np.inf], [0.0, np.inf]]
     bounds[1, at["speed"]] = target.max_speed_m_s**2
@@ -89,7 +89,7 @@ def release_parameters(problem: ThrowProblem, aim: Vector) -> Vector:
     elevations = (-math.pi / 2, math.pi / 2)
     if problem.target is not None:
         elevations = (problem.target.min_elevation_rad, problem.target.max_elevation_rad)
-    slopes = [math.tan(e) if abs(e) < LARGEST_SLOPE_RAD else 0.0 for e in elevations]
+    slopes = np.tan(np.clip(elevations, -LARGEST_SLOPE_RAD, LARGEST_SLOPE_RAD))
     return RELEASE.pack({"target": aim, "gravity_z": problem.gravity_at_tool_speed, "tan_elevation": slopes})
 
 

@@ -1,7 +1,6 @@
-"""Every number of the optimiser that was chosen by trial: what it does, and what another one costs.
+"""The main numbers of the optimiser that were chosen by trial: what each does, and what another one costs.
 
-Other constants follow from something: a tolerance of the certificate, a rounding, a physical quantity. They stand where
-they are used.
+The others stand where they are used.
 """
 
 from __future__ import annotations

@@ -3,18 +3,16 @@
 Source: Berscheid and Kroeger, Jerk-limited Real-time Trajectory Generation with Arbitrary Target States, RSS 2021.
 """
 
-from planner.backends.ruckig_otg.arrival import arrival, launch_time, least_times
+from planner.backends.ruckig_otg.arrival import arrival, least_times
 from planner.backends.ruckig_otg.library import TICKS_MIN, ruckig_module
-from planner.backends.ruckig_otg.motions import LAST_RESORT, VARIANTS, LaunchVariant, initial_guess, solve
+from planner.backends.ruckig_otg.motions import VARIANTS, LaunchVariant, initial_guess, solve
 
 __all__ = [
-    "LAST_RESORT",
     "TICKS_MIN",
     "VARIANTS",
     "LaunchVariant",
     "arrival",
     "initial_guess",
-    "launch_time",
     "least_times",
     "ruckig_module",
     "solve",

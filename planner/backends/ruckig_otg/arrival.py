@@ -55,18 +55,6 @@ def arrival(problem: ThrowProblem, candidate: Candidate) -> Arrival | None:
         return None
 
 
-def launch_time(problem: ThrowProblem, candidate: Candidate) -> float:
-    """Returns the least time [s] of a launch with zero release acceleration, infinite where Ruckig refuses it.
-
-    Raises:
-        BackendUnavailable: ruckig is not installed.
-    """
-    try:
-        return float(least_times(problem, candidate).max())
-    except SolverFailed:
-        return float("inf")
-
-
 def least_times(problem: ThrowProblem, candidate: Candidate) -> Vector:
     """Returns each joint's own least time (6,) [s] to the candidate with zero acceleration there.
 

@@ -29,7 +29,6 @@ from planner.trajectory import join
 
 LaunchVariant = Literal["free", "synchronised", "independent", "gentle"]
 VARIANTS: tuple[LaunchVariant, ...] = get_args(LaunchVariant)
-LAST_RESORT: LaunchVariant = "gentle"  # never the soonest: for problems in which no other variant is certified
 GENTLE_SPEED = 0.6  # [-] of the velocity limit
 GENTLE = 0.5  # [-] of the limits on acceleration and jerk
 
