@@ -80,9 +80,10 @@ def search_candidates(search: PlanningSearch, found: Sequence[Candidate], at_mos
         try_motions(search, "ruckig", found[:ARRIVALS], [partial(_soonest_motion, share) for share in JERK_SHARES])
     tried = 0
     settled = set[int]()
-    for candidate, aspect, least_s in _first(problem, found):
-        is_excluded = aspect in settled or least_s >= search.release_time_s
-        if tried < min(at_most, OPTIMISED) and not is_excluded and not search.out_of_time:
+    for candidate, aspect, least_s in _first(search, found):
+        if tried == min(at_most, OPTIMISED) or search.out_of_time:
+            break
+        if aspect not in settled and least_s < search.release_time_s:
             tried += 1
             if optimise(search, candidate):
                 settled.add(aspect)
@@ -126,15 +127,19 @@ def _soonest_motion(jerk_share: float, problem: ThrowProblem, candidate: Candida
     return ruckig_otg.solve(gentler, candidate, "free")
 
 
-def _first(problem: ThrowProblem, found: Sequence[Candidate]) -> Iterator[tuple[Candidate, int, float]]:
+def _first(search: PlanningSearch, found: Sequence[Candidate]) -> Iterator[tuple[Candidate, int, float]]:
     """Yields the candidates to optimise from, each with its aspect and a lower bound on the time of its release [s].
 
     Where the joint states are given, the optimiser keeps them: none releases before its slowest joint alone arrives,
     and each counts as an aspect of its own. Otherwise it moves them within their aspect, and none releases before the
     arm can be there. The aspects that can be reached soonest come first, the start's own before all others.
     """
+    problem = search.problem
     if problem.fixes_joints:
-        yield from ((each, row, _least_release_time(problem, each)) for row, each in enumerate(found))
+        for row, candidate in enumerate(found):
+            if candidate.bound_s >= search.release_time_s:  # as have all that follow
+                return
+            yield candidate, row, _least_release_time(problem, candidate)
         return
     aspect = aspects(problem.cell.robot, np.array([each.q for each in found])).tolist()
     least_s = least_times_to_aspects(problem)
