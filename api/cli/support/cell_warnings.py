@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from planner.cell import Cell
 
+LOOPBACK = re.compile(r"localhost|127(\.\d+){3}|::1")  # addresses of this machine
 LAG_S = 0.002  # [s] by which a simulated arm may be later than its cell says: a tick of the e-Series
 
 
 def warnings_of(cell: Cell) -> list[str]:
     """Returns warnings of a cell, in words."""
-    return [*_far_boxes(cell), *_far_floor(cell), *_wrong_lag(cell), *_heavy_payload(cell)]
+    return [*_elsewhere(cell), *_far_boxes(cell), *_far_floor(cell), *_wrong_lag(cell), *_heavy_payload(cell)]
+
+
+def _elsewhere(cell: Cell) -> list[str]:
+    """Returns a warning of a simulation that is not on this machine: it may be an arm."""
+    if cell.link.kind != "sim" or LOOPBACK.fullmatch(cell.link.host):
+        return []
+    says = f"link.kind is 'sim', and {cell.link.host} (link.host) is not this machine"
+    return [f"{says}: if an arm stands there, it moves without the questions of a real one; kind = 'ur' is for those"]
 
 
 def _far_boxes(cell: Cell) -> list[str]:

@@ -136,9 +136,11 @@ def test_cell_check_warns_of_a_box_in_millimetres(tmp_path: Path, root: Path):
             "weigh 5.1 kg (tool.mass_kg, object.mass_kg), and a ur5e is rated for 5 kg",
         ),
         ({"mass_kg = 0.05": "mass_kg = 4.0"}, None),
+        ({'host = "127.0.0.1"': 'host = "8.8.8.8"'}, "8.8.8.8 (link.host) is not this machine"),
+        ({'host = "127.0.0.1"': 'host = "localhost"'}, None),
     ],
 )
-def test_cell_check_warns_of_a_wrong_lag_and_a_heavy_payload(tmp_path: Path, root: Path, changes, warning):
+def test_cell_check_warns_of_what_is_allowed_and_unlikely(tmp_path: Path, root: Path, changes, warning):
     text = (root / "cells" / "ur5e-sim.toml").read_text()
     file = tmp_path / "changed.toml"
     for old, new in changes.items():
