@@ -109,7 +109,8 @@ def _of_plan(client: ServiceClient, id: str, **more: Any) -> ReportContent:
 
 def _of_execution(client: ServiceClient, id: str) -> ReportContent:
     execution = client.get(f"/executions/{id}")
-    landings = client.get(f"/executions/{execution['id']}/landing")["landings"]
+    reported = client.get(f"/executions/{execution['id']}/landing")["landings"]
+    landings = [landing for landing in reported if landing.get("withdrawn_at") is None]
     recording = client.text(f"/executions/{execution['id']}/recording", CSV) if execution["outcome"] else ""
     return _of_plan(client, execution["plan_id"], execution=execution, landings=landings, recording=recording)
 
