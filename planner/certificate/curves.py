@@ -122,7 +122,7 @@ def motion_curves(problem: ThrowProblem, trajectory: Trajectory) -> tuple[Curve,
 
 
 def _joints(shown: ShownMotion) -> list[Curve]:
-    limits = shown.problem.limits
+    limits = shown.motion.limits
     trajectory = shown.trajectory
     rows = shown.rows
     jerk = np.append(trajectory.jerk, np.zeros((1, trajectory.q.shape[1])), axis=0)[rows]  # at rest after the end
@@ -140,11 +140,10 @@ def _joints(shown: ShownMotion) -> list[Curve]:
 
 def _speeds(shown: ShownMotion) -> list[Curve]:
     arm = shown.arm
-    limits = shown.problem.limits
     safety = shown.problem.cell.safety
     tool, flange = (point.name for point in tool_points(shown.problem.cell))
     points = (
-        Series(tool, arm.tool_speed, None, limits.tcp_speed_max),
+        Series(tool, arm.tool_speed, None, shown.motion.tool_speed_max),
         Series(flange, arm.flange_speed, None, safety.tool_speed_m_s),
     )
     return [

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from planner.arrays import Array, Index
-from planner.cell import Cell
+from planner.cell import Cell, Limits
 from planner.certificate.bounds import Rates, joint_rates
 from planner.certificate.loads import LoadBounds, load_bounds, loads_of
 from planner.dynamics import TorqueTerms, elbow_points, empty_bodies, fastest, tool_points, torque_terms
@@ -98,6 +98,17 @@ class MotionSamples:
         self.problem = problem
         self.trajectory = trajectory
         self.body: BodyModel = body_model(problem.cell_with_bin)
+
+    @cached_property
+    def limits(self) -> Limits:
+        """The problem's limits; where it says more than the arm can do, the arm's own."""
+        return self.problem.limits.within(self.problem.cell.robot)
+
+    @cached_property
+    def tool_speed_max(self) -> float:
+        """Largest speed of the tool centre point [m/s]: the problem's, and the arm's safety limit."""
+        safe = self.problem.cell.safety.tool_speed_m_s
+        return self.limits.tcp_speed_max if safe is None else min(self.limits.tcp_speed_max, safe)
 
     @cached_property
     def knots(self) -> Index:

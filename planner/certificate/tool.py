@@ -23,7 +23,7 @@ def tcp_speed(motion: MotionSamples) -> Check:
     """
     cell, levers = motion.problem.cell, watched_levers(motion.problem.cell)
     tool, flange = tool_points(cell)
-    check = _speed(motion, tool, levers.tool, motion.problem.limits.tcp_speed_max)
+    check = _speed(motion, tool, levers.tool, motion.tool_speed_max)
     if cell.safety.tool_speed_m_s is None or not check.ok:
         return check
     of_flange = _speed(motion, flange, levers.flange, cell.safety.tool_speed_m_s)
@@ -50,7 +50,7 @@ def singularity_distance(motion: MotionSamples) -> Check | None:
     trajectory = motion.trajectory
     if problem.ends_at_rest:
         return None
-    required = problem.limits.singularity_distance_min
+    required = motion.limits.singularity_distance_min
     robot = problem.cell.robot
     reach = round(SINGULARITY_WINDOW_S * trajectory.sample_rate_hz)
     first = max(0, trajectory.release_index - reach)

@@ -9,6 +9,7 @@ from planner.backends import ruckig_otg
 from planner.cell import Box, Safety
 from planner.certificate import Examination, certify, checks, landing_errors
 from planner.certificate.bounds import joint_rates, point_bound
+from planner.errors import InvalidProblem
 from planner.geometry import levers, tool_state
 from planner.kinematics import forward
 from planner.planning import plan
@@ -152,6 +153,31 @@ def test_each_spoilt_trajectory_is_caught(good, name):
     assert not certificate.valid
     assert not check.ok
     assert check.margin < 0.0
+
+
+@pytest.mark.parametrize(
+    ("name", "attribute", "joint"),
+    [("joint_position", "q_upper", 2), ("joint_velocity", "qd_max", 0), ("joint_torque", "tau_max", 1)],
+)
+def test_the_arms_own_limits_are_checked_whatever_the_problem_says(good, name, attribute, joint):
+    problem, trajectory = good
+    loose = replace(problem.limits, **{attribute: np.full(6, 1e3)})
+    with pytest.raises(InvalidProblem, match=rf"limits\.{attribute}\[0\]: 1000 is beyond the arm's own limit"):
+        replace(problem, limits=loose)
+    unchecked = replace(problem)
+    object.__setattr__(unchecked, "limits", loose)
+    check = certify(unchecked, scaled(trajectory, None, 40.0)).check(name)
+    assert not check.ok
+    assert check.limit <= getattr(problem.cell.robot, attribute).max() * 1.001
+
+
+def test_the_tool_speed_of_the_arm_is_checked_whatever_the_limits_say(good):
+    problem, trajectory = good
+    fastest = certify(problem, trajectory).check("tcp_speed").value
+    safety = replace(problem.cell.safety, tool_speed_m_s=0.99 * fastest)
+    here = replace(problem.cell, safety=safety, limits=replace(problem.limits, tcp_speed_max=20.0))
+    check = certify(replace(problem, cell=here, limits=here.limits), trajectory).check("tcp_speed")
+    assert (check.ok, check.limit) == (False, 0.99 * fastest)
 
 
 @pytest.mark.parametrize("name", SPOILT)
