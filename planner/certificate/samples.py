@@ -164,11 +164,7 @@ class MotionSamples:
     @cached_property
     def _object_changes(self) -> tuple[int, int]:
         """Samples between which the object may be held or gone: the release window, rounded outwards."""
-        trajectory = self.trajectory
-        window = self.problem.planned_window_s
-        reach = math.ceil(window * trajectory.sample_rate_hz - TICK_ROUNDING)
-        k = trajectory.release_index
-        return max(0, k - reach), min(len(trajectory.q) - 1, k + reach)
+        return ticks_around_release(self.trajectory, self.problem.planned_window_s)
 
     @cached_property
     def at_knots(self) -> ArmSamples:
@@ -224,6 +220,18 @@ class MotionSamples:
         links = LinkMotion(X_WL, qd, qdd)
         cell = self.problem.cell
         return ArmSamples(cell, t, X_WL, links, links.on_flange(cell.tool.X_FT[:3, 3]))
+
+
+def ticks_around_release(trajectory: Trajectory, window_s: float) -> tuple[int, int]:
+    """Returns the first and the last sample of a window around the release, rounded outwards to whole ticks.
+
+    Args:
+        trajectory: the motion; what lies before or after it is left out.
+        window_s: half of the window [s].
+    """
+    reach = math.ceil(window_s * trajectory.sample_rate_hz - TICK_ROUNDING)
+    k = trajectory.release_index
+    return max(0, k - reach), min(len(trajectory.q) - 1, k + reach)
 
 
 def _merged(rows: Index, *more: int) -> Index:

@@ -8,7 +8,7 @@ from planner.arrays import Array, Index
 from planner.certificate.bounds import Rates, curvature_bound, joint_rates, point_bound, prove_above
 from planner.certificate.certificate import ROUNDING, Check, at_least, at_most
 from planner.certificate.loads import watched_levers
-from planner.certificate.samples import ArmSamples, MotionSamples
+from planner.certificate.samples import ArmSamples, MotionSamples, ticks_around_release
 from planner.dynamics import WatchedPoint, tool_points
 from planner.kinematics import SINGULARITIES, signed_singularity_distances
 from planner.robots import Robot
@@ -52,9 +52,7 @@ def singularity_distance(motion: MotionSamples) -> Check | None:
         return None
     required = motion.limits.singularity_distance_min
     robot = problem.cell.robot
-    reach = round(SINGULARITY_WINDOW_S * trajectory.sample_rate_hz)
-    first = max(0, trajectory.release_index - reach)
-    last = min(len(trajectory.q) - 1, trajectory.release_index + reach)
+    first, last = ticks_around_release(trajectory, SINGULARITY_WINDOW_S)
     rows = motion.knots[(motion.knots > first) & (motion.knots < last)]
     rows = np.concatenate([[first], rows, [last]])
 

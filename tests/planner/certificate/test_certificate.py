@@ -5,15 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planner.backends import ruckig_otg
+from planner.backends import profiles, ruckig_otg
 from planner.cell import Box, Safety
 from planner.certificate import Examination, certify, checks, landing_errors
 from planner.certificate.bounds import joint_rates, point_bound
+from planner.certificate.samples import ticks_around_release
 from planner.errors import InvalidProblem
 from planner.geometry import levers, tool_state
-from planner.kinematics import forward
+from planner.kinematics import forward, signed_singularity_distances
 from planner.planning import plan
-from planner.problem import JointRelease, PointRelease, TargetRelease
+from planner.problem import JointRelease, PointRelease, TargetRelease, ThrowProblem
 from planner.seeds import Candidate, candidates
 from planner.trajectory import Trajectory, integrate
 from tests.planner.problems import cell, feasible_states, joint_problem, point_problem, pose_problem, random_state
@@ -386,3 +387,29 @@ def test_a_singularity_that_is_passed_between_two_samples_is_found(name: str):
         (check,) = (c for c in certify(problem, motion).checks if c.name == "singularity_distance")
         assert not check.ok, beyond
         assert check.value < 0.01
+
+
+@pytest.mark.parametrize("name", ["ur5-sim", "ur5e-sim"])
+def test_singularities_are_watched_over_50_ms_at_either_rate(name):
+    """Near a wrist singularity on a controller of 125 Hz, where six ticks are 48 ms and seven 56 ms."""
+    here = cell(name)
+    q = [-0.24900803601, -1.84604307812, 1.36459656706, -1.91299740387, -0.16507304515, 0.28024206609]
+    qd = [-0.64378045233, -0.71725373733, -0.16741849710, -0.11266246493, 2.46639037523, 0.66670377081]
+    problem = ThrowProblem(here, here.home, JointRelease(np.array(q), np.array(qd)), here.limits)
+    trajectory = profiles.solve(problem, candidates(problem)[0], "ramp").trajectory
+    around = np.linspace(-0.05, 0.05, 2001)
+    t = trajectory.release_time_s + around
+    reached = np.abs(signed_singularity_distances(here.robot, trajectory.at(t)[0])).min()
+    check = certify(problem, trajectory).check("singularity_distance")
+    assert check.value <= reached + 1e-9
+    assert check.ok == (check.value >= 0.05)
+    assert reached == pytest.approx(0.0465, abs=2e-3)
+
+
+@pytest.mark.parametrize(("rate_hz", "ticks"), [(125.0, 7), (500.0, 25), (1000.0, 50)])
+def test_windows_are_rounded_outwards_to_whole_ticks(rate_hz, ticks):
+    rest = np.zeros((200, 6))
+    still = Trajectory(rate_hz, rest, rest, rest, release_index=100)
+    assert ticks_around_release(still, 0.05) == (100 - ticks, 100 + ticks)
+    assert ticks_around_release(still, 0.0) == (100, 100)
+    assert ticks_around_release(still, 10.0) == (0, 199)
