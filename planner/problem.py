@@ -11,7 +11,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from planner.arrays import Array, Mask
-from planner.cell import Box, Cell, Limits
+from planner.cell import STANDING_RAD, Box, Cell, Limits
 from planner.errors import FieldError, InvalidProblem
 from planner.flight import drag_constant
 from planner.geometry import LEVEL_M, Misfit, Surface, landing_surfaces, misfit, passable
@@ -72,7 +72,8 @@ class ThrowProblem:
     aim_shift: Array = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
-        errors = [*_start_errors(self.start, self.limits), *self.release.errors(self.cell)]
+        errors = [*_limit_errors(self.limits, self.cell), *_start_errors(self.start, self.limits)]
+        errors += self.release.errors(self.cell)
         if self.backend not in BACKENDS:
             errors.append(FieldError("backend", f"{self.backend!r} is not one of {', '.join(BACKENDS)}"))
         if not 0.0 < self.time_limit_s <= TIME_LIMIT_MAX_S:
@@ -210,6 +211,13 @@ def _cell_with_block(cell: Cell, lower: tuple[float, ...], upper: tuple[float, .
     block = Box(np.array(lower), np.array(upper), "bin")
     around = cell.surroundings
     return replace(cell, surroundings=replace(around, keep_out=(*around.keep_out, block)))
+
+
+def _limit_errors(limits: Limits, cell: Cell) -> list[FieldError]:
+    return [
+        FieldError(f"limits.{name}[{joint}]", f"{value:.6g} is beyond the arm's own limit of {own:.6g}")
+        for name, joint, value, own in limits.beyond(cell.robot, STANDING_RAD)
+    ]
 
 
 def _start_errors(q: Array, limits: Limits) -> list[FieldError]:

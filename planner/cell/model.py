@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from planner.arrays import Array
+from planner.arrays import Array, read_only
 from planner.calibration import CalibrationFile
+from planner.cell.content import content_sha256
+from planner.errors import CellError
 from planner.robots import Robot
 
 # [m] from an arm: none throws as far, and most places in a cell are farther if they are taken in millimetres
 FARTHEST_M = 100.0
 CONTACT_M = 1e-6  # [m] rounding: so deep in it, a point still stands on a box or on the floor
+PAYLOAD_ROUNDING = 1e-9  # [-] of the sum of two masses
+STANDING_RAD = 1e-3  # [rad] by which an arm may stand beyond its range; its controller lets it no farther, and back
 OUT_M = 0.01  # [m] least displacement at which an object is out of the grip
 
 
@@ -42,6 +47,15 @@ class Tool:
     capsules: tuple[ToolCapsule, ...]
 
 
+class LimitBeyondArm(NamedTuple):
+    """A limit of one joint that the arm itself does not have: its attribute of `Limits`, the joint, and both values."""
+
+    attribute: str
+    joint: int
+    value: float
+    own: float
+
+
 @dataclass(frozen=True, eq=False)
 class Limits:
     """Bounds on the motion.
@@ -64,6 +78,36 @@ class Limits:
     tau_max: Array
     tcp_speed_max: float
     singularity_distance_min: float
+
+    def within(self, arm: Robot) -> Limits:
+        """Returns these limits, no wider than what is published of the arm's model; see `STANDING_RAD`."""
+        own = arm.published
+        return replace(
+            self,
+            q_lower=np.maximum(self.q_lower, own.q_lower - STANDING_RAD),
+            q_upper=np.minimum(self.q_upper, own.q_upper + STANDING_RAD),
+            qd_max=np.minimum(self.qd_max, own.qd_max),
+            qdd_max=np.minimum(self.qdd_max, own.qdd_max),
+            tau_max=np.minimum(self.tau_max, own.tau_max),
+        )
+
+    def beyond(self, arm: Robot, standing_rad: float = 0.0) -> list[LimitBeyondArm]:
+        """Returns every limit that is wider than what is published of the arm's model, or is no number.
+
+        Args:
+            arm: of that model.
+            standing_rad: by which a range may be wider than the arm's [rad].
+        """
+        own = arm.published
+        found = []
+        for name in ("q_lower", "q_upper", "qd_max", "qdd_max", "tau_max"):
+            value = getattr(self, name)
+            bound = getattr(own, name)
+            slack = standing_rad if name.startswith("q_") else 0.0
+            is_kept = value >= bound - slack if name == "q_lower" else value <= bound + slack
+            joints = np.flatnonzero(~is_kept).tolist()
+            found += [LimitBeyondArm(name, joint, float(value[joint]), float(bound[joint])) for joint in joints]
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,13 +258,18 @@ class Cell:
 
     Attributes:
         name: stem of the cell file's name.
-        sha256: hash of the cell file's bytes, and of its calibration file's.
+        sha256: hash of the cell file's bytes, and of its calibration file's; of a cell made in code, as by
+            `dataclasses.replace`, of its content.
         robot: the arm; with the calibration's chain where there is one.
         calibration: the file that this is from; None for the published table.
         home: joint positions (6,) [rad] where a throw starts by default.
         X_WB: pose (4, 4) of the arm's base in the world.
         tool, limits, surroundings, object, gripper, safety, timing, link, sim: the tables of the cell file.
         document: keys and numbers of the cell file as written, with defaults filled in.
+        content: hash of what the cell says, by which one that was changed in code is told from that of a file.
+
+    Raises:
+        CellError: a limit is beyond the arm's own, or tool and object are heavier than the arm is rated for.
     """
 
     name: str
@@ -239,6 +288,52 @@ class Cell:
     link: ControllerAddress
     sim: Sim
     document: Mapping[str, Any] = field(repr=False)
+    content: str = field(default="", repr=False)
+
+    def __post_init__(self) -> None:
+        for name, joint, value, own in self.limits.beyond(self.robot):
+            raise CellError(f"limits.{name}[{joint}]", value, f"is beyond the arm's own limit of {own:.6g}")
+        self._refuse_overweight()
+        content = content_sha256(self)
+        if self.content not in ("", content):
+            object.__setattr__(self, "sha256", content)
+        object.__setattr__(self, "content", content)
+
+    def _refuse_overweight(self) -> None:
+        """Raises a `CellError` where tool and object are heavier together than the arm is rated for."""
+        tool_kg = self.tool.mass_kg
+        object_kg = self.object.mass_kg
+        rated_kg = self.robot.published.payload_kg
+        if tool_kg + object_kg <= rated_kg * (1.0 + PAYLOAD_ROUNDING):
+            return
+        field, value = ("tool.mass_kg", tool_kg) if tool_kg > object_kg else ("object.mass_kg", object_kg)
+        weigh = f"tool and object weigh {tool_kg + object_kg:.6g} kg together"
+        raise CellError(field, value, f"{weigh}; a {self.robot.name} is rated for {rated_kg:g} kg")
+
+    def with_limits(self, **changes: ArrayLike) -> Cell:
+        """Returns this cell with other limits, and a hash of its own.
+
+        Args:
+            changes: attributes of `Limits`; of those with an entry per joint, one number for all joints or six.
+
+        Raises:
+            CellError: there is no such limit, or one is beyond the arm's own.
+        """
+        limits = dict(vars(self.limits))
+        for name, value in changes.items():
+            if name not in limits:
+                raise CellError(f"limits.{name}", None, f"unknown limit; known are {', '.join(sorted(limits))}")
+            limits[name] = read_only(np.broadcast_to(value, np.shape(limits[name])))
+            if np.ndim(limits[name]) == 0:
+                limits[name] = float(limits[name])
+        return replace(self, limits=Limits(**limits))
+
+    def as_learnt(self, timing: Timing, gripper: Gripper, thing: ThrownObject) -> Cell:
+        """Returns this cell with what a profile has learnt of it.
+
+        It keeps its hash, which says what was learnt of: a plan names the profile beside it.
+        """
+        return replace(self, timing=timing, gripper=gripper, object=thing, content="")
 
     def as_document(self) -> dict[str, Any]:
         """Returns the cell file's keys and numbers with defaults filled in, plus `name` and `sha256`."""

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -220,3 +221,70 @@ def test_faults_of_one_kind(text, fields):
 def test_a_wrong_name_does_not_hide_what_else_is_wrong():
     faults = cell_faults(CellSource("a b", (LEAST + "[timing]\nlag_s = 9\n").encode()))
     assert [fault.field for fault in faults] == ["name", "timing.lag_s"]
+
+
+def test_a_cell_made_in_code_has_a_hash_of_its_own():
+    here = load_cell(CELLS / "ur5e-sim.toml")
+    slower = here.with_limits(qd_max=2.0)
+    np.testing.assert_array_equal(slower.limits.qd_max, np.full(6, 2.0))
+    assert slower.limits.tcp_speed_max == here.limits.tcp_speed_max
+    in_code = replace(here, limits=replace(here.limits, qd_max=np.full(6, 2.0)))
+    heavier = replace(here, object=replace(here.object, mass_kg=0.1))
+    assert len({here.sha256, slower.sha256, heavier.sha256}) == 3
+    assert in_code.sha256 == slower.sha256 == replace(slower, name="another").sha256
+    assert replace(slower, limits=here.limits).sha256 != slower.sha256
+    same = replace(here, limits=replace(here.limits))
+    assert same.sha256 == here.sha256  # nothing was changed
+
+
+def test_what_a_profile_has_learnt_keeps_the_hash_of_the_file():
+    here = load_cell(CELLS / "ur5e-sim.toml")
+    gripper = replace(here.gripper, delay_s=0.05)
+    learnt = here.as_learnt(replace(here.timing, lag_s=0.03), gripper, here.object)
+    assert learnt.sha256 == here.sha256
+    assert (learnt.timing.lag_s, learnt.gripper.delay_s) == (0.03, 0.05)
+    assert learnt.with_limits(qd_max=2.0).sha256 not in (here.sha256, here.with_limits(qd_max=2.0).sha256)
+
+
+@pytest.mark.parametrize(
+    ("changes", "field"),
+    [
+        ({"qd_max": 20.0}, r"limits\.qd_max\[0\] = 20\.0: is beyond the arm's own limit of 3\.14159"),
+        ({"qdd_max": [15.0, 15.0, 41.0, 15.0, 15.0, 15.0]}, r"limits\.qdd_max\[2\]"),
+        ({"q_upper": 7.0}, r"limits\.q_upper\[0\]"),
+        ({"tau_max": 151.0}, r"limits\.tau_max\[0\]"),
+        ({"qd_max": np.nan}, r"limits\.qd_max\[0\]"),
+        ({"speed": 1.0}, r"limits\.speed: unknown limit"),
+    ],
+)
+def test_no_cell_says_that_an_arm_can_do_more_than_it_can(changes, field):
+    here = load_cell(CELLS / "ur5e-sim.toml")
+    with pytest.raises(CellError, match=field):
+        here.with_limits(**changes)
+    if "speed" not in changes:
+        values = {name: np.broadcast_to(value, (6,)) for name, value in changes.items()}
+        with pytest.raises(CellError, match=field):
+            replace(here, limits=replace(here.limits, **values))
+
+
+def test_an_arm_changed_in_code_is_still_the_arm_of_its_name():
+    here = load_cell(CELLS / "ur5e-sim.toml")
+    fast = replace(here.robot, qd_max=np.full(6, 20.0))
+    with pytest.raises(CellError, match="beyond the arm's own limit"):
+        replace(here, robot=fast, limits=replace(here.limits, qd_max=fast.qd_max))
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ("[tool]\nmass_kg = 12.0\n", r"tool\.mass_kg = 12\.0: tool and object weigh 12\.05 kg together; .* 5 kg"),
+        ("[tool]\nmass_kg = 1.0\n[object]\nmass_kg = 8.0\n", r"object\.mass_kg = 8\.0: .* weigh 9 kg together"),
+    ],
+)
+def test_more_than_the_rated_payload_is_refused(changes, reason):
+    with pytest.raises(CellError, match=reason):
+        parse_cell(LEAST + changes, "c")
+    assert parse_cell(LEAST + "[tool]\nmass_kg = 4.95\n", "c").tool.mass_kg == 4.95  # with the object exactly 5 kg
+    here = load_cell(CELLS / "ur5e-sim.toml")
+    with pytest.raises(CellError, match=r"object\.mass_kg = 8\.0"):
+        replace(here, object=replace(here.object, mass_kg=8.0))

@@ -12,7 +12,7 @@ LAG_S = 0.002  # [s] by which a simulated arm may be later than its cell says: a
 
 def warnings_of(cell: Cell) -> list[str]:
     """Returns warnings of a cell, in words."""
-    return [*_far_boxes(cell), *_far_floor(cell), *_wrong_lag(cell), *_heavy_payload(cell)]
+    return [*_far_boxes(cell), *_far_floor(cell), *_wrong_lag(cell)]
 
 
 def _far_boxes(cell: Cell) -> list[str]:
@@ -47,13 +47,3 @@ def _wrong_lag(cell: Cell) -> list[str]:
         measures = f"`fling calibrate lag --cell {cell.name}` measures it"
         return [f"timing.lag_s is 0 s: a real arm is late, by about 0.02 s, and its throws miss; {measures}"]
     return []
-
-
-def _heavy_payload(cell: Cell) -> list[str]:
-    """Returns a warning of tool and object that are heavier together than what the arm is rated for."""
-    mass_kg = cell.tool.mass_kg + cell.object.mass_kg
-    rated_kg = cell.robot.payload_kg
-    if mass_kg <= rated_kg:
-        return []
-    weighs = f"tool and object weigh {mass_kg:g} kg (tool.mass_kg, object.mass_kg)"
-    return [f"{weighs}, and a {cell.robot.name} is rated for {rated_kg:g} kg; plans keep its joint torques alone"]
