@@ -12,7 +12,7 @@ from executor import realtime
 from executor.cell_watch import CellWatch
 from executor.execution import Execution
 from executor.logs import log
-from executor.preflight import ExecutionRefused, Readiness, readiness
+from executor.preflight import ExecutionRefused, PreflightReport, readiness
 from executor.records import MIN_FREE_BYTES, ExecutionResult, Journal, row_document
 from executor.robot import RobotSession, robot_document
 from fling import tracing
@@ -49,7 +49,7 @@ class Heartbeat(threading.Thread):
         self.executor_id = executor_id
         self.watch = watch
         self.idle = True  # the dashboard is queried only while nothing moves
-        self._ready = Readiness([])
+        self._ready = PreflightReport([])
         self._ended = threading.Event()
 
     def stop(self) -> None:

@@ -54,7 +54,7 @@ class ExecutionRefused(Exception):
 
 
 @dataclass(frozen=True)
-class Readiness:
+class PreflightReport:
     """What a robot and its controller tell before a motion.
 
     Attributes:
@@ -122,18 +122,18 @@ def gripper_is_open(cell: Cell, state: RobotState) -> bool:
     return bool(state.outputs >> bit & 1) == cell.gripper.open_level
 
 
-def readiness(session: RobotSession) -> Readiness:
+def readiness(session: RobotSession) -> PreflightReport:
     """Returns whether the session's robot may move now, and which robot it is."""
     cell = session.cell
     state = session.monitor.fresh()
     if state is None:
         session.kinematics_reader.forget()  # another robot may answer next
-        return Readiness(refusals(cell, None, None))
+        return PreflightReport(refusals(cell, None, None))
     remote = session.remote_control()
     serial = None if remote is None else session.dashboard.serial_number()  # a silent dashboard takes a second
     info = session.kinematics()
     found = [*refusals(cell, state, remote), *serial_refusals(cell, serial), *kinematics_refusals(cell, info)]
-    return Readiness(found, kinematics_warnings(cell, info), serial)
+    return PreflightReport(found, kinematics_warnings(cell, info), serial)
 
 
 def refusals(cell: Cell, state: RobotState | None, remote: str | None) -> list[str]:
