@@ -3,6 +3,7 @@
 All facts about a site are in its cell file; the arm's own data are in `planner.robots`.
 """
 
+from planner.cell.changes import cell_of_keys
 from planner.cell.faults import cell_faults
 from planner.cell.fields import choice, merge_defaults, number, vector
 from planner.cell.file import cell_of, load_cell, parse_cell
@@ -33,6 +34,7 @@ __all__ = [
     "calibration_path",
     "cell_faults",
     "cell_of",
+    "cell_of_keys",
     "choice",
     "load_cell",
     "merge_defaults",

@@ -7,9 +7,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from planner.arrays import Array, read_only
+from planner.arrays import Array
 from planner.calibration import CalibrationFile
 from planner.cell.content import content_sha256
 from planner.errors import CellError
@@ -310,23 +309,44 @@ class Cell:
         weigh = f"tool and object weigh {tool_kg + object_kg:.6g} kg together"
         raise CellError(field, value, f"{weigh}; a {self.robot.name} is rated for {rated_kg:g} kg")
 
-    def with_limits(self, **changes: ArrayLike) -> Cell:
+    def with_limits(self, **keys: Any) -> Cell:
         """Returns this cell with other limits, and a hash of its own.
 
         Args:
-            changes: attributes of `Limits`; of those with an entry per joint, one number for all joints or six.
+            keys: of the table `[limits]` of a cell file, such as `joint_velocity_rad_s=2.0`.
 
         Raises:
-            CellError: there is no such limit, or one is beyond the arm's own.
+            CellError: there is no such key, or a limit is beyond the arm's own.
         """
-        limits = dict(vars(self.limits))
-        for name, value in changes.items():
-            if name not in limits:
-                raise CellError(f"limits.{name}", None, f"unknown limit; known are {', '.join(sorted(limits))}")
-            limits[name] = read_only(np.broadcast_to(value, np.shape(limits[name])))
-            if np.ndim(limits[name]) == 0:
-                limits[name] = float(limits[name])
-        return replace(self, limits=Limits(**limits))
+        return self._changed({"limits": keys})
+
+    def with_tool(self, **keys: Any) -> Cell:
+        """Returns this cell with another tool, and a hash of its own.
+
+        Args:
+            keys: of the table `[tool]` of a cell file, such as `mass_kg=0.8`.
+
+        Raises:
+            CellError: there is no such key, or its value is refused.
+        """
+        return self._changed({"tool": keys})
+
+    def with_obstacles(self, *boxes: Mapping[str, Any]) -> Cell:
+        """Returns this cell with more boxes that arm, tool and held object stay out of, and a hash of its own.
+
+        Args:
+            boxes: as in `surroundings.keep_out` of a cell file: `{"lower_m": [3], "upper_m": [3]}`.
+
+        Raises:
+            CellError: a box is refused.
+        """
+        there = self.document["surroundings"]["keep_out"]
+        return self._changed({"surroundings": {"keep_out": [*there, *boxes]}})
+
+    def _changed(self, tables: Mapping[str, Mapping[str, Any]]) -> Cell:
+        from planner.cell.changes import changed  # reads keys as the file's, and so stands above the model
+
+        return changed(self, tables)
 
     def as_learnt(self, timing: Timing, gripper: Gripper, thing: ThrownObject) -> Cell:
         """Returns this cell with what a profile has learnt of it.

@@ -53,6 +53,19 @@ def test_a_cell_by_name_by_file_and_by_request(root: Path, answer: fling.Plan):
         fling.open_cell("nowhere")
 
 
+def test_a_cell_in_a_notebook(answer: fling.Plan):
+    bench = fling.open_cell({"name": "bench", "robot": "ur5e", "link": {"kind": "sim"}})
+    slow = bench.with_limits(joint_velocity_rad_s=1.5).with_obstacles(
+        {"lower_m": [0.6, 0.6, 0.0], "upper_m": [0.8, 0.8, 0.5]}
+    )
+    plan = fling.plan(REQUEST, slow)
+    assert plan.document["cell_sha256"] == slow.sha256 != bench.sha256
+    assert np.abs(plan.trajectory.qd).max() <= 1.5
+    assert plan.release_time_s >= answer.release_time_s
+    with pytest.raises(fling.CellError, match="home_rad"):
+        fling.open_cell({"robot": "ur5e", "link": {"kind": "sim"}, "home_rad": [0.0, 1.5, 0.0, 0.0, 0.0, 0.0]})
+
+
 def test_refusals_name_what_stands_in_the_way():
     with pytest.raises(fling.InvalidProblem, match=r"release\.positions"):
         fling.plan({"release": {**REQUEST["release"], "positions": [0.0]}})
@@ -66,7 +79,7 @@ def test_refusals_name_what_stands_in_the_way():
     with pytest.raises(fling.CellError, match="is not one of"):
         fling.plan({**REQUEST, "cell": 400 * "long"})
     for cell in (7, None):
-        with pytest.raises(fling.CellError, match="must be a name or the path of a file"):
+        with pytest.raises(fling.CellError, match="must be a name, the path of a file"):
             fling.open_cell(cell)  # type: ignore[arg-type]
     target = {"kind": "target", "position": [1.2, 0.3, 0.0]}
     with pytest.raises(fling.InvalidProblem, match="min_hit_probability: odds are reckoned by"):

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planner.cell import CellSource, Safety, cell_faults, load_cell, parse_cell
+from planner.cell import CellSource, Safety, cell_faults, cell_of_keys, load_cell, parse_cell
 from planner.errors import CellError
 
 CELLS = Path(__file__).parents[2] / "cells"
@@ -225,12 +225,13 @@ def test_a_wrong_name_does_not_hide_what_else_is_wrong():
 
 def test_a_cell_made_in_code_has_a_hash_of_its_own():
     here = load_cell(CELLS / "ur5e-sim.toml")
-    slower = here.with_limits(qd_max=2.0)
+    slower = here.with_limits(joint_velocity_rad_s=2.0)
     np.testing.assert_array_equal(slower.limits.qd_max, np.full(6, 2.0))
     assert slower.limits.tcp_speed_max == here.limits.tcp_speed_max
     in_code = replace(here, limits=replace(here.limits, qd_max=np.full(6, 2.0)))
     heavier = replace(here, object=replace(here.object, mass_kg=0.1))
     assert len({here.sha256, slower.sha256, heavier.sha256}) == 3
+    assert slower.as_document()["limits"]["joint_velocity_rad_s"] == 2.0
     assert in_code.sha256 == slower.sha256 == replace(slower, name="another").sha256
     assert replace(slower, limits=here.limits).sha256 != slower.sha256
     same = replace(here, limits=replace(here.limits))
@@ -243,28 +244,71 @@ def test_what_a_profile_has_learnt_keeps_the_hash_of_the_file():
     learnt = here.as_learnt(replace(here.timing, lag_s=0.03), gripper, here.object)
     assert learnt.sha256 == here.sha256
     assert (learnt.timing.lag_s, learnt.gripper.delay_s) == (0.03, 0.05)
-    assert learnt.with_limits(qd_max=2.0).sha256 not in (here.sha256, here.with_limits(qd_max=2.0).sha256)
+    slow = learnt.with_limits(joint_velocity_rad_s=2.0)
+    assert slow.timing.lag_s == 0.03
+    assert slow.sha256 not in (here.sha256, here.with_limits(joint_velocity_rad_s=2.0).sha256)
 
 
 @pytest.mark.parametrize(
-    ("changes", "field"),
+    ("keys", "field"),
+    [
+        ({"joint_velocity_rad_s": 20.0}, r"limits\.joint_velocity_rad_s"),
+        ({"joint_acceleration_rad_s2": [15.0, 15.0, 41.0, 15.0, 15.0, 15.0]}, r"joint_acceleration_rad_s2\[2\]"),
+        ({"joint_position_upper_rad": 7.0}, r"limits\.joint_position_upper_rad"),
+        ({"joint_torque_fraction": 1.1}, r"limits\.joint_torque_fraction"),
+        ({"joint_velocity_rad_s": float("nan")}, r"limits\.joint_velocity_rad_s"),
+        ({"speed": 1.0}, r"limits\.speed: unknown key"),
+    ],
+)
+def test_no_key_says_that_an_arm_can_do_more_than_it_can(keys, field):
+    with pytest.raises(CellError, match=field):
+        load_cell(CELLS / "ur5e-sim.toml").with_limits(**keys)
+
+
+@pytest.mark.parametrize(
+    ("limits", "field"),
     [
         ({"qd_max": 20.0}, r"limits\.qd_max\[0\] = 20\.0: is beyond the arm's own limit of 3\.14159"),
         ({"qdd_max": [15.0, 15.0, 41.0, 15.0, 15.0, 15.0]}, r"limits\.qdd_max\[2\]"),
         ({"q_upper": 7.0}, r"limits\.q_upper\[0\]"),
         ({"tau_max": 151.0}, r"limits\.tau_max\[0\]"),
         ({"qd_max": np.nan}, r"limits\.qd_max\[0\]"),
-        ({"speed": 1.0}, r"limits\.speed: unknown limit"),
     ],
 )
-def test_no_cell_says_that_an_arm_can_do_more_than_it_can(changes, field):
+def test_no_cell_says_that_an_arm_can_do_more_than_it_can(limits, field):
     here = load_cell(CELLS / "ur5e-sim.toml")
+    values = {name: np.broadcast_to(value, (6,)) for name, value in limits.items()}
     with pytest.raises(CellError, match=field):
-        here.with_limits(**changes)
-    if "speed" not in changes:
-        values = {name: np.broadcast_to(value, (6,)) for name, value in changes.items()}
-        with pytest.raises(CellError, match=field):
-            replace(here, limits=replace(here.limits, **values))
+        replace(here, limits=replace(here.limits, **values))
+
+
+def test_a_tool_and_obstacles_changed_in_code_are_those_of_a_file():
+    here = load_cell(CELLS / "ur5e-sim.toml")
+    post = {"lower_m": np.array([0.8, 0.1, 0.0]), "upper_m": (0.9, 0.2, 1.0)}
+    there = here.with_tool(mass_kg=0.8).with_obstacles(post)
+    assert there.tool.mass_kg == 0.8
+    assert there.tool.capsules[0].radius_m == here.tool.capsules[0].radius_m
+    assert len(there.surroundings.keep_out) == len(here.surroundings.keep_out) + 1
+        *here.surroundings.keep_out_names,
+        f"box {len(here.surroundings.keep_out)}",
+    )
+    assert there.document["surroundings"]["keep_out"][-1]["upper_m"] == [0.9, 0.2, 1.0]
+    assert there.sha256 not in (here.sha256, here.with_tool(mass_kg=0.8).sha256)
+    assert here.with_tool().sha256 == here.sha256  # nothing was changed
+    with pytest.raises(CellError, match=r"tool\.mass_kg"):
+        here.with_tool(mass_kg=40.0)
+    with pytest.raises(CellError, match=r"keep_out\[\d\]"):
+        here.with_obstacles({"lower_m": [1.0, 1.0, 1.0], "upper_m": [0.0, 0.0, 0.0]})
+
+
+def test_a_cell_is_stated_by_the_keys_of_a_file():
+    stated = {"name": "bench", "robot": "ur5e", "link": {"kind": "sim"}, "tool": {"tcp_position_m": (0.0, 0.0, 0.1)}}
+    here = cell_of_keys({**stated, "home_rad": np.array([0.0, -1.57, 1.57, -1.57, -1.57, 0.0])})
+    assert (here.name, here.robot.name) == ("bench", "ur5e")
+    assert here.as_document()["home_rad"] == [0.0, -1.57, 1.57, -1.57, -1.57, 0.0]
+    assert "name" in stated
+    with pytest.raises(CellError, match=r"tool\.mass: unknown key"):
+        cell_of_keys({**stated, "tool": {"mass": 1.0}})
 
 
 def test_an_arm_changed_in_code_is_still_the_arm_of_its_name():
