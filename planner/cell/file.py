@@ -40,6 +40,7 @@ from planner.robots import ROBOT_NAMES, Robot, robot
 from planner.rotations import beyond_full_turn, pose, rotation_vector_to_matrix
 
 NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")  # a cell's name is part of URLs and file names
+SERIAL_PATTERN = re.compile(r"[A-Za-z0-9]{1,64}")  # a robot's serial number, as its dashboard tells it
 
 # Values of the keys that a cell file leaves out; None: required, taken from the arm, or not limited.
 DEFAULTS: dict[str, Any] = {
@@ -84,7 +85,7 @@ DEFAULTS: dict[str, Any] = {
         "stopping_distance_m": None,
     },
     "timing": {"lag_s": 0.0},
-    "link": {"kind": None, "host": "127.0.0.1"},
+    "link": {"kind": None, "host": "127.0.0.1", "serial": None},
     "sim": {
         "polyscope": None,
         "lag_s": 0.020,
@@ -366,7 +367,10 @@ def _link(table: Mapping[str, Any]) -> ControllerAddress:
     kind = choice(table, "kind", "link.", ("sim", "ur"))
     if not isinstance(table["host"], str) or not table["host"].strip():
         raise CellError("link.host", table["host"], "must be a host name or address")
-    return ControllerAddress(kind, table["host"])
+    serial = table["serial"]
+    if serial is not None and not (isinstance(serial, str) and SERIAL_PATTERN.fullmatch(serial)):
+        raise CellError("link.serial", serial, "must be a serial number in quotes: letters and digits, 64 at most")
+    return ControllerAddress(kind, table["host"], serial)
 
 
 def _sim(table: dict[str, Any], arm: Robot) -> Sim:

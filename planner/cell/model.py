@@ -221,10 +221,17 @@ class Timing:
 
 @dataclass(frozen=True)
 class ControllerAddress:
-    """Network address of the controller. `kind` is "sim" or "ur"; it has no default, so a real arm is never implied."""
+    """How the controller is reached, and which one it must be.
+
+    Attributes:
+        kind: "sim" or "ur"; it has no default, so a real arm is never implied.
+        host: network address.
+        serial: serial number of the robot; None: any robot with the cell's kinematics will do.
+    """
 
     kind: str
     host: str
+    serial: str | None = None
 
 
 @dataclass(frozen=True)

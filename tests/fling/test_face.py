@@ -59,7 +59,7 @@ def test_refusals_name_what_stands_in_the_way():
     with pytest.raises(fling.Infeasible) as refused:
         fling.plan({**REQUEST, "release": {**REQUEST["release"], "velocities": [9.0, 0, 0, 0, 0, 0]}})
     assert refused.value.violations[0].constraint == "joint_velocity"
-    with pytest.raises(fling.InvalidProblem, match=r"request: must be a mapping .* not 5"):
+    with pytest.raises(fling.InvalidProblem, match=r"request: must be a release, or a mapping .* not 5"):
         fling.plan(5)  # type: ignore[arg-type]
     with pytest.raises(fling.CellError, match="is not one of"):
         fling.plan({**REQUEST, "cell": ""})
@@ -104,7 +104,7 @@ def test_a_release_at_the_start_is_there_at_once():
 def test_the_document_of_a_plan_is_read_back(answer: fling.Plan):
     from planner.answer import plan_from_document
 
-    document = fling.plan_document(answer)
+    document = answer.document
     problem, trajectory = plan_from_document(document, answer.problem.cell)
     assert fling.certify(problem, trajectory).valid
     assert document["request"]["release"]["kind"] == "joint"
@@ -112,8 +112,9 @@ def test_the_document_of_a_plan_is_read_back(answer: fling.Plan):
 
 def test_a_window_without_a_tolerance_is_none(answer: fling.Plan):
     made = fling.plan({**REQUEST, "release_window_s": 0.01}, "ur5e-sim")
-    flight = fling.plan_document(made)["flight"]
-    assert (flight["release_window_s"], flight["landing_tolerance_m"]) == (0.0, 0.0)
+    flight = made.flight
+    assert flight is not None
+    assert (flight.release_window_s, flight.landing_tolerance_m) == (0.0, 0.0)
     assert "landing_window" not in {check.name for check in made.certificate.checks}
     assert np.array_equal(made.trajectory.q, answer.trajectory.q)
     with pytest.raises(fling.Infeasible, match="landing_window"):
@@ -129,7 +130,7 @@ def test_a_joint_trajectory_has_the_fields_of_the_ros_message(answer: fling.Plan
     times = [p["time_from_start"]["sec"] + 1e-9 * p["time_from_start"]["nanosec"] for p in message["points"]]
     assert times == pytest.approx(answer.trajectory.t, abs=1e-9)
     assert np.array([p["positions"] for p in message["points"]]) == pytest.approx(answer.trajectory.q)
-    assert fling.as_joint_trajectory(fling.plan_document(answer), frame_id="base_link") == message
+    assert fling.as_joint_trajectory(answer.document, frame_id="base_link") == message
 
 
 def test_names_of_a_driver_with_a_prefix(answer: fling.Plan):

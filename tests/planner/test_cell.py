@@ -93,6 +93,9 @@ def test_the_table_of_the_project_is_its_published_frame():
         (LEAST + "[base_in_world]\nrotation_vector_rad = [0, 0, 90]\n", "base_in_world.rotation_vector_rad"),
         (LEAST + "[surroundings]\nkeep_out = [{ lower_m = [0, 0, 0] }]\n", "keep_out[0].upper_m"),
         (LEAST + "[tool]\ncapsules = [{ from_m = [0, 0], to_m = [0, 0, 1], radius_m = 0.1 }]\n", "capsules"),
+        (LEAST + "serial = 20245500815\n", "link.serial"),
+        (LEAST + 'serial = ""\n', "link.serial"),
+        (LEAST + 'serial = "2024 5500815"\n', "link.serial"),
         ("robot = \n", "file"),
     ],
 )
@@ -121,6 +124,11 @@ def test_grip_and_safety_are_read():
     least = parse_cell(LEAST, "c")
     assert least.gripper.hold_acceleration_m_s2 is None
     assert least.safety == Safety()
+
+
+def test_a_serial_number_is_read_and_may_be_absent():
+    assert parse_cell(LEAST + 'serial = "20245500815"\n', "c").link.serial == "20245500815"
+    assert parse_cell(LEAST, "c").link.serial is None
 
 
 def test_a_missing_file_and_a_bad_name_are_refused():
@@ -170,6 +178,7 @@ keep_out = [{lower_m = [0, 0, 1], upper_m = [1, 1, 0]}]
 output = "mouth"
 [link]
 kind = "wish"
+serial = 7
 """
 
 
@@ -178,7 +187,7 @@ def test_every_fault_of_a_file_is_named_at_once():
     assert set(faults) == {
         "surprise", "home_rad[1]", "tool.mass_kg", "tool.capsules[0].to_m", "tool.capsules[0].colour",
         "tool.capsules[1].to_m", "tool.capsules[1].radius_m", "limits.joint_velocity_rad_s[2]", "limits.tcp_speed_m_s",
-        "surroundings.keep_out[0].lower_m", "gripper.output", "link.kind",
+        "surroundings.keep_out[0].lower_m", "gripper.output", "link.kind", "link.serial",
     }  # fmt: skip
     assert "beyond the arm's own limit" in faults["limits.joint_velocity_rad_s[2]"]
 
