@@ -36,6 +36,8 @@ BACKENDS = ("auto", "casadi", "ruckig", "toppra", "cubic", "trapezoid", "ramp")
 # planner process of lower priority beside twelve busy ones takes up to twenty times as long, one of a batch longer.
 TIME_LIMIT_S = 120.0
 TIME_LIMIT_MAX_S = 120.0  # [s] longest time that one request may occupy a planner
+JITTER_DEVIATIONS = 3.0  # [-] of the gripper's opening that a throw should stand: 99.7 % of normal delays
+JITTER_ROUNDING_S = 1e-9  # [s] by which three standard deviations may exceed a window in floating point
 BINS_KEPT = 32  # [-] cells with a bin of late
 
 
@@ -198,6 +200,13 @@ class ThrowProblem:
     def is_robust(self) -> bool:
         """Whether the landing tolerance must hold for a window of release times."""
         return self.release_window_s > 0.0 and self.landing_tolerance_m > 0.0 and not self.ends_at_rest
+
+    @property
+    def covers_jitter(self) -> bool:
+        """Whether the window holds three standard deviations of the gripper's opening, or nothing is released."""
+        if self.ends_at_rest or not self.holds_object:
+            return True
+        return JITTER_DEVIATIONS * self.cell.gripper.jitter_s <= self.planned_window_s + JITTER_ROUNDING_S
 
     @property
     def planned_window_s(self) -> float:

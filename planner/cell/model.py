@@ -39,11 +39,13 @@ class Tool:
         X_FT: pose (4, 4) of the tool centre point, the object's centre, in the flange frame.
         mass_kg: mass without the object [kg].
         capsules: its shape, for collision checks.
+        is_assumed: whether nobody gave the shape, and the cell assumes one, see `Cell`.
     """
 
     X_FT: Array
     mass_kg: float
     capsules: tuple[ToolCapsule, ...]
+    is_assumed: bool = False
 
 
 class LimitBeyondArm(NamedTuple):
@@ -255,6 +257,9 @@ class Sim:
 class Cell:
     """One robot station.
 
+    A tool centre point off the flange has a tool about it: where its shape is not given, a capsule as thick as the
+    wrist is assumed, from the flange to the object.
+
     Attributes:
         name: stem of the cell file's name.
         sha256: hash of the cell file's bytes, and of its calibration file's; of a cell made in code, as by
@@ -293,10 +298,22 @@ class Cell:
         for name, joint, value, own in self.limits.beyond(self.robot):
             raise CellError(f"limits.{name}[{joint}]", value, f"is beyond the arm's own limit of {own:.6g}")
         self._refuse_overweight()
+        if self.tool.is_assumed or not self.tool.capsules:
+            object.__setattr__(self, "tool", self._with_assumed_shape())
         content = content_sha256(self)
         if self.content not in ("", content):
             object.__setattr__(self, "sha256", content)
         object.__setattr__(self, "content", content)
+
+    def _with_assumed_shape(self) -> Tool:
+        """Returns the tool with an assumed shape; without any where its centre point is on the flange."""
+        p_FT = self.tool.X_FT[:3, 3]
+        length = float(np.linalg.norm(p_FT))
+        if length <= CONTACT_M:
+            return replace(self.tool, capsules=(), is_assumed=False)
+        to_object = p_FT * max(0.0, 1.0 - self.object.radius_m / length)
+        assumed = ToolCapsule(read_only(np.zeros(3)), read_only(to_object), self.robot.shape.wrist_radius)
+        return replace(self.tool, capsules=(assumed,), is_assumed=True)
 
     def _refuse_overweight(self) -> None:
         """Raises a `CellError` where tool and object are heavier together than the arm is rated for."""

@@ -10,6 +10,7 @@ import pytest
 
 from planner.cell import CellSource, Safety, cell_faults, cell_of_keys, load_cell, parse_cell
 from planner.errors import CellError
+from planner.rotations import pose
 
 CELLS = Path(__file__).parents[2] / "cells"
 SHIPPED = ("ur5e-sim", "ur3e-sim", "ur10e-sim", "ur5-sim", "sdu-table", "example-real")
@@ -329,3 +330,50 @@ def test_more_than_the_rated_payload_is_refused(changes, reason):
     here = load_cell(CELLS / "ur5e-sim.toml")
     with pytest.raises(CellError, match=r"object\.mass_kg = 8\.0"):
         replace(here, object=replace(here.object, mass_kg=8.0))
+
+
+@pytest.mark.parametrize(
+    ("changes", "field", "reason"),
+    [
+        ("[base_in_world]\nposition_m = [500, 0, 0]\n", "base_in_world.position_m[0]", "must lie in [-100, 100]"),
+        (
+            "[surroundings]\nkeep_in = [{ lower_m = [-500, -1, 0], upper_m = [500, 1, 2] }]\n",
+            "surroundings.keep_in[0].lower_m[0]",
+            "is 500 m from the arm, more than 100 m",
+        ),
+        ("[tool]\ntcp_position_m = [0, 0, 170]\n", "tool.tcp_position_m[2]", "must lie in [-3, 3]"),
+        (
+            "[tool]\ncapsules = [{ from_m = [0, 0, 0], to_m = [0, 0, 0.15], radius_m = 0.0 }]\n",
+            "tool.capsules[0].radius_m",
+            "must lie in [0.001, 1]",
+        ),
+        (
+            "[tool]\ncapsules = [{ from_m = [0, 0, 0], to_m = [0, 0, 150], radius_m = 0.05 }]\n",
+            "tool.capsules[0].to_m[2]",
+            "must lie in [-3, 3]",
+        ),
+        ("[gripper]\nhold_acceleration_m_s2 = 1e9\n", "gripper.hold_acceleration_m_s2", "must lie in [0.001, 10000]"),
+        ("[safety]\nelbow_speed_m_s = 1e3\n", "safety.elbow_speed_m_s", "must lie in [1e-06, 20]"),
+        ("[safety]\nmomentum_kg_m_s = 1e9\n", "safety.momentum_kg_m_s", "must lie in [1e-06, 1000]"),
+        ("[safety]\npower_w = 1e9\n", "safety.power_w", "must lie in [1e-06, 10000]"),
+        ("[safety]\nstopping_time_s = 100.0\n", "safety.stopping_time_s", "must lie in [1e-06, 10]"),
+    ],
+)
+def test_values_that_no_cell_has_are_refused_with_their_limit(changes, field, reason):
+    with pytest.raises(CellError) as refusal:
+        parse_cell(LEAST + changes, "c")
+    assert (refusal.value.field, refusal.value.reason) == (field, reason)
+
+
+def test_a_tool_without_a_shape_is_given_one():
+    here = parse_cell(LEAST + "[tool]\ntcp_position_m = [0, 0.3, 0.4]\n[object]\nradius_m = 0.05\n", "c")
+    (assumed,) = here.tool.capsules
+    assert here.tool.is_assumed
+    np.testing.assert_allclose(assumed.to_m, [0.0, 0.27, 0.36])  # to the object, half a metre away
+    assert assumed.radius_m == here.robot.shape.wrist_radius
+    longer = replace(here, tool=replace(here.tool, X_FT=pose([0.0, 0.0, 0.2], np.eye(3))))
+    np.testing.assert_allclose(longer.tool.capsules[0].to_m, [0.0, 0.0, 0.15])
+    assert parse_cell(LEAST, "c").tool.capsules == ()
+    shipped = load_cell(CELLS / "ur5e-sim.toml")
+    assert not shipped.tool.is_assumed
+    assert replace(shipped, tool=replace(shipped.tool, capsules=())).tool.is_assumed

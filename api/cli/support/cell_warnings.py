@@ -12,7 +12,7 @@ LAG_S = 0.002  # [s] by which a simulated arm may be later than its cell says: a
 
 def warnings_of(cell: Cell) -> list[str]:
     """Returns warnings of a cell, in words."""
-    return [*_far_boxes(cell), *_far_floor(cell), *_wrong_lag(cell)]
+    return [*_far_boxes(cell), *_far_floor(cell), *_wrong_lag(cell), *_assumed_shape(cell), *_no_clearance(cell)]
 
 
 def _far_boxes(cell: Cell) -> list[str]:
@@ -47,3 +47,18 @@ def _wrong_lag(cell: Cell) -> list[str]:
         measures = f"`fling calibrate lag --cell {cell.name}` measures it"
         return [f"timing.lag_s is 0 s: a real arm is late, by about 0.02 s, and its throws miss; {measures}"]
     return []
+
+
+def _assumed_shape(cell: Cell) -> list[str]:
+    """Returns a warning of a tool whose shape nobody gave."""
+    if not cell.tool.is_assumed:
+        return []
+    thick_mm = 2e3 * cell.tool.capsules[0].radius_m
+    return [f"tool.capsules gives no shape: {thick_mm:.0f} mm about the line from flange to object are assumed"]
+
+
+def _no_clearance(cell: Cell) -> list[str]:
+    """Returns a warning of a cell in which arm and tool may touch what stands around them."""
+    if cell.surroundings.clearance_m > 0.0:
+        return []
+    return ["surroundings.clearance_m is 0 m: arm, tool and object may touch the floor and every box"]

@@ -15,6 +15,7 @@ from planner.geometry import levers, tool_state
 from planner.kinematics import forward, signed_singularity_distances
 from planner.planning import plan
 from planner.problem import JointRelease, PointRelease, TargetRelease, ThrowProblem
+from planner.rotations import pose
 from planner.seeds import Candidate, candidates
 from planner.trajectory import Trajectory, integrate
 from tests.planner.problems import cell, feasible_states, joint_problem, point_problem, pose_problem, random_state
@@ -413,3 +414,40 @@ def test_windows_are_rounded_outwards_to_whole_ticks(rate_hz, ticks):
     assert ticks_around_release(still, 0.05) == (100 - ticks, 100 + ticks)
     assert ticks_around_release(still, 0.0) == (100, 100)
     assert ticks_around_release(still, 10.0) == (0, 199)
+
+
+def test_what_nobody_gave_or_asked_for_is_named():
+    problem = joint_problem()
+    trajectory = ruckig_otg.solve(problem, candidates(problem)[0]).trajectory
+    named = set(certify(problem, trajectory).not_checked)
+    assert named == {"release_jitter"}  # 4.5 ms of the gripper's, and no window
+    here = problem.cell
+    bare = replace(here, tool=replace(here.tool, capsules=()))
+    close = replace(here, surroundings=replace(here.surroundings, clearance_m=0.0))
+    steady = replace(here, gripper=replace(here.gripper, jitter_s=0.0))
+    for other, names in ((bare, {"tool_shape"}), (close, {"clearance"})):
+        assert set(certify(replace(problem, cell=other), trajectory).not_checked) == named | names
+    assert certify(replace(problem, cell=steady), trajectory).not_checked == ()
+    windows = ((0.0044, named), (0.0045, set()), (0.006, set()))
+    for window_s, names in windows:
+        asked = replace(problem, release_window_s=window_s, landing_tolerance_m=1.0)
+        assert set(certify(asked, trajectory).not_checked) == names
+    assert "release_jitter" in certify(replace(problem, release_window_s=0.01), trajectory).not_checked  # no window
+    at_rest = replace(problem, release=JointRelease(problem.release.q, np.zeros(6)))
+    assert "release_jitter" not in certify(at_rest, trajectory).not_checked
+
+
+def test_the_assumed_shape_of_a_tool_keeps_out_of_boxes():
+    """The axis of a tool of 0.4 m that nobody gave a shape went through this box."""
+    problem = joint_problem()
+    here = problem.cell
+    tool = replace(here.tool, X_FT=pose([0.0, 0.0, 0.4], np.eye(3)), capsules=())
+    half_way = tool_state(
+        replace(here, tool=replace(tool, X_FT=pose([0.0, 0.0, 0.3], np.eye(3)))), here.home, np.zeros(6)
+    )
+    box = Box(half_way.p_WT - 0.01, half_way.p_WT + 0.01)
+    around = replace(here.surroundings, keep_out=(box,))
+    asked = replace(problem, cell=replace(here, tool=tool, surroundings=around))
+    trajectory = ruckig_otg.solve(problem, candidates(problem)[0]).trajectory
+    check = certify(asked, trajectory).check("keep_out")
+    assert (check.ok, check.detail) == (False, "tool_0, box 0")
