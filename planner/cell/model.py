@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from planner.arrays import Array
+from planner.arrays import Array, read_only
 from planner.calibration import CalibrationFile
 from planner.cell.content import content_sha256
 from planner.errors import CellError
