@@ -275,7 +275,7 @@ class Plan:
         if self.flight is not None:
             facts["Landing"] = _landing_text(self.flight)
         if self.odds is not None:
-            facts["Odds"] = f"hits within {1e3 * self.odds.radius_m:.0f} mm with {self.odds.value:.0%}"
+            facts["Odds"] = _odds_text(self.odds)
         count = len(self.document["certificate"]["checks"])
         facts["Certificate"] = f"valid, {count} checks" if self.document["certificate"]["valid"] else "not valid"
         facts["Found by"] = f"{self.backend} in {1e3 * self.solve_time_s:.0f} ms"
@@ -290,6 +290,13 @@ def _landing_text(flight: Flight) -> str:
         return place
     window = f"{1e3 * flight.landing_tolerance_m:.0f} mm for a release ±{1e3 * flight.release_window_s:.1f} ms"
     return f"{place}, within {window}"
+
+
+def _odds_text(odds: Odds) -> str:
+    """Returns how likely the throw hits; without a profile the number would only say how little is known."""
+    if odds.profile is None:
+        return "timing unknown: the cell is not calibrated"
+    return f"hits within {1e3 * odds.radius_m:.0f} mm with {odds.value:.0%}"
 
 
 def _finite(number: float | None) -> float:

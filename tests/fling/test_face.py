@@ -38,6 +38,13 @@ def test_importing_it_loads_nothing():
     assert done.stdout.strip() == "[]"
 
 
+def test_a_clone_that_is_called_fling_hides_nothing(tmp_path: Path):
+    (tmp_path / "fling" / "fling").mkdir(parents=True)  # as the clone's own folder lies in it
+    script = "import fling; print(fling.plan.__name__)"
+    done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.stdout.strip() == "plan", done.stderr
+
+
 def test_a_plan_is_certified_and_certifies_again(answer: fling.Plan):
     assert answer.certificate.valid
     assert fling.certify(answer.problem, answer.trajectory).valid

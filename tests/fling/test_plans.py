@@ -90,6 +90,9 @@ def test_odds_are_those_of_the_service(throw: fling.Plan):
     assert plan.odds is not None
     assert (plan.odds.value, plan.odds.radius_m, plan.odds.profile) == (0.93, 0.02, "p1")
     assert "hits within 20 mm with 93%" in repr(plan)
+    unknown = fling.Plan({**throw.document, "hit_probability": {**odds, "profile": None}})
+    assert "timing unknown" in repr(unknown)
+    assert "93%" not in repr(unknown)
 
 
 def test_a_move_that_ends_at_rest_throws_nothing():
