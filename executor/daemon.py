@@ -12,7 +12,7 @@ from executor import realtime
 from executor.cell_watch import CellWatch
 from executor.execution import Execution
 from executor.logs import log
-from executor.preflight import ExecutionRefused, session_refusals, session_warnings
+from executor.preflight import ExecutionRefused, PreflightReport, readiness
 from executor.records import MIN_FREE_BYTES, ExecutionResult, Journal, row_document
 from executor.robot import RobotSession, robot_document
 from fling import tracing
@@ -49,8 +49,7 @@ class Heartbeat(threading.Thread):
         self.executor_id = executor_id
         self.watch = watch
         self.idle = True  # the dashboard is queried only while nothing moves
-        self._refusals: list[str] = []
-        self._warnings: list[str] = []
+        self._ready = PreflightReport([])
         self._ended = threading.Event()
 
     def stop(self) -> None:
@@ -64,12 +63,13 @@ class Heartbeat(threading.Thread):
         cell = self.session.cell
         session = self.session
         if self.idle:
-            self._refusals, self._warnings = session_refusals(session), session_warnings(session)
+            self._ready = readiness(session)
         try:
             if self.store.acknowledge_requested(cell.name):
                 self.journal.clear_fault()
                 self.store.clear_acknowledge(cell.name)
-            findings = robot_document(session.monitor.fresh(), self._refusals, self._warnings)
+            ready = self._ready
+            findings = robot_document(session.monitor.fresh(), ready.refusals, ready.warnings, ready.serial)
             robot = {**findings, "cell_sha256": cell.sha256}
             fault = self.journal.fault() or self.watch.fault
             read_only = session.settings.read_only

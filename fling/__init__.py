@@ -5,8 +5,8 @@ Everything that documentation and examples use is reached from here, and loaded 
     import fling
 
     cell = fling.open_cell("ur5e-sim")
-    answer = fling.plan({"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}}, cell)
-    print(answer.trajectory.release_time_s, answer.certificate.valid)
+    plan = fling.plan(fling.Target([1.2, 0.3, 0.0]), cell)
+    print(plan.release_time_s, plan.flight.landing_point, plan.certificate.valid)
 
 Names that are not listed in `__all__` may change without notice.
 """
@@ -21,30 +21,43 @@ if TYPE_CHECKING:
     from fling import tracing
     from fling.cells import cell_names, open_cell
     from fling.client import Client, ServiceRefusal
-    from fling.planning import plan, plan_document, problem
+    from fling.motion import Trajectory
+    from fling.picture import plan_svg
+    from fling.planning import plan, problem
+    from fling.plans import Flight, Odds, Plan, Release
+    from fling.requests import Bin, Joint, Limits, Options, Point, Pose, Target
     from fling.ros import as_joint_trajectory
     from planner import flight, kinematics, rotations, timing
     from planner.cell import Cell
     from planner.certificate import Certificate, Check, certify
     from planner.errors import CellError, Infeasible, InvalidProblem, PlannerError, SolverFailed, Violation
-    from planner.planning import Plan
     from planner.problem import ThrowProblem
     from planner.robots import Robot, robot
-    from planner.trajectory import Trajectory, integrate
+    from planner.trajectory import integrate
 
 __all__ = [
+    "Bin",
     "Cell",
     "CellError",
     "Certificate",
     "Check",
     "Client",
+    "Flight",
     "Infeasible",
     "InvalidProblem",
+    "Joint",
+    "Limits",
+    "Odds",
+    "Options",
     "Plan",
     "PlannerError",
+    "Point",
+    "Pose",
+    "Release",
     "Robot",
     "ServiceRefusal",
     "SolverFailed",
+    "Target",
     "ThrowProblem",
     "Trajectory",
     "Violation",
@@ -57,7 +70,7 @@ __all__ = [
     "kinematics",
     "open_cell",
     "plan",
-    "plan_document",
+    "plan_svg",
     "problem",
     "robot",
     "rotations",
@@ -70,16 +83,19 @@ DISTRIBUTION = "fling-robotics"  # on the package index, where "fling" is anothe
 _HOMES = {  # module: the public names that it holds
     "fling.cells": ("cell_names", "open_cell"),
     "fling.client": ("Client", "ServiceRefusal"),
-    "fling.planning": ("plan", "plan_document", "problem"),
+    "fling.motion": ("Trajectory",),
+    "fling.picture": ("plan_svg",),
+    "fling.planning": ("plan", "problem"),
+    "fling.plans": ("Flight", "Odds", "Plan", "Release"),
+    "fling.requests": ("Bin", "Joint", "Limits", "Options", "Point", "Pose", "Target"),
     "fling.ros": ("as_joint_trajectory",),
     "planner": ("flight", "kinematics", "rotations", "timing"),
     "planner.cell": ("Cell",),
     "planner.certificate": ("Certificate", "Check", "certify"),
     "planner.errors": ("CellError", "Infeasible", "InvalidProblem", "PlannerError", "SolverFailed", "Violation"),
-    "planner.planning": ("Plan",),
     "planner.problem": ("ThrowProblem",),
     "planner.robots": ("Robot", "robot"),
-    "planner.trajectory": ("Trajectory", "integrate"),
+    "planner.trajectory": ("integrate",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 

@@ -138,7 +138,7 @@ def cell_with_profile(cell: Cell, document: Mapping[str, Any] | None) -> Cell:
         release_speed_factor=float(document.get("speed_factor", 1.0)),
     )
     thing = replace(cell.object, drag_coefficient=float(document["drag_coefficient"]))
-    return replace(cell, timing=replace(cell.timing, lag_s=float(document["lag_s"])), gripper=gripper, object=thing)
+    return cell.as_learnt(replace(cell.timing, lag_s=float(document["lag_s"])), gripper, thing)
 
 
 def cell_in_use(store: Store, cell: Cell) -> tuple[Cell, str | None]:

@@ -60,9 +60,10 @@ def report(
 def _of_file(file: Path, cells: Path | None) -> ReportContent:
     """Returns the content of a report on a plan in a file."""
     from api.cell_repository import CellRepository
-    from api.report import ReportContent, plan_svg
+    from api.report import ReportContent
     from api.scene import cell_model, plan_curves
     from api.settings import parse_settings
+    from fling import plan_svg
     from planner.errors import PlannerError
 
     plan = _plan_in(file)

@@ -6,7 +6,8 @@ import time
 from typing import Annotated, Any
 
 import orjson
-from fastapi import APIRouter, Body, Header, Query, Response
+from anyio import to_thread
+from fastapi import APIRouter, Body, Header, Query, Request, Response
 from fastapi.responses import JSONResponse, StreamingResponse
 from starlette.concurrency import run_in_threadpool
 
@@ -35,7 +36,7 @@ from api.schemas import (
 from fling import tracing
 from planner.cell import Cell
 from planner.errors import CellError
-from store import CellRow, ExecutionRow, PlanRow
+from store import AuditLine, CellRow, ExecutionRow, PlanRow
 
 router = APIRouter(route_class=StrictJsonRoute, tags=["executions"])
 
@@ -155,9 +156,16 @@ async def watch_execution(
     summary="Brake now",
     responses=json_answer(202, ExecutionAnswer, "The executor brakes.", "not-found", "executor-lost"),
 )
-def abort_execution(id: ExecutionId, service: ServiceDep, caller: AnyCaller, origin: Origin) -> JSONResponse:
+async def abort_execution(
+    id: ExecutionId, request: Request, service: ServiceDep, caller: AnyCaller, origin: Origin
+) -> JSONResponse:
     """Requests a brake; any valid token may. **Not a safety function**: use the emergency stop."""
-    row = service.store.request_abort(find_execution(service, id).id, origin.act(caller, "abort"))
+    act = origin.act(caller, "abort")
+    return await to_thread.run_sync(_abort, service, id, act, limiter=request.app.state.lanes.stops)
+
+
+def _abort(service: Service, id: str, act: AuditLine) -> JSONResponse:
+    row = service.store.request_abort(find_execution(service, id).id, act)
     if _executor_is_lost(service, row):
         detail = f"the executor of cell {row.cell!r} does not report: nobody brakes; use the emergency stop"
         raise ProblemDetails("executor-lost", detail, cell=row.cell, execution_id=row.id, state=row.state)

@@ -228,21 +228,20 @@ class RobotSession:
             return None
 
     def kinematics(self) -> KinematicsInfo | None:
-        """Returns what the controller reports about its arm; None without an answer, or where it is not asked.
-
-        A simulated arm without a calibration is the published one, whatever its controller says.
-        """
-        asks = self.cell.calibration is not None or self.cell.link.kind == "ur"
-        return self.kinematics_reader.info() if asks else None
+        """Returns what the controller reports about its arm; None without an answer."""
+        return self.kinematics_reader.info()
 
 
-def robot_document(state: RobotState | None, refusals: list[str], warnings: list[str] | None = None) -> dict[str, Any]:
+def robot_document(
+    state: RobotState | None, refusals: list[str], warnings: list[str] | None = None, serial_number: str | None = None
+) -> dict[str, Any]:
     """Returns the live state as `GET /cells/{name}/state` shows it.
 
     Args:
         state: of the robot; None without a connection.
         refusals: reasons not to move.
         warnings: what does not keep it from moving, and a person should know.
+        serial_number: of the robot; None where its controller does not tell it.
     """
     findings = {"refusals": refusals, "warnings": warnings or []}
     if state is None:
@@ -250,6 +249,7 @@ def robot_document(state: RobotState | None, refusals: list[str], warnings: list
     return {
         "connected": True,
         **findings,
+        "serial_number": serial_number,
         "timestamp_s": state.timestamp_s,
         "positions": list(state.q),
         "velocities": list(state.qd),

@@ -14,8 +14,9 @@ from click.testing import CliRunner
 import api.report.page
 from api.cli import main
 from api.experiment_statistics import statistics_of
-from api.report import ReportContent, plan_svg, report_html
+from api.report import ReportContent, report_html
 from api.scene import cell_model, plan_curves
+from fling import plan_svg
 from planner.answer import plan_document
 from planner.cell import load_cell
 from planner.planning import plan as plan_request
