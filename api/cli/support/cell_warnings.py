@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from planner.cell import Cell
 
-LOOPBACK = re.compile(r"localhost|127(\.\d+){3}|::1")  # addresses of this machine
 LAG_S = 0.002  # [s] by which a simulated arm may be later than its cell says: a tick of the e-Series
 
 
@@ -20,7 +18,9 @@ def warnings_of(cell: Cell) -> list[str]:
 
 def _elsewhere(cell: Cell) -> list[str]:
     """Returns a warning of a simulation that is not on this machine: it may be an arm."""
-    if cell.link.kind != "sim" or LOOPBACK.fullmatch(cell.link.host):
+    from api.settings import is_loopback_host
+
+    if cell.link.kind != "sim" or is_loopback_host(cell.link.host):
         return []
     says = f"link.kind is 'sim', and {cell.link.host} (link.host) is not this machine"
     return [f"{says}: if an arm stands there, it moves without the questions of a real one; kind = 'ur' is for those"]
