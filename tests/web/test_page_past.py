@@ -122,6 +122,21 @@ def test_two_throws_are_compared(guest: Visit, desk: Desk, thrown_id: str) -> No
     expect(comparison).to_have_count(0)
 
 
+def test_what_is_past_keeps_nobody_out(guest: Visit, many: list[str], desk: Desk) -> None:
+    history = guest.region("History")
+    boxes = history.locator("tbody tr").get_by_role("checkbox")
+    boxes.nth(0).check(timeout=SOON_MS)
+    boxes.nth(1).check()
+    history.get_by_text("What was learnt of this cell").click()
+    guest.button("Estimate a profile").click()
+    history.get_by_role("list", name="Profiles").wait_for(timeout=PLAN_MS)
+    history.locator("tbody tr").first.get_by_role("button").first.click()
+    expect(guest.button("Back to the request")).to_be_visible()
+    desk.executor.fault = {"outcome": "late", "reason": "five ticks were lost", "at": 1.0}
+    expect(guest.button("Acknowledge")).to_be_visible(timeout=SOON_MS)
+    assert guest.barriers() == []
+
+
 def test_a_profile_is_adopted_with_its_evidence_in_sight(guest: Visit, desk: Desk, thrown_id: str) -> None:
     for i in range(3):
         id = desk.execution(thrown_id, metrics={**METRICS, "gripper_commanded_s": 0.2})

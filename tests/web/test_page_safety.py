@@ -91,6 +91,29 @@ def test_a_real_arm_without_tokens_is_refused_before_anyone_is_asked(desk: Desk,
         expect(guest.page.get_by_role("dialog")).to_have_count(0)
 
 
+def test_a_real_arm_asks_once_more(desk: Desk, browser: Browser) -> None:
+    """With tokens and an executor, as far as the page is told."""
+    executor = {"id": "e", "alive": True, "heartbeat_age_s": 0.1, "read_only": False}
+    ready = {"cell": "real", "executor": executor, "robot": {"connected": True, "refusals": []}, "fault": None}
+    with visit(browser, desk.url) as guest:
+        guest.page.route(
+            re.compile("/cells/real/state$"),
+            lambda route: route.fulfill(json={**ready, "execution_id": None, "not_executable": None}),
+        )
+        guest.page.get_by_label("Cell", exact=True).select_option("real")
+        expect(guest.page.get_by_role("banner").get_by_text("Real arm", exact=True)).to_be_visible()
+        planned(guest, z="0.2")
+        guest.button("Throw on real").click()
+        dialog = guest.page.get_by_role("dialog")
+        expect(dialog).to_contain_text("A real arm will move")
+        expect(dialog).to_contain_text("(1.20, 0.30, 0.20)")
+        expect(dialog.get_by_role("button", name="No, keep still")).to_be_focused()
+        assert guest.barriers() == []
+        guest.page.keyboard.press("Escape")
+        expect(dialog).to_have_count(0)
+        assert desk.store.open_execution("real") is None
+
+
 def test_a_simulation_elsewhere_is_no_simulation_to_be_trusted(desk: Desk, browser: Browser) -> None:
     with visit(browser, desk.url) as guest:
         guest.page.get_by_label("Cell", exact=True).select_option("far-away")

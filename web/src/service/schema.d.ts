@@ -3034,7 +3034,7 @@ export interface components {
             detail: string;
             /**
              * Errors
-             * @description invalid-request: every refused field.
+             * @description invalid-request: the first refused fields, 20 at most.
              * @default null
              */
             errors: components["schemas"]["FieldReason"][] | null;
@@ -3549,6 +3549,11 @@ export interface components {
              * @description `safety_status_bits` of UR's RTDE guide; 1: normal.
              */
             safety_status_bits?: number | null;
+            /**
+             * Serial Number
+             * @description Of the robot, as its controller tells it.
+             */
+            serial_number?: string | null;
             /**
              * Speed Scaling
              * @description Speed scaling times slider [-].

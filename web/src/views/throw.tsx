@@ -127,12 +127,17 @@ function nearestWords({ release, release_window_s: window_s }: { release: { kind
   return `the closest that this cell can do${place}${timing}`;
 }
 
-/** Why a plan that answers the request cannot be thrown now. */
+/** Why a plan that answers the request cannot be thrown now; null where it can, or where something runs. */
+function whyNot(): string | null {
+  return standing.value === "valid" && !running.value ? obstacle.value : null;
+}
+
 function WhyNot(): JSX.Element | null {
-  if (standing.value !== "valid" || running.value || obstacle.value === null) return null;
+  const reason = whyNot();
+  if (reason === null) return null;
   return (
     <p class="why" id="why-not" role="status">
-      {obstacle.value}
+      {reason}
     </p>
   );
 }
@@ -151,7 +156,7 @@ function ThrowButton(): JSX.Element {
     <>
       <button
         type="button" class={`throw ${real ? "real" : "primary"}`} disabled={!armed.value && !running.value}
-        aria-disabled={!armed.value} aria-describedby="why-not" onClick={act}
+        aria-disabled={!armed.value} aria-describedby={whyNot() === null ? undefined : "why-not"} onClick={act}
       >
         {throwLabel(current, floorZ.value)}
       </button>
