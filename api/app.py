@@ -11,6 +11,7 @@ from contextlib import asynccontextmanager
 from dataclasses import replace
 from functools import partial
 
+from anyio import to_thread
 from fastapi import Depends, FastAPI
 from starlette.concurrency import run_in_threadpool
 from starlette.middleware.gzip import GZipMiddleware
@@ -31,11 +32,13 @@ from api.http import (
     openapi_schema,
     operation_id,
 )
+from api.lanes import Lanes, share_interpreter
 from api.logs import REQUESTS, configure_logs
 from api.metrics import Metrics
 from api.planning import BatchDrivers, DriverCommand, MapDrivers, PlanningLine
 from api.routes import ROUTERS
 from api.settings import ServiceSettings, is_loopback_host
+from api.stopping import Stopping
 from api.store_probe import StoreProbe
 from fling import tracing
 from jobs.pool import PLANNING, open_pool, warm_up_job
@@ -82,6 +85,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
     )
     app.state.tokens = tokens
     app.state.is_draining = False
+    app.state.lanes = Lanes()
     app.add_middleware(GZipMiddleware, minimum_size=COMPRESSED_BYTES, compresslevel=COMPRESSION)
     app.add_middleware(HeadMiddleware)
     app.add_middleware(DrainingMiddleware)
@@ -98,7 +102,8 @@ def create_app(settings: ServiceSettings) -> FastAPI:
 @asynccontextmanager
 async def _lifespan(settings: ServiceSettings, tokens: TokenRegistry, app: FastAPI) -> AsyncIterator[None]:
     """Opens the service's parts, and closes them when the application ends."""
-    service = _service(settings, tokens)
+    share_interpreter()
+    service = _service(settings, tokens, app.state.lanes)
     app.state.service = service
     works = [_retain(service)]
     if settings.batch_workers != 0:  # those first that were left when the service ended
@@ -143,7 +148,7 @@ async def _record_request(app: FastAPI, request: RequestRecord) -> None:
     service.metrics.record_request(request.method, request.route, request.status, request.duration_s)
     if (line := request.refused_act()) is not None:
         try:
-            await run_in_threadpool(service.store.add_audit, line)
+            await to_thread.run_sync(service.store.add_audit, line, limiter=app.state.lanes.records)
         except StoreError as error:
             logging.getLogger("fling").error("an audit line is lost: %s", error, extra={"fields": vars(line)})
 
@@ -155,7 +160,7 @@ async def _drain(app: FastAPI) -> None:
     app.state.service.feeds.close()
 
 
-def _service(settings: ServiceSettings, tokens: TokenRegistry) -> Service:
+def _service(settings: ServiceSettings, tokens: TokenRegistry, lanes: Lanes) -> Service:
     store = Store.open(settings.database_url)
     cells = CellRepository(settings.cells)
     for name, reason in cells.faults().items():
@@ -173,6 +178,7 @@ def _service(settings: ServiceSettings, tokens: TokenRegistry) -> Service:
         tokens=tokens,
         metrics=Metrics(store),
         feeds=ExecutionFeeds(store),
+        stopping=Stopping(store, settings.data, lanes),
         probe=StoreProbe(store),
     )
 

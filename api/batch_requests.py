@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from api.cell_repository import CellRepository, UnknownCell
 from api.http import invalid_field
 from api.schemas import BatchRequest, iso_time
 from jobs.batches import BatchRequests, BatchSpecification, CellUse
-from planner.errors import FieldError, InvalidProblem
+from planner.errors import ERRORS_MAX, FieldError, InvalidProblem
 from planner.request import read_request
 from store import BatchRow, Store
-
-ERRORS_MAX = 20  # errors that are listed; a template's fault is one of every request
 
 
 def batch_specification(
@@ -68,18 +67,29 @@ def _requests(body: BatchRequest, size_max: int) -> BatchRequests:
     if len(requests) > size_max:
         field = "grid" if body.requests is None else "requests"
         raise invalid_field(field, f"{len(requests)} requests; a batch of this service has at most {size_max}")
+    if body.requests is not None:
+        return BatchRequests(list(_checked(requests)))
+    for _ in _checked(requests):  # not kept: they are made again when they are planned
+        pass
+    return requests
+
+
+def _checked(requests: BatchRequests) -> Iterator[dict[str, Any]]:
+    """Yields the requests as they are read.
+
+    Raises:
+        InvalidProblem: The first faults of all of them; a template's is one of every request.
+    """
     errors: list[FieldError] = []
-    read: list[dict[str, Any]] = []
     for number in range(len(requests)):
         try:
-            read.append(_read(requests[number], f"requests[{number}]"))
+            yield _read(requests[number], f"requests[{number}]")
         except InvalidProblem as error:
             errors += error.errors
         if len(errors) >= ERRORS_MAX:
             break
     if errors:
-        raise InvalidProblem(errors[:ERRORS_MAX])
-    return requests if body.requests is None else BatchRequests(read)
+        raise InvalidProblem(errors)
 
 
 def _read(document: Any, path: str) -> dict[str, Any]:

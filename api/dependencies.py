@@ -1,13 +1,16 @@
-"""FastAPI dependencies of the endpoints: the service, the caller and the scopes, idempotency keys, names in paths."""
+"""FastAPI dependencies of the endpoints: the service, the caller and the scopes, idempotency keys, names in paths.
+
+They are coroutines, none of which waits: the framework runs other functions in threads, which a stop had to wait for.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import hashlib
 from collections import Counter
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from dataclasses import dataclass, field
-from difflib import get_close_matches
+from itertools import islice
 from typing import Annotated, Any, TypeVar
 
 from fastapi import Depends, Header, Path, Request
@@ -22,8 +25,11 @@ from api.metrics import Metrics
 from api.planning import BatchDrivers, MapDrivers, PlanningLine
 from api.schemas import ID_PATTERN
 from api.settings import ServiceSettings
+from api.stopping import Stopping
 from api.store_probe import StoreProbe
 from planner.cell import Cell, CellSource
+from planner.errors import ERRORS_MAX
+from planner.fields import short_name, similar_name
 from store import AuditLine, IdempotencyKey, KeyTaken, Store
 
 Row = TypeVar("Row")
@@ -45,6 +51,7 @@ class Service:
     tokens: TokenRegistry
     metrics: Metrics
     feeds: ExecutionFeeds
+    stopping: Stopping
     probe: StoreProbe
     wrong_tokens: WrongTokens = field(default_factory=WrongTokens)
 
@@ -68,8 +75,12 @@ class Service:
         return self.store.note_cell_version(name, source.sha256, source.text, source.calibration, "service")
 
 
-def service(request: Request) -> Service:
-    """Returns the service that `create_app` assembled."""
+async def service(request: Request) -> Service:
+    """Returns the service that `create_app` assembled.
+
+    This and what else an abort depends on is `async`: FastAPI gives all other functions to threads that a database
+    without an answer may hold.
+    """
     return request.app.state.service
 
 
@@ -103,8 +114,8 @@ def _unauthenticated(detail: str) -> ProblemDetails:
 AnyCaller = Annotated[Caller, Depends(caller)]
 
 
-def _with_scope(scope: str) -> Callable[[Caller], Caller]:
-    def scoped(caller: AnyCaller) -> Caller:
+def _with_scope(scope: str) -> Callable[[Caller], Awaitable[Caller]]:
+    async def scoped(caller: AnyCaller) -> Caller:
         if scope not in caller.scopes:
             raise ProblemDetails("forbidden", f"the token {caller.name!r} has no scope {scope!r}")
         return caller
@@ -116,7 +127,7 @@ PlanCaller = Annotated[Caller, Depends(_with_scope("plan"))]
 OperateCaller = Annotated[Caller, Depends(_with_scope("operate"))]
 
 
-def conditional(
+async def conditional(
     if_none_match: Annotated[str | None, Header(description="ETags that the client has.", max_length=4096)] = None,
 ) -> str | None:
     """Returns the `If-None-Match` of a request."""
@@ -155,7 +166,7 @@ class RequestOrigin:
         return AuditLine(caller.name, action, self.remote, self.request_id)
 
 
-def request_origin(request: Request) -> RequestOrigin:
+async def request_origin(request: Request) -> RequestOrigin:
     """Returns where a request came from."""
     return RequestOrigin(client_address(request.scope), request.state.request_id)
 
@@ -227,7 +238,7 @@ async def client_gone(request: Request) -> AsyncIterator[asyncio.Event]:
 Gone = Annotated[asyncio.Event, Depends(client_gone)]
 
 
-def known_query(request: Request) -> None:
+async def known_query(request: Request) -> None:
     """Refuses query parameters that the route does not have, or that are given twice: a slip would be without effect.
 
     Raises:
@@ -238,9 +249,8 @@ def known_query(request: Request) -> None:
         return
     known = sorted(_query_names(route.dependant))
     counts = Counter(name for name, _ in request.query_params.multi_items())
-    errors = [
-        {"field": f"query.{name[:80]}", "reason": _unknown_query(name, known)} for name in counts if name not in known
-    ]
+    unknown = islice((name for name in counts if name not in known), ERRORS_MAX)
+    errors = [{"field": f"query.{short_name(name)}", "reason": _unknown_query(name, known)} for name in unknown]
     errors += [{"field": f"query.{name}", "reason": "is given twice"} for name in known if counts[name] > 1]
     if errors:
         raise invalid_fields(errors)
@@ -253,8 +263,8 @@ def _query_names(dependant: Dependant) -> set[str]:
 
 
 def _unknown_query(name: str, known: Sequence[str]) -> str:
-    if similar := get_close_matches(name, known, n=1):
-        return f"there is no such parameter; did you mean {similar[0]!r}?"
+    if similar := similar_name(name, known):
+        return f"there is no such parameter; did you mean {similar!r}?"
     return f"there is no such parameter; there {'are ' + ', '.join(known) if known else 'is none here'}"
 
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from difflib import get_close_matches
 from typing import Any
 
 from pydantic import BaseModel
 
-from planner.fields import named, shown, unknown_field
+from planner.errors import ERRORS_MAX
+from planner.fields import named, short_name, shown, similar_name, unknown_field
 
 PATTERNS_NAMED = {"latest": "is neither a UUID nor 'latest'", "[0-9a-f]{8}-": "is not a UUID"}
 
@@ -16,7 +16,7 @@ Error = Mapping[str, Any]  # one entry of `ValidationError.errors()`
 
 
 def refused_fields(errors: Sequence[Error], model: type[BaseModel] | None = None) -> list[dict[str, str]]:
-    """Returns the refused fields, each with one reason.
+    """Returns the first `ERRORS_MAX` refused fields, each with one reason.
 
     Args:
         errors: of pydantic, with locations that may begin with `body`.
@@ -24,6 +24,8 @@ def refused_fields(errors: Sequence[Error], model: type[BaseModel] | None = None
     """
     found: dict[str, str] = {}
     for error in errors:
+        if len(found) == ERRORS_MAX:
+            break
         if not _is_other_branch(error):
             found.setdefault(field_path(_place(error)), reason(error, model))
     return [{"field": field, "reason": text} for field, text in found.items()]
@@ -61,7 +63,7 @@ def field_path(location: Sequence[str | int]) -> str:
         if isinstance(part, int):
             path += f"[{part}]"
         elif "[" not in part or not path:  # otherwise it names a branch of a union
-            path += f".{part}" if path else part
+            path += f".{short_name(part)}" if path else short_name(part)
     return path or "body"
 
 
@@ -82,8 +84,8 @@ def _unknown(location: Sequence[str | int], model: type[BaseModel] | None) -> st
 def _choice(context: Mapping[str, Any], value: Any) -> str:
     """Returns the reason of a value that is not one of a few."""
     offered = str(context["expected"]).replace(" or ", ", ").replace("'", "")
-    similar = get_close_matches(str(value), offered.split(", "), n=1)
-    meant = f"; did you mean {similar[0]!r}?" if similar else ""
+    similar = similar_name(value, offered.split(", "))
+    meant = f"; did you mean {similar!r}?" if similar else ""
     return f"{shown(value)} is not one of {offered}{meant}"
 
 

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 from collections.abc import Awaitable, Callable
 from types import FrameType
+from typing import Any, NoReturn
 
 import h11
 import uvicorn
@@ -21,7 +23,47 @@ HEADERS_S = 10.0  # [s] from a request's first byte (or the connection) to the e
 STALL_S = 10.0  # [s] between two looks at a client that does not read its answer
 READ_RATE_MIN_B_S = 1000.0  # [byte/s] slowest accepted reader, slower than any modem
 KEEP_ALIVE_S = 75.0  # [s] idle connections are kept longer than any `Retry-After` that was given
+HEADERS_BYTES = 65_536  # [byte] of a request's target and headers
+HEADER_EXTRA_BYTES = 4  # [byte] a header has besides its name and value: colon, blank, end of the line
+PARTS_MAX = 10_000  # chunks, or packets, of one body: a megabyte in parts of 100 bytes
+ABSOLUTE_TARGET = re.compile(rb"(?i:https?)://(?P<host>[^/?]+)(?P<path>/[^?]*)?(?P<query>\?.*)?")
 ANSWERS_S = 10  # [s] for the answers of what was drained: storing a plan waits up to 5 s for a busy database
+
+
+class BoundedConnection(h11.Connection):
+    """A connection whose requests have bounded headers and a bounded number of parts, and whose targets are paths.
+
+    Attributes:
+        broken: which bound was broken, in words; None: none.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(h11.SERVER, HEADERS_BYTES)
+        self._parts = 0
+        self.broken: str | None = None
+
+    def next_event(self) -> h11.Event | type[h11.NEED_DATA] | type[h11.PAUSED]:
+        """Returns the next event.
+
+        Raises:
+            h11.RemoteProtocolError: It breaks a bound, or is no HTTP.
+        """
+        event = super().next_event()
+        if isinstance(event, h11.Request):
+            self._parts = 0
+            size = sum(len(name) + len(value) + HEADER_EXTRA_BYTES for name, value in event.headers)
+            if size + len(event.target) > HEADERS_BYTES:  # which the library forbids of incomplete ones alone
+                self._break(f"The headers are larger than {HEADERS_BYTES} bytes.")
+            return _with_path(event)
+        if isinstance(event, h11.Data):
+            self._parts += 1
+            if self._parts > PARTS_MAX:
+                self._break(f"The body comes in more than {PARTS_MAX} parts.")
+        return event
+
+    def _break(self, bound: str) -> NoReturn:
+        self.broken = bound
+        raise h11.RemoteProtocolError(bound)
 
 
 class ImpatientProtocol(H11Protocol):
@@ -31,6 +73,10 @@ class ImpatientProtocol(H11Protocol):
     stall_s = STALL_S
     _headers_timer: asyncio.TimerHandle | None = None
     _stall_timer: asyncio.TimerHandle | None = None
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self.conn: BoundedConnection = BoundedConnection()
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]  # as uvicorn's own
         """Starts the time for the first request's headers."""
@@ -83,7 +129,7 @@ class ImpatientProtocol(H11Protocol):
     def send_400_response(self, msg: str) -> None:
         """Answers bytes that are no HTTP with a problem, unless an answer is under way, and ends the connection."""
         if self.conn.our_state in (h11.IDLE, h11.SEND_RESPONSE):
-            self._refuse(ProblemDetails("bad-request", f"{msg} The connection is closed."))
+            self._refuse(ProblemDetails("bad-request", f"{self.conn.broken or msg} The connection is closed."))
         self.transport.close()
 
     def _should_upgrade(self) -> bool:
@@ -155,6 +201,23 @@ def server_config(app: Callable[..., object], host: str, port: int) -> uvicorn.C
         server_header=False,
         timeout_keep_alive=int(KEEP_ALIVE_S),
         timeout_graceful_shutdown=ANSWERS_S,
+    )
+
+
+def _with_path(request: h11.Request) -> h11.Request:
+    """Returns a request whose target is a path: of an absolute URI, whose authority takes the place of `Host`.
+
+    RFC 9112, section 3.2.2.
+    """
+    found = ABSOLUTE_TARGET.fullmatch(request.target)
+    if found is None:
+        return request
+    headers = [(name, value) for name, value in request.headers if name != b"host"]
+    return h11.Request(
+        method=request.method,
+        target=(found["path"] or b"/") + (found["query"] or b""),
+        headers=[(b"host", found["host"]), *headers],
+        http_version=request.http_version,
     )
 
 

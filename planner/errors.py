@@ -5,7 +5,8 @@
     PlannerError
     ├── UnknownRobot         there is no arm of this name
     ├── CellError            a cell file is refused: field, value, reason
-    ├── InvalidProblem       a request is refused: every wrong field with its reason
+    ├── FileRefused          another file that a person handed over is refused: its path, and the reason
+    ├── InvalidProblem       a request is refused: the first wrong fields, each with its reason
     ├── Infeasible           no motion was found: the violated constraints, proven or not, and the nearest request
     ├── SolverFailed         a solver gave up, or the time limit ended the search: status, what was found so far
     └── BackendUnavailable   an optional back end is not installed: the extra to install
@@ -15,10 +16,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from reprlib import Repr
 from typing import Any
 
+ERRORS_MAX = 20  # refused fields that are named: a person mends the first ones and asks again
 TIME_LIMIT = "time_limit"  # status of a search that the request's time limit ended
 CUT_SHORT = f"{TIME_LIMIT} ended the search"  # end of the status in the document of a plan whose search was ended so
+
+QUOTE = Repr()
+QUOTE.maxlevel = 3
+QUOTE.maxlist = QUOTE.maxtuple = QUOTE.maxdict = 12
+QUOTE.maxstring = QUOTE.maxlong = QUOTE.maxother = 200
 
 
 class PlannerError(Exception):
@@ -63,9 +71,23 @@ class CellError(PlannerError):
     """
 
     def __init__(self, field: str, value: object, reason: str) -> None:
-        super().__init__(f"{field} = {value!r}: {reason}" if value is not None else f"{field}: {reason}")
+        super().__init__(f"{field} = {quoted(value)}: {reason}" if value is not None else f"{field}: {reason}")
         self.field = field
         self.value = value
+        self.reason = reason
+
+
+class FileRefused(PlannerError):
+    """A file that a person handed over is not read: it is not there, is no file, too large, or not what it should be.
+
+    Attributes:
+        path: of the file.
+        reason: in words.
+    """
+
+    def __init__(self, path: object, reason: str) -> None:
+        super().__init__(f"{path}: {reason}")
+        self.path = str(path)
         self.reason = reason
 
 
@@ -81,12 +103,20 @@ class InvalidProblem(PlannerError):
     """A request is refused before planning.
 
     Attributes:
-        errors: every wrong field with its reason.
+        errors: the first `ERRORS_MAX` wrong fields with their reasons.
     """
 
     def __init__(self, errors: Sequence[FieldError]) -> None:
-        super().__init__("; ".join(f"{e.field}: {e.reason}" for e in errors))
-        self.errors = tuple(errors)
+        self.errors = tuple(errors[:ERRORS_MAX])
+        super().__init__("; ".join(f"{e.field}: {e.reason}" for e in self.errors))
+
+
+def quoted(value: object) -> str:
+    """Returns a value as an error quotes it: cut where it is long, whatever it holds and however deep it nests."""
+    try:
+        return QUOTE.repr(value)
+    except ValueError:  # an integer of more digits than Python writes
+        return "a number of thousands of digits"
 
 
 def figures(value: float, limit: float) -> tuple[str, str]:

@@ -10,14 +10,16 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
+from itertools import islice
 from typing import Any, Protocol
 
 import numpy as np
 
-from planner.errors import FieldError
+from planner.errors import ERRORS_MAX, FieldError
 
 NUMBER_MAX = 1e6  # of any number, in any unit: no robot has a larger one, and squares and sums of them are finite
 SHOWN = 40  # characters of a refused value that a sentence quotes
+NAME_SHOWN = 80  # characters of an unknown name that is quoted, and for which a similar one is looked for
 
 
 class Shape(Protocol):
@@ -106,8 +108,8 @@ class Choice:
         """Returns the text; the reason of another one names a similar one."""
         if isinstance(value, str) and value in self.values:
             return value
-        similar = get_close_matches(str(value), self.values, n=1)
-        meant = f"; did you mean {similar[0]!r}?" if similar else ""
+        similar = similar_name(value, self.values)
+        meant = f"; did you mean {similar!r}?" if similar else ""
         errors.append(FieldError(path, f"{shown(value)} is not one of {', '.join(self.values)}{meant}"))
         return None
 
@@ -203,8 +205,8 @@ class Record:
             entry = field.shape.read(entry, prefix + name, errors)
             if entry is not None:
                 found[name] = entry
-        unknown = [str(name) for name in value if name not in self.fields]
-        errors.extend(FieldError(prefix + name, unknown_field(name, self.fields)) for name in unknown)
+        unknown = islice((str(name) for name in value if name not in self.fields), ERRORS_MAX)
+        errors.extend(FieldError(prefix + short_name(name), unknown_field(name, self.fields)) for name in unknown)
         if self.rule is not None and len(errors) == before:
             self.rule(found, path, errors)
         return found
@@ -236,10 +238,22 @@ class Kinds:
 
 def unknown_field(name: str, known: Mapping[str, Any]) -> str:
     """Returns the reason of a field that does not exist, with the one that was meant."""
-    similar = get_close_matches(name, known, n=1)
+    similar = similar_name(name, list(known))
     if similar:
-        return f"there is no such field; did you mean {similar[0]!r}?"
+        return f"there is no such field; did you mean {similar!r}?"
     return f"there is no such field; there are {', '.join(known)}"
+
+
+def similar_name(given: Any, known: Sequence[str]) -> str | None:
+    """Returns the known name that was probably meant; None where none is similar."""
+    if not isinstance(given, str) or len(given) > NAME_SHOWN:  # to compare a megabyte would take a second
+        return None
+    return next(iter(get_close_matches(given, known, n=1)), None)
+
+
+def short_name(name: str) -> str:
+    """Returns a name that a client made up, cut to what a sentence can quote."""
+    return name if len(name) <= NAME_SHOWN else f"{name[:NAME_SHOWN]}…"
 
 
 def is_number(value: Any) -> bool:

@@ -116,6 +116,10 @@ STEPS: tuple[tuple[str, ...], ...] = (
             constraint_name TEXT, reason TEXT, PRIMARY KEY (map_id, number))""",
         "CREATE INDEX landing_cells_of_plan ON landing_cells (plan_id)",
     ),
+    (
+        "ALTER TABLE landings ADD COLUMN withdrawn_at {float}",
+        "ALTER TABLE landings ADD COLUMN withdrawn_by TEXT",
+    ),
 )
 
 LATEST = len(STEPS)

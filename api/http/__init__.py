@@ -17,7 +17,7 @@ from api.http.errors import (
 )
 from api.http.event_stream import event_stream, event_stream_answer
 from api.http.head import HeadMiddleware
-from api.http.json_body import StrictJsonRoute, refuse_ambiguous
+from api.http.json_body import StrictJsonRoute
 from api.http.middleware import SecurityMiddleware
 from api.http.negotiation import has_current, preferred_media_type, unchanging
 from api.http.openapi import json_answer, openapi_schema, operation_id, problem_answers
@@ -66,7 +66,6 @@ __all__ = [
     "problem_document",
     "problem_status",
     "read_tokens",
-    "refuse_ambiguous",
     "retry_after",
     "revoke_token",
     "translate",

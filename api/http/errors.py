@@ -22,7 +22,7 @@ from api.cell_repository import UnknownCell
 from api.field_errors import reason, refused_fields
 from api.planning import ClientGone, PlanningEnded, PlanningQueueFull
 from jobs.pool import PlannerBug, PoolBroken
-from planner.errors import BackendUnavailable, CellError, Infeasible, InvalidProblem, SolverFailed
+from planner.errors import ERRORS_MAX, BackendUnavailable, CellError, Infeasible, InvalidProblem, SolverFailed
 from store import CellBusy, KeyTaken, StoreUnavailable, UnknownRow
 
 MEDIA_TYPE = "application/problem+json"
@@ -81,7 +81,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
     ),
     "executor-lost": ProblemType(
         409,
-        "The executor is gone",
+        "The executor does not report",
         "The execution's executor does not report: nobody can be asked to brake. Use the emergency stop. The request "
         "is kept for an executor that returns.",
     ),
@@ -94,7 +94,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
     "too-large": ProblemType(413, "Too large", "A request body may have at most one megabyte."),
     "unsupported-media-type": ProblemType(415, "Not JSON", "Send JSON with 'Content-Type: application/json'."),
     "invalid-request": ProblemType(
-        422, "The request is invalid", "'errors' lists every refused field with its reason."
+        422, "The request is invalid", "'errors' lists the refused fields with their reasons, 20 at most."
     ),
     "infeasible": ProblemType(
         422,
@@ -155,9 +155,10 @@ def invalid_field(field: str, reason: str) -> ProblemDetails:
 
 
 def invalid_fields(errors: Sequence[Mapping[str, str]]) -> ProblemDetails:
-    """Returns the problem of refused fields: each with `field` and `reason`."""
-    detail = "; ".join(f"{error['field']}: {error['reason']}" for error in errors)
-    return ProblemDetails("invalid-request", detail, errors=list(errors))
+    """Returns the problem of refused fields, the first `ERRORS_MAX` of them: each with `field` and `reason`."""
+    told = list(errors[:ERRORS_MAX])
+    detail = "; ".join(f"{error['field']}: {error['reason']}" for error in told)
+    return ProblemDetails("invalid-request", detail, errors=told)
 
 
 def invalid_request(errors: Sequence[Any], model: type[BaseModel] | None = None) -> ProblemDetails:

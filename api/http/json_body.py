@@ -1,16 +1,18 @@
-"""Bodies of requests as JSON that means one thing: no key twice, no text that a database or an answer cannot hold."""
+"""Bodies of requests as JSON that means one thing; the event loop never reads a large one."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Coroutine, Iterator
+from collections.abc import Callable, Coroutine
 from typing import Any
 
+from anyio import to_thread
 from fastapi import Request, Response
 from fastapi.exceptions import RequestValidationError
 from fastapi.routing import APIRoute
 
-from api.http.errors import invalid_fields
+from planner.documents import parse_json
+
+LARGE_BYTES = 20_000  # [byte] from here on a body is read in a thread: smaller ones take less than ten milliseconds
 
 
 class StrictJsonRoute(APIRoute):
@@ -19,62 +21,39 @@ class StrictJsonRoute(APIRoute):
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
         """Returns the handler, with the check in front of it."""
         handler = super().get_route_handler()
+        if self.body_field is None:
+            return handler
+        model = self.body_field.field_info.annotation
 
         async def checked(request: Request) -> Response:
-            if self.body_field is not None:
-                refuse_ambiguous(await request.body())
+            asked = ReadRequest(request.scope, request.receive)
+            await asked.read()
             try:
-                return await handler(request)
+                return await handler(asked)
             except RequestValidationError as error:
-                if self.body_field is not None:
-                    error.model = self.body_field.field_info.annotation  # type: ignore[attr-defined]  # for suggestions
+                error.model = model  # type: ignore[attr-defined]  # for suggestions
                 raise
 
         return checked
 
 
-def refuse_ambiguous(body: bytes) -> None:
-    """Refuses JSON with a key twice, or with text that is not Unicode or has a NUL; what is no JSON passes.
+class ReadRequest(Request):
+    """A request whose body has been read as JSON before the framework asks for it."""
 
-    Raises:
-        ProblemDetails: Every such field.
-    """
-    twice: list[str] = []
+    _document: Any = None
 
-    def read(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        seen: set[str] = set()
-        for key, _ in pairs:
-            if key in seen:
-                twice.append(key)
-            seen.add(key)
-        return dict(pairs)
+    async def read(self) -> None:
+        """Reads the body.
 
-    try:
-        document = json.loads(body, object_pairs_hook=read)
-    except (ValueError, RecursionError):
-        return  # FastAPI says what is wrong with it
-    errors = [{"field": _shown(key), "reason": "is given twice"} for key in twice]
-    errors += [{"field": field, "reason": "has a character that is no text"} for field in _unprintable(document, "")]
-    if errors:
-        raise invalid_fields(errors)
+        Raises:
+            InvalidProblem: It is no JSON that means one thing.
+        """
+        body = await self.body()
+        if len(body) >= LARGE_BYTES:
+            self._document = await to_thread.run_sync(parse_json, body, limiter=self.app.state.lanes.large)
+        elif body:
+            self._document = parse_json(body)
 
-
-def _unprintable(value: Any, path: str) -> Iterator[str]:
-    """Yields the paths of keys and values with a NUL or half a surrogate pair, which PostgreSQL and UTF-8 refuse."""
-    if isinstance(value, str) and not _is_text(value):
-        yield path or "body"
-    elif isinstance(value, dict):
-        for key, entry in value.items():
-            inner = f"{path}.{_shown(key)}" if path else _shown(key)
-            yield from _unprintable(entry, inner) if _is_text(key) else [inner]
-    elif isinstance(value, list):
-        for i, entry in enumerate(value):
-            yield from _unprintable(entry, f"{path}[{i}]")
-
-
-def _is_text(value: str) -> bool:
-    return not any(character == "\0" or "\ud800" <= character <= "\udfff" for character in value)
-
-
-def _shown(key: str) -> str:
-    return key if _is_text(key) else ascii(key)
+    async def json(self) -> Any:
+        """Returns the document."""
+        return self._document

@@ -56,7 +56,7 @@ class ProblemAnswer(BaseModel):
     status: int
     detail: str
     instance: str
-    errors: list[FieldReason] | None = Field(None, description="invalid-request: every refused field.")
+    errors: list[FieldReason] | None = Field(None, description="invalid-request: the first refused fields, 20 at most.")
     violations: list[ViolationAnswer] | None = Field(None, description="infeasible, solver-failed.")
     nearest: dict[str, Any] | None = Field(None, description="The closest feasible request, ready to be posted.")
     attempts: list[dict[str, Any]] | None = Field(None, description="infeasible, solver-failed: what was tried.")

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import orjson
+from anyio import to_thread
 from fastapi import APIRouter, Body, Header, Query, Request, Response
 from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
 from starlette.background import BackgroundTask
@@ -60,7 +61,9 @@ EVENTS_ANSWER = event_stream_answer("Its progress whenever it changes; ends with
     summary="Plan many throws",
     responses=json_answer(201, BatchAnswer, "Checked and queued.", *POST_PROBLEMS),
 )
-async def make_batch(body: BatchBody, service: ServiceDep, caller: PlanCaller, key: Key, origin: Origin) -> Response:
+async def make_batch(
+    body: BatchBody, request: Request, service: ServiceDep, caller: PlanCaller, key: Key, origin: Origin
+) -> Response:
     """Queues many planning requests; each is checked before. Their plans are stored like any other plan.
 
     Requests that ask for the same are planned once. A batch survives the end of the service: it resumes when the
@@ -74,7 +77,7 @@ async def make_batch(body: BatchBody, service: ServiceDep, caller: PlanCaller, k
         act = origin.act(caller, "batch")
         return store.add_batch(asked.pack(), len(asked.requests), caller.name, "service", key, act).id
 
-    id = await run_in_threadpool(make_once, store, key, queue)
+    id = await to_thread.run_sync(make_once, store, key, queue, limiter=request.app.state.lanes.large)
     row = await run_in_threadpool(find_batch, service, id)
     service.batch_drivers.wake()
     return JSONResponse(batch_document(row), 201, {"Location": f"/batches/{row.id}"})

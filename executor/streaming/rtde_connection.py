@@ -67,7 +67,6 @@ class RtdeConnection:
     call_s = delayed_s = 0.0
     sent_at = math.inf
     watchdog_hz = WATCHDOG_HZ
-    armed = False
 
     def __init__(self, job: StreamJob, memory: SharedMemory) -> None:
         """Connects.
@@ -139,22 +138,8 @@ class RtdeConnection:
         runtime = state_checks.PLAYING if self.control is None else self.runtime_state
         state_checks.check_state(self.safety_bits, runtime, self.scaling, self.robot_mode)
 
-    def move(self, q: list[float]) -> None:
-        """Starts a straight joint move to `q` (6,) [rad] and returns at once."""
-        job = self.job
-        if self.control is not None:
-            self._check_answer("moveJ", self.control.moveJ(q, job.approach_speed, job.approach_acceleration, True))
-
-    def stop_move(self) -> None:
-        """Ends a joint move before its goal; returns at rest."""
-        if self.control is not None:
-            self.control.stopJ(self.job.approach_deceleration)
-
     def arm_watchdog(self) -> None:
-        """Makes the controller stop the program once commands stop arriving; later calls have no effect."""
-        if self.armed:
-            return
-        self.armed = True
+        """Makes the controller stop the program, and with it the arm, once commands stop arriving."""
         chosen_hz = WATCHDOG_HZ if self.memory.fields[REALTIME] else WATCHDOG_ORDINARY_HZ
         self.watchdog_hz = self.job.watchdog_hz or chosen_hz
         if self.control is not None:

@@ -10,9 +10,9 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, overload
 
-from planner.errors import FieldError, InvalidProblem
+from planner.errors import ERRORS_MAX, FieldError, InvalidProblem
 
 AXIS_MAX = 1_000_000  # values of one axis; more are a typing error in its step
 STEP_SLACK = 1e-9  # [-] of a step by which the last value may miss `to`: 0.1 is no binary number
@@ -30,6 +30,28 @@ class Axis:
     path: str
     keys: tuple[str | int, ...]
     values: Sequence[Any]
+
+
+@dataclass(frozen=True)
+class Steps(Sequence[float]):
+    """The values of a range, each reckoned when it is asked for: a grid may have many long axes."""
+
+    first: float
+    step: float
+    length: int
+
+    def __len__(self) -> int:
+        return self.length
+
+    @overload
+    def __getitem__(self, k: int) -> float: ...
+    @overload
+    def __getitem__(self, k: slice) -> list[float]: ...
+    def __getitem__(self, k: int | slice) -> float | list[float]:
+        """Returns value `k`, or those of a slice."""
+        if isinstance(k, slice):
+            return [self[i] for i in range(self.length)[k]]
+        return round(self.first + range(self.length)[k] * self.step, DIGITS)
 
 
 def axes_of(grid: Mapping[str, Any], template: Mapping[str, Any]) -> tuple[Axis, ...]:
@@ -50,6 +72,8 @@ def axes_of(grid: Mapping[str, Any], template: Mapping[str, Any]) -> tuple[Axis,
             _with(template, axis.keys, None)
             axes.append(axis)
         except ValueError as error:
+            if len(errors) == ERRORS_MAX:
+                break
             errors.append(FieldError(f"grid.{path}", str(error)))
     if errors:
         raise InvalidProblem(errors)
@@ -76,7 +100,7 @@ def values_at(axes: Sequence[Axis], number: int) -> dict[str, Any]:
 
 def is_numeric(axis: Axis) -> bool:
     """Returns whether every value of an axis is a number."""
-    return all(_is_number(value) for value in axis.values)
+    return isinstance(axis.values, Steps) or all(_is_number(value) for value in axis.values)
 
 
 def _keys(path: str) -> tuple[str | int, ...]:
@@ -97,10 +121,10 @@ def _values(axis: Any) -> Sequence[Any]:
     first, last, step = map(float, axis)
     if step == 0.0 or (last - first) / step < 0.0:
         raise ValueError(f"a step of {step:g} does not lead from {first:g} to {last:g}")
-    count = math.floor((last - first) / step + STEP_SLACK) + 1
-    if count > AXIS_MAX:
-        raise ValueError(f"has {count} values; an axis may have {AXIS_MAX}")
-    return [round(first + k * step, DIGITS) for k in range(count)]
+    steps = (last - first) / step + STEP_SLACK
+    if not steps < AXIS_MAX:  # also of a step that is next to nothing, which makes it infinite
+        raise ValueError(f"has {steps + 1.0:.0f} values; an axis may have {AXIS_MAX}")
+    return Steps(first, step, math.floor(steps) + 1)
 
 
 def _is_number(value: Any) -> bool:

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import copy
 import json
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import pytest
 
-from tests.api.conftest import JOINT, REQUEST, RunningService
+from api.http import json_body
+from planner.documents import parse_json
+from tests.api.conftest import JOINT, NO_ID, REQUEST, RunningService
 
 JSON = {"Content-Type": "application/json"}
 POSE = {
@@ -73,6 +77,62 @@ REFUSED_FIELDS = [
     ("cell", 7, "cell"),
     ("cell", "x" * 1000, "cell"),
 ]
+
+
+MANY = {f"{i:05d}": 1 for i in range(75_000)}
+HUGE = {
+    "unknown fields": ("/plan", MANY),
+    "unknown fields of a part": ("/plan", {**REQUEST, "start": MANY}),
+    "a hundred unknown fields": ("/plan", {**REQUEST, **{f"{i}": 1 for i in range(90)}}),
+    "wrong numbers": ("/plan", changed("release.positions", ["x"] * 190_000)),
+    "a long name": ("/plan", {**REQUEST, "k" * 900_000: 1}),
+    "a long value": ("/plan", {**REQUEST, "backend": "r" * 900_000}),
+    "unknown fields to execute": ("/execute", MANY),
+    "ninety unknown fields to execute": ("/execute", {f"{i}": 1 for i in range(90)}),
+    "a landing": (f"/executions/{NO_ID}/landing", {"position": ["x"] * 190_000, "std_m": 0.1}),
+    "requests": ("/batches", {"requests": [{f"{i}": 1 for i in range(90)} for _ in range(900)]}),
+    "axes": ("/batches", {"template": REQUEST, "grid": {f"no path {i}": {"values": [1]} for i in range(90)}}),
+    "parameters": ("/plan?" + "&".join(f"q{i}=1" for i in range(6000)), REQUEST),
+    "a long parameter": ("/plan?" + "q" * 60_000, REQUEST),
+}
+
+
+@pytest.mark.parametrize(("path", "body"), HUGE.values(), ids=HUGE)
+def test_a_refusal_is_short_however_much_is_wrong(service: RunningService, path: str, body: Any):
+    answer = service.client.post(path, json=body)
+    problem = problem_of(answer, 422, "invalid-request")
+    assert 1 <= len(problem["errors"]) <= 20
+    assert len(answer.content) < 20_000
+
+
+def test_the_event_loop_reads_no_large_body(service: RunningService, monkeypatch: pytest.MonkeyPatch):
+    seen: list[str] = []
+
+    def noting(body: bytes) -> Any:
+        seen.append(threading.current_thread().name)
+        return parse_json(body)
+
+    monkeypatch.setattr(json_body, "parse_json", noting)
+    for unknown in ("x", "x" * 30_000):
+        problem_of(service.client.post("/plan", json={**REQUEST, unknown: 1}), 422, "invalid-request")
+    assert "worker thread" not in seen[0]
+    assert "worker thread" in seen[1]
+
+
+def test_a_stop_waits_behind_nothing(service: RunningService, monkeypatch: pytest.MonkeyPatch):
+    """Sixty requests wait for the store, and a large body is read; a stop is answered meanwhile."""
+    go_on = threading.Event()
+    monkeypatch.setattr(service.store, "plans", lambda *_: go_on.wait(60.0) and ([], None))
+    monkeypatch.setattr(json_body, "parse_json", lambda _: go_on.wait(60.0))
+    with ThreadPoolExecutor(64) as clients:
+        waiting = [clients.submit(service.client.get, "/plans") for _ in range(60)]
+        waiting.append(clients.submit(service.client.post, "/plan", json={"large": "x" * 30_000}))
+        stop = clients.submit(service.client.post, f"/executions/{NO_ID}/abort")
+        try:
+            problem_of(stop.result(30.0), 404, "not-found")
+            assert not any(answer.done() for answer in waiting)
+        finally:
+            go_on.set()
 
 
 @pytest.mark.parametrize(("path", "value", "field"), REFUSED_FIELDS)

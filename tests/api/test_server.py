@@ -59,8 +59,8 @@ class RunningServer:
     def port(self) -> int:
         return self.server.servers[0].sockets[0].getsockname()[1]
 
-    async def _quick(self, _: Request) -> Response:
-        return JSONResponse({})
+    async def _quick(self, request: Request) -> Response:
+        return JSONResponse({"query": request.url.query} if request.url.query else {})
 
     async def _slow(self, _: Request) -> Response:
         await self.answer.wait()
@@ -167,6 +167,71 @@ def test_a_body_that_does_not_end_is_answered_408(monkeypatch: pytest.MonkeyPatc
         status, headers, problem = await answer_to(running, head)
         assert (status, problem["type"]) == (408, "/problems/request-timeout")
         assert headers["connection"] == "close"
+
+    run(test)
+
+
+def test_headers_beyond_their_bound_are_refused_however_they_arrive():
+    """Whole at once, they were never incomplete, which is all that the library bounds."""
+
+    async def test(running: RunningServer) -> None:
+        for size, status in ((60_000, 200), (66_000, 400)):
+            head = GET.replace(b"\r\n\r\n", b"\r\nConnection: close\r\nX-Long: %s\r\n\r\n" % (b"x" * size))
+            assert (await answer_to(running, head % b"quick"))[0] == status
+        target = b"quick?" + b"x" * 66_000
+        assert (await answer_to(running, GET % target))[0] == 400
+        many = b"".join(b"x%d: y\r\n" % i for i in range(9000))
+        status, _, problem = await answer_to(running, GET.replace(b"\r\n\r\n", b"\r\n" + many + b"\r\n") % b"quick")
+        assert (status, problem["type"]) == (400, "/problems/bad-request")
+        assert problem["detail"] == "The headers are larger than 65536 bytes. The connection is closed."
+
+    run(test)
+
+
+def test_a_body_in_countless_parts_is_refused():
+    """A megabyte in chunks of one byte would keep the event loop busy for seconds."""
+
+    async def test(running: RunningServer) -> None:
+        head = (POST % (b"plan", 0)).replace(b"Content-Length: 0", b"Transfer-Encoding: chunked")
+        assert (await answer_to(running, head + 9000 * b"1\r\nx\r\n" + b"0\r\n\r\n"))[2] == {"bytes": 9000}
+        reader, writer = await asyncio.open_connection(HOST, running.port)
+        writer.write(head + 10_001 * b"1\r\nx\r\n")
+        problem = (await asyncio.wait_for(reader.read(), 30.0)).partition(b"\r\n\r\n")[2]
+        assert json.loads(problem)["detail"] == "The body comes in more than 10000 parts. The connection is closed."
+        writer.close()
+
+    run(test)
+
+
+@pytest.mark.parametrize(
+    ("target", "path", "query"),
+    [
+        (b"http://127.0.42.9/quick", "/quick", ""),
+        (b"HTTP://127.0.42.9:80/quick?a=b://c", "/quick", "a=b://c"),
+        (b"http://127.0.42.9/quick?x/y", "/quick", "x/y"),
+        (b"https://127.0.42.9", "/", ""),
+        (b"http://127.0.42.9?a=1", "/", "a=1"),
+    ],
+)
+def test_an_absolute_target_is_its_path(target: bytes, path: str, query: str):
+    """RFC 9112, section 3.2.2: a server must accept it, and its authority stands for `Host`."""
+
+    async def test(running: RunningServer) -> None:
+        request = b"GET %s HTTP/1.1\r\nHost: evil.example\r\nConnection: close\r\n\r\n" % target
+        status, _, answer = await answer_to(running, request)
+        if path == "/quick":
+            assert (status, answer) == (200, {"query": query} if query else {})
+        else:
+            assert (status, answer["instance"]) == (404, "/")
+
+    run(test)
+
+
+@pytest.mark.parametrize("target", [b"http://evil.example/quick", b"http://127.0.42.9@evil.example/quick"])
+def test_the_host_of_an_absolute_target_is_checked(target: bytes):
+    async def test(running: RunningServer) -> None:
+        request = b"GET %s HTTP/1.1\r\nHost: 127.0.42.9\r\nConnection: close\r\n\r\n" % target
+        assert (await answer_to(running, request))[0] == 403
 
     run(test)
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import itertools
+import tracemalloc
 
 import pytest
 
@@ -80,6 +81,27 @@ def test_the_size_is_bounded():
         BatchRequests(template=TEMPLATE, grid={f"release.position[{k}]": axis for k in range(3)})
     with pytest.raises(InvalidProblem, match="requests: 0 requests"):
         BatchRequests([])
+
+
+def test_the_values_of_long_axes_are_reckoned_when_they_are_asked_for():
+    """Ninety axes of 900,000 values would be three gigabytes, before their product is refused."""
+    grid = {f"a{k}": [0.0, 1e6, 1.1] for k in range(90)}
+    tracemalloc.start()
+    with pytest.raises(InvalidProblem, match="a batch has 1 to 1000000"):
+        BatchRequests(template=TEMPLATE, grid=grid)
+    assert tracemalloc.get_traced_memory()[1] < 10_000_000
+    tracemalloc.stop()
+
+
+def test_a_step_next_to_nothing_is_refused():
+    with pytest.raises(InvalidProblem, match="an axis may have 1000000"):
+        BatchRequests(template=TEMPLATE, grid={"release.position[0]": [0.0, 1e6, 5e-324]})
+
+
+def test_a_grid_names_its_first_wrong_axes():
+    with pytest.raises(InvalidProblem) as caught:
+        BatchRequests(template=TEMPLATE, grid={f"no path {k}": [0, 1, 1] for k in range(40_000)})
+    assert len(caught.value.errors) == 20
 
 
 def test_a_specification_survives_the_store():

@@ -11,6 +11,7 @@ from planner.errors import (
     BackendUnavailable,
     CellError,
     FieldError,
+    FileRefused,
     Infeasible,
     InvalidProblem,
     PlannerError,
@@ -26,6 +27,7 @@ EXAMPLES = [
     UnknownRobot("kr16", ["ur3e", "ur5e"]),
     CellError("limits.joint_velocity_rad_s", [4.0, 3.0], "is beyond the arm's own limit of 3.14159"),
     CellError("file", None, "is missing"),
+    FileRefused("requests.json", "is a pipe, not a file"),
     InvalidProblem([FieldError("frame", '\'moon\' is not "world" or "base"'), FieldError("start", "is missing")]),
     Infeasible(
         [Violation("joint_torque", 160.0, 150.0, "N m", 0.8, "elbow_joint"), Violation("reach", 1.2, 0.9, "m")],
@@ -63,3 +65,24 @@ def test_a_violation_says_what_was_not_found_where_there_is_nothing_to_measure()
     refusal = Infeasible([nothing_found("motion", "none was tried"), Violation("reach", 1.2, 0.9, "m")])
     assert str(refusal) == "motion: none was tried; reach: 1.2 m against a limit of 0.9 m"
     assert (refusal.violations[0].value, refusal.violations[0].limit) == (None, None)
+
+
+def deep(levels):
+    value = 1
+    for _ in range(levels):
+        value = [value]
+    return value
+
+
+WIDE = [10**6000, deep(100_000), "x" * 10**6, list(range(10**6)), {"a": deep(500)}]
+
+
+@pytest.mark.parametrize("value", WIDE, ids=["digits", "deep", "long", "list", "object"])
+def test_a_cell_error_quotes_any_value_in_a_line(value):
+    assert len(str(CellError("home_rad", value, "must be a list of 6 numbers"))) < 400
+
+
+def test_a_request_with_many_faults_has_its_first_ones_named():
+    error = InvalidProblem([FieldError(f"field_{i}", "is unknown") for i in range(90_000)])
+    assert [refused.field for refused in error.errors] == [f"field_{i}" for i in range(20)]
+    assert len(str(error)) < 1000

@@ -2,28 +2,21 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from pathlib import Path
 from typing import Any
 
+from planner.documents import parse_json, read_file, read_standard_input
 
-def read_document(file: Path) -> Any:
+REQUEST_BYTES = 1_000_000  # [byte] of one request; the service takes no more either
+BATCH_BYTES = 300_000_000  # [byte] of a batch: a million requests of 300 bytes
+
+
+def read_document(file: Path, most_bytes: int = REQUEST_BYTES) -> Any:
     """Returns the JSON in a file (`-`: standard input).
 
     Raises:
-        ProblemDetails: It is no JSON, not UTF-8, or has a key twice; the same problem as the service's.
+        FileRefused: It is no file, or larger than `most_bytes`.
+        InvalidProblem: It is no JSON that means one thing; the same words as the service's.
     """
-    from api.http import invalid_field, refuse_ambiguous
-
-    text = sys.stdin.buffer.read() if str(file) == "-" else file.read_bytes()
-    refuse_ambiguous(text)
-    try:
-        return json.loads(text.decode())
-    except UnicodeDecodeError:
-        raise invalid_field("file", "is not UTF-8") from None
-    except json.JSONDecodeError as error:
-        reason = f"is not JSON at character {error.pos + 1}: {error.msg.lower()}"
-        raise invalid_field("body", reason) from None
-    except (ValueError, RecursionError) as error:  # a number of thousands of digits, brackets within brackets
-        raise invalid_field("body", f"is not JSON: {error}") from None
+    text = read_standard_input(most_bytes) if str(file) == "-" else read_file(file, most_bytes)
+    return parse_json(text)

@@ -231,7 +231,7 @@ class Instance:
         if not problem.ends_at_rest and self.limits.singularity_distance_min > 0.0:  # 0 does not limit: sides are free
             distance = margins.singularity * self.limits.singularity_distance_min
             bounds.avoid_singularities(self._singularity_sides(), distance)
-            bounds.watch_long_enough(problem.planned_window_s)
+            bounds.watch_long_enough(problem.planned_window_s, problem.dt)
         bounds.set_release(problem, self.candidate, self.release_offsets)
         if problem.is_robust:
             window_s = problem.release_window_s

@@ -109,7 +109,7 @@ def test_plan_of_a_file_that_is_not_utf_8_is_one_sentence(request_file: Path, co
     request_file.write_bytes(content)
     for result in (fling("plan", str(request_file)), CliRunner().invoke(main, ["plan", "-"], input=content)):
         assert result.exit_code == 1
-        assert json.loads(result.stderr)["detail"] == "file: is not UTF-8"
+        assert json.loads(result.stderr)["detail"] == "body: is not UTF-8"
         assert result.stdout == ""
 
 

@@ -44,7 +44,7 @@ def cell(request: pytest.FixtureRequest) -> Cell:
     """Each arm, on a tilted base."""
     plain = load_cell(CELLS / "ur5e-sim.toml")
     arm = robot(request.param)
-    limits = replace(plain.limits, tau_max=arm.tau_max)
+    limits = replace(plain.limits, qd_max=np.minimum(plain.limits.qd_max, arm.qd_max), tau_max=arm.tau_max)
     return replace(plain, robot=arm, limits=limits, X_WB=TURNED)
 
 
