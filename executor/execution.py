@@ -125,6 +125,11 @@ class Execution:
         except ValueError as error:
             raise ExecutionRefused(f"the simulated controller refuses the throw: {error}") from error
 
+    def abort(self) -> None:
+        """Requests the brake, where anything runs."""
+        if self.run is not None:
+            self.run.abort()
+
     def states(self) -> list[str]:
         """Returns the public states entered so far, in order; an early end skips those that it came before."""
         run = self.run

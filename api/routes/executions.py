@@ -36,7 +36,7 @@ from api.schemas import (
 from fling import tracing
 from planner.cell import Cell
 from planner.errors import CellError
-from store import AuditLine, CellRow, ExecutionRow, PlanRow
+from store import CellRow, ExecutionRow, PlanRow
 
 router = APIRouter(route_class=StrictJsonRoute, tags=["executions"])
 
@@ -159,17 +159,24 @@ async def watch_execution(
 async def abort_execution(
     id: ExecutionId, request: Request, service: ServiceDep, caller: AnyCaller, origin: Origin
 ) -> JSONResponse:
-    """Requests a brake; any valid token may. **Not a safety function**: use the emergency stop."""
-    act = origin.act(caller, "abort")
-    return await to_thread.run_sync(_abort, service, id, act, limiter=request.app.state.lanes.stops)
+    """Requests a brake; any valid token may. **Not a safety function**: use the emergency stop.
 
-
-def _abort(service: Service, id: str, act: AuditLine) -> JSONResponse:
-    row = service.store.request_abort(find_execution(service, id).id, act)
-    if _executor_is_lost(service, row):
+    The executor of this machine is asked directly, and is answered for while the database does not answer.
+    `latest` is the newest execution; without the database the newest that runs.
+    """
+    stopping = service.stopping
+    audit = origin.act(caller, "abort")
+    wanted = await stopping.newest() if id == "latest" else id
+    running = await stopping.at_executor(wanted, caller.name)
+    if running is not None:  # its executor brakes: all else may wait
+        row = await stopping.in_store_soon(running.id, audit) or running
+        return JSONResponse(_row_document(row, False), 202)
+    row = await stopping.in_store(wanted or id, audit)
+    document = await to_thread.run_sync(_document, service, row, limiter=request.app.state.lanes.stops)
+    if document["executor_lost"]:
         detail = f"the executor of cell {row.cell!r} does not report: nobody brakes; use the emergency stop"
         raise ProblemDetails("executor-lost", detail, cell=row.cell, execution_id=row.id, state=row.state)
-    return JSONResponse(_document(service, row), 202)
+    return JSONResponse(document, 202)
 
 
 def find_execution(service: Service, id: str) -> ExecutionRow:
@@ -183,9 +190,13 @@ def find_execution(service: Service, id: str) -> ExecutionRow:
 
 def _document(service: Service, row: ExecutionRow) -> dict[str, Any]:
     """Returns the JSON of an execution."""
+    return _row_document(row, _executor_is_lost(service, row))
+
+
+def _row_document(row: ExecutionRow, is_lost: bool) -> dict[str, Any]:
     document = {name: iso_time(value) if name.endswith("_at") else value for name, value in vars(row).items()}
     del document["executor_id"]
-    return {**document, "executor_lost": _executor_is_lost(service, row)}
+    return {**document, "executor_lost": is_lost}
 
 
 def _executor_is_lost(service: Service, row: ExecutionRow) -> bool:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import socket
 import struct
-import threading
 import time
 from dataclasses import dataclass
 from typing import Any
@@ -18,6 +17,7 @@ from executor.robot.dashboard import DashboardClient
 from executor.robot.kinematics_client import KinematicsInfo, KinematicsReader
 from executor.settings import ExecutorSettings
 from executor.streaming.state_checks import NORMAL, POWER_ON
+from executor.worker import Worker
 from planner.cell import Cell
 
 PORT = 30004
@@ -78,24 +78,18 @@ class RobotState:
     inputs: int = 0
 
 
-class Monitor(threading.Thread):
-    """A thread that keeps the newest state in `state`; None without a connection.
+class Monitor(Worker):
+    """Keeps the newest state in `state`; None without a connection.
 
     Attributes:
         stop_seen: the first state with a safety stop or without power since `forget_stops`; None without one.
     """
 
     def __init__(self, host: str) -> None:
-        super().__init__(name="monitor", daemon=True)
+        super().__init__("monitor")
         self.host = host
         self.state: RobotState | None = None
         self.stop_seen: RobotState | None = None
-        self._ended = threading.Event()
-
-    def stop(self) -> None:
-        """Ends the thread."""
-        self._ended.set()
-        self.join(2.0 * TIMEOUT_S)
 
     def fresh(self) -> RobotState | None:
         """Returns the newest state; None where it is out of date."""
@@ -104,16 +98,16 @@ class Monitor(threading.Thread):
 
     def run(self) -> None:
         """Receives states until the end, over a new connection after each failure."""
-        while not self._ended.is_set():
+        while not self.ended.is_set():
             try:
                 with socket.create_connection((self.host, PORT), TIMEOUT_S) as connection:
                     self._follow(RtdeReceiver(connection))
             except (OSError, struct.error, ValueError):
-                self._ended.wait(RETRY_S)
+                self.ended.wait(RETRY_S)
             self.state = None
 
     def _follow(self, receiver: RtdeReceiver) -> None:
-        while not self._ended.is_set():
+        while not self.ended.is_set():
             self.state = state = receiver.receive()
             if self.stop_seen is None and (state.safety_bits != NORMAL or state.robot_mode < POWER_ON):
                 self.stop_seen = state

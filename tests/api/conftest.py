@@ -81,9 +81,15 @@ def database_url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 
 @pytest.fixture(scope="session")
-def shared(database_url: str, cells: Path) -> Iterator[RunningService]:
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Returns the folder in which the shared service looks for executors of this machine."""
+    return tmp_path_factory.mktemp("executors")
+
+
+@pytest.fixture(scope="session")
+def shared(database_url: str, cells: Path, data: Path) -> Iterator[RunningService]:
     """Yields one service for every test that needs no settings of its own."""
-    with running(ServiceSettings(database_url=database_url, cells=cells, planner_workers=1)) as service:
+    with running(ServiceSettings(database_url=database_url, cells=cells, data=data, planner_workers=1)) as service:
         wait_until_ready(service)
         yield service
 
