@@ -83,13 +83,13 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Desk]:
     thread.join(20.0)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def playwright() -> Iterator[Playwright]:
     with sync_playwright() as started:
         yield started
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def drawing_browser(playwright: Playwright) -> Iterator[Browser]:
     """Chromium with WebGL, for what the scene shows."""
     started = launch(playwright)
@@ -97,7 +97,7 @@ def drawing_browser(playwright: Playwright) -> Iterator[Browser]:
     started.close()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser(playwright: Playwright) -> Iterator[Browser]:
     """Chromium without WebGL: quick."""
     started = launch(playwright, draws=False)

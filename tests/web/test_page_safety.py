@@ -140,7 +140,8 @@ def test_a_stop_that_did_not_get_through_is_forgotten_once_it_did(guest: Visit, 
 def test_a_stop_is_sent_until_it_gets_through(guest: Visit, desk: Desk, plan_id: str) -> None:
     id = desk.begun(plan_id)
     guest.outcome("To the start")
-    guest.page.route(re.compile("/abort$"), lambda route: route.abort(), times=2)
+    guest.page.route(re.compile("/abort$"), lambda route: route.fulfill(status=503, body="busy"), times=1)
+    guest.page.route(re.compile("/abort$"), lambda route: route.abort(), times=1)
     guest.page.route(re.compile("/state$"), lambda route: route.abort())  # nothing needs to be asked before
     guest.button("Stop").click()
     deadline = time.monotonic() + SOON_MS / 1000

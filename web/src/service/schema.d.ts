@@ -415,6 +415,9 @@ export interface paths {
         /**
          * Brake now
          * @description Requests a brake; any valid token may. **Not a safety function**: use the emergency stop.
+         *
+         *     The executor of this machine is asked directly, and is answered for while the database does not answer.
+         *     `latest` is the newest execution; without the database the newest that runs.
          */
         post: operations["abort_execution"];
         delete?: never;

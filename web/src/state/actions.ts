@@ -203,10 +203,10 @@ async function sendStop(cell: string, known: string | null, quiet: boolean): Pro
     return true;
   } catch (error) {
     if (id !== null && isOver(id)) return true;
-    const lost = error instanceof ConnectionLost;
-    const again = lost && !quiet ? "; it is sent again" : "";
+    const isTriedAgain = !quiet && (error instanceof ConnectionLost || (error instanceof ProblemError && error.problem.status >= 500));
+    const again = isTriedAgain ? "; it is sent again" : "";
     notice.value = { kind: "bad", text: `Stop did not get through${again}: ${failed(error)} Use the emergency stop.`, stopOf: id };
-    return !lost || quiet;
+    return !isTriedAgain;
   }
 }
 

@@ -24,7 +24,7 @@ const AT_ONCE = 5; // requests for them; a browser has six connections
 /** Starts following; never ends. */
 export function follow(): void {
   void openAddress();
-  addEventListener("hashchange", () => void openAddress());
+  addEventListener("hashchange", () => void followLink());
   effect(() => {
     const { cell, request } = state.value;
     if (cell !== null) keepDraft({ cell, draft: request });
@@ -233,6 +233,20 @@ export async function openAddress(): Promise<void> {
     if (execution === null) return;
     runPlan.value = plan;
     dispatch({ type: "execution", execution });
+  } catch (error) {
+    notice.value = { kind: "bad", text: `What this address names could not be shown. ${failed(error)}` };
+  }
+}
+
+/** Goes to an address that was clicked or typed: a past throw of this cell leaves plan and form as they are. */
+async function followLink(): Promise<void> {
+  const link = linkOf(location.hash);
+  if (link === null) return;
+  try {
+    if (link.kind === "plan") return takeRequest(await get<Plan>(`/plans/${link.id}`, { patient: true }));
+    const execution = await get<Execution>(`/executions/${link.id}`);
+    if (execution.cell === state.value.cell) await showPast(link.id);
+    else await openAddress();
   } catch (error) {
     notice.value = { kind: "bad", text: `What this address names could not be shown. ${failed(error)}` };
   }
