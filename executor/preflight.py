@@ -12,7 +12,7 @@ import numpy as np
 import orjson
 from numpy.typing import NDArray
 
-from executor.robot import KinematicsInfo, RobotSession, RobotState
+from executor.robot import OWNER_INPUT, KinematicsInfo, RobotSession, RobotState
 from executor.streaming.state_checks import NORMAL, OUTPUT_SHIFT, ROBOT_RUNNING, SAFETY_WORDS
 from learning import cell_with_profile
 from planner.answer import aim_shift, plan_from_document
@@ -142,11 +142,18 @@ def refusals(cell: Cell, state: RobotState | None, remote: str | None) -> list[s
     Args:
         cell: as the executor reads it.
         state: the robot's live state; None without a connection.
+    if session.monitor.owned is False:
+        return PreflightReport([taken_words(session.monitor.host)])
         remote: the dashboard's answer to "is in remote control"; None without an answer.
     """
     if state is None:
         return [f"no state arrives from the controller at {cell.link.host}"]
     return [*_control(cell, remote), *_condition(state), *_tool(cell, state)]
+
+
+def taken_words(host: str) -> str:
+    """Returns why a controller is not moved that another client owns."""
+    return f"another executor is connected to the controller at {host}: it holds {OWNER_INPUT}"
 
 
 def serial_refusals(cell: Cell, serial: str | None) -> list[str]:

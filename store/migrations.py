@@ -116,6 +116,10 @@ STEPS: tuple[tuple[str, ...], ...] = (
             constraint_name TEXT, reason TEXT, PRIMARY KEY (map_id, number))""",
         "CREATE INDEX landing_cells_of_plan ON landing_cells (plan_id)",
     ),
+    (
+        "ALTER TABLE cells ADD COLUMN held_by TEXT",
+        "UPDATE cells SET held_by = 'an executor of an earlier version'",
+    ),
 )
 
 LATEST = len(STEPS)

@@ -203,7 +203,12 @@ class CellVersionRow:
 
 @dataclass(frozen=True)
 class CellRow:
-    """Last heartbeat of a cell's executor, and the acknowledgement of its fault by a person."""
+    """Last heartbeat of a cell's executor, and the acknowledgement of its fault by a person.
+
+    Attributes:
+        executor_id: The executor that holds the cell, or held it last.
+        held_by: Where that runs, in words; None: it has given the cell up.
+    """
 
     cell: str
     executor_id: str
@@ -231,6 +236,7 @@ class BatchRow:
         specification: Its requests; see `jobs.batches`. Empty where it was not read.
         total: Number of requests.
         state: queued, running, finished.
+    held_by: str | None = None
         outcome: completed, cancelled or failed.
         counts: Number of results by outcome.
         driver_id: The process that plans it; its last heartbeat was at `heartbeat_at`.

@@ -5,11 +5,13 @@ H numbers are rows of the table of faults in docs/executor.md.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import orjson
@@ -111,6 +113,63 @@ def test_without_its_database_it_ends_with_a_message(rig: Rig) -> None:  # H7: n
     started = [
         subprocess.Popen(
             COMMAND, cwd=ROOT, text=True, stderr=subprocess.PIPE,
+@contextlib.contextmanager
+def newcomer(rig: Rig, **environment: str) -> Iterator[Callable[[], str]]:
+    """Loads another executor of the rig's cell, with other settings.
+
+    Yields a function that lets it begin, and returns what it says as it ends.
+    """
+    script = "import sys; from executor.__main__ import main; print(flush=True); input(); sys.exit(main())"
+    command = [sys.executable, "-c", script, "--cell", "rig"]
+    pipe = subprocess.PIPE
+    surroundings = {**rig.environment, **environment}
+    process = subprocess.Popen(command, cwd=ROOT, env=surroundings, text=True, stdin=pipe, stdout=pipe, stderr=pipe)
+    assert process.stdout is not None
+    process.stdout.readline()  # it is loaded, and waits for the word
+
+    def begin() -> str:
+        said = process.communicate("\n")[1]
+        assert process.returncode == 1
+        return said
+
+    with process:
+        yield begin
+
+
+@pytest.mark.parametrize("database", ["same", "other"])
+def test_a_newcomer_with_a_folder_of_its_own_ends_and_the_throw_goes_on(
+    rig: Rig, tmp_path: Path, database: str
+) -> None:
+    url = rig.url if database == "same" else f"sqlite:///{tmp_path / 'other.db'}"
+    with newcomer(rig, FLING_DATA=str(tmp_path), FLING_DATABASE_URL=url) as begin:
+        id = rig.launch(0.1)
+        said = begin()
+    assert "another executor is connected to the controller" in said
+    row = rig.end(id)
+    assert row.outcome == "completed", row.reason
+    assert not rig.is_latched()
+
+
+def test_a_newcomer_that_cannot_see_the_controller_is_refused_by_the_store(rig: Rig, tmp_path: Path) -> None:
+    cells = tmp_path / "cells"
+    cells.mkdir()
+    (cells / "rig.toml").write_text(rig.path.read_text().replace(rig.host, "127.0.43.43"))
+    with newcomer(rig, FLING_DATA=str(tmp_path), FLING_CELLS=str(cells)) as begin:
+        said = begin()
+    assert "another executor of cell 'rig' is running (process" in said
+    assert rig.throw(NUDGE).outcome == "completed"
+
+
+def test_an_executor_that_was_replaced_ends(own_rig: Rig) -> None:
+    own_rig.start()
+    assert own_rig.executor is not None
+    seen = own_rig.store.cell_status("rig")
+    while not own_rig.store.take_cell("rig", "next", "sim", "a test", seen):  # as after a long sleep of this one
+        seen = own_rig.store.cell_status("rig")
+    assert own_rig.executor.wait(30.0) == 1
+    assert own_rig.store.cell_status("rig").executor_id == "next"
+
+
             env={**rig.environment, "FLING_DATABASE_URL": url, "FLING_DATA": str(rig.folder / f"other{i}")},
         )
         for i, url in enumerate(NO_DATABASES)
