@@ -14,7 +14,7 @@ from executor.execution import Execution
 from executor.heartbeat import Heartbeat
 from executor.logs import log
 from executor.ownership import CellTaken, take_cell, take_controller
-from executor.preflight import ExecutionRefused
+from executor.preflight import ExecutionRefused, verify_content
 from executor.publisher import Publisher
 from executor.records import MIN_FREE_BYTES, ExecutionResult, Journal
 from executor.robot import RobotSession
@@ -191,6 +191,7 @@ class Daemon:
             plan = self.store.plan(row.plan_id)
             if plan is None:
                 raise ExecutionRefused(f"there is no plan {row.plan_id}")
+            verify_content(plan)
             execution.profile = self.store.profile_in_use(self.cell, plan.cell_sha256)
             job = execution.prepare(plan.document)
             if ended.is_set() or self._is_aborted(row):

@@ -120,6 +120,7 @@ STEPS: tuple[tuple[str, ...], ...] = (
         "ALTER TABLE cells ADD COLUMN held_by TEXT",
         "UPDATE cells SET held_by = 'an executor of an earlier version'",
     ),
+    ("ALTER TABLE plans ADD COLUMN sha256 TEXT",),
 )
 
 LATEST = len(STEPS)

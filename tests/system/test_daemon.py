@@ -17,7 +17,7 @@ from pathlib import Path
 import orjson
 import pytest
 
-from store import new_id
+from store import new_id, split_plan
 from tests.system.rig import LOB, NUDGE, ROOT, Rig
 
 
@@ -40,6 +40,42 @@ def test_a_plan_that_was_tampered_with_is_refused(rig: Rig) -> None:  # C11
     assert row.outcome == "refused"
     assert "certificate" in row.reason
     assert rig.state()["q"] == pytest.approx(before, abs=1e-9)
+
+
+CHANGES = {  # of a stored plan's summary, that its certificate permits
+    "aim": lambda plan: {**plan, "aim": {"position": [1.7, 0.3, 0.0], "shift_m": [0.5, 0.0, 0.0]}},
+    "window": lambda plan: {**plan, "flight": {**plan["flight"], "release_window_s": 0.0}},
+    "certificate": lambda plan: {**plan, "certificate": {**plan["certificate"], "checks": []}},
+}
+
+
+@pytest.mark.parametrize("what", CHANGES)
+def test_a_plan_whose_row_was_changed_is_refused(rig: Rig, what: str) -> None:
+    stored = rig.store.plan(rig.plan(LOB))
+    assert stored is not None
+    document = {**orjson.loads(stored.document), "id": new_id()}
+    summary, _ = split_plan(orjson.dumps(CHANGES[what](document)))
+    rig.add_plan(document, summary=summary)
+    row = rig.end(rig.queue_plan(document["id"]))
+    assert row.outcome == "refused"
+    assert row.reason == "the stored plan is not what its planner wrote (its hash differs): plan again"
+
+
+def test_another_plans_content_under_an_id_is_refused(rig: Rig) -> None:
+    document = orjson.loads(rig.store.plan(rig.plan(NUDGE)).document)
+    id = new_id()
+    rig.add_plan(document, id=id)
+    row = rig.end(rig.queue_plan(id))
+    assert (row.outcome, "its hash differs" in row.reason) == ("refused", True)
+
+
+def test_a_plan_of_an_earlier_version_must_be_planned_again(rig: Rig) -> None:
+    document = {**orjson.loads(rig.store.plan(rig.plan(NUDGE)).document), "id": new_id()}
+    rig.add_plan(document, sha256=None)
+    row = rig.end(rig.queue_plan(document["id"]))
+    assert row.outcome == "refused"
+    assert "earlier version of Fling" in row.reason
+    assert row.reason.endswith("plan again")
 
 
 def test_a_start_elsewhere_is_approached_first(rig: Rig) -> None:  # C6
@@ -77,42 +113,6 @@ def test_a_second_executor_of_a_cell_does_not_start(rig: Rig) -> None:
     assert "another executor" in second.stderr
 
 
-def test_what_was_queued_while_no_executor_lived_never_starts_by_surprise(own_rig: Rig) -> None:
-    own_rig.start_simulator()
-    id = own_rig.queue(NUDGE)
-    own_rig.start_executor()
-    assert own_rig.end(id).outcome == "executor_lost"
-    assert not own_rig.is_latched()  # nothing had moved
-    assert own_rig.throw(NUDGE).outcome == "completed"
-
-
-def test_a_controller_that_is_not_there_is_a_refusal(own_rig: Rig) -> None:
-    own_rig.start()
-    own_rig.simulator.send_signal(signal.SIGKILL)
-    own_rig.simulator.wait()
-    own_rig.until(lambda: own_rig.robot().get("connected") is False)
-    row = own_rig.throw(NUDGE)
-    assert row.outcome == "refused"
-    assert "no state" in row.reason
-
-
-def test_without_real_time_permission_it_works_and_reports_it(own_rig: Rig, tmp_path: Path) -> None:  # H9
-    dropped = "-sys_nice,-ipc_lock"
-    if os.geteuid() == 0 and (setpriv := shutil.which("setpriv")):
-        own_rig.wrap = [setpriv, f"--bounding-set={dropped}", f"--inh-caps={dropped}"]
-    own_rig.start()
-    row = own_rig.throw(NUDGE)
-    assert row.outcome in ("completed", "late"), row.reason  # late: the machine is busy
-    assert row.metrics["realtime"] is False or os.geteuid() != 0
-
-
-NO_DATABASES = ("postgresql+psycopg://fling@127.0.0.1:1/fling", "sqlite:////proc/nowhere/fling.db", "nonsense")
-
-
-def test_without_its_database_it_ends_with_a_message(rig: Rig) -> None:  # H7: nobody listens, no folder, no address
-    started = [
-        subprocess.Popen(
-            COMMAND, cwd=ROOT, text=True, stderr=subprocess.PIPE,
 @contextlib.contextmanager
 def newcomer(rig: Rig, **environment: str) -> Iterator[Callable[[], str]]:
     """Loads another executor of the rig's cell, with other settings.
@@ -170,6 +170,42 @@ def test_an_executor_that_was_replaced_ends(own_rig: Rig) -> None:
     assert own_rig.store.cell_status("rig").executor_id == "next"
 
 
+def test_what_was_queued_while_no_executor_lived_never_starts_by_surprise(own_rig: Rig) -> None:
+    own_rig.start_simulator()
+    id = own_rig.queue(NUDGE)
+    own_rig.start_executor()
+    assert own_rig.end(id).outcome == "executor_lost"
+    assert not own_rig.is_latched()  # nothing had moved
+    assert own_rig.throw(NUDGE).outcome == "completed"
+
+
+def test_a_controller_that_is_not_there_is_a_refusal(own_rig: Rig) -> None:
+    own_rig.start()
+    own_rig.simulator.send_signal(signal.SIGKILL)
+    own_rig.simulator.wait()
+    own_rig.until(lambda: own_rig.robot().get("connected") is False)
+    row = own_rig.throw(NUDGE)
+    assert row.outcome == "refused"
+    assert "no state" in row.reason
+
+
+def test_without_real_time_permission_it_works_and_reports_it(own_rig: Rig, tmp_path: Path) -> None:  # H9
+    dropped = "-sys_nice,-ipc_lock"
+    if os.geteuid() == 0 and (setpriv := shutil.which("setpriv")):
+        own_rig.wrap = [setpriv, f"--bounding-set={dropped}", f"--inh-caps={dropped}"]
+    own_rig.start()
+    row = own_rig.throw(NUDGE)
+    assert row.outcome in ("completed", "late"), row.reason  # late: the machine is busy
+    assert row.metrics["realtime"] is False or os.geteuid() != 0
+
+
+NO_DATABASES = ("postgresql+psycopg://fling@127.0.0.1:1/fling", "sqlite:////proc/nowhere/fling.db", "nonsense")
+
+
+def test_without_its_database_it_ends_with_a_message(rig: Rig) -> None:  # H7: nobody listens, no folder, no address
+    started = [
+        subprocess.Popen(
+            COMMAND, cwd=ROOT, text=True, stderr=subprocess.PIPE,
             env={**rig.environment, "FLING_DATABASE_URL": url, "FLING_DATA": str(rig.folder / f"other{i}")},
         )
         for i, url in enumerate(NO_DATABASES)
