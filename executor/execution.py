@@ -160,6 +160,8 @@ class Execution:
         timing = self._timing(telemetry)
         known = self._known() if self.row.mode == "speedj" else None
         numbers = records.metrics(self.problem, self.trajectory, ended, landing, timing, self.aim_shift, known)
+        if self.row.dry_run:
+            numbers = records.without_motion(numbers)
         if outcome == "completed" and not self.row.dry_run:
             verdict = records.release_verdict(self.problem, self.trajectory, numbers, landing)
             outcome, reason = verdict or (outcome, reason)

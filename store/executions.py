@@ -75,9 +75,23 @@ class ExecutionRepository(Repository):
         """Returns one execution."""
         return self._row(ExecutionRow, select(executions).where(executions.c.id == id))
 
-    def executions(self, limit: int = 50, cursor: str | None = None) -> tuple[list[ExecutionRow], str | None]:
-        """Returns executions, newest first, and the cursor of the next page (None after the last)."""
-        return self._page(ExecutionRow, select(executions), executions, limit, cursor)
+    def executions(
+        self, limit: int = 50, cursor: str | None = None, cell: str | None = None, outcome: str | None = None
+    ) -> tuple[list[ExecutionRow], str | None]:
+        """Returns executions, newest first, and the cursor of the next page (None after the last).
+
+        Args:
+            limit: Length of the page.
+            cursor: Of the page.
+            cell: Whose executions; None: of all cells.
+            outcome: How they ended; None: in any way, or not yet.
+        """
+        query = select(executions)
+        if cell is not None:
+            query = query.where(executions.c.cell == cell)
+        if outcome is not None:
+            query = query.where(executions.c.outcome == outcome)
+        return self._page(ExecutionRow, query, executions, limit, cursor)
 
     def executions_of_cell(self, cell: str, limit: int = 200) -> list[ExecutionRow]:
         """Returns the finished executions of a cell, newest first."""

@@ -165,7 +165,8 @@ class RecordingRow:
 class LandingRow:
     """One observation of a landing: a position with its standard deviation, or a result for a target's radius.
 
-    `source` is what observed it (`person`, `sim-camera`, a client's name for its camera), `reported_by` who told.
+    `source` is what observed it (`person`, `sim-camera`, a client's name for its camera), `reported_by` who told. One
+    that was withdrawn, at `withdrawn_at` by `withdrawn_by`, is kept and counts nowhere.
     """
 
     id: str
@@ -177,6 +178,8 @@ class LandingRow:
     std_m: float | None = None
     result: str | None = None
     radius_m: float | None = None
+    withdrawn_at: float | None = None
+    withdrawn_by: str | None = None
 
 
 @dataclass(frozen=True)

@@ -162,6 +162,8 @@ def test_a_dry_run_moves_nothing(rig: Rig) -> None:
     assert rig.state()["q"] == pytest.approx(before, abs=1e-9)
     assert row.metrics is not None
     assert (row.metrics["released"], row.metrics["gripper_commanded_s"]) == (False, None)
+    assert row.metrics["tracking_error_max_rad"] is None  # the arm was not to follow
+    assert row.metrics["timing"] is None
 
 
 def test_the_recording_opens_and_agrees_with_itself(rig: Rig) -> None:
