@@ -220,6 +220,9 @@ def _check_executable(service: Service, plan: PlanRow, body: ExecuteRequest) -> 
     if cell is None or cell.sha256 != plan.cell_sha256:
         change = "is gone" if cell is None else "has changed since planning"
         raise ProblemDetails("plan-not-executable", f"the cell file {plan.cell!r} {change}: plan again", cell=plan.cell)
+    if plan.sha256 is None:
+        detail = "an earlier version of Fling stored the plan, without a hash of its content: plan again"
+        raise ProblemDetails("plan-not-executable", detail, cell=plan.cell)
     adopted = service.store.profile_in_use(plan.cell, plan.cell_sha256)
     made = orjson.loads(plan.summary).get("profile")
     if made != (None if adopted is None else adopted.id):
