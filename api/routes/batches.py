@@ -73,6 +73,7 @@ async def make_batch(
     store = service.store
 
     def queue() -> str:
+        store.require_room()
         asked = batch_specification(body, store, service.cells, service.settings.default_cell, SIZE_MAX)
         act = origin.act(caller, "batch")
         return store.add_batch(asked.pack(), len(asked.requests), caller.name, "service", key, act).id

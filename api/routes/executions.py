@@ -61,6 +61,7 @@ def execute_plan(body: ExecuteBody, service: ServiceDep, caller: OperateCaller, 
     """Queues one execution of a plan. **This moves the robot**; software stop is not a safety function."""
 
     def queue() -> str:
+        service.store.require_room()
         plan = find_plan(service, body.plan_id, whole=False)
         _check_executable(service, plan, body)
         return service.store.queue_execution(
