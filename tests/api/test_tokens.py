@@ -59,6 +59,9 @@ def test_the_file_holds_hashes_and_is_its_owner_s(tokens):
         "[[token]]\nname = 'x'",
         "[[token]]\nname='x'\nsha256='x'\nscopes=['plan']",
         f"[[token]]\nname='x'\nsha256='{'0' * 64}'\nscopes=['admin']",
+        f"[[token]]\nname='x'\nsha256='{'0' * 64}'\nscopes=[{{}}]",
+        "token = " + "[" * 5000,
+        "token" + ".a" * 100_000 + " = 1",
     ],
 )
 def test_a_file_that_is_wrong_is_refused(tmp_path: Path, text: str):
@@ -68,6 +71,8 @@ def test_a_file_that_is_wrong_is_refused(tmp_path: Path, text: str):
         read_tokens(file)
     with pytest.raises(ValueError):
         read_tokens(tmp_path / "missing.toml")
+    with pytest.raises(ValueError, match="is a device"):
+        read_tokens(Path("/dev/zero"))
 
 
 @pytest.mark.parametrize(
