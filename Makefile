@@ -102,16 +102,20 @@ $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/run.stamp: requirements/run.txt | $(VENV)/bin/python
-	$(PIP) install --quiet --no-compile --require-hashes -r requirements/run.txt
+	@echo 'setting up 1 of 3: Python packages, about half a minute …'
+	@$(PIP) install --quiet --no-compile --require-hashes -r requirements/run.txt
 	touch $@
 
 $(VENV)/dev.stamp: requirements/dev.txt $(VENV)/native.stamp
-	$(PIP) install --quiet --no-compile --require-hashes -r requirements/dev.txt
+	@echo 'setting up 3 of 3: tools of the tests and checks, about half a minute …'
+	@$(PIP) install --quiet --no-compile --require-hashes -r requirements/dev.txt
 	touch $@
 
-# Compiles what is newer than its object, on all processors.
+# Compiles what is newer than its object, on all processors. The "compat" way of being editable puts this folder on the
+# path, so that `import fling` works beside a clone that is called "fling", too.
 $(VENV)/native.stamp: $(VENV)/run.stamp pyproject.toml setup.py $(NATIVE)
-	$(PIP) install --quiet --no-deps --no-build-isolation --editable .
+	@echo 'setting up 2 of 3: compiling, about half a minute on two cores …'
+	@$(PIP) install --quiet --no-deps --no-build-isolation --config-settings editable_mode=compat --editable .
 	touch $@
 
 $(VENV)/docs.stamp: requirements/docs.txt $(VENV)/dev.stamp

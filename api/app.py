@@ -40,6 +40,7 @@ from api.metrics import Metrics
 from api.planning import BatchDrivers, DriverCommand, MapDrivers, PlanningLine
 from api.routes import ROUTERS
 from api.settings import ServiceSettings, is_loopback_host
+from api.stopping import Stopping
 from api.store_probe import StoreProbe
 from fling import tracing
 from jobs.pool import PLANNING, open_pool, warm_up_job
@@ -122,7 +123,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
 async def _lifespan(settings: ServiceSettings, tokens: TokenRegistry, app: FastAPI) -> AsyncIterator[None]:
     """Opens the service's parts, and closes them when the application ends."""
     share_interpreter()
-    service = _service(settings, tokens)
+    service = _service(settings, tokens, app.state.lanes)
     app.state.service = service
     works = [_retain(service)]
     if settings.batch_workers != 0:  # those first that were left when the service ended
@@ -179,7 +180,7 @@ async def _drain(app: FastAPI) -> None:
     app.state.service.feeds.close()
 
 
-def _service(settings: ServiceSettings, tokens: TokenRegistry) -> Service:
+def _service(settings: ServiceSettings, tokens: TokenRegistry, lanes: Lanes) -> Service:
     store = Store.open(settings.database_url)
     cells = CellRepository(settings.cells)
     for name, reason in cells.faults().items():
@@ -197,6 +198,7 @@ def _service(settings: ServiceSettings, tokens: TokenRegistry) -> Service:
         tokens=tokens,
         metrics=Metrics(store),
         feeds=ExecutionFeeds(store),
+        stopping=Stopping(store, settings.data, lanes),
         probe=StoreProbe(store),
     )
 

@@ -26,6 +26,7 @@ from api.metrics import Metrics
 from api.planning import BatchDrivers, MapDrivers, PlanningLine
 from api.schemas import ID_PATTERN
 from api.settings import ServiceSettings
+from api.stopping import Stopping
 from api.store_probe import StoreProbe
 from planner.cell import Cell, CellSource
 from planner.errors import ERRORS_MAX
@@ -51,6 +52,7 @@ class Service:
     tokens: TokenRegistry
     metrics: Metrics
     feeds: ExecutionFeeds
+    stopping: Stopping
     probe: StoreProbe
     wrong_tokens: WrongTokens = field(default_factory=WrongTokens)
 
@@ -75,7 +77,11 @@ class Service:
 
 
 async def service(request: Request) -> Service:
-    """Returns the service that `create_app` assembled."""
+    """Returns the service that `create_app` assembled.
+
+    This and what else an abort depends on is `async`: FastAPI gives all other functions to threads that a database
+    without an answer may hold.
+    """
     return request.app.state.service
 
 

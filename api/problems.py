@@ -70,7 +70,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
     ),
     "executor-lost": ProblemType(
         409,
-        "The executor is gone",
+        "The executor does not report",
         "The execution's executor does not report: nobody can be asked to brake. Use the emergency stop. The request "
         "is kept for an executor that returns.",
     ),

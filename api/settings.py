@@ -11,6 +11,7 @@ from pydantic import Field, ValidationError, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from api.field_errors import reason
+from fling import stop_socket
 from planner.cell_folder import default_cells_folder
 from store import Retention, default_database_url
 
@@ -21,6 +22,7 @@ class ServiceSettings(BaseSettings):
     Attributes:
         database_url: SQLite or PostgreSQL; `FLING_DATABASE_URL`.
         cells: Folder of the cell files.
+        data: Folder of the executors' files, with their stop sockets; `FLING_DATA`.
         default_cell: Cell of requests that name none.
         tokens_file: File of the bearer tokens; without one the service is local only.
         host: Address to listen on.
@@ -42,6 +44,7 @@ class ServiceSettings(BaseSettings):
 
     database_url: str = Field(default_factory=default_database_url)
     cells: Path = Field(default_factory=default_cells_folder)
+    data: Path = Field(default_factory=lambda: stop_socket.default_data_folder(os.environ))
     default_cell: str = "ur5e-sim"
     tokens_file: Path | None = None
     host: str = "127.0.0.1"

@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from executor import realtime
-from executor.preflight import KINEMATICS_M, difference_from, kinematics_refusals
-from executor.robot import KinematicsInfo, read_kinematics, receive_timestamps
+from executor.preflight import KINEMATICS_M, difference_from, kinematics_refusals, serial_refusals, told_model
+from executor.robot import DashboardClient, KinematicsInfo, read_kinematics, receive_timestamps
 from learning import cell_in_use, pooled_document, timing_runs
 from planner.cell import Cell
 from store import Store, StoreError, StoreUnavailable
@@ -66,7 +66,7 @@ def examine(cell: Cell) -> list[DoctorFinding]:
         sleep,
         grade_jitter(late, dt),
         _link(cell),
-        _kinematics(cell),
+        *_robot(cell),
     ]
 
 
@@ -199,33 +199,42 @@ def _link(cell: Cell) -> DoctorFinding:
     return DoctorFinding("link", grade, text, "" if grade == "ok" else advice)
 
 
-def _kinematics(cell: Cell) -> DoctorFinding:
+def _robot(cell: Cell) -> list[DoctorFinding]:
+    """Returns the findings about the robot: which one it is, and whether its arm is the cell's."""
+    dashboard = DashboardClient(cell.link.host)
+    serial = dashboard.serial_number()
+    dashboard.close()
     try:
         info = read_kinematics(cell.link.host)
     except (OSError, ValueError):
         info = None
-    return grade_kinematics(cell, info)
+    return [grade_serial(cell, serial), grade_kinematics(cell, info)]
+
+
+def grade_serial(cell: Cell, serial: str | None) -> DoctorFinding:
+    """Returns the finding about the robot's serial number; None where its controller does not tell it."""
+    name = "serial number"
+    if reasons := serial_refusals(cell, serial):
+        return DoctorFinding(name, "bad", reasons[0], "check the address in the cell file, and the cable")
+    if serial is None:
+        return DoctorFinding(name, "warning", "the controller does not tell it: another robot may be at its address")
+    if cell.link.serial is None:
+        return DoctorFinding(name, "ok", f'{serial}; serial = "{serial}" in [link] refuses any other robot')
+    return DoctorFinding(name, "ok", f"{serial}, as in the cell file")
 
 
 def grade_kinematics(cell: Cell, info: KinematicsInfo | None) -> DoctorFinding:
-    """Returns the finding about the cell's calibration and the kinematics that the controller reports."""
+    """Returns the finding about the kinematics that the controller reports: the cell's, or another arm's."""
     name = "kinematics"
     advice = "fling cell kinematics --from-robot reads the controller's own"
     if reasons := kinematics_refusals(cell, info):
-        return DoctorFinding(name, "bad", reasons[0], advice)
+        wrong = info is not None and told_model(info) != cell.robot.name
+        return DoctorFinding(name, "bad", reasons[0], "check `robot` and `host` in the cell file" if wrong else advice)
     if cell.calibration is not None:
         return DoctorFinding(name, "ok", f"{cell.calibration.name} belongs to this arm")
-    if info is None and cell.link.kind == "sim":
-        return DoctorFinding(name, "ok", "the simulated controller reports none: its arm is as published")
-    if info is None:
-        text = "no calibration in the cell file, and the controller does not report its arm's; it may be off by 1 cm"
-        return DoctorFinding(name, "warning", text, advice)
-    apart = difference_from(cell, info)
-    if apart is None:
-        text = f"the controller's arm is not a {cell.robot.name}"
-        return DoctorFinding(name, "bad", text, "check `robot` in the cell file")
-    if apart.largest_m <= KINEMATICS_M:
-        return DoctorFinding(name, "ok", "the arm is as published")
+    apart = None if info is None else difference_from(cell, info)
+    if apart is None or apart.largest_m <= KINEMATICS_M:
+        return DoctorFinding(name, "ok", f"the arm is a {cell.robot.name} as published")
     text = f"no calibration in the cell file: this arm is off by {apart.words()}"
     return DoctorFinding(name, "warning", text, advice)
 

@@ -11,7 +11,7 @@ import orjson
 
 from executor import records
 from executor import shared_memory as shm
-from executor.preflight import ExecutionRefused, gripper_is_open, session_refusals, session_warnings, verify_plan
+from executor.preflight import ExecutionRefused, gripper_is_open, readiness, verify_plan
 from executor.preparation import expected_landing, prepare_job
 from executor.robot import RobotSession, RobotState
 from executor.stream_job import ExpectedLanding, StreamJob
@@ -53,11 +53,14 @@ class Execution:
         """
         cell = self.session.cell
         session = self.session
+        session.kinematics_reader.read()
         self.problem, self.trajectory, self.aim_shift = verify_plan(document, cell, self.profile)
-        if reasons := session_refusals(session):
-            raise ExecutionRefused("; ".join(reasons))
-        for warning in session_warnings(session):
+        ready = readiness(session)
+        if ready.refusals:
+            raise ExecutionRefused("; ".join(ready.refusals))
+        for warning in ready.warnings:
             self.note(f"warning: {warning}")
+        self.note(f"robot: {cell.robot.name}, serial number {ready.serial or 'not told'}")
         state = session.monitor.fresh()
         if state is None:
             raise ExecutionRefused("the controller stopped sending its state")
@@ -122,6 +125,11 @@ class Execution:
         except ValueError as error:
             raise ExecutionRefused(f"the simulated controller refuses the throw: {error}") from error
 
+    def abort(self) -> None:
+        """Requests the brake, where anything runs."""
+        if self.run is not None:
+            self.run.abort()
+
     def states(self) -> list[str]:
         """Returns the public states entered so far, in order; an early end skips those that it came before."""
         run = self.run
@@ -152,6 +160,8 @@ class Execution:
         timing = self._timing(telemetry)
         known = self._known() if self.row.mode == "speedj" else None
         numbers = records.metrics(self.problem, self.trajectory, ended, landing, timing, self.aim_shift, known)
+        if self.row.dry_run:
+            numbers = records.without_motion(numbers)
         if outcome == "completed" and not self.row.dry_run:
             verdict = records.release_verdict(self.problem, self.trajectory, numbers, landing)
             outcome, reason = verdict or (outcome, reason)

@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import orjson
 from numpy.typing import NDArray
 
-from executor.robot import KinematicsInfo, RobotSession, RobotState
+from executor.robot import OWNER_INPUT, KinematicsInfo, RobotSession, RobotState
 from executor.streaming.state_checks import NORMAL, OUTPUT_SHIFT, ROBOT_RUNNING, SAFETY_WORDS
 from learning import cell_with_profile
 from planner.answer import aim_shift, plan_from_document
-from planner.calibration import ImplausibleChain, calibrated, transforms_of_table
+from planner.calibration import DhTable, ImplausibleChain, calibrated, transforms_of_table
 from planner.cell import Cell
 from planner.certificate import certify
 from planner.errors import PlannerError
 from planner.kinematics import ChainDifference, chain_difference
 from planner.problem import ThrowProblem
+from planner.robots import ROBOT_NAMES, robot
 from planner.rotations import matrix_to_rotation_vector, rotation_vector_to_matrix
 from planner.trajectory import Trajectory
-from store import ProfileRow
+from store import PlanRow, ProfileRow
 
 Vector = NDArray[np.float64]
 
@@ -41,11 +45,40 @@ PAYLOAD_KG = 0.05  # [kg] accepted difference of the controller's payload from t
 TCP_M = 1e-3
 TCP_RAD = 5e-3  # [m, rad] accepted difference of its tool centre point: a millimetre at the object
 KINEMATICS_M = 1e-4  # [m] accepted difference of the controller's arm from the cell's, at its worst posture
+TABLES_KEPT = 8  # arms whose model is remembered: a heartbeat asks four times a second
 SPEED = 1e-3  # [-] accepted difference of the speed slider from 1: rounding only
+NO_HASH = "the plan was stored by an earlier version of Fling, without a hash of its content: plan again"
 
 
 class ExecutionRefused(Exception):
     """The execution does not start; the text says why."""
+
+
+@dataclass(frozen=True)
+class PreflightReport:
+    """What a robot and its controller tell before a motion.
+
+    Attributes:
+        refusals: every reason not to move it; empty where it may move.
+        warnings: what a person should know; it may move all the same.
+        serial: serial number of the robot; None where its controller does not tell it.
+    """
+
+    refusals: list[str]
+    warnings: list[str] = field(default_factory=list)
+    serial: str | None = None
+
+
+def verify_content(plan: PlanRow) -> None:
+    """Checks that a stored plan is what its planner wrote, under this id.
+
+    Raises:
+        ExecutionRefused: it is not, or nobody can tell.
+    """
+    if plan.sha256 is None:
+        raise ExecutionRefused(NO_HASH)
+    if not plan.is_intact:
+        raise ExecutionRefused("the stored plan is not what its planner wrote (its hash differs): plan again")
 
 
 def verify_plan(
@@ -102,18 +135,25 @@ def gripper_is_open(cell: Cell, state: RobotState) -> bool:
     return bool(state.outputs >> bit & 1) == cell.gripper.open_level
 
 
-def session_refusals(session: RobotSession) -> list[str]:
-    """Returns every reason not to move the session's robot now; empty where it may move."""
+def readiness(session: RobotSession) -> PreflightReport:
+    """Returns whether the session's robot may move now, and which robot it is."""
+    cell = session.cell
     state = session.monitor.fresh()
     if state is None:
-        return refusals(session.cell, None, None)
-    found = refusals(session.cell, state, session.remote_control())
-    return [*found, *kinematics_refusals(session.cell, session.kinematics())]
+        session.kinematics_reader.forget()  # another robot may answer next
+        return PreflightReport(refusals(cell, None, None))
+    if session.monitor.owned is False:
+        return PreflightReport([taken_words(session.monitor.host)])
+    remote = session.remote_control()
+    serial = None if remote is None else session.dashboard.serial_number()  # a silent dashboard takes a second
+    info = session.kinematics()
+    found = [*refusals(cell, state, remote), *serial_refusals(cell, serial), *kinematics_refusals(cell, info)]
+    return PreflightReport(found, kinematics_warnings(cell, info), serial)
 
 
-def session_warnings(session: RobotSession) -> list[str]:
-    """Returns what a person should know before the session's robot moves; it may move all the same."""
-    return kinematics_warnings(session.cell, session.kinematics())
+def taken_words(host: str) -> str:
+    """Returns why a controller is not moved that another client owns."""
+    return f"another executor is connected to the controller at {host}: it holds {OWNER_INPUT}"
 
 
 def refusals(cell: Cell, state: RobotState | None, remote: str | None) -> list[str]:
@@ -129,42 +169,76 @@ def refusals(cell: Cell, state: RobotState | None, remote: str | None) -> list[s
     return [*_control(cell, remote), *_condition(state), *_tool(cell, state)]
 
 
+def serial_refusals(cell: Cell, serial: str | None) -> list[str]:
+    """Returns why a robot is not the one whose serial number the cell file states; empty where it states none.
+
+    Args:
+        cell: as the executor reads it.
+        serial: what the controller tells; None where it tells none.
+    """
+    stated = cell.link.serial
+    if stated is None or serial == stated:
+        return []
+    told = "its controller does not tell its serial number" if serial is None else f"its serial number is {serial}"
+    return [f"wrong robot: {told}, the cell file states {stated} (link.serial)"]
+
+
 def kinematics_refusals(cell: Cell, info: KinematicsInfo | None) -> list[str]:
-    """Returns why a robot may not move with the cell's calibration, if it has one; empty where it may.
+    """Returns why a robot's arm is not the cell's; empty where it is.
+
+    Without a calibration any arm of the cell's model may move, as all of them are published alike.
 
     Args:
         cell: as the executor reads it.
         info: what the controller tells of its arm; None without an answer.
     """
+    name = cell.robot.name
+    if info is None:
+        return [
+            f"kinematics: the controller at {cell.link.host} does not report its arm, which may be no {name} at all "
+            "(primary interface, port 30001)"
+        ]
+    model = told_model(info)
+    if model != name:
+        told = "an arm of another model, which Fling does not know" if model is None else f"a {model}"
+        return [f"wrong robot: the controller moves {told} ({info.table.hash}), the cell's arm is a {name}"]
     if cell.calibration is None:
         return []
-    file = cell.calibration.name
-    known_as = cell.calibration.hash or "no hash"
-    if info is None:
-        return [f"kinematic_calibration: the controller at {cell.link.host} does not report its arm's kinematics"]
     apart = difference_from(cell, info)
     if apart is None or apart.largest_m > KINEMATICS_M:
-        size = "of another model" if apart is None else f"up to {apart.largest_m * 1e3:.1f} mm away"
+        size = "" if apart is None else f"up to {apart.largest_m * 1e3:.1f} mm away; "
         return [
-            f"kinematic_calibration: {file} ({known_as}) is another arm's: the controller's ({info.table.hash}) is "
-            f"{size}; `fling cell kinematics --from-robot` reads this arm's"
+            f"kinematic_calibration: {cell.calibration.name} ({cell.calibration.hash or 'no hash'}) is another arm's: "
+            f"the controller's ({info.table.hash}) is {size}`fling cell kinematics --from-robot` reads this arm's"
         ]
     return []
 
 
 def kinematics_warnings(cell: Cell, info: KinematicsInfo | None) -> list[str]:
     """Returns the warning that a real arm has no calibration, with the size of the error that this hides."""
-    if cell.calibration is not None or cell.link.kind == "sim":
+    if cell.calibration is not None or cell.link.kind == "sim" or info is None:
+        return []
+    apart = difference_from(cell, info)
+    if apart is None or apart.largest_m <= KINEMATICS_M:
         return []
     advice = "`fling cell kinematics --from-robot` reads it"
-    if info is None:
-        return [f"kinematic_calibration: none in the cell file; arms are off by up to a centimetre; {advice}"]
-    apart = difference_from(cell, info)
-    if apart is None:
-        return [f"kinematic_calibration: the controller's arm ({info.table.hash}) is not a {cell.robot.name}"]
-    if apart.largest_m <= KINEMATICS_M:
-        return []
     return [f"kinematic_calibration: none in the cell file; this arm is off by {apart.words()}; {advice}"]
+
+
+def told_model(info: KinematicsInfo) -> str | None:
+    """Returns the model of the arm that a controller tells, the closest one; None where it is that of no model."""
+    return _closest_model(info.table)
+
+
+@lru_cache(maxsize=TABLES_KEPT)
+def _closest_model(table: DhTable) -> str | None:
+    transforms = transforms_of_table(table)
+    found = []
+    for name in ROBOT_NAMES:
+        model = robot(name)
+        with suppress(ImplausibleChain):
+            found.append((chain_difference(calibrated(model, transforms), model).largest_m, name))
+    return min(found)[1] if found else None
 
 
 def difference_from(cell: Cell, info: KinematicsInfo) -> ChainDifference | None:

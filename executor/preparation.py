@@ -12,7 +12,7 @@ from executor import realtime
 from executor.settings import ExecutorSettings
 from executor.stream_job import ExpectedLanding, JobRows, StreamJob
 from learning import FEEDBACK_GAIN, FEEDBACK_MAX, CellKnowledge
-from planner.approach import APPROACH_ACCELERATION, APPROACH_SPEED, Approach, find_brakes, line_stop
+from planner.approach import Approach, find_brakes
 from planner.cell import Cell
 from planner.certificate import window_landing_points
 from planner.flight import landing_points
@@ -29,7 +29,6 @@ LATENESS_MAX_S = 0.1
 LATENESS_STEP_S = 0.002  # [s] of the table of landings of an arm that is late, or early
 DIFFERENCE = 1e-5  # [rad, rad/s] step of the central differences of the landing
 NOWHERE_M = 1e3  # [m] shift where the object never lands
-APPROACH_BRAKE_EVERY = 5  # [rows] at 1 rad/s and 500 Hz 1 cm of motion; saves a second of preparation
 SILENT_S = 0.100  # [s] the daemon's pulse comes every 5 ms; this long without one it is frozen or dead
 SILENT_ORDINARY_S = 0.250  # [s] without real-time scheduling gaps of 20 to 100 ms were measured on a busy machine
 
@@ -101,14 +100,6 @@ def prepare_job(
     cell = problem.cell
     dt = 1.0 / cell.robot.sample_rate_hz
     rows = sample_rows(cell, trajectory, throws=not problem.ends_at_rest)
-    acceleration = settings.approach_pace**2 * APPROACH_ACCELERATION
-    deceleration = acceleration
-    approach_rows = None
-    if approach.is_straight and approach.trajectory is not None:
-        deceleration = line_stop(cell, approach.trajectory.q, approach.trajectory.qd, acceleration)
-    elif approach.problem is not None and approach.trajectory is not None:
-        sampled = sample_rows(approach.problem.cell, approach.trajectory, throws=False)
-        approach_rows = _job_rows(approach.problem, approach.trajectory, sampled, APPROACH_BRAKE_EVERY)
     return StreamJob(
         host=cell.link.host,
         mode=mode,
@@ -121,12 +112,8 @@ def prepare_job(
         output=cell.gripper.output,
         output_index=cell.gripper.index,
         output_level=cell.gripper.open_level,
-        start=rows.q[0].tolist(),
         landing=None if problem.ends_at_rest else landing,
-        approach=approach_rows,
-        approach_speed=settings.approach_pace * APPROACH_SPEED,
-        approach_acceleration=acceleration,
-        approach_deceleration=deceleration,
+        approach=_approach_rows(approach),
         qd_max=cell.robot.qd_max.tolist(),
         acceleration=float(np.min(cell.robot.qdd_max)),
         feedback_gain=FEEDBACK_GAIN,
@@ -137,6 +124,14 @@ def prepare_job(
         priority=realtime.STREAM_PRIORITY,
         daemon_silent_s=SILENT_S if realtime.is_permitted() else SILENT_ORDINARY_S,
     )
+
+
+def _approach_rows(approach: Approach) -> JobRows | None:
+    """Returns the rows of an approach; None where the arm is at the plan's start."""
+    if approach.problem is None or approach.trajectory is None:
+        return None
+    sampled = sample_rows(approach.problem.cell, approach.trajectory, throws=False)
+    return _job_rows(approach.problem, approach.trajectory, sampled, gentle=True)
 
 
 def expected_landing(
@@ -191,9 +186,10 @@ def _landings(problem: ThrowProblem, q: Vector, qd: Vector) -> Vector:
     return landing_points(state.p_WT, leaves, problem.plane_z, problem.gravity, problem.drag)[:, :2]
 
 
-def _job_rows(problem: ThrowProblem, trajectory: Trajectory, rows: StreamRows, brake_every: int = 1) -> JobRows:
+def _job_rows(problem: ThrowProblem, trajectory: Trajectory, rows: StreamRows, gentle: bool = False) -> JobRows:
     """Returns the rows of a motion with the brake from each of them, as plain lists."""
-    brakes = find_brakes(problem.cell, rows.q, rows.qd, rows.qdd, trajectory.dt, brake_every)
+    motion = (rows.q, rows.qd, rows.qdd, trajectory.dt)
+    brakes = find_brakes(problem.cell, *motion, problem.holds_object, gentle)
     return JobRows(
         first_clock_s=rows.first_clock_s,
         q=rows.q.tolist(),

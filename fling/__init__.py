@@ -5,8 +5,8 @@ Everything that documentation and examples use is reached from here, and loaded 
     import fling
 
     cell = fling.open_cell("ur5e-sim")
-    answer = fling.plan({"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}}, cell)
-    print(answer.trajectory.release_time_s, answer.certificate.valid)
+    plan = fling.plan(fling.Target([1.2, 0.3, 0.0]), cell)
+    print(plan.release_time_s, plan.flight.landing_point, plan.certificate.valid)
 
 Names that are not listed in `__all__` may change without notice.
 """
@@ -18,33 +18,46 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     __version__: str
-    from fling import tracing
+    from fling import stop_socket, tracing
     from fling.cells import cell_names, open_cell
     from fling.client import Client, ServiceRefusal
-    from fling.planning import plan, plan_document, problem
+    from fling.motion import Trajectory
+    from fling.picture import plan_svg
+    from fling.planning import plan, problem
+    from fling.plans import Flight, Odds, Plan, Release
+    from fling.requests import Bin, Joint, Limits, Options, Point, Pose, Target
     from fling.ros import as_joint_trajectory
     from planner import flight, kinematics, rotations, timing
     from planner.cell import Cell
     from planner.certificate import Certificate, Check, certify
     from planner.errors import CellError, Infeasible, InvalidProblem, PlannerError, SolverFailed, Violation
-    from planner.planning import Plan
     from planner.problem import ThrowProblem
     from planner.robots import Robot, robot
-    from planner.trajectory import Trajectory, integrate
+    from planner.trajectory import integrate
 
 __all__ = [
+    "Bin",
     "Cell",
     "CellError",
     "Certificate",
     "Check",
     "Client",
+    "Flight",
     "Infeasible",
     "InvalidProblem",
+    "Joint",
+    "Limits",
+    "Odds",
+    "Options",
     "Plan",
     "PlannerError",
+    "Point",
+    "Pose",
+    "Release",
     "Robot",
     "ServiceRefusal",
     "SolverFailed",
+    "Target",
     "ThrowProblem",
     "Trajectory",
     "Violation",
@@ -57,10 +70,11 @@ __all__ = [
     "kinematics",
     "open_cell",
     "plan",
-    "plan_document",
+    "plan_svg",
     "problem",
     "robot",
     "rotations",
+    "stop_socket",
     "timing",
     "tracing",
 ]
@@ -70,16 +84,19 @@ DISTRIBUTION = "fling-robotics"  # on the package index, where "fling" is anothe
 _HOMES = {  # module: the public names that it holds
     "fling.cells": ("cell_names", "open_cell"),
     "fling.client": ("Client", "ServiceRefusal"),
-    "fling.planning": ("plan", "plan_document", "problem"),
+    "fling.motion": ("Trajectory",),
+    "fling.picture": ("plan_svg",),
+    "fling.planning": ("plan", "problem"),
+    "fling.plans": ("Flight", "Odds", "Plan", "Release"),
+    "fling.requests": ("Bin", "Joint", "Limits", "Options", "Point", "Pose", "Target"),
     "fling.ros": ("as_joint_trajectory",),
     "planner": ("flight", "kinematics", "rotations", "timing"),
     "planner.cell": ("Cell",),
     "planner.certificate": ("Certificate", "Check", "certify"),
     "planner.errors": ("CellError", "Infeasible", "InvalidProblem", "PlannerError", "SolverFailed", "Violation"),
-    "planner.planning": ("Plan",),
     "planner.problem": ("ThrowProblem",),
     "planner.robots": ("Robot", "robot"),
-    "planner.trajectory": ("Trajectory", "integrate"),
+    "planner.trajectory": ("integrate",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
@@ -88,8 +105,8 @@ def __getattr__(name: str) -> Any:
     """Loads a public name when it is first used: `import fling` itself costs nothing."""
     if name == "__version__":
         return _version()
-    if name == "tracing":
-        return import_module("fling.tracing")
+    if name in ("stop_socket", "tracing"):
+        return import_module(f"fling.{name}")
     if name not in _HOME_OF:
         raise AttributeError(f"module 'fling' has no attribute {name!r}")
     home = import_module(_HOME_OF[name])

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from planner import cell_folder
-from planner.cell import Cell
+from planner.cell import Cell, cell_of_keys
 from planner.errors import CellError
 
 
@@ -21,17 +23,22 @@ def cell_names() -> list[str]:
     return sorted(path.stem for path in cells_folder().glob("*.toml"))
 
 
-def open_cell(cell: str | Path) -> Cell:
+def open_cell(cell: str | Path | Mapping[str, Any]) -> Cell:
     """Returns a checked cell.
 
     Args:
-        cell: name of a file in the folder of cell files, or path of a file (.toml).
+        cell: name of a file in the folder of cell files, path of a file (.toml), or the keys of such a file, to which
+            `name` may be added: `{"robot": "ur5e", "link": {"kind": "sim"}}`.
 
     Raises:
-        CellError: there is no such cell, a field of the file is refused, or its home violates a limit.
+        CellError: there is no such cell, a field is refused, or its home violates a limit.
     """
+    if isinstance(cell, Mapping):
+        stated = cell_of_keys(cell)
+        cell_folder.check_home(stated)
+        return stated
     if not isinstance(cell, str | Path):
-        raise CellError("cell", cell, "must be a name or the path of a file")
+        raise CellError("cell", cell, "must be a name, the path of a file, or the keys of one")
     path = Path(cell)
     if path.suffix != ".toml":
         path = cells_folder() / f"{cell}.toml"

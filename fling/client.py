@@ -7,18 +7,25 @@ import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self, Unpack
 
 import httpx2
 
+from fling import stop_socket
+from fling.requests import Options, Release, request_of
 from fling.tracing import trace_context
 
+if TYPE_CHECKING:
+    from fling.plans import Plan
+
 TIMEOUT_S = 150.0  # [s] a plan may take its whole time limit
+ABORT_S = 10.0  # [s] an abort is answered within one, and within six where a locked database alone could note it
+LOOPBACK = ("127.0.0.1", "localhost", "::1")
 UNREACHABLE = 0  # status of the problem of a service that does not answer
 RETURN_S = 30.0  # [s] within which a service that is started again answers
 RETRY_S = 0.5  # [s] between two attempts to reach it
 PROBLEM_TYPE = "application/problem+json"
-DEFAULT_URL = "http://127.0.0.1:8000"  # unless FLING_URL names another service
+DEFAULT_PORT = "8000"  # of this machine, unless FLING_URL or FLING_PORT name another service
 
 
 class ServiceRefusal(Exception):
@@ -42,7 +49,7 @@ class Client:
     """Calls a running service: `with fling.Client() as client: client.plan({...})`.
 
     Args:
-        url: Base URL of the service; default: FLING_URL, or this machine at port 8000.
+        url: Base URL of the service; default: FLING_URL, or this machine at FLING_PORT, or 8000.
         token: Bearer token; default: FLING_TOKEN.
 
     Raises:
@@ -52,7 +59,7 @@ class Client:
     refusal: type[Exception] = ServiceRefusal  # what the calls raise
 
     def __init__(self, url: str | None = None, token: str | None = None) -> None:
-        url = url or os.environ.get("FLING_URL") or DEFAULT_URL
+        url = url or os.environ.get("FLING_URL") or f"http://127.0.0.1:{os.environ.get('FLING_PORT') or DEFAULT_PORT}"
         token = token or os.environ.get("FLING_TOKEN")
         headers = {"Authorization": f"Bearer {token}"} if token else {}
         self._http = httpx2.Client(base_url=url, headers=headers, timeout=TIMEOUT_S, trust_env=False)
@@ -67,12 +74,30 @@ class Client:
         """Closes the connections."""
         self._http.close()
 
-    def plan(self, request: Mapping[str, Any], trajectory: bool = True) -> dict[str, Any]:
-        """Returns the stored plan of a request, with or without its samples."""
-        return self.post(f"/plan?trajectory={str(trajectory).lower()}", dict(request))
+    def plan(
+        self,
+        request: Mapping[str, Any] | Release,
+        cell: str | None = None,
+        trajectory: bool = True,
+        **options: Unpack[Options],
+    ) -> Plan:
+        """Returns the stored plan of a request.
 
-    def execute(self, plan_id: str = "latest", mode: str = "speedj", dry_run: bool = False) -> dict[str, Any]:
-        """Queues an execution of a plan and returns it; `finished` waits for its end."""
+        Args:
+            request: a release such as `fling.Target`, or all of it as `POST /plan` takes it.
+            cell: name of the cell; by default the one that the request names, or the service's.
+            trajectory: whether the answer has the samples.
+            options: what the request states beside the release, such as `release_window_s=0.01`.
+        """
+        asked = request_of(request, options)
+        body = dict(asked) if cell is None else {**asked, "cell": cell}
+        from fling.plans import Plan  # loads the planner, which other calls do without
+
+        return Plan(self.post(f"/plan?trajectory={str(trajectory).lower()}", body))
+
+    def execute(self, plan: Plan | str = "latest", mode: str = "speedj", dry_run: bool = False) -> dict[str, Any]:
+        """Queues an execution of a plan, or of the plan with an id, and returns it; `finished` waits for its end."""
+        plan_id = plan if isinstance(plan, str) else plan.id
         return self.post("/execute", {"plan_id": plan_id, "mode": mode, "dry_run": dry_run})
 
     def finished(
@@ -109,14 +134,34 @@ class Client:
                     raise self._lost(execution_id) from error
             time.sleep(RETRY_S)
 
-    def abort(self, execution_id: str) -> dict[str, Any]:
-        """Asks for the brake. Not a safety function."""
-        return self.post(f"/executions/{execution_id}/abort")
+    def abort(self, execution_id: str = "latest") -> dict[str, Any]:
+        """Asks for the brake and returns the execution. Not a safety function.
 
-    def landed(self, execution_id: str, position: Sequence[float], std_m: float | None = None) -> dict[str, Any]:
-        """Reports where the object of an execution landed (3,) [m], with its standard deviation [m]."""
-        spread = {} if std_m is None else {"std_m": std_m}
-        return self.post(f"/executions/{execution_id}/landing", {"position": list(position), **spread})
+        An executor of this machine is asked directly, before the service is: it brakes where that does not answer.
+
+        Args:
+            execution_id: of the execution; `latest`: the newest that runs on this machine, or that the service knows.
+        """
+        run = self._stop_here(execution_id)
+        path = f"/executions/{execution_id if run is None else run['id']}/abort"
+        try:
+            return self._response("POST", path, timeout=ABORT_S).json()
+        except self.refusal:
+            if run is None:
+                raise
+            return run
+
+    def _stop_here(self, execution_id: str) -> dict[str, Any] | None:
+        """Asks the executors of this machine; None where none of them runs what is meant."""
+        data = stop_socket.default_data_folder(os.environ)
+        if execution_id != "latest":
+            return stop_socket.stop(data, execution_id, "a client on this machine")
+        is_here = self._http.base_url.host in LOOPBACK
+        return stop_socket.stop_newest(data, "a client on this machine") if is_here else None
+
+    def landed(self, execution_id: str, position: Sequence[float], std_m: float) -> dict[str, Any]:
+        """Reports where the object of an execution landed (3,) [m], measured with a standard deviation `std_m` [m]."""
+        return self.post(f"/executions/{execution_id}/landing", {"position": list(position), "std_m": std_m})
 
     def get(self, path: str) -> dict[str, Any]:
         """Returns the JSON of a GET."""
@@ -152,7 +197,7 @@ class Client:
                     elif name == "data":
                         yield id, kind, json.loads(value)
         except httpx2.TransportError as error:
-            raise self._unreachable(error) from error
+            raise self._unreachable(error) from None
 
     def _call(self, method: str, path: str, body: Any = None) -> dict[str, Any]:
         return self._response(method, path, **({} if body is None else {"json": body})).json()
@@ -162,7 +207,7 @@ class Client:
             headers = {**more.pop("headers", {}), **trace_context()}  # the caller's trace goes on in the service
             response = self._http.request(method, path, headers=headers, **more)
         except httpx2.TransportError as error:
-            raise self._unreachable(error) from error
+            raise self._unreachable(error) from None
         self._check(response)
         return response
 

@@ -1,58 +1,66 @@
-"""Planning without a service: a request in the shape of `POST /plan`, and the plan as an object or as a document."""
+"""Planning without a service: a request in the shape of `POST /plan`, or typed, and its certified motion."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 from uuid import uuid4
 
 from fling.cells import open_cell
+from fling.plans import Plan
+from fling.requests import Options, Release, request_of
 from planner import planning
-from planner.answer import iso_time
-from planner.answer import plan_document as document_of
+from planner.answer import iso_time, plan_document
 from planner.cell import Cell
 from planner.errors import FieldError, InvalidProblem
-from planner.planning import Plan
 from planner.problem import ThrowProblem
 from planner.request import problem_from_request, request_document
 
 DEFAULT_CELL = "ur5e-sim"
 
 
-def problem(request: Mapping[str, Any], cell: Cell | str | Path | None = None) -> ThrowProblem:
+def problem(
+    request: Mapping[str, Any] | Release, cell: Cell | str | Path | None = None, **options: Unpack[Options]
+) -> ThrowProblem:
     """Returns the problem that a request states, in the planner's units.
 
     Args:
-        request: as `POST /plan` takes it.
+        request: a release such as `fling.Target`, or all of it as `POST /plan` takes it.
         cell: a cell, or its name or file; by default the one that the request names, or `ur5e-sim`.
+        options: what the request states beside the release.
 
     Raises:
         CellError: there is no such cell, or its file is refused.
         InvalidProblem: every refused field with its reason.
     """
-    if not isinstance(request, Mapping):
-        raise InvalidProblem(
-            [FieldError("request", f"must be a mapping as `POST /plan` takes it, not {request!r:.60}")]
-        )
-    named = request.get("cell") if cell is None else cell
+    asked = request_of(request, options)
+    if not isinstance(asked, Mapping):
+        reason = f"must be a release, or a mapping as `POST /plan` takes it, not {asked!r:.60}"
+        raise InvalidProblem([FieldError("request", reason)])
+    named = asked.get("cell") if cell is None else cell
     found = named if isinstance(named, Cell) else open_cell(DEFAULT_CELL if named is None else str(named))
-    asked = problem_from_request(request, found)
-    if request.get("min_hit_probability"):
+    stated = problem_from_request(asked, found)
+    if asked.get("min_hit_probability"):
         reason = "odds are reckoned by `fling plan`, `fling throw` and the service; the library plans without"
         raise InvalidProblem([FieldError("min_hit_probability", reason)])
-    return asked
+    return stated
 
 
-def plan(request: Mapping[str, Any] | ThrowProblem, cell: Cell | str | Path | None = None) -> Plan:
+def plan(
+    request: Mapping[str, Any] | Release | ThrowProblem,
+    cell: Cell | str | Path | None = None,
+    **options: Unpack[Options],
+) -> Plan:
     """Returns the best certified motion for a request.
 
-    The first plan of a process takes seconds longer: it loads the optimiser.
+    The first plan of a process takes longer: it loads the optimiser.
 
     Args:
-        request: as `POST /plan` takes it, or a problem.
+        request: a release such as `fling.Target`, all of it as `POST /plan` takes it, or a problem.
         cell: a cell, or its name or file; by default the one that the request names, or `ur5e-sim`.
+        options: what the request states beside the release, such as `release_window_s=0.01`; none for a problem.
 
     Raises:
         CellError: there is no such cell, or its file is refused.
@@ -60,15 +68,12 @@ def plan(request: Mapping[str, Any] | ThrowProblem, cell: Cell | str | Path | No
         Infeasible: there is no such motion, or none was found; says what stands in the way, and what is nearest.
         SolverFailed: the request's time limit ended the search before that.
     """
-    return planning.plan(request if isinstance(request, ThrowProblem) else problem(request, cell))
-
-
-def plan_document(plan: Plan, request: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Returns a plan as JSON, as `fling plan` writes it and `fling report` reads it.
-
-    Args:
-        plan: from `plan()`.
-        request: the request that it answers; by default the one that states its problem.
-    """
-    asked = request_document(plan.problem, plan.problem.release) if request is None else request
-    return document_of(plan, {"cell": plan.problem.cell.name, **asked}, str(uuid4()), iso_time(time.time()))
+    if isinstance(request, ThrowProblem):
+        if cell is not None or options:
+            raise TypeError("a problem states its cell and options itself: dataclasses.replace(problem, ...)")
+        found = planning.plan(request)
+        asked = request_document(request, request.release)
+    else:
+        found = planning.plan(problem(request, cell, **options))
+        asked = {**request_of(request, options), "cell": found.problem.cell.name}
+    return Plan(plan_document(found, asked, str(uuid4()), iso_time(time.time())), found)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from planner.planning import Plan
+from fling.plans import Plan
 
 NANOSECONDS = 1_000_000_000  # in a second
 
@@ -45,7 +45,7 @@ def _samples(plan: Plan | Mapping[str, Any]) -> tuple[list[str], list[float], tu
     if isinstance(plan, Plan):
         motion = plan.trajectory
         rows = (motion.q.tolist(), motion.qd.tolist(), motion.qdd.tolist())
-        return list(plan.problem.cell.robot.joint_names), motion.t.tolist(), rows
+        return list(motion.joint_names), motion.t.tolist(), rows
     if "trajectory" not in plan:
         raise ValueError("the plan document has no trajectory; ask for it without trajectory=false")
     motion = plan["trajectory"]

@@ -9,6 +9,7 @@ import numpy as np
 from planner.cell import Cell, cell_faults, cell_of, load_cell, read_source
 from planner.certificate import certify
 from planner.errors import CellError
+from planner.geometry import SELF_CLEARANCE_M, NeverClear, never_clear
 from planner.problem import JointRelease, ThrowProblem
 from planner.trajectory import Trajectory
 
@@ -36,14 +37,17 @@ def check_home(cell: Cell) -> None:
     """Certifies a standstill at home.
 
     Raises:
-        CellError: home violates a limit or the surroundings; the reason names the check, its value and its limit.
+        CellError: home violates a limit or the surroundings; the reason names the check, its value and its limit. Or
+            no posture is clear of the tool.
     """
     for fault in home_faults(cell):
         raise fault
 
 
 def home_faults(cell: Cell) -> list[CellError]:
-    """Returns what a standstill at home violates, a fault for each check."""
+    """Returns what a standstill at home violates, a fault for each check; or how the tool is in the arm's way."""
+    if in_the_way := never_clear(cell.robot, cell.tool.capsules):
+        return [_in_the_way(cell, pair) for pair in in_the_way]
     rest = np.tile(cell.home, (2, 1))
     zero = np.zeros((2, 6))
     problem = ThrowProblem(cell, cell.home, JointRelease(cell.home, np.zeros(6)), cell.limits)
@@ -54,6 +58,17 @@ def home_faults(cell: Cell) -> list[CellError]:
         reason = f"violates {check.name}: {check.value:.4g} against {check.limit:.4g} {check.unit}{what}"
         found.append(CellError("home_rad", cell.home.tolist(), reason))
     return found
+
+
+def _in_the_way(cell: Cell, pair: NeverClear) -> CellError:
+    """Returns the fault of a tool that leaves the arm no posture."""
+    part, tool = pair.names
+    number = int(tool.rpartition("_")[2])
+    reason = (
+        f"{tool} is too close to {part} in every posture: {1e3 * pair.most_m:.1f} mm at most against "
+        f"{1e3 * SELF_CLEARANCE_M:g} mm; model a wide tool by several capsules that begin farther from the flange"
+    )
+    return CellError(f"tool.capsules[{number}].radius_m", cell.tool.capsules[number].radius_m, reason)
 
 
 def file_faults(path: Path | str) -> list[CellError]:

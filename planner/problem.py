@@ -11,7 +11,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from planner.arrays import Array, Mask
-from planner.cell import Box, Cell, Limits
+from planner.cell import STANDING_RAD, Box, Cell, Limits
 from planner.errors import FieldError, InvalidProblem
 from planner.flight import drag_constant
 from planner.geometry import LEVEL_M, Misfit, Surface, landing_surfaces, misfit, passable
@@ -36,6 +36,8 @@ BACKENDS = ("auto", "casadi", "ruckig", "toppra", "cubic", "trapezoid", "ramp")
 # planner process of lower priority beside twelve busy ones takes up to twenty times as long, one of a batch longer.
 TIME_LIMIT_S = 120.0
 TIME_LIMIT_MAX_S = 120.0  # [s] longest time that one request may occupy a planner
+JITTER_DEVIATIONS = 3.0  # [-] of the gripper's opening that a throw should stand: 99.7 % of normal delays
+JITTER_ROUNDING_S = 1e-9  # [s] by which three standard deviations may exceed a window in floating point
 BINS_KEPT = 32  # [-] cells with a bin of late
 
 
@@ -72,7 +74,8 @@ class ThrowProblem:
     aim_shift: Array = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
-        errors = [*_start_errors(self.start, self.limits), *self.release.errors(self.cell)]
+        errors = [*_limit_errors(self.limits, self.cell), *_start_errors(self.start, self.limits)]
+        errors += self.release.errors(self.cell)
         if self.backend not in BACKENDS:
             errors.append(FieldError("backend", f"{self.backend!r} is not one of {', '.join(BACKENDS)}"))
         if not 0.0 < self.time_limit_s <= TIME_LIMIT_MAX_S:
@@ -199,6 +202,13 @@ class ThrowProblem:
         return self.release_window_s > 0.0 and self.landing_tolerance_m > 0.0 and not self.ends_at_rest
 
     @property
+    def covers_jitter(self) -> bool:
+        """Whether the window holds three standard deviations of the gripper's opening, or nothing is released."""
+        if self.ends_at_rest or not self.holds_object:
+            return True
+        return JITTER_DEVIATIONS * self.cell.gripper.jitter_s <= self.planned_window_s + JITTER_ROUNDING_S
+
+    @property
     def planned_window_s(self) -> float:
         """The release window that the landing tolerance must hold for [s]: 0 without a tolerance, or for a move."""
         return self.release_window_s if self.is_robust else 0.0
@@ -210,6 +220,13 @@ def _cell_with_block(cell: Cell, lower: tuple[float, ...], upper: tuple[float, .
     block = Box(np.array(lower), np.array(upper), "bin")
     around = cell.surroundings
     return replace(cell, surroundings=replace(around, keep_out=(*around.keep_out, block)))
+
+
+def _limit_errors(limits: Limits, cell: Cell) -> list[FieldError]:
+    return [
+        FieldError(f"limits.{name}[{joint}]", f"{value:.6g} is beyond the arm's own limit of {own:.6g}")
+        for name, joint, value, own in limits.beyond(cell.robot, STANDING_RAD)
+    ]
 
 
 def _start_errors(q: Array, limits: Limits) -> list[FieldError]:

@@ -20,6 +20,7 @@ from planner.errors import FieldError, InvalidProblem, figures
 from planner.fields import Choice, Field, Kinds, Number, PerJoint, Record, Text, Vector, Yes, required
 from planner.problem import (
     BACKENDS,
+    JITTER_DEVIATIONS,
     TIME_LIMIT_MAX_S,
     TIME_LIMIT_S,
     ThrowProblem,
@@ -30,7 +31,6 @@ __all__ = ["PLAN_REQUEST", "problem_from_request", "read_request", "release_docu
 
 WINDOW_MAX_S = 0.2  # [s] longest release window
 TOLERANCE_MAX_M = 10.0  # [m] largest landing tolerance
-JITTER_DEVIATIONS = 3.0  # [-] default half width of the window in standard deviations: 99.7 % of normal delays
 WINDOW_MIN_S = 0.005  # [s] least default half width: the scatter of a pneumatic or electric gripper; source: contract
 ROBUST_TOLERANCE_M = 0.01  # [m] least default landing tolerance of a target without an opening
 CELL_NAME_MAX = 64  # characters of a cell's name
@@ -190,13 +190,20 @@ def _window(asked: Mapping[str, Any], release: Release, cell: Cell) -> tuple[flo
     """Returns release window [s] and landing tolerance [m]; a target without them gets the gripper's and its own.
 
     A request for odds starts from no window: whoever knows the odds decides how long it must be.
+
+    Raises:
+        InvalidProblem: no window is asked for, and the gripper's is too long to be planned.
     """
     default_s = 0.0
     default_m = 0.0
     if release.target is not None:
         default_m = _default_tolerance(release.target, cell)
         if not asked.get("min_hit_probability"):
-            default_s = min(max(JITTER_DEVIATIONS * cell.gripper.jitter_s, WINDOW_MIN_S), WINDOW_MAX_S)
+            default_s = max(JITTER_DEVIATIONS * cell.gripper.jitter_s, WINDOW_MIN_S)
+    if default_s > WINDOW_MAX_S and "release_window_s" not in asked:
+        spread = f"three times the gripper's jitter of {cell.gripper.jitter_s:g} s"
+        reason = f"{spread} is {default_s:g} s, and no window is longer than {WINDOW_MAX_S:g} s: state one"
+        raise InvalidProblem([FieldError("release_window_s", reason)])
     return asked.get("release_window_s", default_s), asked.get("landing_tolerance_m", default_m)
 
 

@@ -120,8 +120,8 @@ class Robot:
 
     @property
     def published(self) -> Robot:
-        """The arm of the same model with the published table."""
-        return self if self.fixed is None else robot(self.name)
+        """The arm of the same model as it is published: its table and its limits."""
+        return robot(self.name)
 
 
 @cache

@@ -29,6 +29,7 @@ def main(arguments: list[str] | None = None) -> int:
             stall_tolerant=not options.strict_clock,
             remote_control_enabled=not options.no_remote_control,
             programs=options.programs,
+            serial_number=options.serial_number or cell.link.serial or SimulatorSettings.serial_number,
         )
         truth = load_truth(options.truth, cell, hidden=not options.reveal) if options.truth else truth_of(cell)
         simulation = Simulation(cell, settings, options.host or cell.link.host, truth)
@@ -66,6 +67,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     lock_help = "time during which a protective stop cannot be unlocked"
     add("--protective-stop-lock-s", type=float, default=lock_s, help=lock_help)
     add("--programs", type=Path, help="folder of stored programs: NAME.script is what the dashboard loads as NAME.urp")
+    add("--serial-number", help="of the robot; the cell's link.serial by default, or a made-up one")
     remote_help = "remote control is not switched on in the settings, as on a new robot: no command is refused"
     add("--no-remote-control", action="store_true", help=remote_help)
     strict_help = "keep the absolute grid of cycles where the machine stalls, instead of letting controller time slip"

@@ -222,9 +222,12 @@ def test_a_package_is_entered_by_its_face(root: Path, face: str):
 
 
 def test_a_class_name_is_used_once(root: Path):
-    """One class a name in the whole project: a search for it finds one thing."""
+    """One class a name in the whole project: a search for it finds one thing.
+
+    The public face is apart: its views have the names that users know.
+    """
     places = defaultdict(list)
-    for folder in FOLDERS:
+    for folder in (name for name in FOLDERS if name != "fling"):
         for file in sorted((root / folder).rglob("*.py")):
             for node in ast.parse(file.read_text()).body:
                 if isinstance(node, ast.ClassDef):

@@ -62,9 +62,10 @@ def report(
 def _of_file(file: Path, cells: Path | None) -> ReportContent:
     """Returns the content of a report on a plan in a file."""
     from api.cell_repository import CellRepository
-    from api.report import ReportContent, plan_svg
+    from api.report import ReportContent
     from api.scene import cell_model, plan_curves
     from api.settings import parse_settings
+    from fling import plan_svg
     from planner.errors import PlannerError
 
     plan = _plan_in(file)
@@ -112,7 +113,8 @@ def _of_plan(client: ServiceClient, id: str, **more: Any) -> ReportContent:
 
 def _of_execution(client: ServiceClient, id: str) -> ReportContent:
     execution = client.get(f"/executions/{id}")
-    landings = client.get(f"/executions/{execution['id']}/landing")["landings"]
+    reported = client.get(f"/executions/{execution['id']}/landing")["landings"]
+    landings = [landing for landing in reported if landing.get("withdrawn_at") is None]
     recording = client.text(f"/executions/{execution['id']}/recording", CSV) if execution["outcome"] else ""
     return _of_plan(client, execution["plan_id"], execution=execution, landings=landings, recording=recording)
 

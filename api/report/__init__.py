@@ -3,6 +3,5 @@
 from api.report.lags import lags_svg
 from api.report.landings import explained_svg, landings_svg
 from api.report.page import ReportContent, report_html
-from api.report.picture import plan_svg
 
-__all__ = ["ReportContent", "explained_svg", "lags_svg", "landings_svg", "plan_svg", "report_html"]
+__all__ = ["ReportContent", "explained_svg", "lags_svg", "landings_svg", "report_html"]

@@ -1,7 +1,7 @@
 """The report as one self-contained HTML file: scene and curves that move, facts, certificate, request.
 
 Facts and tables are plain HTML; scene and curves are drawn by the program of `web/src/report`, which the file holds
-inline. Where it does not run, the file shows the pictures of `api.report.picture` and `api.report.charts`.
+inline. Where it does not run, the file shows the pictures of `fling.picture` and `api.report.charts`.
 """
 
 from __future__ import annotations

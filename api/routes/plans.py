@@ -38,7 +38,6 @@ from api.http import (
     unchanging,
 )
 from api.planning import ClientGone, PlanningEnded, PlanningQueueFull
-from api.report import plan_svg
 from api.scene import plan_curves
 from api.schemas import (
     PLAN_EXAMPLES,
@@ -50,7 +49,7 @@ from api.schemas import (
     PlanRequestBody,
     TrajectoryAnswer,
 )
-from fling import tracing
+from fling import plan_svg, tracing
 from jobs.planning import PlanningJob, PlanRecord
 from jobs.pool import PoolBroken
 from planner.cell import Cell

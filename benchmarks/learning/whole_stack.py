@@ -138,7 +138,7 @@ class Laboratory:
     def throw(self, target: list[float], release: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
         """Plans and executes one throw; returns plan and execution."""
         request = {"release": {"kind": "target", "position": target}, **release}
-        plan = self.client.plan(request, trajectory=False)
+        plan = dict(self.client.plan(request, trajectory=False).document)
         done = self._executed(plan)
         for _ in range(TRIES - 1):
             if done["outcome"] in ("completed", "held"):

@@ -6,11 +6,13 @@ Source: Universal Robots, "Dashboard Server": port 29999, one line in, one line 
 from __future__ import annotations
 
 import contextlib
+import re
 import socket
 
 PORT = 29999
 TIMEOUT_S = 1.0  # [s] a controller answers within milliseconds
 LINE_MAX = 4096  # [bytes]
+SERIAL_NUMBER = re.compile(r"[A-Za-z0-9]+")  # anything else is a complaint about the command
 
 
 class DashboardClient:
@@ -35,6 +37,14 @@ class DashboardClient:
         except OSError:
             self.close()
             raise
+
+    def serial_number(self) -> str | None:
+        """Returns the robot's serial number; None without an answer, and from a version that does not tell it."""
+        try:
+            answer = self.ask("get serial number")
+        except OSError:
+            return None
+        return answer if SERIAL_NUMBER.fullmatch(answer) else None
 
     def connect(self) -> None:
         """Opens the connection, unless it is open.

@@ -19,7 +19,7 @@ from planner.calibration import DhTable
 
 TIMEOUT_S = 1.0  # [s] to connect
 WAIT_S = 3.0  # [s] for the table: states come at 10 Hz, and the first on a connection has it
-READER_WAIT_S = 1.0  # [s] within the executor's heartbeat: after two seconds without one it counts as gone
+READER_WAIT_S = 0.5  # [s] within the executor's heartbeat: after two seconds without one it counts as gone
 KEEP_S = 60.0  # [s] for which a table is good: an arm is changed with the power off
 RETRY_S = 10.0  # [s] between two attempts
 ROBOT_STATE = 16
@@ -96,10 +96,17 @@ class KinematicsReader:
 
     def info(self) -> KinematicsInfo | None:
         """Returns the newest answer; None where the controller gives none."""
-        if time.monotonic() >= self._due_at:
-            try:
-                self._info = read_kinematics(self.host, READER_WAIT_S)
-            except (OSError, ValueError):
-                self._info = None
-            self._due_at = time.monotonic() + (RETRY_S if self._info is None else KEEP_S)
+        return self._info if time.monotonic() < self._due_at else self.read(READER_WAIT_S)
+
+    def forget(self) -> None:
+        """Forgets what the controller told: the next question is asked anew."""
+        self._due_at = 0.0
+
+    def read(self, wait_s: float = WAIT_S) -> KinematicsInfo | None:
+        """Asks the controller now, whatever it told before: another robot may answer at its address."""
+        try:
+            self._info = read_kinematics(self.host, wait_s)
+        except (OSError, ValueError):
+            self._info = None
+        self._due_at = time.monotonic() + (RETRY_S if self._info is None else KEEP_S)
         return self._info

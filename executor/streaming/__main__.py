@@ -10,7 +10,7 @@ from time import monotonic
 from executor import realtime
 from executor import shared_memory as shm
 from executor.stream_job import OUTCOMES, StreamJob
-from executor.streaming.approach import approach
+from executor.streaming.approach import approach, close_gripper
 from executor.streaming.loop import Stream
 from executor.streaming.rtde_connection import RtdeConnection
 from executor.streaming.state_checks import StopRequests, StreamFault
@@ -42,9 +42,11 @@ def run(
     verdict = requests.pending()
     if verdict is None:
         memory.fields[shm.STATE] = memory.fields[shm.FURTHEST] = shm.APPROACHING
+        verdict = close_gripper(connection, requests)
+    if verdict is None:
+        connection.arm_watchdog()  # before the first motion: the arm moves only while this process keeps it moving
         verdict = approach(connection, requests)
     if verdict is None:
-        connection.arm_watchdog()
         memory.fields[shm.STATE] = memory.fields[shm.FURTHEST] = shm.STREAMING
         verdict = Stream(connection, job, requests).run()
     memory.fields[shm.STATE] = shm.STOPPING

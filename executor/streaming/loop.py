@@ -16,6 +16,8 @@ from executor.streaming.rtde_connection import SERVO_CONSTANT_S, RtdeConnection
 from executor.streaming.state_checks import StopRequests, StreamFault
 from planner.brake_profile import brake_weights
 
+ARRIVED_RAD = 1e-3  # [rad] at the end of an approach: 1 mm at a reach of 1 m; an encoder resolves 1e-5
+STANDS_RAD_S = 5e-3  # [rad/s] measured speed of an arm at rest, noise included
 WATCHDOG_SHARE = 0.5  # [-] of the watchdog's period: it stopped a program that ends after a longer gap
 POSITION_LIMITS = [2.0 * math.pi] * 6  # [rad] source: UR joint range; tighter ones are checked by the certificate
 
@@ -74,13 +76,27 @@ class Stream:
     """One run of one job, over a connection whose watchdog is armed."""
 
     def __init__(
-        self, connection: RtdeConnection, job: StreamJob, requests: StopRequests, recorded: bool = True
+        self,
+        connection: RtdeConnection,
+        job: StreamJob,
+        requests: StopRequests,
+        recorded: bool = True,
+        settle_s: float = 0.0,
     ) -> None:
-        """Starts the clock; with `recorded` every tick writes a row of telemetry (an approach writes none)."""
+        """Starts the clock.
+
+        Args:
+            connection: with an armed watchdog.
+            job: rows, and how they are streamed.
+            requests: reasons to stop early.
+            recorded: whether every tick writes a row of telemetry.
+            settle_s: longest time after the last row in which the arm is drawn to it [s]; it ends on arrival.
+        """
         self.connection = connection
         self.job = job
         self.requests = requests
         self.recorded = recorded
+        self.settle_ticks = round(settle_s / job.dt)
         self.fields = connection.memory.fields
         self.memory = connection.memory
         self.schedule = Schedule(job)
@@ -98,7 +114,7 @@ class Stream:
         Raises:
             StreamFault: the connection failed; nothing was sent after that.
         """
-        while self.clock.tick <= self.schedule.last:
+        while self.clock.tick <= self.schedule.last or self._settles():
             self.clock.wait()
             self.connection.read()
             self.commands.look(self.connection.target_qd, self.connection.stamp)
@@ -114,6 +130,13 @@ class Stream:
             self._open_gripper(row, command)
             self._record(reference, command)
         return self.verdict
+
+    def _settles(self) -> bool:
+        """Returns whether the last row is held, for an arm that has not arrived there yet."""
+        if self.schedule.diverted is not None or self.clock.tick > self.schedule.last + self.settle_ticks:
+            return False
+        off = max([abs(a - b) for a, b in zip(self.job.q[-1], self.connection.q, strict=True)])
+        return off > ARRIVED_RAD or max(map(abs, self.connection.qd)) > STANDS_RAD_S
 
     def _check(self) -> None:
         """Checks the controller's state; after a stop by its watchdog the outcome is `late`, or `link_lost`."""

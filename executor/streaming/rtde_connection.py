@@ -27,7 +27,7 @@ from executor.streaming.state_checks import StreamFault
 CALL_MAX_S = 0.005  # [s] a real-time call takes 30 us, one that reconnects itself takes 160 ms (ur_rtde 1.6.5)
 INTERFACES = 3
 DRY_RUN_INTERFACES = 1  # [-] of the library, each with an RTDE connection of its own; receiving alone
-WATCHDOG_HZ = 40.0  # [Hz] 25 ms, just above the 20 ms after which the loop itself gives up as late
+WATCHDOG_HZ = 50.0  # [Hz] 20 ms, just above the 16 ms after which the loop itself gives up as late
 WATCHDOG_ORDINARY_HZ = 20.0  # [Hz] 50 ms, just above the 40 ms accepted without real-time scheduling
 VARIABLES = [
     "timestamp",
@@ -67,7 +67,6 @@ class RtdeConnection:
     call_s = delayed_s = 0.0
     sent_at = math.inf
     watchdog_hz = WATCHDOG_HZ
-    armed = False
 
     def __init__(self, job: StreamJob, memory: SharedMemory) -> None:
         """Connects.
@@ -139,22 +138,8 @@ class RtdeConnection:
         runtime = state_checks.PLAYING if self.control is None else self.runtime_state
         state_checks.check_state(self.safety_bits, runtime, self.scaling, self.robot_mode)
 
-    def move(self, q: list[float]) -> None:
-        """Starts a straight joint move to `q` (6,) [rad] and returns at once."""
-        job = self.job
-        if self.control is not None:
-            self._check_answer("moveJ", self.control.moveJ(q, job.approach_speed, job.approach_acceleration, True))
-
-    def stop_move(self) -> None:
-        """Ends a joint move before its goal; returns at rest."""
-        if self.control is not None:
-            self.control.stopJ(self.job.approach_deceleration)
-
     def arm_watchdog(self) -> None:
-        """Makes the controller stop the program once commands stop arriving; later calls have no effect."""
-        if self.armed:
-            return
-        self.armed = True
+        """Makes the controller stop the program, and with it the arm, once commands stop arriving."""
         chosen_hz = WATCHDOG_HZ if self.memory.fields[REALTIME] else WATCHDOG_ORDINARY_HZ
         self.watchdog_hz = self.job.watchdog_hz or chosen_hz
         if self.control is not None:

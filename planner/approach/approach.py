@@ -1,4 +1,4 @@
-"""Approach to a plan's start: a straight joint move where that is certified, otherwise a planned motion.
+"""Approach to a plan's start: straight in joint space where that is certified, otherwise around what is in the way.
 
 One rule decides what is clear: the certificate. It proves the straight move as it proves a plan, bisecting where a
 coarse bound leaves a doubt, so a posture at which a certified plan ends is a start that no approach refuses.
@@ -37,12 +37,12 @@ PATH_CHECKS = {"joint_position", "floor", "keep_in", "keep_out", "self_collision
 
 @dataclass(frozen=True, eq=False)
 class Approach:
-    """Motion of the arm to a plan's start: a joint move of the controller, or a streamed motion.
+    """Motion of the arm to a plan's start.
 
     Attributes:
         goal: start of the plan (6,) [rad].
         problem, trajectory: planned and certified motion; None where the arm is at the goal.
-        is_straight: whether the controller's own joint move at the given pace follows the same line as fast.
+        is_straight: whether it is the straight line in joint space, at the whole pace.
     """
 
     goal: Array

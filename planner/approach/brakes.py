@@ -1,9 +1,9 @@
 """Brakes: for every row of a motion a verified motion to rest, computed before anything moves.
 
 The shape is that of `planner.brake_profile`: position, speed and acceleration are continuous. For each row the
-shortest duration is chosen whose accelerations the arm can follow and whose torques the cell allows; joint range and
-clearance are then verified along the whole brake. Where a brake fails, the motion continues to the next row whose brake
-passes; its own end always does.
+shortest duration is chosen whose accelerations and torques the arm is rated for: the cell's share of the torques is
+for motions, and a stop is to be short. Joint range and clearance are then verified along the whole brake. Where a
+brake fails, the motion continues to the next row whose brake passes; its own end always does.
 """
 
 from __future__ import annotations
@@ -15,17 +15,15 @@ from numpy.typing import NDArray
 
 from planner.approach.swept_clearance import SweptPaths, keep_clear
 from planner.arrays import Array, Mask
-from planner.brake_profile import RAMP, brake_weights
+from planner.brake_profile import RAMP, SLOPE, brake_weights
 from planner.cell import Cell
 from planner.dynamics import gravity_in_base, joint_torques, payload_of
 from planner.kinematics import forward, tcp_acceleration
 
 Ticks = NDArray[np.int64]
 
-# [rad/s^2] decelerations of a stop on a line, tried in turn: 10 brings an approach at 1 rad/s to rest in 0.1 s; the
-# grip of a UR10e then feels up to 27 m/s^2
-LINE_STOPS = (10.0, 7.0, 5.0, 3.5, 2.5)
-STRETCHES = (1.0, 1.05, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.2, 4.0)  # [-] durations tried, over the shortest
+STRETCH = 1.05  # [-] from one duration tried to the next: a brake is at most so much longer than it must be
+STRETCHES = (*(STRETCH**k for k in range(26)), 3.5)  # [-] durations tried, over the shortest
 INSTANTS = 25  # [-] evaluated along a brake, the corners of its acceleration among them; bounds hold in between
 REFINEMENTS = 5  # [-] numbers of instants tried, each twice the one before: at last 0.3 ms apart in 0.1 s
 FADE_S = 0.008  # [s] added for an acceleration to fade out: a CB3 tick
@@ -63,104 +61,88 @@ def brake_path(q: Array, qd: Array, qdd: Array, T: Array, u: Array) -> tuple[Arr
     return position, qd * weights[2] + qdd * T * weights[3], qd * rate * weights[4] + qdd * weights[5]
 
 
-def find_brakes(cell: Cell, q: Array, qd: Array, qdd: Array, dt: float, every: int = 1) -> Brakes:
-    """Returns the brakes of the rows of a motion, with the object in the tool.
+def find_brakes(
+    cell: Cell, q: Array, qd: Array, qdd: Array, dt: float, with_object: bool = True, gentle: bool = False
+) -> Brakes:
+    """Returns the brakes of the rows of a motion.
 
     Args:
         cell: the robot station.
         q, qd, qdd: rows (M, 6) [rad, rad/s, rad/s^2]; the last is at rest.
         dt: time between them [s].
-        every: only one row in so many gets a brake of its own; the others continue to it.
+        with_object: whether the object is in the tool.
+        gentle: brake no harder than the grip withstands, where a longer brake is soft enough. A launch is braked as
+            hard as its torques allow: from there the longest brake would run for half a second.
     """
-    verified = np.zeros(len(q), np.bool_)
-    ticks = np.zeros(len(q), np.int64)
-    some = slice(None, None, every)
-    ticks[some], verified[some] = _verified(cell, q[some], qd[some], qdd[some], dt)
+    durations = _BrakeDurations(cell, with_object, gentle and with_object)
+    ticks, feasible = durations.shortest(q, qd, qdd, dt)
+    verified = feasible & _keeps_clear(cell, q, qd, qdd, ticks.astype(np.float64) * dt, with_object)
+    verified |= (np.abs(qd).max(axis=1) < REST_SPEED) & (np.abs(qdd).max(axis=1) < REST_SPEED)
     verified[-1] = True
     index = np.where(verified, np.arange(len(q)), len(q))
     return Brakes(np.minimum.accumulate(index[::-1])[::-1], ticks)
 
 
-def line_stop(cell: Cell, q: Array, qd: Array, least: float) -> float:
-    """Returns a deceleration of the leading joint [rad/s^2] that may stop a straight joint move anywhere.
+@dataclass(frozen=True, eq=False)
+class _BrakeDurations:
+    """What the durations of all brakes of a motion have to spare; the arguments of `find_brakes`."""
 
-    Such a stop keeps to the line, which is certified; from the move's own speed and from rest, torques are within the
-    cell's, and what the grip feels within what it holds. Both vectors are affine in the square of the speed, so nothing
-    in between is larger.
+    cell: Cell
+    with_object: bool
+    gentle: bool
 
-    Args:
-        cell: the robot station.
-        q, qd: rows (M, 6) of the move [rad, rad/s].
-        least: deceleration of the move itself, where no harder one is allowed [rad/s^2].
-    """
-    leading = np.abs(qd).max(axis=1, keepdims=True)
-    moving = leading[:, 0] > REST_SPEED
-    line = qd[moving] / leading[moving]
-    positions = np.repeat(q[moving][:, None], 2, axis=1)
-    speeds = np.stack([qd[moving], np.zeros_like(line)], axis=1)
-    for deceleration in LINE_STOPS:
-        if deceleration <= least:
-            break
-        slowing = np.repeat(-deceleration * line[:, None], 2, axis=1)
-        tau = joint_torques(cell.robot, positions, speeds, slowing, gravity_in_base(cell), payload_of(cell, True))
-        if (np.abs(tau) <= cell.limits.tau_max).all() and _grip_holds(cell, positions, speeds, slowing):
-            return deceleration
-    return least
+    def shortest(self, q: Array, qd: Array, qdd: Array, dt: float) -> tuple[Ticks, Mask]:
+        """Returns the shortest feasible duration of every row's brake [ticks], and whether there is one.
 
+        A grip that no duration spares gets the longest.
+        """
+        shortest = _shortest(qd, qdd, self.cell.robot.qdd_max)
+        ticks = np.ceil(shortest / dt - 1e-9).astype(np.int64)
+        done = ticks == 0
+        for stretch in STRETCHES:
+            todo = np.flatnonzero(~done)
+            if len(todo) == 0:
+                break
+            tried = np.ceil(shortest[todo] * stretch / dt).astype(np.int64)
+            duration = tried.astype(np.float64) * dt
+            path = brake_path(q[todo], qd[todo], qdd[todo], duration, np.linspace(0.0, 1.0, INSTANTS))
+            passed = self._torques_allowed(*path)
+            if self.gentle and stretch < STRETCHES[-1]:
+                passed &= self._grip_holds(*path)
+            ticks[todo] = tried
+            done[todo[passed]] = True
+        return ticks, done
 
-def _grip_holds(cell: Cell, q: Array, qd: Array, qdd: Array) -> bool:
-    """Returns whether the grip withstands the acceleration against free fall in all states (..., 6)."""
-    limit = cell.gripper.hold_acceleration_m_s2
-    if limit is None:
-        return True
-    felt = tcp_acceleration(cell.robot, q, qd, qdd, cell.tool.X_FT)[..., :3] - gravity_in_base(cell)
-    if len(limit) == 1:
-        return bool((np.linalg.norm(felt, axis=-1) <= limit).all())
-    R_BT = forward(cell.robot, q, cell.tool.X_FT)[..., :3, :3]
-    return bool((np.abs(np.einsum("...ji,...j->...i", R_BT, felt)) <= limit).all())
+    def _torques_allowed(self, q: Array, qd: Array, qdd: Array) -> Mask:
+        """Returns whether each brake (M,) keeps the torques; those of its first instant are the motion's own."""
+        cell = self.cell
+        tau = joint_torques(cell.robot, q, qd, qdd, gravity_in_base(cell), payload_of(cell, self.with_object))
+        return np.asarray((np.abs(tau[:, 1:]) <= cell.robot.tau_max).all(axis=(1, 2)), np.bool_)
 
-
-def _verified(cell: Cell, q: Array, qd: Array, qdd: Array, dt: float) -> tuple[Ticks, Mask]:
-    """Returns the duration of every row's brake [ticks], and whether it is verified."""
-    ticks, feasible = _durations(cell, q, qd, qdd, dt)
-    verified = feasible & _keeps_clear(cell, q, qd, qdd, ticks.astype(np.float64) * dt)
-    return ticks, verified | ((np.abs(qd).max(axis=1) < REST_SPEED) & (np.abs(qdd).max(axis=1) < REST_SPEED))
-
-
-def _durations(cell: Cell, q: Array, qd: Array, qdd: Array, dt: float) -> tuple[Ticks, Mask]:
-    """Returns the shortest feasible duration of every row's brake [ticks], and whether there is one."""
-    shortest = _shortest(qd, qdd, cell.robot.qdd_max)
-    ticks = np.ceil(shortest / dt - 1e-9).astype(np.int64)
-    done = ticks == 0
-    for stretch in STRETCHES:
-        todo = np.flatnonzero(~done)
-        if len(todo) == 0:
-            break
-        tried = np.ceil(shortest[todo] * stretch / dt).astype(np.int64)
-        duration = tried.astype(np.float64) * dt
-        path = brake_path(q[todo], qd[todo], qdd[todo], duration, np.linspace(0.0, 1.0, INSTANTS))
-        passed = _torques_allowed(cell, *path)
-        ticks[todo] = tried
-        done[todo[passed]] = True
-    return ticks, done
+    def _grip_holds(self, q: Array, qd: Array, qdd: Array) -> Mask:
+        """Returns whether the grip withstands what it feels along each brake (M,): acceleration against free fall."""
+        cell = self.cell
+        limit = cell.gripper.hold_acceleration_m_s2
+        if limit is None:
+            return np.ones(len(q), np.bool_)
+        felt = tcp_acceleration(cell.robot, q, qd, qdd, cell.tool.X_FT)[..., :3] - gravity_in_base(cell)
+        if len(limit) == 1:
+            return np.asarray((np.linalg.norm(felt, axis=-1) <= limit).all(axis=1), np.bool_)
+        R_BT = forward(cell.robot, q, cell.tool.X_FT)[..., :3, :3]
+        return np.asarray((np.abs(np.einsum("...ji,...j->...i", R_BT, felt)) <= limit).all(axis=(1, 2)), np.bool_)
 
 
 def _shortest(qd: Array, qdd: Array, qdd_max: Array) -> Array:
-    """Returns the duration (M,) [s] at which no acceleration exceeds the arm's: |qd / T + qdd r/2| / (1-r).
+    """Returns the duration (M,) [s] at which no acceleration exceeds the arm's: |qd / T + qdd r/2| (1+k(1-2r)) / (1-r).
 
     The magnitude of qdd is taken: one against the speed shortens a brake by no more than one along it lengthens it.
     """
-    room = np.maximum(qdd_max * (1.0 - RAMP) - np.abs(qdd) * RAMP / 2.0, 0.25 * qdd_max)
+    peak = 1.0 + SLOPE * (1.0 - 2.0 * RAMP)  # at the end of the first ramp
+    room = np.maximum(qdd_max * (1.0 - RAMP) / peak - np.abs(qdd) * RAMP / 2.0, 0.25 * qdd_max)
     return (np.abs(qd) / room).max(axis=1) + np.where(np.abs(qdd).max(axis=1) > REST_SPEED, FADE_S, 0.0)
 
 
-def _torques_allowed(cell: Cell, q: Array, qd: Array, qdd: Array) -> Mask:
-    """Returns whether each brake (M,) keeps the cell's torques; those of its first instant are the motion's own."""
-    tau = joint_torques(cell.robot, q, qd, qdd, gravity_in_base(cell), payload_of(cell, with_object=True))
-    return np.asarray((np.abs(tau[:, 1:]) <= cell.limits.tau_max).all(axis=(1, 2)), np.bool_)
-
-
-def _keeps_clear(cell: Cell, q: Array, qd: Array, qdd: Array, T: Array) -> Mask:
+def _keeps_clear(cell: Cell, q: Array, qd: Array, qdd: Array, T: Array, with_object: bool) -> Mask:
     """Returns whether each brake (M,) keeps joint range and clearance, between the instants too.
 
     Where the bounds between the instants leave a doubt, there are twice as many, up to `REFINEMENTS` times.
@@ -169,9 +151,8 @@ def _keeps_clear(cell: Cell, q: Array, qd: Array, qdd: Array, T: Array) -> Mask:
     todo = np.arange(len(q))
     instants = INSTANTS
     for _ in range(REFINEMENTS):
-        clear, broken = _swept(
-            cell, brake_path(q[todo], qd[todo], qdd[todo], T[todo], np.linspace(0, 1, instants)), T[todo]
-        )
+        path = brake_path(q[todo], qd[todo], qdd[todo], T[todo], np.linspace(0, 1, instants))
+        clear, broken = _swept(cell, path, T[todo], with_object)
         kept[todo[clear]] = True
         todo = todo[~clear & ~broken]
         instants = 2 * instants - 1
@@ -180,7 +161,7 @@ def _keeps_clear(cell: Cell, q: Array, qd: Array, qdd: Array, T: Array) -> Mask:
     return kept
 
 
-def _swept(cell: Cell, path: tuple[Array, Array, Array], T: Array) -> tuple[Mask, Mask]:
+def _swept(cell: Cell, path: tuple[Array, Array, Array], T: Array, with_object: bool) -> tuple[Mask, Mask]:
     """Returns for brakes (M, U, 6) whether joint range and clearance are kept, and whether an instant breaks them."""
     position, speed, acceleration = path
     step = (T / (position.shape[1] - 1))[:, None, None]
@@ -191,7 +172,7 @@ def _swept(cell: Cell, path: tuple[Array, Array, Array], T: Array) -> tuple[Mask
     upper = cell.limits.q_upper
     in_range = ((low >= lower) & (high <= upper)).all(axis=(1, 2))
     outside = ((position < lower) | (position > upper)).any(axis=(1, 2))
-    clear, broken = keep_clear(cell, SweptPaths(position, _larger(speed) * step + bend, bend))
+    clear, broken = keep_clear(cell, SweptPaths(position, _larger(speed) * step + bend, bend), with_object)
     return np.asarray(in_range & clear, np.bool_), np.asarray(outside | broken, np.bool_)
 
 

@@ -76,19 +76,19 @@ class SweptClearance:
         return np.asarray(self.values.min(axis=1) < self.required, np.bool_)
 
 
-def keep_clear(cell: Cell, paths: SweptPaths) -> tuple[Mask, Mask]:
+def keep_clear(cell: Cell, paths: SweptPaths, with_object: bool = True) -> tuple[Mask, Mask]:
     """Returns whether each path is proven to keep clear (M,), and whether one of its positions does not (M,).
 
     Where neither holds the bounds leave a doubt, which positions closer together settle.
     """
-    blocks = [list(swept_clearances(cell, block)) for block in paths.blocks()]
+    blocks = [list(swept_clearances(cell, block, with_object)) for block in paths.blocks()]
     kept = [np.all([each.kept for each in block], axis=0) for block in blocks]
     broken = [np.any([each.broken for each in block], axis=0) for block in blocks]
     return np.concatenate(kept), np.concatenate(broken)
 
 
-def swept_clearances(cell: Cell, paths: SweptPaths) -> Iterator[SweptClearance]:
-    """Yields the clearances of arm, tool and held object of a cell along paths."""
+def swept_clearances(cell: Cell, paths: SweptPaths, with_object: bool = True) -> Iterator[SweptClearance]:
+    """Yields the clearances of arm and tool of a cell along paths, and of the object in the tool where there is one."""
     body = body_model(cell)
     around = cell.surroundings
     shape = paths.q.shape[:2]
@@ -99,6 +99,8 @@ def swept_clearances(cell: Cell, paths: SweptPaths) -> Iterator[SweptClearance]:
     heights = body.heights(ends).reshape(-1, *shape)
     boxes = body.box_distances(ends).reshape(-1, len(body.moving), *shape)
     for item, capsule in enumerate(body.moving):
+        if capsule == body.object and not with_object:
+            continue
         name = body.names[capsule]
         yield _smooth(f"{name} and the floor", heights[item], bends[capsule], around.clearance_m)
         for box, distances in zip(around.keep_out_names, boxes[:, item], strict=True):
@@ -111,6 +113,8 @@ def swept_clearances(cell: Cell, paths: SweptPaths) -> Iterator[SweptClearance]:
     for pair, distances, moved in zip(
         body.pairs, body.pair_distances(ends).reshape(-1, *shape), approaches, strict=True
     ):
+        if body.object in pair and not with_object:
+            continue
         one, other = (body.names[i] for i in pair)
         between = slope_bound(*_neighbours(distances), moved, ONE_STEP)
         yield SweptClearance(f"{one} and {other}", distances, between, SELF_CLEARANCE_M)

@@ -3,15 +3,27 @@
 All facts about a site are in its cell file; the arm's own data are in `planner.robots`.
 """
 
+from planner.cell.changes import cell_of_keys
 from planner.cell.faults import cell_faults
 from planner.cell.fields import choice, merge_defaults, number, vector
 from planner.cell.file import cell_of, load_cell, parse_cell
-from planner.cell.model import CONTACT_M, FARTHEST_M, Box, Cell, ControllerAddress, Limits, Safety, ToolCapsule
+from planner.cell.model import (
+    CONTACT_M,
+    FARTHEST_M,
+    STANDING_RAD,
+    Box,
+    Cell,
+    ControllerAddress,
+    Limits,
+    Safety,
+    ToolCapsule,
+)
 from planner.cell.source import CellSource, calibration_path, read_source
 
 __all__ = [
     "CONTACT_M",
     "FARTHEST_M",
+    "STANDING_RAD",
     "Box",
     "Cell",
     "CellSource",
@@ -22,6 +34,7 @@ __all__ = [
     "calibration_path",
     "cell_faults",
     "cell_of",
+    "cell_of_keys",
     "choice",
     "load_cell",
     "merge_defaults",

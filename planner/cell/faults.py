@@ -17,9 +17,9 @@ OF_ARM = ("limits.joint_", "home_rad", "sim.polyscope", "kinematics.")  # not ju
 ENTRY = {  # of tools and boxes, which have no defaults
     "from_m": [0.0, 0.0, 0.0],
     "to_m": [0.0, 0.0, 0.0],
-    "radius_m": 0.0,
-    "lower_m": [-1e6, -1e6, -1e6],
-    "upper_m": [1e6, 1e6, 1e6],
+    "radius_m": 0.01,
+    "lower_m": [-1.0, -1.0, -1.0],
+    "upper_m": [1.0, 1.0, 1.0],
 }
 
 

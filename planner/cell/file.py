@@ -19,6 +19,7 @@ from planner.arrays import Array, read_only
 from planner.calibration import CalibrationFile, parse_calibration
 from planner.cell.fields import beyond_arm, choice, exactly, merge_defaults, number, per_joint, tables, vector
 from planner.cell.model import (
+    FARTHEST_M,
     Box,
     Cell,
     ControllerAddress,
@@ -39,6 +40,7 @@ from planner.robots import ROBOT_NAMES, Robot, robot
 from planner.rotations import beyond_full_turn, pose, rotation_vector_to_matrix
 
 NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")  # a cell's name is part of URLs and file names
+SERIAL_PATTERN = re.compile(r"[A-Za-z0-9]{1,64}")  # a robot's serial number, as its dashboard tells it
 
 # Values of the keys that a cell file leaves out; None: required, taken from the arm, or not limited.
 DEFAULTS: dict[str, Any] = {
@@ -83,7 +85,7 @@ DEFAULTS: dict[str, Any] = {
         "stopping_distance_m": None,
     },
     "timing": {"lag_s": 0.0},
-    "link": {"kind": None, "host": "127.0.0.1"},
+    "link": {"kind": None, "host": "127.0.0.1", "serial": None},
     "sim": {
         "polyscope": None,
         "lag_s": 0.020,
@@ -99,9 +101,20 @@ GRIPPER_OUTPUTS = {"tool_digital": 2, "standard_digital": 8, "configurable_digit
 POLYSCOPE = {"CB3": "3.15", "e-Series": "5.11.1"}  # default versions of the simulated controller
 JERK_MAX = 1e5  # [rad/s^3] far above any arm; catches typing errors
 LIMIT_MIN = 1e-6  # [any unit] smallest limit that is accepted: a limit of zero forbids every motion
-HOLD_ACCELERATION_MIN = 1e-3  # [m/s^2] a grip that withstands less holds nothing
+# [m/s^2] a grip that withstands less holds nothing, and one that withstands a thousand times gravity is not limited
+HOLD_ACCELERATION_RANGE = 1e-3, 1e4
 GRAVITY_RANGE = 1.0, 30.0  # [m/s^2] from below the Moon's, 1.62: without any, no flight comes down
 SPEED_MAX = 20.0  # [m/s] far above any arm; catches typing errors
+SAFETY_MAX = {  # far above what a pendant takes; catches typing errors
+    "tool_speed_m_s": SPEED_MAX,
+    "elbow_speed_m_s": SPEED_MAX,
+    "momentum_kg_m_s": 1e3,
+    "power_w": 1e4,
+    "stopping_time_s": 10.0,
+    "stopping_distance_m": 10.0,
+}
+TOOL_MAX_M = 3.0  # [m] from the flange: no arm carries a longer tool, and most that are longer are in millimetres
+TOOL_RADIUS_MIN_M = 1e-3  # [m] a thinner tool is a line, and nothing is that thin
 
 
 def load_cell(path: Path | str) -> Cell:
@@ -173,16 +186,17 @@ def _cell(document: dict[str, Any], source: CellSource) -> Cell:
         if not limits.q_lower[i] <= home[i] <= limits.q_upper[i]:
             bounds = f"[{limits.q_lower[i]:.6g}, {limits.q_upper[i]:.6g}]"
             raise CellError(f"home_rad[{i}]", float(home[i]), f"is outside the joint's limits {bounds}")
+    X_WB = _pose(document["base_in_world"], "position_m", "rotation_vector_rad", "base_in_world.", FARTHEST_M)
     return Cell(
         name=source.name,
         sha256=source.sha256,
         robot=arm,
         calibration=calibration,
         home=home,
-        X_WB=_pose(document["base_in_world"], "position_m", "rotation_vector_rad", "base_in_world."),
+        X_WB=X_WB,
         tool=_tool(document["tool"]),
         limits=limits,
-        surroundings=_surroundings(document["surroundings"]),
+        surroundings=_surroundings(document["surroundings"], X_WB[:3, 3]),
         object=_object(document["object"]),
         gripper=_gripper(document["gripper"]),
         safety=safety,
@@ -207,8 +221,9 @@ def _robot(document: Mapping[str, Any], calibration: bytes | None) -> tuple[Cali
     return parse_calibration(calibration, name, published)
 
 
-def _pose(table: Mapping[str, Any], position: str, rotation: str, where: str) -> Array:
-    p = vector(table, position, where, 3)
+def _pose(table: Mapping[str, Any], position: str, rotation: str, where: str, farthest_m: float) -> Array:
+    """Returns a pose (4, 4) of which no coordinate is farther from the origin than `farthest_m` [m]."""
+    p = vector(table, position, where, 3, -farthest_m, farthest_m)
     turn = vector(table, rotation, where, 3)
     if reason := beyond_full_turn(turn):
         raise CellError(where + rotation, turn.tolist(), reason)
@@ -220,9 +235,9 @@ def _tool(table: Mapping[str, Any]) -> Tool:
     for i, entry in enumerate(tables(table["capsules"], "tool.capsules")):
         where = f"tool.capsules[{i}]."
         entry = exactly(entry, ("from_m", "to_m", "radius_m"), where)
-        ends = (vector(entry, "from_m", where, 3), vector(entry, "to_m", where, 3))
-        capsules.append(ToolCapsule(*ends, radius_m=number(entry, "radius_m", where, 0.0, 1.0)))
-    X_FT = _pose(table, "tcp_position_m", "tcp_rotation_vector_rad", "tool.")
+        ends = (vector(entry, end, where, 3, -TOOL_MAX_M, TOOL_MAX_M) for end in ("from_m", "to_m"))
+        capsules.append(ToolCapsule(*ends, radius_m=number(entry, "radius_m", where, TOOL_RADIUS_MIN_M, 1.0)))
+    X_FT = _pose(table, "tcp_position_m", "tcp_rotation_vector_rad", "tool.", TOOL_MAX_M)
     return Tool(X_FT, number(table, "mass_kg", "tool.", 0.0), tuple(capsules))
 
 
@@ -257,13 +272,21 @@ def _limits(table: dict[str, Any], arm: Robot) -> Limits:
     )
 
 
-def _surroundings(table: Mapping[str, Any]) -> Surroundings:
+def _surroundings(table: Mapping[str, Any], base: Array) -> Surroundings:
     where = "surroundings."
+    keep_in = _boxes(table, "keep_in")
+    for i, box in enumerate(keep_in):
+        for side in ("lower", "upper"):
+            away_m = np.abs(getattr(box, side) - base)
+            if away_m.max() > FARTHEST_M:
+                field = f"{where}keep_in[{i}].{side}_m[{int(away_m.argmax())}]"
+                value = float(getattr(box, side)[away_m.argmax()])
+                raise CellError(field, value, f"is {away_m.max():.6g} m from the arm, more than {FARTHEST_M:g} m")
     return Surroundings(
         floor_z_m=number(table, "floor_z_m", where),
         clearance_m=number(table, "clearance_m", where, 0.0, 1.0),
         gravity_m_s2=number(table, "gravity_m_s2", where, *GRAVITY_RANGE),
-        keep_in=_boxes(table, "keep_in"),
+        keep_in=keep_in,
         keep_out=_boxes(table, "keep_out"),
     )
 
@@ -325,15 +348,15 @@ def _hold_acceleration(table: Mapping[str, Any]) -> Array | None:
     if table[key] is None:
         return None
     if isinstance(table[key], list | tuple):
-        return vector(table, key, where, 3, HOLD_ACCELERATION_MIN, math.inf)
-    return read_only([number(table, key, where, HOLD_ACCELERATION_MIN)])
+        return vector(table, key, where, 3, *HOLD_ACCELERATION_RANGE)
+    return read_only([number(table, key, where, *HOLD_ACCELERATION_RANGE)])
 
 
 def _safety(table: Mapping[str, Any]) -> Safety:
-    return Safety(**{key: _optional(table, key, "safety.") for key in DEFAULTS["safety"]})
+    return Safety(**{key: _optional(table, key, "safety.", most) for key, most in SAFETY_MAX.items()})
 
 
-def _optional(table: Mapping[str, Any], key: str, where: str, upper: float = math.inf) -> float | None:
+def _optional(table: Mapping[str, Any], key: str, where: str, upper: float) -> float | None:
     """Returns a number above 0 and up to `upper`; None where it is absent."""
     return None if table[key] is None else number(table, key, where, LIMIT_MIN, upper)
 
@@ -344,7 +367,10 @@ def _link(table: Mapping[str, Any]) -> ControllerAddress:
     kind = choice(table, "kind", "link.", ("sim", "ur"))
     if not isinstance(table["host"], str) or not table["host"].strip():
         raise CellError("link.host", table["host"], "must be a host name or address")
-    return ControllerAddress(kind, table["host"])
+    serial = table["serial"]
+    if serial is not None and not (isinstance(serial, str) and SERIAL_PATTERN.fullmatch(serial)):
+        raise CellError("link.serial", serial, "must be a serial number in quotes: letters and digits, 64 at most")
+    return ControllerAddress(kind, table["host"], serial)
 
 
 def _sim(table: dict[str, Any], arm: Robot) -> Sim:

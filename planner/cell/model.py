@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from planner.arrays import Array
+from planner.arrays import Array, read_only
 from planner.calibration import CalibrationFile
+from planner.cell.content import content_sha256
+from planner.errors import CellError
 from planner.robots import Robot
 
 # [m] from an arm: none throws as far, and most places in a cell are farther if they are taken in millimetres
 FARTHEST_M = 100.0
 CONTACT_M = 1e-6  # [m] rounding: so deep in it, a point still stands on a box or on the floor
+PAYLOAD_ROUNDING = 1e-9  # [-] of the sum of two masses
+STANDING_RAD = 1e-3  # [rad] by which an arm may stand beyond its range; its controller lets it no farther, and back
 OUT_M = 0.01  # [m] least displacement at which an object is out of the grip
 
 
@@ -35,11 +39,22 @@ class Tool:
         X_FT: pose (4, 4) of the tool centre point, the object's centre, in the flange frame.
         mass_kg: mass without the object [kg].
         capsules: its shape, for collision checks.
+        is_assumed: whether nobody gave the shape, and the cell assumes one, see `Cell`.
     """
 
     X_FT: Array
     mass_kg: float
     capsules: tuple[ToolCapsule, ...]
+    is_assumed: bool = False
+
+
+class LimitBeyondArm(NamedTuple):
+    """A limit of one joint that the arm itself does not have: its attribute of `Limits`, the joint, and both values."""
+
+    attribute: str
+    joint: int
+    value: float
+    own: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +79,36 @@ class Limits:
     tau_max: Array
     tcp_speed_max: float
     singularity_distance_min: float
+
+    def within(self, arm: Robot) -> Limits:
+        """Returns these limits, no wider than what is published of the arm's model; see `STANDING_RAD`."""
+        own = arm.published
+        return replace(
+            self,
+            q_lower=np.maximum(self.q_lower, own.q_lower - STANDING_RAD),
+            q_upper=np.minimum(self.q_upper, own.q_upper + STANDING_RAD),
+            qd_max=np.minimum(self.qd_max, own.qd_max),
+            qdd_max=np.minimum(self.qdd_max, own.qdd_max),
+            tau_max=np.minimum(self.tau_max, own.tau_max),
+        )
+
+    def beyond(self, arm: Robot, standing_rad: float = 0.0) -> list[LimitBeyondArm]:
+        """Returns every limit that is wider than what is published of the arm's model, or is no number.
+
+        Args:
+            arm: of that model.
+            standing_rad: by which a range may be wider than the arm's [rad].
+        """
+        own = arm.published
+        found = []
+        for name in ("q_lower", "q_upper", "qd_max", "qdd_max", "tau_max"):
+            value = getattr(self, name)
+            bound = getattr(own, name)
+            slack = standing_rad if name.startswith("q_") else 0.0
+            is_kept = value >= bound - slack if name == "q_lower" else value <= bound + slack
+            joints = np.flatnonzero(~is_kept).tolist()
+            found += [LimitBeyondArm(name, joint, float(value[joint]), float(bound[joint])) for joint in joints]
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,10 +220,17 @@ class Timing:
 
 @dataclass(frozen=True)
 class ControllerAddress:
-    """Network address of the controller. `kind` is "sim" or "ur"; it has no default, so a real arm is never implied."""
+    """How the controller is reached, and which one it must be.
+
+    Attributes:
+        kind: "sim" or "ur"; it has no default, so a real arm is never implied.
+        host: network address.
+        serial: serial number of the robot; None: any robot with the cell's kinematics will do.
+    """
 
     kind: str
     host: str
+    serial: str | None = None
 
 
 @dataclass(frozen=True)
@@ -205,15 +257,23 @@ class Sim:
 class Cell:
     """One robot station.
 
+    A tool centre point off the flange has a tool about it: where its shape is not given, a capsule as thick as the
+    wrist is assumed, from the flange to the object.
+
     Attributes:
         name: stem of the cell file's name.
-        sha256: hash of the cell file's bytes, and of its calibration file's.
+        sha256: hash of the cell file's bytes, and of its calibration file's; of a cell made in code, as by
+            `dataclasses.replace`, of its content.
         robot: the arm; with the calibration's chain where there is one.
         calibration: the file that this is from; None for the published table.
         home: joint positions (6,) [rad] where a throw starts by default.
         X_WB: pose (4, 4) of the arm's base in the world.
         tool, limits, surroundings, object, gripper, safety, timing, link, sim: the tables of the cell file.
         document: keys and numbers of the cell file as written, with defaults filled in.
+        content: hash of what the cell says, by which one that was changed in code is told from that of a file.
+
+    Raises:
+        CellError: a limit is beyond the arm's own, or tool and object are heavier than the arm is rated for.
     """
 
     name: str
@@ -232,6 +292,85 @@ class Cell:
     link: ControllerAddress
     sim: Sim
     document: Mapping[str, Any] = field(repr=False)
+    content: str = field(default="", repr=False)
+
+    def __post_init__(self) -> None:
+        for name, joint, value, own in self.limits.beyond(self.robot):
+            raise CellError(f"limits.{name}[{joint}]", value, f"is beyond the arm's own limit of {own:.6g}")
+        self._refuse_overweight()
+        if self.tool.is_assumed or not self.tool.capsules:
+            object.__setattr__(self, "tool", self._with_assumed_shape())
+        content = content_sha256(self)
+        if self.content not in ("", content):
+            object.__setattr__(self, "sha256", content)
+        object.__setattr__(self, "content", content)
+
+    def _with_assumed_shape(self) -> Tool:
+        """Returns the tool with an assumed shape; without any where its centre point is on the flange."""
+        p_FT = self.tool.X_FT[:3, 3]
+        length = float(np.linalg.norm(p_FT))
+        if length <= CONTACT_M:
+            return replace(self.tool, capsules=(), is_assumed=False)
+        to_object = p_FT * max(0.0, 1.0 - self.object.radius_m / length)
+        assumed = ToolCapsule(read_only(np.zeros(3)), read_only(to_object), self.robot.shape.wrist_radius)
+        return replace(self.tool, capsules=(assumed,), is_assumed=True)
+
+    def _refuse_overweight(self) -> None:
+        """Raises a `CellError` where tool and object are heavier together than the arm is rated for."""
+        tool_kg = self.tool.mass_kg
+        object_kg = self.object.mass_kg
+        rated_kg = self.robot.published.payload_kg
+        if tool_kg + object_kg <= rated_kg * (1.0 + PAYLOAD_ROUNDING):
+            return
+        field, value = ("tool.mass_kg", tool_kg) if tool_kg > object_kg else ("object.mass_kg", object_kg)
+        weigh = f"tool and object weigh {tool_kg + object_kg:.6g} kg together"
+        raise CellError(field, value, f"{weigh}; a {self.robot.name} is rated for {rated_kg:g} kg")
+
+    def with_limits(self, **keys: Any) -> Cell:
+        """Returns this cell with other limits, and a hash of its own.
+
+        Args:
+            keys: of the table `[limits]` of a cell file, such as `joint_velocity_rad_s=2.0`.
+
+        Raises:
+            CellError: there is no such key, or a limit is beyond the arm's own.
+        """
+        return self._changed({"limits": keys})
+
+    def with_tool(self, **keys: Any) -> Cell:
+        """Returns this cell with another tool, and a hash of its own.
+
+        Args:
+            keys: of the table `[tool]` of a cell file, such as `mass_kg=0.8`.
+
+        Raises:
+            CellError: there is no such key, or its value is refused.
+        """
+        return self._changed({"tool": keys})
+
+    def with_obstacles(self, *boxes: Mapping[str, Any]) -> Cell:
+        """Returns this cell with more boxes that arm, tool and held object stay out of, and a hash of its own.
+
+        Args:
+            boxes: as in `surroundings.keep_out` of a cell file: `{"lower_m": [3], "upper_m": [3]}`.
+
+        Raises:
+            CellError: a box is refused.
+        """
+        there = self.document["surroundings"]["keep_out"]
+        return self._changed({"surroundings": {"keep_out": [*there, *boxes]}})
+
+    def _changed(self, tables: Mapping[str, Mapping[str, Any]]) -> Cell:
+        from planner.cell.changes import changed  # reads keys as the file's, and so stands above the model
+
+        return changed(self, tables)
+
+    def as_learnt(self, timing: Timing, gripper: Gripper, thing: ThrownObject) -> Cell:
+        """Returns this cell with what a profile has learnt of it.
+
+        It keeps its hash, which says what was learnt of: a plan names the profile beside it.
+        """
+        return replace(self, timing=timing, gripper=gripper, object=thing, content="")
 
     def as_document(self) -> dict[str, Any]:
         """Returns the cell file's keys and numbers with defaults filled in, plus `name` and `sha256`."""

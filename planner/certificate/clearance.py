@@ -6,7 +6,7 @@ import numpy as np
 
 from planner.arrays import Array, Index
 from planner.certificate.bounds import Proof, curvature_bound, point_bound, prove_above, slope_bound
-from planner.certificate.certificate import Check, at_least
+from planner.certificate.certificate import Check, NotChecked, at_least
 from planner.certificate.samples import MotionSamples
 from planner.geometry import SELF_CLEARANCE_M, pair_distances, segment_box_distance
 
@@ -121,6 +121,16 @@ def self_collision(motion: MotionSamples) -> Check | None:
     proof = prove_above(evaluate, t, gaps, rates, SELF_CLEARANCE_M, slope_bound)
     names = body.names[first[proof.item]], body.names[second[proof.item]]
     return _distance_check("self_collision", proof, SELF_CLEARANCE_M, ", ".join(names))
+
+
+def tool_shape(motion: MotionSamples) -> NotChecked | None:
+    """Says that the tool's shape is assumed; None where the cell gives it, or the tool has none."""
+    return NotChecked("tool_shape") if motion.problem.cell.tool.is_assumed else None
+
+
+def clearance(motion: MotionSamples) -> NotChecked | None:
+    """Says that the cell asks for no distance from floor and boxes; None where it does."""
+    return None if motion.problem.cell.surroundings.clearance_m > 0.0 else NotChecked("clearance")
 
 
 def moving_heights(motion: MotionSamples, t: Array, ends: Array) -> Array:

@@ -19,7 +19,7 @@ from planner.certificate.clearance import box_gaps, moving_heights, pair_gaps
 from planner.certificate.flight import Flights, flights_of
 from planner.certificate.grip import felt_sizes
 from planner.certificate.safety_limits import momentum_sizes, power_sizes
-from planner.certificate.samples import ArmSamples, MotionSamples
+from planner.certificate.samples import ArmSamples, MotionSamples, ticks_around_release
 from planner.certificate.stopping import stopping_distances, stopping_times
 from planner.certificate.tool import SINGULARITY_WINDOW_S
 from planner.certificate.torque import torque_sizes
@@ -122,7 +122,7 @@ def motion_curves(problem: ThrowProblem, trajectory: Trajectory) -> tuple[Curve,
 
 
 def _joints(shown: ShownMotion) -> list[Curve]:
-    limits = shown.problem.limits
+    limits = shown.motion.limits
     trajectory = shown.trajectory
     rows = shown.rows
     jerk = np.append(trajectory.jerk, np.zeros((1, trajectory.q.shape[1])), axis=0)[rows]  # at rest after the end
@@ -140,11 +140,10 @@ def _joints(shown: ShownMotion) -> list[Curve]:
 
 def _speeds(shown: ShownMotion) -> list[Curve]:
     arm = shown.arm
-    limits = shown.problem.limits
     safety = shown.problem.cell.safety
     tool, flange = (point.name for point in tool_points(shown.problem.cell))
     points = (
-        Series(tool, arm.tool_speed, None, limits.tcp_speed_max),
+        Series(tool, arm.tool_speed, None, shown.motion.tool_speed_max),
         Series(flange, arm.flange_speed, None, safety.tool_speed_m_s),
     )
     return [
@@ -191,11 +190,11 @@ def _clearances(shown: ShownMotion) -> list[Curve]:
 
 def _singularities(shown: ShownMotion) -> list[Curve]:
     problem = shown.problem
-    released = shown.trajectory.release_time_s
     distances = np.abs(signed_singularity_distances(problem.cell.robot, shown.trajectory.q[shown.rows]))
     required = None if problem.ends_at_rest else problem.limits.singularity_distance_min
     series = tuple(Series(name, d, required) for name, d in zip(SINGULARITIES, distances.T, strict=True))
-    span = (max(0.0, released - SINGULARITY_WINDOW_S), min(shown.t[-1], released + SINGULARITY_WINDOW_S))
+    first, last = ticks_around_release(shown.trajectory, SINGULARITY_WINDOW_S)
+    span = (float(shown.trajectory.t[first]), float(shown.trajectory.t[last]))
     return [Curve("singularity_distance", "1", shown.t, series, limited=None if problem.ends_at_rest else span)]
 
 

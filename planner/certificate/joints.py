@@ -28,7 +28,7 @@ def start(motion: MotionSamples) -> Check:
 
 def joint_position(motion: MotionSamples) -> Check:
     """Checks that no joint leaves its range: the extrema of every cubic piece are found in closed form."""
-    limits = motion.problem.limits
+    limits = motion.limits
     ((lowest, highest, *_), ticks) = _extremes(motion.trajectory)
     below = -lowest - limits.q_lower
     above = limits.q_upper - highest
@@ -51,17 +51,17 @@ def joint_position(motion: MotionSamples) -> Check:
 
 def joint_velocity(motion: MotionSamples) -> Check:
     """Checks that no joint exceeds its speed: at the samples, and at the vertex of every quadratic piece."""
-    return _largest("joint_velocity", motion, 2, motion.problem.limits.qd_max, "rad/s")
+    return _largest("joint_velocity", motion, 2, motion.limits.qd_max, "rad/s")
 
 
 def joint_acceleration(motion: MotionSamples) -> Check:
     """Checks that no joint exceeds its acceleration: linear between samples, so the samples decide."""
-    return _largest("joint_acceleration", motion, 3, motion.problem.limits.qdd_max, "rad/s^2")
+    return _largest("joint_acceleration", motion, 3, motion.limits.qdd_max, "rad/s^2")
 
 
 def joint_jerk(motion: MotionSamples) -> Check:
     """Checks that no joint exceeds its jerk: constant in every tick."""
-    return _largest("joint_jerk", motion, 4, motion.problem.limits.jerk_max, "rad/s^3")
+    return _largest("joint_jerk", motion, 4, motion.limits.jerk_max, "rad/s^3")
 
 
 def end_at_rest(motion: MotionSamples) -> Check:

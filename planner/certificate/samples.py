@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from planner.arrays import Array, Index
-from planner.cell import Cell
+from planner.cell import Cell, Limits
 from planner.certificate.bounds import Rates, joint_rates
 from planner.certificate.loads import LoadBounds, load_bounds, loads_of
 from planner.dynamics import TorqueTerms, elbow_points, empty_bodies, fastest, tool_points, torque_terms
@@ -100,6 +100,17 @@ class MotionSamples:
         self.body: BodyModel = body_model(problem.cell_with_bin)
 
     @cached_property
+    def limits(self) -> Limits:
+        """The problem's limits; where it says more than the arm can do, the arm's own."""
+        return self.problem.limits.within(self.problem.cell.robot)
+
+    @cached_property
+    def tool_speed_max(self) -> float:
+        """Largest speed of the tool centre point [m/s]: the problem's, and the arm's safety limit."""
+        safe = self.problem.cell.safety.tool_speed_m_s
+        return self.limits.tcp_speed_max if safe is None else min(self.limits.tcp_speed_max, safe)
+
+    @cached_property
     def knots(self) -> Index:
         """Indices of the samples that are evaluated first (m,)."""
         trajectory, last = self.trajectory, len(self.trajectory.q) - 1
@@ -153,11 +164,7 @@ class MotionSamples:
     @cached_property
     def _object_changes(self) -> tuple[int, int]:
         """Samples between which the object may be held or gone: the release window, rounded outwards."""
-        trajectory = self.trajectory
-        window = self.problem.planned_window_s
-        reach = math.ceil(window * trajectory.sample_rate_hz - TICK_ROUNDING)
-        k = trajectory.release_index
-        return max(0, k - reach), min(len(trajectory.q) - 1, k + reach)
+        return ticks_around_release(self.trajectory, self.problem.planned_window_s)
 
     @cached_property
     def at_knots(self) -> ArmSamples:
@@ -213,6 +220,18 @@ class MotionSamples:
         links = LinkMotion(X_WL, qd, qdd)
         cell = self.problem.cell
         return ArmSamples(cell, t, X_WL, links, links.on_flange(cell.tool.X_FT[:3, 3]))
+
+
+def ticks_around_release(trajectory: Trajectory, window_s: float) -> tuple[int, int]:
+    """Returns the first and the last sample of a window around the release, rounded outwards to whole ticks.
+
+    Args:
+        trajectory: the motion; what lies before or after it is left out.
+        window_s: half of the window [s].
+    """
+    reach = math.ceil(window_s * trajectory.sample_rate_hz - TICK_ROUNDING)
+    k = trajectory.release_index
+    return max(0, k - reach), min(len(trajectory.q) - 1, k + reach)
 
 
 def _merged(rows: Index, *more: int) -> Index:

@@ -8,7 +8,7 @@ from planner.arrays import Array, Index
 from planner.certificate.bounds import Rates, curvature_bound, joint_rates, point_bound, prove_above
 from planner.certificate.certificate import ROUNDING, Check, at_least, at_most
 from planner.certificate.loads import watched_levers
-from planner.certificate.samples import ArmSamples, MotionSamples
+from planner.certificate.samples import ArmSamples, MotionSamples, ticks_around_release
 from planner.dynamics import WatchedPoint, tool_points
 from planner.kinematics import SINGULARITIES, signed_singularity_distances
 from planner.robots import Robot
@@ -23,7 +23,7 @@ def tcp_speed(motion: MotionSamples) -> Check:
     """
     cell, levers = motion.problem.cell, watched_levers(motion.problem.cell)
     tool, flange = tool_points(cell)
-    check = _speed(motion, tool, levers.tool, motion.problem.limits.tcp_speed_max)
+    check = _speed(motion, tool, levers.tool, motion.tool_speed_max)
     if cell.safety.tool_speed_m_s is None or not check.ok:
         return check
     of_flange = _speed(motion, flange, levers.flange, cell.safety.tool_speed_m_s)
@@ -50,11 +50,9 @@ def singularity_distance(motion: MotionSamples) -> Check | None:
     trajectory = motion.trajectory
     if problem.ends_at_rest:
         return None
-    required = problem.limits.singularity_distance_min
+    required = motion.limits.singularity_distance_min
     robot = problem.cell.robot
-    reach = round(SINGULARITY_WINDOW_S * trajectory.sample_rate_hz)
-    first = max(0, trajectory.release_index - reach)
-    last = min(len(trajectory.q) - 1, trajectory.release_index + reach)
+    first, last = ticks_around_release(trajectory, SINGULARITY_WINDOW_S)
     rows = motion.knots[(motion.knots > first) & (motion.knots < last)]
     rows = np.concatenate([[first], rows, [last]])
 

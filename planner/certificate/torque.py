@@ -16,7 +16,7 @@ def joint_torque(motion: MotionSamples) -> Check:
     Within the release window the object may be held or gone: both are checked.
     """
     problem = motion.problem
-    limit = problem.limits.tau_max
+    limit = motion.limits.tau_max
 
     def room(arm: ArmSamples) -> Array:
         return 1.0 - torque_sizes(motion, arm) / limit[:, None]

@@ -10,7 +10,15 @@ from planner.geometry.distances import (
     segment_segment_distance,
 )
 from planner.geometry.misfit import Misfit, misfit
-from planner.geometry.self_collision import SELF_CLEARANCE_M, barriers, object_pairs, passable, self_collision_pairs
+from planner.geometry.self_collision import (
+    SELF_CLEARANCE_M,
+    NeverClear,
+    barriers,
+    never_clear,
+    object_pairs,
+    passable,
+    self_collision_pairs,
+)
 from planner.geometry.surfaces import LEVEL_M, Surface, landing_surfaces
 
 __all__ = [
@@ -19,6 +27,7 @@ __all__ = [
     "Arcs",
     "BodyModel",
     "Misfit",
+    "NeverClear",
     "Surface",
     "ToolState",
     "arm_capsules",
@@ -29,6 +38,7 @@ __all__ = [
     "landing_surfaces",
     "levers",
     "misfit",
+    "never_clear",
     "object_pairs",
     "pair_distances",
     "passable",

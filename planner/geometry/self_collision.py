@@ -1,9 +1,11 @@
 """Self-collision of arm and tool, derived from the geometry once for each arm and tool.
 
-Pairs: which capsules can collide. One is left out only if it is proven that the two are always closer than the
-clearance (neighbours that share a joint), or that they never are. Both are decided on a grid over the joints between
-the two, with a bound on the motion of the capsules between grid points. Where the grid cannot decide, the pair is kept:
-that costs time, not safety.
+Pairs: which capsules can collide. One is left out only if it is proven that the two are never closer than the
+clearance, or that they always are because they are neighbours: two parts of the arm, or a part that the tool or the
+object keeps its distance from in every posture. Both are decided on a grid over the joints between the two, with a
+bound on the motion of the capsules between grid points. Where the grid cannot decide, the pair is kept: that costs
+time, not safety. Nor is a pair left out of a tool that is always too close to the arm but not always as close: no
+posture is clear then, and no motion is certified.
 
 Barriers: joint positions that no motion can pass. Where one joint alone moves two capsules against each other, the
 positions at which they collide divide its range, and a motion stays in the part in which it begins.
@@ -15,6 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,6 +38,8 @@ GRID_POINTS = {1: (64, 1024), 2: (16, 144)}
 BARRIER_STEP_RAD = np.radians(0.5)  # [rad] between evaluated positions; a narrower barrier is left to the certificate
 EDGE_HALVINGS = 20  # [-] of the step in which a barrier begins: that leaves 1e-8 rad
 ROUNDING = 1e-6  # [-] of a step
+# [m] by which the distance of neighbours changes at most: a tool beside the last axis turns about it
+NEIGHBOURS_M = SELF_CLEARANCE_M
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +60,15 @@ class Barrier:
     distance_m: float
 
 
+class NeverClear(NamedTuple):
+    """Two capsules that no posture brings farther apart than `most_m` [m], which is below the self clearance."""
+
+    names: tuple[str, str]
+    most_m: float
+
+
 def self_collision_pairs(robot: Robot, tool: Sequence[ToolCapsule]) -> tuple[tuple[int, int], ...]:
-    """Returns pairs of indices into `body_capsules(robot, tool)` that can collide, but do not always overlap."""
+    """Returns pairs of indices into `body_capsules(robot, tool)` that can collide; no neighbours."""
     return _pairs(robot, _tool_key(tool))
 
 
@@ -65,7 +77,7 @@ def object_pairs(
 ) -> tuple[tuple[int, int], ...]:
     """Returns pairs of indices of the links that the held object can meet, and of the object behind the tool.
 
-    Left out are the tool, and the links beside which it is gripped: they are always close to it, or never.
+    Left out are the tool, and the links beside which it is gripped: they are always as close to it, or never close.
 
     Args:
         robot: the arm.
@@ -80,6 +92,20 @@ def object_pairs(
 def barriers(robot: Robot, tool: Sequence[ToolCapsule]) -> tuple[Barrier, ...]:
     """Returns the barriers of an arm with a tool."""
     return _barriers(robot, _tool_key(tool))
+
+
+def never_clear(robot: Robot, tool: Sequence[ToolCapsule]) -> list[NeverClear]:
+    """Returns the pairs that a tool leaves no posture in which they keep the self clearance."""
+    capsules = body_capsules(robot, tool)
+    found = []
+    for i, j in self_collision_pairs(robot, tool):
+        near, far = sorted((capsules[i], capsules[j]), key=lambda c: c.frame)
+        joints = _joints_between(near, far)
+        if len(joints) in GRID_POINTS:
+            distance, _ = _distances_on_grid(robot, near, far, joints, GRID_POINTS[len(joints)][0])
+            if distance.max() < SELF_CLEARANCE_M:
+                found.append(NeverClear((near.name, far.name), float(distance.max())))
+    return found
 
 
 def passable(robot: Robot, tool: Sequence[ToolCapsule], q: Array) -> tuple[Array, Array]:
@@ -183,10 +209,15 @@ def _can_collide(robot: Robot, first: Capsule, second: Capsule) -> bool:
     if distance.min() < SELF_CLEARANCE_M <= distance.max():
         return True
     distance, step = _distances_on_grid(robot, near, far, joints, fine)
-    always = distance.max() < SELF_CLEARANCE_M
+    always = distance.max() < SELF_CLEARANCE_M and _are_neighbours(robot, far, distance)
     moved = 0.5 * step @ levers(robot, far.frame, far.reach_m)[joints]  # from the nearest point of the grid, at most
     never = distance.min() - moved > SELF_CLEARANCE_M
     return not (always or never)
+
+
+def _are_neighbours(robot: Robot, far: Capsule, distance: Array) -> bool:
+    """Returns whether capsules that are always close to each other are two parts of the arm, or always as close."""
+    return far in arm_capsules(robot) or bool(np.ptp(distance) <= NEIGHBOURS_M)
 
 
 def _joints_between(near: Capsule, far: Capsule) -> list[int]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import socket
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from simulator.interfaces.connections import Connection, ConnectionHandler
 
@@ -120,6 +120,8 @@ class Network:
     def connect(self, sock: socket.socket, port: ServicePort) -> Connection:
         """Serves a connected, non-blocking socket as a connection to `port`."""
         connection = Connection(sock)
+        if port.mute:  # its service never learns of this connection, not even of its end
+            port = replace(port, handler=ConnectionHandler())
         self.connections[sock] = (connection, port)
         self.changed()
         if not port.mute:

@@ -14,8 +14,9 @@ from click.testing import CliRunner
 import api.report.page
 from api.cli import main
 from api.experiment_statistics import statistics_of
-from api.report import ReportContent, plan_svg, report_html
+from api.report import ReportContent, report_html
 from api.scene import cell_model, plan_curves
+from fling import plan_svg
 from planner.answer import plan_document
 from planner.cell import load_cell
 from planner.planning import plan as plan_request
@@ -126,7 +127,9 @@ def test_the_report_is_one_file(content: ReportContent, throw):
     assert "default-src 'none'" in text
     assert not re.search(r"@import|url\((?!#)", (PROGRAM / "report.css").read_text())
     for check in throw["certificate"]["checks"]:
-        assert f"<td>{check['name']}</td>" in text
+        assert f"<td>{check['name'].replace('_', ' ')}</td>" in text
+    assert re.search(r"<td>singularity distance</td><td>[\d.]+</td><td>≥</td><td>0.05</td>", text)  # not exceeded
+    assert re.search(r"<td>joint jerk</td><td>[\d.]+</td><td>≤</td><td>500</td>", text)
     assert "no picture" not in text
     assert "no picture" in report_html(ReportContent(throw))
 
@@ -162,6 +165,7 @@ def test_the_report_of_an_execution_has_its_outcome_and_its_recording(content: R
     text = report_html(replace(content, execution=execution, landings=[landing], recording=recording))
     assert "<td>completed</td>" in text
     assert "<td>12.3 mm</td>" in text
+    assert "dry run: nothing moved" in report_html(replace(content, execution={**execution, "dry_run": True}))
     carried = json.loads(Outline(text).scripts[0])
     assert carried["landings"] == [{"id": "0", "position": [1.21, 0.3, 0.0], "newest": True}]
     assert carried["tracking"]["times"] == [0.0, 0.002]

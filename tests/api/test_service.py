@@ -185,6 +185,7 @@ def test_every_call_of_the_contract_is_there(service: RunningService):
         "POST /execute",
         "GET /executions",
         "POST /executions/{id}/landing",
+        "POST /executions/{id}/landing/{landing}/withdraw",
         "GET /executions/{id}/landing",
         "POST /batches",
         "GET /batches",

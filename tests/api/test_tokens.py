@@ -15,7 +15,7 @@ from api.cli import main
 from api.http import TokenRegistry, WrongTokens, create_token, find_token, read_tokens, revoke_token
 from api.settings import ServiceSettings
 from store import PlanRow, new_id
-from tests.api.conftest import NO_ID, REQUEST, ROOT, RunningService, running
+from tests.api.conftest import NO_ID, REQUEST, ROOT, RunningService, beat_as, running
 from tests.api.test_bad_input import problem_of
 
 
@@ -115,7 +115,7 @@ def test_with_tokens_a_real_arm_may_move_by_the_plan_s_own_id_alone(guarded: Run
     headers = bearer(tokens[1]["both"])
     plan = guarded.client.post("/plan", json={**REQUEST, "cell": "real"}, headers=headers).json()
     assert "id" in plan, plan
-    guarded.store.record_heartbeat("real", "fake", "ur")
+    beat_as(guarded.store, "fake", "real", "ur")
     problem_of(guarded.client.post("/execute", json={"plan_id": "latest"}, headers=headers), 403, "forbidden")
     response = guarded.client.post("/execute", json={"plan_id": plan["id"]}, headers=headers)
     assert response.status_code == 202

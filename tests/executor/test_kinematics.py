@@ -17,14 +17,14 @@ import numpy as np
 import pytest
 
 from executor.calibration_import import ImportFailed, import_calibration, report
-from executor.doctor import grade_kinematics
-from executor.preflight import kinematics_refusals, kinematics_warnings
+from executor.doctor import grade_kinematics, grade_serial
+from executor.preflight import kinematics_refusals, kinematics_warnings, serial_refusals, told_model
 from executor.robot import KinematicsInfo, read_kinematics
 from executor.robot.kinematics_client import KinematicsReader
 from planner.calibration import DhTable, published_table
 from planner.cell import Cell, load_cell
 from planner.kinematics import forward
-from planner.robots import robot
+from planner.robots import ROBOT_NAMES, robot
 from tests.planner.calibration.arms import deviated_table, product_of
 
 CHECKSUMS = (11, 22, 33, 44, 55, 0xFFFFFFFF)
@@ -141,12 +141,51 @@ def test_another_arm_is_refused_by_the_name_of_its_file(calibrated_cell: Cell, t
     for word in ("kinematic_calibration", "arm-0815.yaml", table.hash, other.hash, f"{change * 1e3:.1f} mm"):
         assert word in reason
     assert grade_kinematics(calibrated_cell, told(other)).grade == "bad"
+
+
+@pytest.mark.parametrize("kind", ["ur", "sim"])
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_another_model_is_refused_with_both_names(path: Path, name: str, kind: str) -> None:
+    """Whatever the cell's kind, and whether or not it has a calibration."""
+    path.write_text(path.read_text().replace('"ur"', f'"{kind}"'))
+    cell = load_cell(path)
+    other = published_table(robot(name))
+    if name == "ur5e":
+        assert kinematics_refusals(cell, told(other)) == []
+        return
+    (reason,) = kinematics_refusals(cell, told(other))
+    for word in ("wrong robot", f"a {name} ", other.hash, "ur5e"):
+        assert word in reason
+    assert kinematics_warnings(cell, told(other)) == []
+    finding = grade_kinematics(cell, told(other))
+    assert (finding.grade, finding.advice) == ("bad", "check `robot` and `host` in the cell file")
+
+
+def test_a_calibrated_cell_names_the_other_model_too(calibrated_cell: Cell) -> None:
     (reason,) = kinematics_refusals(calibrated_cell, told(published_table(robot("ur10e"))))
-    assert "another model" in reason
+    assert "a ur10e " in reason
+    assert "ur5e" in reason
 
 
-def test_an_arm_that_does_not_tell_is_refused(calibrated_cell: Cell) -> None:
-    assert "does not report" in kinematics_refusals(calibrated_cell, None)[0]
+def test_a_measured_arm_is_of_the_model_that_is_closest_to_it(path: Path) -> None:
+    """UR3 and UR3e differ by 18.7 mm in d4 alone: a UR3 that is 1 mm longer there is still no UR3e."""
+    table = published_table(robot("ur3"))
+    longer = DhTable(table.theta, table.a, table.d + np.array([0.0, 0.0, 0.0, 1e-3, 0.0, 0.0]), table.alpha)
+    assert told_model(told(longer)) == "ur3"
+    for name in ROBOT_NAMES:
+        measured = deviated_table(name, np.random.default_rng(3))
+        assert told_model(told(measured)) == name
+    unknown = DhTable(table.theta, 2.0 * table.a, table.d, table.alpha)
+    assert told_model(told(unknown)) is None
+    (reason,) = kinematics_refusals(load_cell(path), told(unknown))
+    assert "does not know" in reason
+
+
+def test_an_arm_that_does_not_tell_is_refused(path: Path, calibrated_cell: Cell) -> None:
+    path.write_text('robot = "ur5e"\n[link]\nkind = "sim"\n')
+    for cell in (calibrated_cell, load_cell(path)):
+        assert "does not report" in kinematics_refusals(cell, None)[0]
+        assert grade_kinematics(cell, None).grade == "bad"
 
 
 def test_a_missing_calibration_is_a_warning_with_its_size(path: Path, table: DhTable) -> None:
@@ -155,10 +194,36 @@ def test_a_missing_calibration_is_a_warning_with_its_size(path: Path, table: DhT
     (warning,) = kinematics_warnings(cell, told(table))
     assert "mm in the median" in warning
     assert "--from-robot" in warning
-    assert "centimetre" in kinematics_warnings(cell, None)[0]
     assert kinematics_warnings(cell, told(published_table(robot("ur5e")))) == []
     assert grade_kinematics(cell, told(table)).grade == "warning"
     assert grade_kinematics(cell, told(published_table(robot("ur5e")))).grade == "ok"
     simulated = replace(cell, link=replace(cell.link, kind="sim"))
     assert kinematics_warnings(simulated, told(table)) == []
-    assert grade_kinematics(simulated, None).grade == "ok"
+
+
+def test_the_robot_may_change_at_the_same_address(table: DhTable) -> None:
+    reader = KinematicsReader("127.0.61.5")
+    with controller(reader.host, robot_state(published_table(robot("ur5e")))):
+        assert told_model(reader.info()) == "ur5e"
+    with controller(reader.host, robot_state(published_table(robot("ur3e")))):
+        assert told_model(reader.info()) == "ur5e"  # remembered for a minute
+        assert told_model(reader.read()) == "ur3e"
+    reader.forget()
+    assert reader.info() is None
+
+
+@pytest.mark.parametrize(
+    ("serial", "word"),
+    [("20245500815", ""), ("20245500816", "its serial number is 20245500816"), (None, "does not tell")],
+)
+def test_a_stated_serial_number_is_compared(path: Path, serial: str | None, word: str) -> None:
+    assert serial_refusals(load_cell(path), serial) == []
+    assert grade_serial(load_cell(path), serial).grade == ("ok" if serial else "warning")
+    path.write_text(path.read_text() + 'serial = "20245500815"\n')
+    cell = load_cell(path)
+    reasons = serial_refusals(cell, serial)
+    assert grade_serial(cell, serial).grade == ("bad" if word else "ok")
+    assert bool(reasons) == bool(word)
+    for reason in reasons:
+        assert word in reason
+        assert "20245500815" in reason

@@ -68,8 +68,11 @@ def url() -> Iterator[str]:
 
 def test_calls_and_their_bodies(url: str):
     with fling.Client(url, "secret") as client:
-        planned = client.plan({"frame": "base"}, trajectory=False)
+        planned = client.plan({"frame": "base"}, trajectory=False).document
         assert planned == {"path": "/plan?trajectory=false", "body": {"frame": "base"}, "token": "Bearer secret"}
+        typed = client.plan(fling.Target([1.2, 0.3, 0.0]), "ur5e-sim", release_window_s=0.0).document
+        release = {"kind": "target", "position": [1.2, 0.3, 0.0]}
+        assert typed["body"] == {"release": release, "release_window_s": 0.0, "cell": "ur5e-sim"}
         assert client.execute("p", dry_run=True)["body"] == {"plan_id": "p", "mode": "speedj", "dry_run": True}
         assert client.landed("e", (1, 2, 3), 0.01)["body"] == {"position": [1, 2, 3], "std_m": 0.01}
         assert client.abort("e")["path"] == "/executions/e/abort"
@@ -109,3 +112,15 @@ def test_refusals_carry_the_problem(url: str):
             client.plan({"release": "html"})
     with fling.Client("http://127.0.45.1:9") as nobody, pytest.raises(fling.ServiceRefusal, match="start one with"):
         nobody.get("/healthz")
+
+
+def test_the_service_is_where_the_environment_says(url: str, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.delenv("FLING_URL", raising=False)
+    monkeypatch.setenv("FLING_PORT", "9")
+    with fling.Client() as nobody, pytest.raises(fling.ServiceRefusal, match=r"127\.0\.0\.1:9") as refused:
+        nobody.get("/healthz")
+    assert refused.value.__cause__ is None  # its traceback ends at the call
+    assert refused.value.__suppress_context__
+    monkeypatch.setenv("FLING_URL", url)
+    with fling.Client() as client:
+        assert client.get("/healthz")["path"] == "/healthz"

@@ -38,6 +38,13 @@ def test_importing_it_loads_nothing():
     assert done.stdout.strip() == "[]"
 
 
+def test_a_clone_that_is_called_fling_hides_nothing(tmp_path: Path):
+    (tmp_path / "fling" / "fling").mkdir(parents=True)  # as the clone's own folder lies in it
+    script = "import fling; print(fling.plan.__name__)"
+    done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.stdout.strip() == "plan", done.stderr
+
+
 def test_a_plan_is_certified_and_certifies_again(answer: fling.Plan):
     assert answer.certificate.valid
     assert fling.certify(answer.problem, answer.trajectory).valid
@@ -53,20 +60,33 @@ def test_a_cell_by_name_by_file_and_by_request(root: Path, answer: fling.Plan):
         fling.open_cell("nowhere")
 
 
+def test_a_cell_in_a_notebook(answer: fling.Plan):
+    bench = fling.open_cell({"name": "bench", "robot": "ur5e", "link": {"kind": "sim"}})
+    slow = bench.with_limits(joint_velocity_rad_s=1.5).with_obstacles(
+        {"lower_m": [0.6, 0.6, 0.0], "upper_m": [0.8, 0.8, 0.5]}
+    )
+    plan = fling.plan(REQUEST, slow)
+    assert plan.document["cell_sha256"] == slow.sha256 != bench.sha256
+    assert np.abs(plan.trajectory.qd).max() <= 1.5
+    assert plan.release_time_s >= answer.release_time_s
+    with pytest.raises(fling.CellError, match="home_rad"):
+        fling.open_cell({"robot": "ur5e", "link": {"kind": "sim"}, "home_rad": [0.0, 1.5, 0.0, 0.0, 0.0, 0.0]})
+
+
 def test_refusals_name_what_stands_in_the_way():
     with pytest.raises(fling.InvalidProblem, match=r"release\.positions"):
         fling.plan({"release": {**REQUEST["release"], "positions": [0.0]}})
     with pytest.raises(fling.Infeasible) as refused:
         fling.plan({**REQUEST, "release": {**REQUEST["release"], "velocities": [9.0, 0, 0, 0, 0, 0]}})
     assert refused.value.violations[0].constraint == "joint_velocity"
-    with pytest.raises(fling.InvalidProblem, match=r"request: must be a mapping .* not 5"):
+    with pytest.raises(fling.InvalidProblem, match=r"request: must be a release, or a mapping .* not 5"):
         fling.plan(5)  # type: ignore[arg-type]
     with pytest.raises(fling.CellError, match="is not one of"):
         fling.plan({**REQUEST, "cell": ""})
     with pytest.raises(fling.CellError, match="is not one of"):
         fling.plan({**REQUEST, "cell": 400 * "long"})
     for cell in (7, None):
-        with pytest.raises(fling.CellError, match="must be a name or the path of a file"):
+        with pytest.raises(fling.CellError, match="must be a name, the path of a file"):
             fling.open_cell(cell)  # type: ignore[arg-type]
     target = {"kind": "target", "position": [1.2, 0.3, 0.0]}
     with pytest.raises(fling.InvalidProblem, match="min_hit_probability: odds are reckoned by"):
@@ -104,7 +124,7 @@ def test_a_release_at_the_start_is_there_at_once():
 def test_the_document_of_a_plan_is_read_back(answer: fling.Plan):
     from planner.answer import plan_from_document
 
-    document = fling.plan_document(answer)
+    document = answer.document
     problem, trajectory = plan_from_document(document, answer.problem.cell)
     assert fling.certify(problem, trajectory).valid
     assert document["request"]["release"]["kind"] == "joint"
@@ -112,8 +132,9 @@ def test_the_document_of_a_plan_is_read_back(answer: fling.Plan):
 
 def test_a_window_without_a_tolerance_is_none(answer: fling.Plan):
     made = fling.plan({**REQUEST, "release_window_s": 0.01}, "ur5e-sim")
-    flight = fling.plan_document(made)["flight"]
-    assert (flight["release_window_s"], flight["landing_tolerance_m"]) == (0.0, 0.0)
+    flight = made.flight
+    assert flight is not None
+    assert (flight.release_window_s, flight.landing_tolerance_m) == (0.0, 0.0)
     assert "landing_window" not in {check.name for check in made.certificate.checks}
     assert np.array_equal(made.trajectory.q, answer.trajectory.q)
     with pytest.raises(fling.Infeasible, match="landing_window"):
@@ -129,7 +150,7 @@ def test_a_joint_trajectory_has_the_fields_of_the_ros_message(answer: fling.Plan
     times = [p["time_from_start"]["sec"] + 1e-9 * p["time_from_start"]["nanosec"] for p in message["points"]]
     assert times == pytest.approx(answer.trajectory.t, abs=1e-9)
     assert np.array([p["positions"] for p in message["points"]]) == pytest.approx(answer.trajectory.q)
-    assert fling.as_joint_trajectory(fling.plan_document(answer), frame_id="base_link") == message
+    assert fling.as_joint_trajectory(answer.document, frame_id="base_link") == message
 
 
 def test_names_of_a_driver_with_a_prefix(answer: fling.Plan):

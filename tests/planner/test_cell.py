@@ -3,13 +3,15 @@
 import hashlib
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from planner.cell import CellSource, Safety, cell_faults, load_cell, parse_cell, read_source
+from planner.cell import CellSource, Safety, cell_faults, cell_of_keys, load_cell, parse_cell, read_source
 from planner.errors import CellError
+from planner.rotations import pose
 
 CELLS = Path(__file__).parents[2] / "cells"
 SHIPPED = ("ur5e-sim", "ur3e-sim", "ur10e-sim", "ur5-sim", "sdu-table", "example-real")
@@ -157,6 +159,9 @@ def test_what_is_no_file_is_not_waited_for(tmp_path, make):
         (LEAST + "[base_in_world]\nrotation_vector_rad = [0, 0, 90]\n", "base_in_world.rotation_vector_rad"),
         (LEAST + "[surroundings]\nkeep_out = [{ lower_m = [0, 0, 0] }]\n", "keep_out[0].upper_m"),
         (LEAST + "[tool]\ncapsules = [{ from_m = [0, 0], to_m = [0, 0, 1], radius_m = 0.1 }]\n", "capsules"),
+        (LEAST + "serial = 20245500815\n", "link.serial"),
+        (LEAST + 'serial = ""\n', "link.serial"),
+        (LEAST + 'serial = "2024 5500815"\n', "link.serial"),
         ("robot = \n", "file"),
     ],
 )
@@ -185,6 +190,11 @@ def test_grip_and_safety_are_read():
     least = parse_cell(LEAST, "c")
     assert least.gripper.hold_acceleration_m_s2 is None
     assert least.safety == Safety()
+
+
+def test_a_serial_number_is_read_and_may_be_absent():
+    assert parse_cell(LEAST + 'serial = "20245500815"\n', "c").link.serial == "20245500815"
+    assert parse_cell(LEAST, "c").link.serial is None
 
 
 def test_a_missing_file_and_a_bad_name_are_refused():
@@ -234,6 +244,7 @@ keep_out = [{lower_m = [0, 0, 1], upper_m = [1, 1, 0]}]
 output = "mouth"
 [link]
 kind = "wish"
+serial = 7
 """
 
 
@@ -242,7 +253,7 @@ def test_every_fault_of_a_file_is_named_at_once():
     assert set(faults) == {
         "surprise", "home_rad[1]", "tool.mass_kg", "tool.capsules[0].to_m", "tool.capsules[0].colour",
         "tool.capsules[1].to_m", "tool.capsules[1].radius_m", "limits.joint_velocity_rad_s[2]", "limits.tcp_speed_m_s",
-        "surroundings.keep_out[0].lower_m", "gripper.output", "link.kind",
+        "surroundings.keep_out[0].lower_m", "gripper.output", "link.kind", "link.serial",
     }  # fmt: skip
     assert "beyond the arm's own limit" in faults["limits.joint_velocity_rad_s[2]"]
 
@@ -277,3 +288,158 @@ def test_faults_of_one_kind(text, fields):
 def test_a_wrong_name_does_not_hide_what_else_is_wrong():
     faults = cell_faults(CellSource("a b", (LEAST + "[timing]\nlag_s = 9\n").encode()))
     assert [fault.field for fault in faults] == ["name", "timing.lag_s"]
+
+
+def test_a_cell_made_in_code_has_a_hash_of_its_own():
+    here = load_cell(CELLS / "ur5e-sim.toml")
+    slower = here.with_limits(joint_velocity_rad_s=2.0)
+    np.testing.assert_array_equal(slower.limits.qd_max, np.full(6, 2.0))
+    assert slower.limits.tcp_speed_max == here.limits.tcp_speed_max
+    in_code = replace(here, limits=replace(here.limits, qd_max=np.full(6, 2.0)))
+    heavier = replace(here, object=replace(here.object, mass_kg=0.1))
+    assert len({here.sha256, slower.sha256, heavier.sha256}) == 3
+    assert slower.as_document()["limits"]["joint_velocity_rad_s"] == 2.0
+    assert in_code.sha256 == slower.sha256 == replace(slower, name="another").sha256
+    assert replace(slower, limits=here.limits).sha256 != slower.sha256
+    same = replace(here, limits=replace(here.limits))
+    assert same.sha256 == here.sha256  # nothing was changed
+
+
+def test_what_a_profile_has_learnt_keeps_the_hash_of_the_file():
+    here = load_cell(CELLS / "ur5e-sim.toml")
+    gripper = replace(here.gripper, delay_s=0.05)
+    learnt = here.as_learnt(replace(here.timing, lag_s=0.03), gripper, here.object)
+    assert learnt.sha256 == here.sha256
+    assert (learnt.timing.lag_s, learnt.gripper.delay_s) == (0.03, 0.05)
+    slow = learnt.with_limits(joint_velocity_rad_s=2.0)
+    assert slow.timing.lag_s == 0.03
+    assert slow.sha256 not in (here.sha256, here.with_limits(joint_velocity_rad_s=2.0).sha256)
+
+
+@pytest.mark.parametrize(
+    ("keys", "field"),
+    [
+        ({"joint_velocity_rad_s": 20.0}, r"limits\.joint_velocity_rad_s"),
+        ({"joint_acceleration_rad_s2": [15.0, 15.0, 41.0, 15.0, 15.0, 15.0]}, r"joint_acceleration_rad_s2\[2\]"),
+        ({"joint_position_upper_rad": 7.0}, r"limits\.joint_position_upper_rad"),
+        ({"joint_torque_fraction": 1.1}, r"limits\.joint_torque_fraction"),
+        ({"joint_velocity_rad_s": float("nan")}, r"limits\.joint_velocity_rad_s"),
+        ({"speed": 1.0}, r"limits\.speed: unknown key"),
+    ],
+)
+def test_no_key_says_that_an_arm_can_do_more_than_it_can(keys, field):
+    with pytest.raises(CellError, match=field):
+        load_cell(CELLS / "ur5e-sim.toml").with_limits(**keys)
+
+
+@pytest.mark.parametrize(
+    ("limits", "field"),
+    [
+        ({"qd_max": 20.0}, r"limits\.qd_max\[0\] = 20\.0: is beyond the arm's own limit of 3\.14159"),
+        ({"qdd_max": [15.0, 15.0, 41.0, 15.0, 15.0, 15.0]}, r"limits\.qdd_max\[2\]"),
+        ({"q_upper": 7.0}, r"limits\.q_upper\[0\]"),
+        ({"tau_max": 151.0}, r"limits\.tau_max\[0\]"),
+        ({"qd_max": np.nan}, r"limits\.qd_max\[0\]"),
+    ],
+)
+def test_no_cell_says_that_an_arm_can_do_more_than_it_can(limits, field):
+    here = load_cell(CELLS / "ur5e-sim.toml")
+    values = {name: np.broadcast_to(value, (6,)) for name, value in limits.items()}
+    with pytest.raises(CellError, match=field):
+        replace(here, limits=replace(here.limits, **values))
+
+
+def test_a_tool_and_obstacles_changed_in_code_are_those_of_a_file():
+    here = load_cell(CELLS / "ur5e-sim.toml")
+    post = {"lower_m": np.array([0.8, 0.1, 0.0]), "upper_m": (0.9, 0.2, 1.0)}
+    there = here.with_tool(mass_kg=0.8).with_obstacles(post)
+    assert there.tool.mass_kg == 0.8
+    assert there.tool.capsules[0].radius_m == here.tool.capsules[0].radius_m
+    assert len(there.surroundings.keep_out) == len(here.surroundings.keep_out) + 1
+    assert there.document["surroundings"]["keep_out"][-1]["upper_m"] == [0.9, 0.2, 1.0]
+    assert there.sha256 not in (here.sha256, here.with_tool(mass_kg=0.8).sha256)
+    assert here.with_tool().sha256 == here.sha256  # nothing was changed
+    with pytest.raises(CellError, match=r"tool\.mass_kg"):
+        here.with_tool(mass_kg=40.0)
+    with pytest.raises(CellError, match=r"keep_out\[\d\]"):
+        here.with_obstacles({"lower_m": [1.0, 1.0, 1.0], "upper_m": [0.0, 0.0, 0.0]})
+
+
+def test_a_cell_is_stated_by_the_keys_of_a_file():
+    stated = {"name": "bench", "robot": "ur5e", "link": {"kind": "sim"}, "tool": {"tcp_position_m": (0.0, 0.0, 0.1)}}
+    here = cell_of_keys({**stated, "home_rad": np.array([0.0, -1.57, 1.57, -1.57, -1.57, 0.0])})
+    assert (here.name, here.robot.name) == ("bench", "ur5e")
+    assert here.as_document()["home_rad"] == [0.0, -1.57, 1.57, -1.57, -1.57, 0.0]
+    assert "name" in stated
+    with pytest.raises(CellError, match=r"tool\.mass: unknown key"):
+        cell_of_keys({**stated, "tool": {"mass": 1.0}})
+
+
+def test_an_arm_changed_in_code_is_still_the_arm_of_its_name():
+    here = load_cell(CELLS / "ur5e-sim.toml")
+    fast = replace(here.robot, qd_max=np.full(6, 20.0))
+    with pytest.raises(CellError, match="beyond the arm's own limit"):
+        replace(here, robot=fast, limits=replace(here.limits, qd_max=fast.qd_max))
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ("[tool]\nmass_kg = 12.0\n", r"tool\.mass_kg = 12\.0: tool and object weigh 12\.05 kg together; .* 5 kg"),
+        ("[tool]\nmass_kg = 1.0\n[object]\nmass_kg = 8.0\n", r"object\.mass_kg = 8\.0: .* weigh 9 kg together"),
+    ],
+)
+def test_more_than_the_rated_payload_is_refused(changes, reason):
+    with pytest.raises(CellError, match=reason):
+        parse_cell(LEAST + changes, "c")
+    assert parse_cell(LEAST + "[tool]\nmass_kg = 4.95\n", "c").tool.mass_kg == 4.95  # with the object exactly 5 kg
+    here = load_cell(CELLS / "ur5e-sim.toml")
+    with pytest.raises(CellError, match=r"object\.mass_kg = 8\.0"):
+        replace(here, object=replace(here.object, mass_kg=8.0))
+
+
+@pytest.mark.parametrize(
+    ("changes", "field", "reason"),
+    [
+        ("[base_in_world]\nposition_m = [500, 0, 0]\n", "base_in_world.position_m[0]", "must lie in [-100, 100]"),
+        (
+            "[surroundings]\nkeep_in = [{ lower_m = [-500, -1, 0], upper_m = [500, 1, 2] }]\n",
+            "surroundings.keep_in[0].lower_m[0]",
+            "is 500 m from the arm, more than 100 m",
+        ),
+        ("[tool]\ntcp_position_m = [0, 0, 170]\n", "tool.tcp_position_m[2]", "must lie in [-3, 3]"),
+        (
+            "[tool]\ncapsules = [{ from_m = [0, 0, 0], to_m = [0, 0, 0.15], radius_m = 0.0 }]\n",
+            "tool.capsules[0].radius_m",
+            "must lie in [0.001, 1]",
+        ),
+        (
+            "[tool]\ncapsules = [{ from_m = [0, 0, 0], to_m = [0, 0, 150], radius_m = 0.05 }]\n",
+            "tool.capsules[0].to_m[2]",
+            "must lie in [-3, 3]",
+        ),
+        ("[gripper]\nhold_acceleration_m_s2 = 1e9\n", "gripper.hold_acceleration_m_s2", "must lie in [0.001, 10000]"),
+        ("[safety]\nelbow_speed_m_s = 1e3\n", "safety.elbow_speed_m_s", "must lie in [1e-06, 20]"),
+        ("[safety]\nmomentum_kg_m_s = 1e9\n", "safety.momentum_kg_m_s", "must lie in [1e-06, 1000]"),
+        ("[safety]\npower_w = 1e9\n", "safety.power_w", "must lie in [1e-06, 10000]"),
+        ("[safety]\nstopping_time_s = 100.0\n", "safety.stopping_time_s", "must lie in [1e-06, 10]"),
+    ],
+)
+def test_values_that_no_cell_has_are_refused_with_their_limit(changes, field, reason):
+    with pytest.raises(CellError) as refusal:
+        parse_cell(LEAST + changes, "c")
+    assert (refusal.value.field, refusal.value.reason) == (field, reason)
+
+
+def test_a_tool_without_a_shape_is_given_one():
+    here = parse_cell(LEAST + "[tool]\ntcp_position_m = [0, 0.3, 0.4]\n[object]\nradius_m = 0.05\n", "c")
+    (assumed,) = here.tool.capsules
+    assert here.tool.is_assumed
+    np.testing.assert_allclose(assumed.to_m, [0.0, 0.27, 0.36])  # to the object, half a metre away
+    assert assumed.radius_m == here.robot.shape.wrist_radius
+    longer = replace(here, tool=replace(here.tool, X_FT=pose([0.0, 0.0, 0.2], np.eye(3))))
+    np.testing.assert_allclose(longer.tool.capsules[0].to_m, [0.0, 0.0, 0.15])
+    assert parse_cell(LEAST, "c").tool.capsules == ()
+    shipped = load_cell(CELLS / "ur5e-sim.toml")
+    assert not shipped.tool.is_assumed
+    assert replace(shipped, tool=replace(shipped.tool, capsules=())).tool.is_assumed

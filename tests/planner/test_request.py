@@ -277,3 +277,15 @@ def test_a_plan_survives_the_way_through_json(arm):
     assert release["index"] / document["sample_rate_hz"] == pytest.approx(document["release_time_s"])
     assert document["flight"]["landing_point"] == pytest.approx([1.3, 0.3, 0.0], abs=1e-6)
     assert [check["name"] for check in document["certificate"]["checks"] if not check["ok"]] == []
+
+
+def test_a_window_longer_than_any_is_not_cut_in_silence():
+    here = replace(cell(), gripper=replace(cell().gripper, jitter_s=0.07))
+    with pytest.raises(InvalidProblem, match=r"release_window_s: three times .* jitter of 0\.07 s is 0\.21 s"):
+        problem_from_request({"release": IN_BIN}, here)
+    assert problem_from_request({"release": IN_BIN, "release_window_s": 0.2}, here).release_window_s == 0.2
+    assert problem_from_request({"release": POINT}, here).release_window_s == 0.0
+    odds = {"release": IN_BIN, "min_hit_probability": 0.5}
+    assert problem_from_request(odds, here).release_window_s == 0.0
+    steadier = replace(here, gripper=replace(here.gripper, jitter_s=0.066))
+    assert problem_from_request({"release": IN_BIN}, steadier).release_window_s == pytest.approx(0.198)

@@ -6,8 +6,10 @@ Each scenario runs the client in its own process, because it may hang or crash; 
 from __future__ import annotations
 
 import json
+import socket
 import subprocess
 import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -181,6 +183,20 @@ def test_back_online_after_a_time_offline(start_simulator: Start):
     simulator.fault("offline")
     simulator.fault("offline", on=False)
     assert observed(simulator, "stop_program")["answers"] == ["False"]
+
+
+@pytest.mark.parametrize("port", ["primary", "script", "rtde", "dashboard"])
+def test_a_client_of_a_mute_port_that_leaves_takes_nothing_with_it(start_simulator: Start, port: str):
+    simulator = start_simulator()
+    numbers = {"primary": 30001, "script": 30003, "rtde": 30004, "dashboard": 29999}
+    simulator.fault("mute", port=port)
+    with socket.create_connection((simulator.host, numbers[port])) as client:
+        client.sendall(b"anything\n")
+        simulator.fault("mute", port=port, on=False)
+        client.sendall(b"anything\n")
+    before = simulator.ask("state")["t"]
+    time.sleep(0.1)
+    assert simulator.ask("state")["t"] > before
 
 
 def test_unknown_faults_and_parameters_are_refused(start_simulator: Start):

@@ -12,7 +12,18 @@ LAG_S = 0.002  # [s] by which a simulated arm may be later than its cell says: a
 
 def warnings_of(cell: Cell) -> list[str]:
     """Returns warnings of a cell, in words."""
-    return [*_far_boxes(cell), *_far_floor(cell), *_wrong_lag(cell), *_heavy_payload(cell)]
+    found = [*_elsewhere(cell), *_far_boxes(cell), *_far_floor(cell), *_wrong_lag(cell)]
+    return [*found, *_assumed_shape(cell), *_no_clearance(cell)]
+
+
+def _elsewhere(cell: Cell) -> list[str]:
+    """Returns a warning of a simulation that is not on this machine: it may be an arm."""
+    from api.settings import is_loopback_host
+
+    if cell.link.kind != "sim" or is_loopback_host(cell.link.host):
+        return []
+    says = f"link.kind is 'sim', and {cell.link.host} (link.host) is not this machine"
+    return [f"{says}: if an arm stands there, it moves without the questions of a real one; kind = 'ur' is for those"]
 
 
 def _far_boxes(cell: Cell) -> list[str]:
@@ -49,11 +60,16 @@ def _wrong_lag(cell: Cell) -> list[str]:
     return []
 
 
-def _heavy_payload(cell: Cell) -> list[str]:
-    """Returns a warning of tool and object that are heavier together than what the arm is rated for."""
-    mass_kg = cell.tool.mass_kg + cell.object.mass_kg
-    rated_kg = cell.robot.payload_kg
-    if mass_kg <= rated_kg:
+def _assumed_shape(cell: Cell) -> list[str]:
+    """Returns a warning of a tool whose shape nobody gave."""
+    if not cell.tool.is_assumed:
         return []
-    weighs = f"tool and object weigh {mass_kg:g} kg (tool.mass_kg, object.mass_kg)"
-    return [f"{weighs}, and a {cell.robot.name} is rated for {rated_kg:g} kg; plans keep its joint torques alone"]
+    thick_mm = 2e3 * cell.tool.capsules[0].radius_m
+    return [f"tool.capsules gives no shape: {thick_mm:.0f} mm about the line from flange to object are assumed"]
+
+
+def _no_clearance(cell: Cell) -> list[str]:
+    """Returns a warning of a cell in which arm and tool may touch what stands around them."""
+    if cell.surroundings.clearance_m > 0.0:
+        return []
+    return ["surroundings.clearance_m is 0 m: arm, tool and object may touch the floor and every box"]

@@ -7,6 +7,8 @@ from typing import Any
 
 from planner.errors import CUT_SHORT
 
+# What a cell file says of the release's timing; source: `learning.release.PRIOR_STD`
+UNKNOWN_TIMING = "timing unknown: ±20 ms"
 BOX = "keep_out"  # beginning of `landed_on` where the object met a box, on its side or on its top
 
 
@@ -23,13 +25,7 @@ def plan_text(plan: dict[str, Any]) -> str:
         lines.append(f"leaves at {flight['speed_m_s']:.2f} m/s, flies {flight['time_of_flight_s']:.2f} s")
         lines.append(f"{_window_text(flight)}; 10 ms early or late moves the landing by {_shift_text(flight)}")
     if odds := plan.get("hit_probability"):
-        low, high = odds["interval"]
-        known = (
-            "with what was learnt" if odds["profile"] else "with the cell file alone: this cell is not calibrated yet"
-        )
-        lines.append(
-            f"hits within {_length(odds['radius_m'])} with {odds['value']:.0%} ({low:.0%} to {high:.0%}), {known}"
-        )
+        lines.append(_odds_text(odds))
     if solver["status"].endswith(CUT_SHORT):
         lines.append("its time limit ended the search: with more time the release may be sooner, or the aim better")
     return "\n  ".join(lines)
@@ -54,6 +50,14 @@ def landing_text(execution: dict[str, Any], observed: Sequence[dict[str, Any]] =
         return f"{text}\n{_observed_text(observed, execution.get('id', 'latest'))}"
     place = ", ".join(f"{value:.4f}" for value in point)
     return f"{text}\n{_landed_text(metrics.get('landed_on'))} at ({place}) m, {_length(error)} from where the plan said"
+
+
+def _odds_text(odds: dict[str, Any]) -> str:
+    """Returns how likely the throw hits; of a cell that is not calibrated, why nobody knows."""
+    if odds["profile"] is None:
+        return f"{UNKNOWN_TIMING}. Calibrate (3 minutes): fling calibrate gripper"
+    low, high = odds["interval"]
+    return f"hits within {_length(odds['radius_m'])} with {odds['value']:.0%} ({low:.0%} to {high:.0%})"
 
 
 def _observed_text(observed: Sequence[dict[str, Any]], execution: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -20,7 +21,7 @@ from planner.backends.casadi_nlp.layout import (
     Q,
     Vector,
 )
-from planner.backends.casadi_nlp.release_rows import FALL_MIN, release_bounds
+from planner.backends.casadi_nlp.release_rows import FALL_MIN, ROUNDING, release_bounds
 from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, LEAVING_ROWS, RELEASE_ROWS
 from planner.backends.casadi_nlp.transcription import Indices, RowIndex
 from planner.backends.casadi_nlp.tuning import LONGEST_STEP, SHORTEST_STEP
@@ -28,7 +29,8 @@ from planner.cell import Limits
 from planner.problem import ThrowProblem
 from planner.seeds import Candidate
 
-WATCHED_S = 0.052  # [s] least duration of the watched stages before and after the release: 0.05 s are checked
+WATCHED_S = 0.05  # [s] before and after the release that the certificate checks, in whole ticks
+WATCHED_BEYOND_S = 0.002  # [s] by which the watched stages last longer
 TOUCHING = 1e-3  # [-] of a velocity limit: bounds that leave less room than this between them are an equality
 DRIFT_SHARE = 2.0  # [-] of tolerance over window, for the rate of change of the landing with the release time
 
@@ -166,16 +168,17 @@ class Bounds:
         for k in self.index.knots.get("flight", ()):
             self._free(self.index.rows["flight", k][FLIGHT_ROWS.slices["out"]])
 
-    def watch_long_enough(self, window_s: float) -> None:
+    def watch_long_enough(self, window_s: float, dt: float) -> None:
         """Lets the watched stages last, in sum, as long as the certificate watches; the window is part of that.
 
         Where a singularity is in the way, they would shrink until hardly anything is watched.
 
         Args:
             window_s: half of the release window [s].
+            dt: one tick [s].
         """
         n = self.index.stages.window
-        required = max(WATCHED_S, window_s)
+        required = max(dt * math.ceil(WATCHED_S / dt - ROUNDING) + WATCHED_BEYOND_S, window_s)
         first = self.launch - n - WATCHED_BEFORE
         last = self.launch + n + WATCHED_AFTER
         if first > 0:

@@ -5,14 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planner.backends import ruckig_otg
+from planner.backends import profiles, ruckig_otg
 from planner.cell import Box, Safety
 from planner.certificate import Examination, certify, checks, landing_errors
 from planner.certificate.bounds import joint_rates, point_bound
+from planner.certificate.samples import ticks_around_release
+from planner.errors import InvalidProblem
 from planner.geometry import levers, tool_state
-from planner.kinematics import forward
+from planner.kinematics import forward, signed_singularity_distances
 from planner.planning import plan
-from planner.problem import JointRelease, PointRelease, TargetRelease
+from planner.problem import JointRelease, PointRelease, TargetRelease, ThrowProblem
+from planner.rotations import pose
 from planner.seeds import Candidate, candidates
 from planner.trajectory import Trajectory, integrate
 from tests.planner.problems import cell, feasible_states, joint_problem, point_problem, pose_problem, random_state
@@ -152,6 +155,31 @@ def test_each_spoilt_trajectory_is_caught(good, name):
     assert not certificate.valid
     assert not check.ok
     assert check.margin < 0.0
+
+
+@pytest.mark.parametrize(
+    ("name", "attribute", "joint"),
+    [("joint_position", "q_upper", 2), ("joint_velocity", "qd_max", 0), ("joint_torque", "tau_max", 1)],
+)
+def test_the_arms_own_limits_are_checked_whatever_the_problem_says(good, name, attribute, joint):
+    problem, trajectory = good
+    loose = replace(problem.limits, **{attribute: np.full(6, 1e3)})
+    with pytest.raises(InvalidProblem, match=rf"limits\.{attribute}\[0\]: 1000 is beyond the arm's own limit"):
+        replace(problem, limits=loose)
+    unchecked = replace(problem)
+    object.__setattr__(unchecked, "limits", loose)
+    check = certify(unchecked, scaled(trajectory, None, 40.0)).check(name)
+    assert not check.ok
+    assert check.limit <= getattr(problem.cell.robot, attribute).max() * 1.001
+
+
+def test_the_tool_speed_of_the_arm_is_checked_whatever_the_limits_say(good):
+    problem, trajectory = good
+    fastest = certify(problem, trajectory).check("tcp_speed").value
+    safety = replace(problem.cell.safety, tool_speed_m_s=0.99 * fastest)
+    here = replace(problem.cell, safety=safety, limits=replace(problem.limits, tcp_speed_max=20.0))
+    check = certify(replace(problem, cell=here, limits=here.limits), trajectory).check("tcp_speed")
+    assert (check.ok, check.limit) == (False, 0.99 * fastest)
 
 
 @pytest.mark.parametrize("name", SPOILT)
@@ -360,3 +388,66 @@ def test_a_singularity_that_is_passed_between_two_samples_is_found(name: str):
         (check,) = (c for c in certify(problem, motion).checks if c.name == "singularity_distance")
         assert not check.ok, beyond
         assert check.value < 0.01
+
+
+@pytest.mark.parametrize("name", ["ur5-sim", "ur5e-sim"])
+def test_singularities_are_watched_over_50_ms_at_either_rate(name):
+    """Near a wrist singularity on a controller of 125 Hz, where six ticks are 48 ms and seven 56 ms."""
+    here = cell(name)
+    q = [-0.24900803601, -1.84604307812, 1.36459656706, -1.91299740387, -0.16507304515, 0.28024206609]
+    qd = [-0.64378045233, -0.71725373733, -0.16741849710, -0.11266246493, 2.46639037523, 0.66670377081]
+    problem = ThrowProblem(here, here.home, JointRelease(np.array(q), np.array(qd)), here.limits)
+    trajectory = profiles.solve(problem, candidates(problem)[0], "ramp").trajectory
+    around = np.linspace(-0.05, 0.05, 2001)
+    t = trajectory.release_time_s + around
+    reached = np.abs(signed_singularity_distances(here.robot, trajectory.at(t)[0])).min()
+    check = certify(problem, trajectory).check("singularity_distance")
+    assert check.value <= reached + 1e-9
+    assert check.ok == (check.value >= 0.05)
+    assert reached == pytest.approx(0.0465, abs=2e-3)
+
+
+@pytest.mark.parametrize(("rate_hz", "ticks"), [(125.0, 7), (500.0, 25), (1000.0, 50)])
+def test_windows_are_rounded_outwards_to_whole_ticks(rate_hz, ticks):
+    rest = np.zeros((200, 6))
+    still = Trajectory(rate_hz, rest, rest, rest, release_index=100)
+    assert ticks_around_release(still, 0.05) == (100 - ticks, 100 + ticks)
+    assert ticks_around_release(still, 0.0) == (100, 100)
+    assert ticks_around_release(still, 10.0) == (0, 199)
+
+
+def test_what_nobody_gave_or_asked_for_is_named():
+    problem = joint_problem()
+    trajectory = ruckig_otg.solve(problem, candidates(problem)[0]).trajectory
+    named = set(certify(problem, trajectory).not_checked)
+    assert named == {"release_jitter"}  # 4.5 ms of the gripper's, and no window
+    here = problem.cell
+    bare = replace(here, tool=replace(here.tool, capsules=()))
+    close = replace(here, surroundings=replace(here.surroundings, clearance_m=0.0))
+    steady = replace(here, gripper=replace(here.gripper, jitter_s=0.0))
+    for other, names in ((bare, {"tool_shape"}), (close, {"clearance"})):
+        assert set(certify(replace(problem, cell=other), trajectory).not_checked) == named | names
+    assert certify(replace(problem, cell=steady), trajectory).not_checked == ()
+    windows = ((0.0044, named), (0.0045, set()), (0.006, set()))
+    for window_s, names in windows:
+        asked = replace(problem, release_window_s=window_s, landing_tolerance_m=1.0)
+        assert set(certify(asked, trajectory).not_checked) == names
+    assert "release_jitter" in certify(replace(problem, release_window_s=0.01), trajectory).not_checked  # no window
+    at_rest = replace(problem, release=JointRelease(problem.release.q, np.zeros(6)))
+    assert "release_jitter" not in certify(at_rest, trajectory).not_checked
+
+
+def test_the_assumed_shape_of_a_tool_keeps_out_of_boxes():
+    """The axis of a tool of 0.4 m that nobody gave a shape went through this box."""
+    problem = joint_problem()
+    here = problem.cell
+    tool = replace(here.tool, X_FT=pose([0.0, 0.0, 0.4], np.eye(3)), capsules=())
+    half_way = tool_state(
+        replace(here, tool=replace(tool, X_FT=pose([0.0, 0.0, 0.3], np.eye(3)))), here.home, np.zeros(6)
+    )
+    box = Box(half_way.p_WT - 0.01, half_way.p_WT + 0.01)
+    around = replace(here.surroundings, keep_out=(box,))
+    asked = replace(problem, cell=replace(here, tool=tool, surroundings=around))
+    trajectory = ruckig_otg.solve(problem, candidates(problem)[0]).trajectory
+    check = certify(asked, trajectory).check("keep_out")
+    assert (check.ok, check.detail) == (False, "tool_0, box 0")

@@ -13,6 +13,8 @@ from planner.geometry import (
     arm_capsules,
     body_capsules,
     capsule_endpoints,
+    never_clear,
+    object_pairs,
     point_segment_distance,
     segment_box_distance,
     segment_segment_distance,
@@ -161,6 +163,28 @@ def test_pairs_left_out_never_meet_or_always_do(name):
     q = RNG.uniform(arm.q_lower, arm.q_upper, (4000, 6))
     near = surface_distances(capsules, others, capsule_endpoints(arm, capsules, q)) < SELF_CLEARANCE_M
     assert np.all(near.all(axis=0) | ~near.any(axis=0))
+
+
+@pytest.mark.parametrize("radius_m", [0.1, 0.12, 0.15])
+def test_a_thick_tool_loses_no_pair_and_is_named(radius_m):
+    arm = robot("ur5e")
+    thick = (ToolCapsule(np.zeros(3), np.array([0.0, 0.0, 0.15]), radius_m),)
+    capsules = body_capsules(arm, thick)
+    pairs = self_collision_pairs(arm, thick)
+    assert ("wrist_1", "tool_0") in {(capsules[i].name, capsules[j].name) for i, j in pairs}
+    (pair,) = never_clear(arm, thick)
+    assert pair.names == ("wrist_1", "tool_0")
+    q = RNG.uniform(arm.q_lower, arm.q_upper, (4000, 6))
+    distances = surface_distances(capsules, pairs, capsule_endpoints(arm, capsules, q))
+    assert distances.min(axis=1).max() <= pair.most_m + 1e-9 < SELF_CLEARANCE_M
+    assert never_clear(arm, TOOL) == []
+
+
+def test_a_large_object_loses_no_pair():
+    arm = robot("ur5e")
+    p_FT = np.array([0.0, 0.0, 0.05])
+    links = [body_capsules(arm, TOOL)[i].name for i, _ in object_pairs(arm, TOOL, p_FT, 0.2)]
+    assert "wrist_1" in links
 
 
 def test_known_pairs_of_the_ur5e():

@@ -53,8 +53,8 @@ def test_no_motion_of_ruckig_needs_less_room_and_some_hardly_more() -> None:
         q = rng.uniform(-1.0, 1.0)
         v = rng.uniform(-3.0, 3.0)
         least, most = turned(rng.uniform(-1.0, 1.0), q, v, 15.0, 1e6)
-        bounded = replace(limits, q_lower=np.full(6, least), q_upper=np.full(6, 10.0))
-        bounded = bounded if v > 0.0 else replace(limits, q_lower=np.full(6, -10.0), q_upper=np.full(6, most))
+        bounded = replace(limits, q_lower=np.full(6, least))
+        bounded = bounded if v > 0.0 else replace(limits, q_upper=np.full(6, most))
         problem = ThrowProblem(here, np.clip(np.zeros(6), bounded.q_lower, bounded.q_upper), joint(q, v), bounded)
         lack = lack_of_room(problem, np.full((1, 6), q), np.full((1, 6), v))[0, 0]
         assert lack <= 1e-5  # between two samples
@@ -132,10 +132,9 @@ def test_a_pose_beside_a_singularity_is_not_refused_for_what_its_tolerance_allow
     error = np.linalg.inv(J) @ (1e-4 * np.sign(np.linalg.inv(J)[3]))  # of the velocity, the largest of joint 4
     slower = (qd - error)[3] ** 2 / 2.0 / here.limits.qdd_max[3]
     assert turned[3] - slower > 5e-3
-    lower = np.full(6, -10.0)
-    upper = np.full(6, 10.0)
+    upper = here.limits.q_upper.copy()
     upper[3] = q[3] + slower
-    limits = replace(here.limits, q_lower=lower, q_upper=upper)
+    limits = replace(here.limits, q_upper=upper)
     assert lack_of_room(replace(problem, limits=limits, start=q), q[None], qd[None])[0, 3] < 0.0
 
 

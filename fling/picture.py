@@ -1,4 +1,4 @@
-"""Picture of a plan: side view and top view of arm, tool path and flight, as one SVG styled by the page."""
+"""Picture of a plan: side view and top view of arm, tool path and flight, as one SVG styled by who shows it."""
 
 from __future__ import annotations
 
@@ -24,6 +24,22 @@ EDGE = 28  # [px] size of one view, and its margin
 FLIGHT_POINTS = 60
 BIN_POINTS = 41
 ARM_STYLES = ("arm start", "arm release", "arm end")
+# For a notebook, light or dark; page and report have their own.
+STYLE = """
+.fling-plan svg { max-width: 920px; width: 100%; font: 12px sans-serif }
+.fling-plan th { text-align: left; padding-right: 1em }
+.fling-plan .label { fill: currentColor }
+.fling-plan polyline, .fling-plan line { fill: none; stroke-width: 2; stroke-linecap: round; stroke-linejoin: round }
+.fling-plan .arm { stroke-width: 5; opacity: 0.75 }
+.fling-plan .start, .fling-plan .floor, .fling-plan .ruler { stroke: #9aa5b1 }
+.fling-plan .release, .fling-plan .launch { stroke: #0b7285 }
+.fling-plan .end, .fling-plan .brake { stroke: #c05621; stroke-dasharray: 4 3 }
+.fling-plan .flight { stroke: #2f9e44; stroke-dasharray: 2 4 }
+.fling-plan .bin { stroke: #7048e8 }
+.fling-plan .let-go { fill: #0b7285 }
+.fling-plan .landing { fill: #2f9e44 }
+.fling-plan .target { fill: none; stroke: #e03131; stroke-width: 2 }
+"""
 
 
 @dataclass(frozen=True, eq=False)

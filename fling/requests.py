@@ -1,0 +1,180 @@
+"""Requests as typed objects: what a motion must pass, and what it is to respect.
+
+A release is one of `Joint`, `Pose`, `Point` and `Target`; their fields are those of `POST /plan`, with the same units::
+
+    fling.plan(fling.Target([1.2, 0.3, 0.0]), "ur5e-sim", release_window_s=0.01)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypedDict
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Numbers = Sequence[float] | NDArray[Any]
+
+Backend = Literal["auto", "casadi", "ruckig", "toppra", "cubic", "trapezoid", "ramp"]
+
+
+class Limits(TypedDict, total=False):
+    """Tighter limits than the cell's: one number for all joints, or six."""
+
+    velocity: float | Numbers  # [rad/s]
+    acceleration: float | Numbers  # [rad/s^2]
+    jerk: float | Numbers  # [rad/s^3]
+
+
+class Options(TypedDict, total=False):
+    """What a request may state beside its release; `POST /plan` says what an absent field means."""
+
+    start: Numbers | Mapping[str, Any]  # joint positions (6,) [rad]; default: the cell's home
+    frame: Literal["world", "base"]  # of positions and velocities in the request
+    backend: Backend
+    limits: Limits
+    singularity_distance_min: float  # [-]
+    release_window_s: float  # [s]
+    landing_tolerance_m: float  # [m]
+    min_hit_probability: float  # [-] for the service: the library plans without odds
+    time_limit_s: float  # [s]
+
+
+@dataclass(frozen=True)
+class Joint:
+    """Pass a joint state.
+
+    Attributes:
+        positions: joint positions (6,), base to wrist 3 [rad].
+        velocities: joint velocities (6,) [rad/s].
+    """
+
+    kind: ClassVar[str] = "joint"
+    positions: Numbers
+    velocities: Numbers
+
+    def as_document(self) -> dict[str, Any]:
+        """Returns the release as JSON."""
+        return {"kind": self.kind, "positions": _listed(self.positions), "velocities": _listed(self.velocities)}
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Pass a tool pose with a twist. Give a rotation vector or a quaternion.
+
+    Attributes:
+        position: of the tool centre point (3,) [m].
+        linear: its velocity (3,) [m/s].
+        angular: the tool's angular velocity (3,) [rad/s].
+        rotation_vector: orientation (3,) [rad].
+        quaternion: orientation [x, y, z, w] (4,).
+    """
+
+    kind: ClassVar[str] = "pose"
+    position: Numbers
+    linear: Numbers
+    angular: Numbers = (0.0, 0.0, 0.0)
+    rotation_vector: Numbers | None = None
+    quaternion: Numbers | None = None
+
+    def as_document(self) -> dict[str, Any]:
+        """Returns the release as JSON."""
+        orientation = {"rotation_vector": self.rotation_vector, "quaternion": self.quaternion}
+        return {
+            "kind": self.kind,
+            "pose": {"position": _listed(self.position), **_given(orientation)},
+            "twist": {"linear": _listed(self.linear), "angular": _listed(self.angular)},
+        }
+
+
+@dataclass(frozen=True)
+class Point:
+    """Pass a point with a velocity of the tool centre point; the orientation is free.
+
+    Attributes:
+        position: (3,) [m].
+        velocity: (3,) [m/s].
+    """
+
+    kind: ClassVar[str] = "point"
+    position: Numbers
+    velocity: Numbers
+
+    def as_document(self) -> dict[str, Any]:
+        """Returns the release as JSON."""
+        return {"kind": self.kind, "position": _listed(self.position), "velocity": _listed(self.velocity)}
+
+
+@dataclass(frozen=True)
+class Bin:
+    """A round bin that is open upwards, about a target as the centre of its bottom.
+
+    Attributes:
+        radius_m: inner radius [m].
+        rim_height_m: height of the rim above the target [m].
+    """
+
+    radius_m: float
+    rim_height_m: float
+
+
+@dataclass(frozen=True)
+class Target:
+    """Hit a place by free flight; the planner chooses where and how fast to let go.
+
+    Attributes:
+        position: of the place (3,) [m].
+        opening: the bin around it.
+        max_release_speed_m_s: highest speed of the object at the release [m/s].
+        min_elevation_rad: least elevation of its velocity above the horizon [rad].
+        max_elevation_rad: largest elevation [rad].
+        min_horizontal_distance_m: least horizontal distance from the release to the target [m].
+        release_position: where to let go (3,) [m].
+    """
+
+    kind: ClassVar[str] = "target"
+    position: Numbers
+    opening: Bin | None = None
+    max_release_speed_m_s: float | None = None
+    min_elevation_rad: float | None = None
+    max_elevation_rad: float | None = None
+    min_horizontal_distance_m: float | None = None
+    release_position: Numbers | None = None
+
+    def as_document(self) -> dict[str, Any]:
+        """Returns the release as JSON."""
+        bounds = {name: value for name, value in vars(self).items() if name not in ("position", "opening")}
+        opening = {} if self.opening is None else {"opening": dict(vars(self.opening))}
+        return {"kind": self.kind, "position": _listed(self.position), **opening, **_given(bounds)}
+
+
+Release = Joint | Pose | Point | Target
+
+
+def request_of(asked: Mapping[str, Any] | Release, options: Mapping[str, Any]) -> Any:
+    """Returns a request in the shape of `POST /plan`: a release with its options, or a request with more of them."""
+    request: Any = {"release": asked.as_document()} if isinstance(asked, Release) else asked
+    if not options or not isinstance(request, Mapping):
+        return request
+    more = dict(options)
+    start = more.get("start")
+    if start is not None and not isinstance(start, Mapping):
+        more["start"] = {"positions": _listed(start)}
+    return {**request, **more}
+
+
+def _given(fields: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns the fields that are given, numbers and vectors as JSON has them."""
+    return {
+        name: value if isinstance(value, float | int) else _listed(value)
+        for name, value in fields.items()
+        if value is not None
+    }
+
+
+def _listed(vector: Any) -> Any:
+    """Returns a vector as a list; arrays too. What is no vector stays, for the planner's own refusal to name it."""
+    if hasattr(vector, "tolist"):
+        return vector.tolist()
+    return list(vector) if isinstance(vector, Sequence) and not isinstance(vector, str) else vector

@@ -1,0 +1,26 @@
+"""Hash of what a cell says, whatever it was made from."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import numpy as np
+
+NOT_CONTENT = ("name", "sha256", "document", "content")  # of a cell: what it is called, and what it was read from
+
+
+def content_sha256(cell: Any) -> str:
+    """Returns the hash of a cell's content: of every number that plans are made with."""
+    return hashlib.sha256(json.dumps(_plain(cell, NOT_CONTENT), sort_keys=True).encode()).hexdigest()
+
+
+def _plain(value: Any, left_out: tuple[str, ...] = ()) -> Any:
+    """Returns a value as JSON takes it."""
+    if is_dataclass(value):
+        return {field.name: _plain(getattr(value, field.name)) for field in fields(value) if field.name not in left_out}
+    if isinstance(value, tuple):
+        return [_plain(each) for each in value]
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
