@@ -13,13 +13,12 @@ from typing import Protocol
 
 from planner.backends.casadi_nlp.tuning import (
     OPENING_RAD,
+    OVER,
     ROOM_M,
     USABLE,
 )
 
-# What is missing between two rows is less at the rows, which are widened; and the next motion is another one.
-OVER = 1.5  # [-] times what is missing
-SPARE_M = 0.001  # [m], [rad] beyond that
+SPARE_M = 0.001  # [m], [rad] beyond `OVER` times what is missing
 SPARE_SHARE = 0.01  # [-] of a limit beyond what is missing
 MOST_M = 0.1  # [m], [rad] a wider distance is no remedy: the motion has to be another one
 LEAST_SHARE = 0.3  # [-] the same for a smaller share of a limit
