@@ -147,13 +147,16 @@ class StreamRun:
     def latest_row(self) -> NDArray[np.float64] | None:
         """Returns the newest row of telemetry; None without one."""
         count = min(self.row_count, self.memory.capacity)
-        return np.frombuffer(self.memory.row_bytes(count - 1)) if count else None
+        rows = self.memory.row_bytes(count - 1) if count else b""
+        return np.frombuffer(rows[: shm.ROW.size]) if rows else None
 
     def _supervise(self) -> None:
         try:
             with realtime.keep_awake(self._awake_core):
                 self._run()
         finally:
+            self.programs.close()
+            self.memory.close()
             self._ended.set()
 
     def _run(self) -> None:
@@ -178,8 +181,10 @@ class StreamRun:
         memory.fields[shm.DAEMON_PULSE] = memory.fields[shm.PULSE] = time.monotonic()
         pulse = threading.get_native_id()  # this thread writes the pulse: the child checks whether it is frozen
         command = [sys.executable, "-P", "-m", "executor.streaming", *map(str, (job_fd, memory.fd, os.getpid(), pulse))]
-        self._child = ChildProcess(command, (job_fd, memory.fd), self.log)
-        os.close(job_fd)
+        try:
+            self._child = ChildProcess(command, (job_fd, memory.fd), self.log)
+        finally:
+            os.close(job_fd)
 
     def _watch(self) -> str:
         """Returns a reason once the process has ended, hangs or is frozen; empty if it ended in order."""

@@ -1,9 +1,9 @@
 """Brakes: for every row of a motion a verified motion to rest, computed before anything moves.
 
 The shape is that of `planner.brake_profile`: position, speed and acceleration are continuous. For each row the
-shortest duration is chosen whose accelerations the arm can follow and whose torques the cell allows; joint range and
-clearance are then verified along the whole brake. Where a brake fails, the motion continues to the next row whose brake
-passes; its own end always does.
+shortest duration is chosen whose accelerations and torques the arm is rated for: the cell's share of the torques is
+for motions, and a stop is to be short. Joint range and clearance are then verified along the whole brake. Where a
+brake fails, the motion continues to the next row whose brake passes; its own end always does.
 """
 
 from __future__ import annotations
@@ -15,14 +15,15 @@ from numpy.typing import NDArray
 
 from planner.approach.swept_clearance import SweptPaths, keep_clear
 from planner.arrays import Array, Mask
-from planner.brake_profile import RAMP, brake_weights
+from planner.brake_profile import RAMP, SLOPE, brake_weights
 from planner.cell import Cell
 from planner.dynamics import gravity_in_base, joint_torques, payload_of
 from planner.kinematics import forward, tcp_acceleration
 
 Ticks = NDArray[np.int64]
 
-STRETCHES = (1.0, 1.05, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.2, 4.0)  # [-] durations tried, over the shortest
+STRETCH = 1.05  # [-] from one duration tried to the next: a brake is at most so much longer than it must be
+STRETCHES = (*(STRETCH**k for k in range(26)), 3.5)  # [-] durations tried, over the shortest
 INSTANTS = 25  # [-] evaluated along a brake, the corners of its acceleration among them; bounds hold in between
 REFINEMENTS = 5  # [-] numbers of instants tried, each twice the one before: at last 0.3 ms apart in 0.1 s
 FADE_S = 0.008  # [s] added for an acceleration to fade out: a CB3 tick
@@ -113,10 +114,10 @@ class _BrakeDurations:
         return ticks, done
 
     def _torques_allowed(self, q: Array, qd: Array, qdd: Array) -> Mask:
-        """Returns whether each brake (M,) keeps the cell's torques; those of its first instant are the motion's own."""
+        """Returns whether each brake (M,) keeps the torques; those of its first instant are the motion's own."""
         cell = self.cell
         tau = joint_torques(cell.robot, q, qd, qdd, gravity_in_base(cell), payload_of(cell, self.with_object))
-        return np.asarray((np.abs(tau[:, 1:]) <= cell.limits.tau_max).all(axis=(1, 2)), np.bool_)
+        return np.asarray((np.abs(tau[:, 1:]) <= cell.robot.tau_max).all(axis=(1, 2)), np.bool_)
 
     def _grip_holds(self, q: Array, qd: Array, qdd: Array) -> Mask:
         """Returns whether the grip withstands what it feels along each brake (M,): acceleration against free fall."""
@@ -132,11 +133,12 @@ class _BrakeDurations:
 
 
 def _shortest(qd: Array, qdd: Array, qdd_max: Array) -> Array:
-    """Returns the duration (M,) [s] at which no acceleration exceeds the arm's: |qd / T + qdd r/2| / (1-r).
+    """Returns the duration (M,) [s] at which no acceleration exceeds the arm's: |qd / T + qdd r/2| (1+k(1-2r)) / (1-r).
 
     The magnitude of qdd is taken: one against the speed shortens a brake by no more than one along it lengthens it.
     """
-    room = np.maximum(qdd_max * (1.0 - RAMP) - np.abs(qdd) * RAMP / 2.0, 0.25 * qdd_max)
+    peak = 1.0 + SLOPE * (1.0 - 2.0 * RAMP)  # at the end of the first ramp
+    room = np.maximum(qdd_max * (1.0 - RAMP) / peak - np.abs(qdd) * RAMP / 2.0, 0.25 * qdd_max)
     return (np.abs(qd) / room).max(axis=1) + np.where(np.abs(qdd).max(axis=1) > REST_SPEED, FADE_S, 0.0)
 
 
