@@ -19,10 +19,11 @@ import orjson
 import psutil
 
 from executor.robot import DashboardClient, simulator_client
-from planner.answer import plan_document
+from planner.answer import plan_document, plan_from_document
 from planner.cell import load_cell
 from planner.planning import plan
 from planner.request import problem_from_request
+from planner.trajectory import Trajectory
 from store import ExecutionRow, PlanRow, Store, new_id, plan_sha256, split_plan
 from tests.processes import children_with
 
@@ -100,12 +101,16 @@ class Rig:
         self.until(lambda: (row := self.store.cell_status("rig")) is not None and row.heartbeat_at > began
                    and row.robot.get("connected") is True)  # fmt: skip
 
-    def stand_up(self) -> None:
-        """Brings everything back in order: executor running, robot ready, no latched fault."""
+    def revive(self) -> None:
+        """Starts the executor again where it was killed, and lets it run where it was frozen."""
         assert self.executor is not None
         if self.executor.poll() is not None:
             self.start_executor()
         self.executor.send_signal(signal.SIGCONT)
+
+    def stand_up(self) -> None:
+        """Brings everything back in order: executor running, robot ready, no latched fault."""
+        self.revive()
         self.recover()
         if self._queued:  # a test that failed has not waited for its end
             self.end(self._queued)
@@ -162,6 +167,16 @@ class Rig:
         row = self.store.execution(id)
         assert row is not None
         return row
+
+    def document(self, id: str) -> dict[str, Any]:
+        """Returns the plan of an execution."""
+        row = self.store.plan(self.row(id).plan_id)
+        assert row is not None
+        return orjson.loads(row.document)
+
+    def motion(self, id: str) -> Trajectory:
+        """Returns the trajectory of the plan of an execution."""
+        return plan_from_document(self.document(id), self.cell)[1]
 
     def end(self, id: str) -> ExecutionRow:
         """Waits for the end of an execution."""
@@ -247,6 +262,14 @@ class Rig:
         """Returns releases and landings."""
         return simulator_client.request(self.host, "world")
 
+    def speed(self) -> float:
+        """Returns the true speed of the fastest joint [rad/s]."""
+        return max(map(abs, self.state()["qd"]))
+
+    def newest_object(self) -> int:
+        """Returns the number of the object that left last; 0 where none did."""
+        return max((release["object"] for release in self.world()["releases"]), default=0)
+
     def fault(self, name: str, **parameters: Any) -> None:
         """Injects a fault."""
         simulator_client.request(self.host, "fault", name=name, **parameters)
@@ -273,9 +296,13 @@ class Rig:
 
     def queue_when_ready(self, release: Mapping[str, Any]) -> str:
         """Queues an execution until one is not refused; returns its id."""
+        return self.queue_plan_when_ready(self.plan(release))
+
+    def queue_plan_when_ready(self, plan_id: str) -> str:
+        """Queues an execution of a stored plan until one is not refused; returns its id."""
 
         def accepted() -> bool:
-            id = self.queue(release)
+            id = self.queue_plan(plan_id)
             self.until(lambda: self.row(id).state in ("approaching", "streaming", "finished"))
             return self.row(id).outcome != "refused"
 
