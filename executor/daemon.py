@@ -13,7 +13,8 @@ from executor.cell_watch import CellWatch
 from executor.execution import Execution
 from executor.heartbeat import Heartbeat
 from executor.logs import log
-from executor.preflight import ExecutionRefused
+from executor.ownership import CellTaken, take_cell, take_controller
+from executor.preflight import ExecutionRefused, verify_content
 from executor.publisher import Publisher
 from executor.records import MIN_FREE_BYTES, ExecutionResult, Journal
 from executor.robot import RobotSession
@@ -46,34 +47,65 @@ class Daemon:
         self.cell = session.cell.name
         self.executor_id = new_id()
         self._store_paused_until = 0.0
+        self._is_recovered = False
         self.watch = CellWatch(session.cell, session.settings.cell_path)
         self.stops = StopListener(journal.folder)
         self.heartbeat = self._new_heartbeat()
 
-    def run(self, ended: threading.Event) -> None:
-        """Serves until `ended`; a running execution brakes first."""
+    def take(self) -> None:
+        """Takes the cell, at its controller and in the store, and touches nothing where another executor has it.
+
+        Raises:
+            CellTaken: another executor has it.
+            StoreUnavailable: the database is gone.
+        """
+        self.session.monitor.start()
+        try:
+            take_controller(self.session.monitor)
+            take_cell(self.store, self.session.cell, self.executor_id, self.journal.earlier_executor())
+        except (CellTaken, StoreUnavailable):
+            self.session.monitor.stop()
+            raise
+        self.journal.note_executor(self.executor_id)
+
+    def run(self, ended: threading.Event) -> bool:
+        """Serves the cell that was taken until `ended`; a running execution brakes first.
+
+        Returns:
+            False where another executor took the cell over meanwhile.
+        """
         self.recover()
         self._note_version()
-        for worker in self._workers():
-            worker.start()
+        self.heartbeat.start()
+        self.stops.start()
         try:
-            while not ended.is_set():
+            while not (ended.is_set() or self.heartbeat.is_replaced):
                 self._poll(ended)
                 ended.wait(POLL_S)
         finally:
             for worker in self._workers():
                 worker.stop()
             self.session.dashboard.close()
+            self._try_store(lambda: self.store.leave_cell(self.cell, self.executor_id))
+        return not self.heartbeat.is_replaced
 
     def _workers(self) -> tuple[Worker, ...]:
         """Returns the threads that work as long as the daemon does."""
         return self.session.monitor, self.heartbeat, self.stops
 
     def recover(self) -> None:
-        """Delivers the results of an earlier daemon and closes its executions; latches a fault if one was claimed."""
-        self._try_store(lambda: self.journal.deliver(self.store))
-        reason = f"the executor was restarted{self._safety_words()}"
-        left = self._try_store(lambda: self.store.close_open_executions(self.cell, reason=reason)) or []
+        """Delivers the results of an earlier daemon and closes its executions; latches a fault if one was claimed.
+
+        Results come first: what the database could not take yet is no lost execution. What it cannot take now is done
+        before the next claim.
+        """
+        self._deliver_kept()
+        if self.journal.has_undelivered():
+            return
+        left = self._try_store(lambda: self.store.close_open_executions(self.cell, reason=self._restart_words()))
+        if left is None:
+            return
+        self._is_recovered = True
         rows = [self._try_store(lambda id=id: self.store.execution(id)) for id in left]
         claimed = [row for row in rows if row and row.claimed_at]
         if not claimed:
@@ -82,13 +114,14 @@ class Daemon:
         with contextlib.suppress(OSError):  # no controller: nothing moves
             self.session.dashboard.ask("stop")
 
-    def _safety_words(self) -> str:
-        """Returns the controller's safety state for a reason, where it is not the normal one."""
+    def _restart_words(self) -> str:
+        """Returns why an execution was lost, with the controller's safety state where that is not the normal one."""
+        reason = "the executor was restarted"
         try:
             answer = self.session.dashboard.ask("safetystatus")
         except OSError:
-            return ""
-        return "" if "NORMAL" in answer else f"; the controller reports '{answer}'"
+            return reason
+        return reason if "NORMAL" in answer else f"{reason}; the controller reports '{answer}'"
 
     def _new_heartbeat(self) -> Heartbeat:
         session = self.session
@@ -129,8 +162,10 @@ class Daemon:
         changed = self.watch.look()
         if changed is not None:
             self._continue_with(changed)
-        if self.journal.has_undelivered():
-            self._try_store(lambda: self.journal.deliver(self.store))
+        if not self._is_recovered:
+            self.recover()
+            return
+        self._deliver_kept()
         row = self._try_store(lambda: self.store.claim_execution(self.cell, self.executor_id))
         if row is not None:
             self._execute(row, ended)
@@ -156,6 +191,7 @@ class Daemon:
             plan = self.store.plan(row.plan_id)
             if plan is None:
                 raise ExecutionRefused(f"there is no plan {row.plan_id}")
+            verify_content(plan)
             execution.profile = self.store.profile_in_use(self.cell, plan.cell_sha256)
             job = execution.prepare(plan.document)
             if ended.is_set() or self._is_aborted(row):
@@ -243,7 +279,12 @@ class Daemon:
         if publisher is not None:
             publisher.stop()
         self.heartbeat.beat()
-        self._try_store(lambda: self.journal.deliver(self.store))
+        self._deliver_kept()
+
+    def _deliver_kept(self) -> None:
+        """Delivers what is kept on the disk, where the database takes it."""
+        if self.journal.has_undelivered():
+            self._try_store(lambda: self.journal.deliver(self.store))
 
     def _latch(self, outcome: str, reason: str, execution_id: str) -> None:
         self.journal.latch({"outcome": outcome, "reason": reason, "execution_id": execution_id, "at": time.time()})

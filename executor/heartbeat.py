@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from executor.cell_watch import CellWatch
+from executor.ownership import where_it_runs
 from executor.preflight import PreflightReport, readiness
 from executor.records import Journal
 from executor.robot import RobotSession, robot_document
@@ -18,6 +19,10 @@ class Heartbeat(Worker):
     """Reports to the store several times a second that this executor is alive, with the robot's live state.
 
     A thread with a dashboard connection of its own: verifying a plan takes seconds.
+
+    Attributes:
+        idle: whether nothing moves.
+        is_replaced: whether another executor has taken the cell, because this one was silent for long.
     """
 
     def __init__(
@@ -46,6 +51,7 @@ class Heartbeat(Worker):
         self.journal = journal
         self.executor_id = executor_id
         self.watch = watch
+        self.is_replaced = False
         self.idle = True  # the dashboard is queried only while nothing moves
         self._ready = PreflightReport([])
 
@@ -70,9 +76,15 @@ class Heartbeat(Worker):
             robot = {**findings, "cell_sha256": cell.sha256}
             fault = self.journal.fault() or self.watch.fault
             read_only = session.settings.read_only
-            self.store.record_heartbeat(cell.name, self.executor_id, cell.link.kind, robot, fault, read_only)
+            given = (cell.name, self.executor_id, cell.link.kind, robot, fault, read_only)
+            self.is_replaced = not (self.store.record_heartbeat(*given) or self._take_again())
         except StoreUnavailable:
             return
+
+    def _take_again(self) -> bool:
+        """Takes the cell again where nobody has it: the database was replaced."""
+        cell = self.session.cell
+        return self.store.take_cell(cell.name, self.executor_id, cell.link.kind, where_it_runs())
 
     def run(self) -> None:
         """Reports until the end."""

@@ -120,6 +120,11 @@ STEPS: tuple[tuple[str, ...], ...] = (
         "ALTER TABLE landings ADD COLUMN withdrawn_at {float}",
         "ALTER TABLE landings ADD COLUMN withdrawn_by TEXT",
     ),
+    (
+        "ALTER TABLE cells ADD COLUMN held_by TEXT",
+        "UPDATE cells SET held_by = 'an executor of an earlier version'",
+    ),
+    ("ALTER TABLE plans ADD COLUMN sha256 TEXT",),
 )
 
 LATEST = len(STEPS)

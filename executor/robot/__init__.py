@@ -5,12 +5,21 @@ from executor.robot.dashboard import DashboardClient
 from executor.robot.gripper_hold import GripperHold
 from executor.robot.kinematics_client import KinematicsInfo, read_kinematics
 from executor.robot.primary import ProgramWatch
-from executor.robot.session import RobotSession, RobotState, receive_timestamps, robot_document
+from executor.robot.session import (
+    OWNER_INPUT,
+    Monitor,
+    RobotSession,
+    RobotState,
+    receive_timestamps,
+    robot_document,
+)
 
 __all__ = [
+    "OWNER_INPUT",
     "DashboardClient",
     "GripperHold",
     "KinematicsInfo",
+    "Monitor",
     "ProgramWatch",
     "RobotSession",
     "RobotState",

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from store import pack_samples
-from tests.api.conftest import NO_ID, FakeExecutor, RunningService
+from tests.api.conftest import NO_ID, FakeExecutor, RunningService, beat_as
 from tests.api.test_bad_input import problem_of
 
 
@@ -67,7 +67,7 @@ def test_a_cell_without_an_executor_is_not_ready(service: RunningService, plan):
 
 
 def test_an_executor_without_heartbeats_is_not_ready(service: RunningService, plan, monkeypatch: pytest.MonkeyPatch):
-    service.store.record_heartbeat("ur5e-sim", "fake", "sim")
+    beat_as(service.store, "fake")
     now = time.time
     monkeypatch.setattr(time, "time", lambda: now() + 10.0)
     detail = problem_of(execute(service, plan["id"]), 409, "robot-not-ready")["detail"]
@@ -214,9 +214,9 @@ def test_an_execution_whose_executor_is_gone_says_so(
     problem = problem_of(service.client.post(f"/executions/{id}/abort"), 409, "executor-lost")
     assert (problem["execution_id"], problem["cell"]) == (id, "ur5e-sim")
     assert service.store.abort_requested(id)  # kept for an executor that was only silent
-    service.store.record_heartbeat("ur5e-sim", "fake", "sim")
+    beat_as(service.store, "fake")
     assert service.client.post(f"/executions/{id}/abort").status_code == 202
-    service.store.record_heartbeat("ur5e-sim", "another", "sim")
+    beat_as(service.store, "another")
     problem_of(service.client.post(f"/executions/{id}/abort"), 409, "executor-lost")
     service.store.finish_execution(id, "executor_lost")
     assert service.client.get(f"/executions/{id}").json()["executor_lost"] is False
