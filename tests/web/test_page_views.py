@@ -87,6 +87,13 @@ def test_a_limit_that_holds_does_not_read_as_exceeded(guest: Visit) -> None:
     assert bad not in fills
 
 
+def test_odds_without_knowledge_are_no_percentage(guest: Visit) -> None:
+    planned(guest)
+    summary = guest.page.locator(".summary")
+    expect(summary).to_contain_text("How likely it hits is not known")
+    expect(summary).not_to_contain_text("probability")
+
+
 def test_words_have_no_underscores(guest: Visit, desk: Desk, thrown_id: str) -> None:
     planned(guest)
     desk.execution(thrown_id)
