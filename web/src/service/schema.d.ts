@@ -1493,7 +1493,7 @@ export interface components {
              * Outcome
              * @description null before the end.
              */
-            outcome: ("completed" | "aborted" | "refused" | "held" | "protective_stop" | "emergency_stop" | "link_lost" | "late" | "tracking" | "executor_lost" | "foreign_program" | "power_off") | null;
+            outcome: ("completed" | "aborted" | "refused" | "held" | "protective_stop" | "emergency_stop" | "link_lost" | "late" | "tracking" | "executor_lost" | "foreign_program" | "power_off" | "released_early" | "not_released") | null;
             /** Plan Id */
             plan_id: string;
             /**
@@ -2994,7 +2994,7 @@ export interface components {
             detail: string;
             /**
              * Errors
-             * @description invalid-request: every refused field.
+             * @description invalid-request: the first refused fields, 20 at most.
              * @default null
              */
             errors: components["schemas"]["FieldReason"][] | null;
@@ -3504,6 +3504,11 @@ export interface components {
              */
             safety_status_bits?: number | null;
             /**
+             * Serial Number
+             * @description Of the robot, as its controller tells it.
+             */
+            serial_number?: string | null;
+            /**
              * Speed Scaling
              * @description Speed scaling times slider [-].
              */
@@ -3751,7 +3756,7 @@ export interface components {
              * Outcome
              * @default null
              */
-            outcome: ("completed" | "aborted" | "refused" | "held" | "protective_stop" | "emergency_stop" | "link_lost" | "late" | "tracking" | "executor_lost" | "foreign_program" | "power_off") | null;
+            outcome: ("completed" | "aborted" | "refused" | "held" | "protective_stop" | "emergency_stop" | "link_lost" | "late" | "tracking" | "executor_lost" | "foreign_program" | "power_off" | "released_early" | "not_released") | null;
             /**
              * Reason
              * @default null

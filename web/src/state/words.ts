@@ -46,6 +46,8 @@ export const OUTCOME_WORDS: Readonly<Record<string, string>> = {
   foreign_program: "Another program took over the robot",
   power_off: "The arm lost its power",
   held: "Kept the object: it would have missed",
+  released_early: "Stopped: the gripper opened by itself",
+  not_released: "The gripper did not let go",
 };
 
 /** What a person does after each kind of stop, before acknowledging it. */
@@ -59,6 +61,8 @@ export const ADVICE: Readonly<Record<string, string>> = {
   tracking: "The arm did not follow its commands. Look for a collision, a wrong payload or a wrong tool, then acknowledge.",
   executor_lost: "The executor's process ended. See that the arm stands still, start the executor again, then acknowledge.",
   foreign_program: "Somebody else moved this robot. Settle who has it, then acknowledge.",
+  released_early: "Another client switches the gripper's output. Find it, look where the object went, then acknowledge.",
+  not_released: "The gripper's output did not do what it was told. Look at its wiring and who else switches it, then acknowledge.",
   power_off: "Power the arm on and release its brakes on the pendant, then acknowledge.",
   aborted: "The stop did not end in order. Look at the arm, then acknowledge.",
 };
@@ -139,6 +143,7 @@ export function preflight(live: CellState | null, plan: Plan | null): readonly P
 
 /** Subjects of the executor's refusals, by the words that they are told in (executor/preflight.py). */
 const SUBJECTS: readonly (readonly [string, RegExp])[] = [
+  ["Robot is the cell's", /^wrong robot|^kinematics/],
   ["Controller is connected, in remote control", /controller at|remote control|dashboard/],
   ["Arm is powered, brakes released", /^the robot is /],
   ["Safety is normal, speed at 100 %", /^safety|speed slider/],
