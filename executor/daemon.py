@@ -10,7 +10,7 @@ from typing import TypeVar
 
 from executor import realtime
 from executor.cell_watch import CellWatch
-from executor.execution import Execution
+from executor.execution import STREAM_LOG, Execution
 from executor.logs import log
 from executor.preflight import ExecutionRefused, PreflightReport, readiness
 from executor.records import MIN_FREE_BYTES, ExecutionResult, Journal, row_document
@@ -93,6 +93,7 @@ class Daemon:
         self.cell = session.cell.name
         self.executor_id = new_id()
         self._store_paused_until = 0.0
+        self._stream_log = session.settings.data / STREAM_LOG
         self.watch = CellWatch(session.cell, session.settings.cell_path)
         self.heartbeat = self._new_heartbeat()
 
@@ -114,7 +115,7 @@ class Daemon:
     def recover(self) -> None:
         """Delivers the results of an earlier daemon and closes its executions; latches a fault if one was claimed."""
         self._try_store(lambda: self.journal.deliver(self.store))
-        reason = f"the executor was restarted{self._safety_words()}"
+        reason = f"the executor was restarted{self._safety_words()}{self._last_words()}"
         left = self._try_store(lambda: self.store.close_open_executions(self.cell, reason=reason)) or []
         rows = [self._try_store(lambda id=id: self.store.execution(id)) for id in left]
         claimed = [row for row in rows if row and row.claimed_at]
@@ -131,6 +132,14 @@ class Daemon:
         except OSError:
             return ""
         return "" if "NORMAL" in answer else f"; the controller reports '{answer}'"
+
+    def _last_words(self) -> str:
+        """Returns for a reason how the stream of the lost execution ended by its own account, where it left one."""
+        try:
+            lines = self._stream_log.read_text(errors="replace").split("\n")[-2:-1]
+        except OSError:
+            return ""
+        return "".join(f"; the stream ended as {line}" for line in lines)
 
     def _new_heartbeat(self) -> Heartbeat:
         session = self.session
@@ -184,6 +193,8 @@ class Daemon:
         execution = Execution(self.session, row, span=span)
         log("claimed", **_log_fields(row))
         self.heartbeat.idle = False
+        with contextlib.suppress(OSError):  # what it says is of an earlier execution
+            self._stream_log.unlink(missing_ok=True)
         result = ExecutionResult(row.id, "executor_lost", "the executor failed", None)
         try:
             self._admit()

@@ -5,9 +5,10 @@ from executor.robot.dashboard import DashboardClient
 from executor.robot.gripper_hold import GripperHold
 from executor.robot.kinematics_client import KinematicsInfo, read_kinematics
 from executor.robot.primary import ProgramWatch
-from executor.robot.session import RobotSession, RobotState, receive_timestamps, robot_document
+from executor.robot.session import RATE_HZ, RobotSession, RobotState, receive_timestamps, robot_document
 
 __all__ = [
+    "RATE_HZ",
     "DashboardClient",
     "GripperHold",
     "KinematicsInfo",

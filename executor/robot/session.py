@@ -11,6 +11,7 @@ import socket
 import struct
 import threading
 import time
+from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,7 +24,8 @@ from planner.cell import Cell
 PORT = 30004
 TIMEOUT_S = 1.0  # [s] without a package the connection is lost
 RETRY_S = 0.5  # [s] between two attempts to connect
-RATE_HZ = 25.0  # [Hz] of the states; above the 4 Hz of the heartbeat
+RATE_HZ = 125.0  # [Hz] of the states, the rate of a CB3: where an object left is read from them
+HISTORY = 500  # states kept: four seconds, in which a motion stops and its object lands
 FRESH_S = 0.25  # [s] age at which a state is out of date
 VERSION = 86
 SETUP_OUTPUTS = 79
@@ -82,7 +84,8 @@ class Monitor(threading.Thread):
     """A thread that keeps the newest state in `state`; None without a connection.
 
     Attributes:
-        stop_seen: the first state with a safety stop or without power since `forget_stops`; None without one.
+        stop_seen: the first state with a safety stop or without power since `forget`; None without one.
+        history: the newest states since `forget`, in order.
     """
 
     def __init__(self, host: str) -> None:
@@ -90,6 +93,7 @@ class Monitor(threading.Thread):
         self.host = host
         self.state: RobotState | None = None
         self.stop_seen: RobotState | None = None
+        self.history: deque[RobotState] = deque(maxlen=HISTORY)
         self._ended = threading.Event()
 
     def stop(self) -> None:
@@ -115,12 +119,14 @@ class Monitor(threading.Thread):
     def _follow(self, receiver: RtdeReceiver) -> None:
         while not self._ended.is_set():
             self.state = state = receiver.receive()
+            self.history.append(state)
             if self.stop_seen is None and (state.safety_bits != NORMAL or state.robot_mode < POWER_ON):
                 self.stop_seen = state
 
-    def forget_stops(self) -> None:
-        """Forgets the stops that were seen: a run begins."""
+    def forget(self) -> None:
+        """Forgets what was seen: a run begins."""
         self.stop_seen = None
+        self.history.clear()
 
 
 class RtdeReceiver:
