@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import difflib
-import tomllib
+import json
 from collections.abc import Mapping
 from typing import Any
 
 from api.schemas import iso_time
+from planner.documents import NotToml, parse_toml
+from planner.errors import quoted
 from store import CellVersionRow
 
+FILE = "file"  # key of a version that is no TOML, with the reason
 CALIBRATION = "calibration file"  # a change of its content; its name is the key kinematics.calibration
 
 
 def changed_keys(before: CellVersionRow, after: CellVersionRow) -> list[dict[str, Any]]:
     """Returns the keys that differ, sorted: `key`, `before`, `after`; null where a file leaves the key out."""
-    old = _flat(tomllib.loads(before.text.decode()))
-    new = _flat(tomllib.loads(after.text.decode()))
+    old = _keys(before)
+    new = _keys(after)
     keys = sorted(key for key in {*old, *new} if old.get(key) != new.get(key))
     changes = [{"key": key, "before": old.get(key), "after": new.get(key)} for key in keys]
     if before.calibration != after.calibration:
@@ -31,7 +34,7 @@ def history_document(cell: str, versions: list[CellVersionRow]) -> dict[str, Any
         cell: Name of the cell.
         versions: Newest first.
     """
-    earlier = [*versions[1:], None]
+    earlier = [*versions[1:], None][: len(versions)]  # a file that was never good has none
     listed = [
         {
             "version": row.version,
@@ -50,10 +53,27 @@ def text_diff(before: CellVersionRow, after: CellVersionRow) -> str:
     names = [
         f"{row.cell}.toml, version {row.version}" if row.version else f"{row.cell}.toml" for row in (before, after)
     ]
-    old, new = (row.text.decode().splitlines(keepends=True) for row in (before, after))
+    old, new = (row.text.decode(errors="replace").splitlines(keepends=True) for row in (before, after))
     diff = "".join(difflib.unified_diff(old, new, names[0], names[1]))
     apart = before.calibration != after.calibration
     return diff + (f"calibration file: {_size(before)} before, {_size(after)} after\n" if apart else "")
+
+
+def _keys(row: CellVersionRow) -> dict[str, Any]:
+    """Returns the values of a version by dotted key; of a file that was refused, as far as it is TOML and JSON."""
+    try:
+        flat = _flat(parse_toml(row.text))
+    except NotToml as error:
+        return {FILE: str(error)}
+    return {key: _json_value(value) for key, value in flat.items()}
+
+
+def _json_value(value: Any) -> Any:
+    try:
+        json.dumps(value, allow_nan=False)
+    except (TypeError, ValueError):  # a date, NaN
+        return quoted(value)
+    return value
 
 
 def _flat(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -29,11 +29,14 @@ class CellRepository:
         return sorted(path.stem for path in self.folder.glob("*.toml"))
 
     def source(self, name: str) -> CellSource | None:
-        """Returns the content of a cell's files, or None if there is no such cell."""
-        path = self.folder / f"{name}.toml"
-        if name not in self.names() or not path.is_file():  # a name from a request never becomes a path
+        """Returns the content of a cell's files, or None if there is no such cell.
+
+        Raises:
+            CellError: What has its name is no file, or cannot be read.
+        """
+        if name not in self.names():  # a name from a request never becomes a path
             return None
-        return read_source(path)
+        return read_source(self.folder / f"{name}.toml")
 
     def cell(self, name: str) -> Cell | None:
         """Returns a cell, or None if there is no such cell.

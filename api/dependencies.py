@@ -10,6 +10,7 @@ import hashlib
 from collections import Counter
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import islice
 from typing import Annotated, Any, TypeVar
 
@@ -25,6 +26,7 @@ from api.metrics import Metrics
 from api.planning import BatchDrivers, MapDrivers, PlanningLine
 from api.schemas import ID_PATTERN
 from api.settings import ServiceSettings
+from api.stopping import Stopping
 from api.store_probe import StoreProbe
 from planner.cell import Cell, CellSource
 from planner.errors import ERRORS_MAX
@@ -50,6 +52,7 @@ class Service:
     tokens: TokenRegistry
     metrics: Metrics
     feeds: ExecutionFeeds
+    stopping: Stopping
     probe: StoreProbe
     wrong_tokens: WrongTokens = field(default_factory=WrongTokens)
 
@@ -74,7 +77,11 @@ class Service:
 
 
 async def service(request: Request) -> Service:
-    """Returns the service that `create_app` assembled."""
+    """Returns the service that `create_app` assembled.
+
+    This and what else an abort depends on is `async`: FastAPI gives all other functions to threads that a database
+    without an answer may hold.
+    """
     return request.app.state.service
 
 
@@ -90,6 +97,7 @@ async def caller(request: Request, service: ServiceDep, credentials: Credentials
     """
     if not service.tokens.is_guarded:
         request.state.caller = LOCAL_CALLER.name
+        request.state.is_allowed = lambda: True
         return LOCAL_CALLER
     if credentials is None:
         raise _unauthenticated("a bearer token is needed")
@@ -98,6 +106,7 @@ async def caller(request: Request, service: ServiceDep, credentials: Credentials
         await asyncio.sleep(service.wrong_tokens.delay_s(client_address(request.scope)))
         raise _unauthenticated("this token is not known" if found is None else "this token has expired")
     request.state.caller = found.caller.name
+    request.state.is_allowed = partial(service.tokens.is_in_force, credentials.credentials)  # for streams
     return found.caller
 
 

@@ -15,6 +15,7 @@ COMMON = 16  # threads for everything that has no lane: most of them wait for th
 LARGE = 1  # for what takes long and is no hurry: reading large bodies, checking batches
 RECORDS = 1  # for the audit trail of what was refused
 STOPS = 4  # for stops alone
+NOTES = 8  # for the stops in the database: one that does not answer holds each for as long
 SWITCH_S = 0.001  # [s] after which a busy thread gives way to a waiting one
 
 
@@ -26,11 +27,13 @@ class Lanes:
         large: for bodies and batches that take long to read, one after another.
         records: for the audit trail of what was refused, when it is answered already.
         stops: for requests to brake.
+        notes: for what the database is to know of them.
     """
 
     large: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(LARGE))
     records: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(RECORDS))
     stops: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(STOPS))
+    notes: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(NOTES))
 
 
 def share_interpreter() -> None:

@@ -34,7 +34,7 @@ suppress_warnings = [
     "toc.not_included",  # a page that is only linked to
 ]
 
-# Notebooks of the course run when the pages are built, unless they ran before, and any error ends the build.
+# Notebooks of course and gallery run when the pages are built, unless they ran before, and any error ends the build.
 nb_execution_mode = "cache"
 nb_execution_cache_path = str(ROOT / "build" / "notebooks")
 nb_execution_timeout = 300

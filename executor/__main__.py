@@ -15,6 +15,7 @@ from executor.calibration_import import report as import_report
 from executor.daemon import Daemon
 from executor.doctor import DURATION_S, examine, grade_lag, known_timing, report
 from executor.logs import configure_logs, log
+from executor.ownership import CellTaken
 from executor.records import Journal, JournalLocked
 from executor.robot import RobotSession
 from executor.settings import ExecutorSettings
@@ -59,12 +60,27 @@ def main(arguments: list[str] | None = None) -> int:
         hint = " (FLING_DATABASE_URL)" if isinstance(error, StoreUnavailable) else ""
         print(f"executor: {error}{hint}", file=sys.stderr)
         return 1
-    session = RobotSession.open(cell, settings)
-    print(f"ready: {cell.name} at {cell.link.host}{', read-only' if settings.read_only else ''}", flush=True)
-    Daemon(session, store, journal).run(ended)
-    store.close()
-    journal.close()
-    return 0
+    try:
+        return serve(Daemon(RobotSession.open(cell, settings), store, journal), ended)
+    finally:
+        store.close()
+        journal.close()
+
+
+def serve(daemon: Daemon, ended: threading.Event) -> int:
+    """Takes the daemon's cell and serves it until the end; returns the exit code."""
+    session = daemon.session
+    try:
+        daemon.take()
+    except (CellTaken, StoreUnavailable) as error:
+        print(f"executor: {error}", file=sys.stderr)
+        return 1
+    read_only = ", read-only" if session.settings.read_only else ""
+    print(f"ready: {session.cell.name} at {session.cell.link.host}{read_only}", flush=True)
+    if daemon.run(ended):
+        return 0
+    print(f"executor: another executor has taken cell {session.cell.name!r} over", file=sys.stderr)
+    return 1
 
 
 def run_doctor(cell: Cell, database_url: str) -> int:

@@ -11,18 +11,22 @@ from typing import TypeVar
 from executor import realtime
 from executor.cell_watch import CellWatch
 from executor.execution import STREAM_LOG, Execution
+from executor.heartbeat import Heartbeat
 from executor.logs import log
-from executor.preflight import ExecutionRefused, PreflightReport, readiness
-from executor.records import MIN_FREE_BYTES, ExecutionResult, Journal, row_document
-from executor.robot import RobotSession, robot_document
+from executor.ownership import CellTaken, take_cell, take_controller
+from executor.preflight import ExecutionRefused, verify_content
+from executor.publisher import Publisher
+from executor.records import MIN_FREE_BYTES, ExecutionResult, Journal
+from executor.robot import RobotSession
+from executor.stop_listener import StopListener
+from executor.worker import Worker
 from fling import tracing
 from planner.cell import Cell, read_source
 from planner.errors import CellError
 from store import ExecutionRow, Store, StoreUnavailable, new_id
 
 POLL_S = 0.02  # [s] between two queries for a queued execution
-TELEMETRY_S = 0.04  # [s] between two telemetry events: 25 Hz
-BEAT_S = 0.25  # [s] the service considers an executor gone after two seconds
+WATCH_S = 0.04  # [s] between two looks at a run for SIGTERM; the stop listener does not wait for them
 STORE_PAUSE_S = 1.0  # [s] without queries after one has failed: each may take five seconds
 STREAM_END_S = 30.0  # [s] longest wait for an aborted streaming process
 ASKED_TO_END = "the executor was asked to end (SIGTERM or Ctrl-C) and braked first"
@@ -31,56 +35,6 @@ ENDED_BEFORE_MOTION = "the executor was asked to end (SIGTERM or Ctrl-C) before 
 HARMLESS = ("completed", "refused", "held")  # outcomes that latch no fault; neither does an abort that ended in order
 
 T = TypeVar("T")
-
-
-class Heartbeat(threading.Thread):
-    """Reports to the store several times a second that this executor is alive, with the robot's live state.
-
-    A thread with a dashboard connection of its own: verifying a plan takes seconds.
-    """
-
-    def __init__(
-        self, session: RobotSession, store: Store, journal: Journal, watch: CellWatch, executor_id: str
-    ) -> None:
-        super().__init__(name="heartbeat", daemon=True)
-        self.session = session
-        self.store = store
-        self.journal = journal
-        self.executor_id = executor_id
-        self.watch = watch
-        self.idle = True  # the dashboard is queried only while nothing moves
-        self._ready = PreflightReport([])
-        self._ended = threading.Event()
-
-    def stop(self) -> None:
-        """Ends the thread."""
-        self._ended.set()
-        self.join(5.0)
-        self.session.dashboard.close()
-
-    def beat(self) -> None:
-        """Reports once, and clears an acknowledged fault; an unavailable database is tried again at the next beat."""
-        cell = self.session.cell
-        session = self.session
-        if self.idle:
-            self._ready = readiness(session)
-        try:
-            if self.store.acknowledge_requested(cell.name):
-                self.journal.clear_fault()
-                self.store.clear_acknowledge(cell.name)
-            ready = self._ready
-            findings = robot_document(session.monitor.fresh(), ready.refusals, ready.warnings, ready.serial)
-            robot = {**findings, "cell_sha256": cell.sha256}
-            fault = self.journal.fault() or self.watch.fault
-            read_only = session.settings.read_only
-            self.store.record_heartbeat(cell.name, self.executor_id, cell.link.kind, robot, fault, read_only)
-        except StoreUnavailable:
-            return
-
-    def run(self) -> None:
-        """Reports until the end."""
-        while not self._ended.wait(BEAT_S):
-            self.beat()
 
 
 class Daemon:
@@ -94,29 +48,65 @@ class Daemon:
         self.executor_id = new_id()
         self._store_paused_until = 0.0
         self._stream_log = session.settings.data / STREAM_LOG
+        self._is_recovered = False
         self.watch = CellWatch(session.cell, session.settings.cell_path)
+        self.stops = StopListener(journal.folder)
         self.heartbeat = self._new_heartbeat()
 
-    def run(self, ended: threading.Event) -> None:
-        """Serves until `ended`; a running execution brakes first."""
+    def take(self) -> None:
+        """Takes the cell, at its controller and in the store, and touches nothing where another executor has it.
+
+        Raises:
+            CellTaken: another executor has it.
+            StoreUnavailable: the database is gone.
+        """
+        self.session.monitor.start()
+        try:
+            take_controller(self.session.monitor)
+            take_cell(self.store, self.session.cell, self.executor_id, self.journal.earlier_executor())
+        except (CellTaken, StoreUnavailable):
+            self.session.monitor.stop()
+            raise
+        self.journal.note_executor(self.executor_id)
+
+    def run(self, ended: threading.Event) -> bool:
+        """Serves the cell that was taken until `ended`; a running execution brakes first.
+
+        Returns:
+            False where another executor took the cell over meanwhile.
+        """
         self.recover()
         self._note_version()
-        self.session.monitor.start()
         self.heartbeat.start()
+        self.stops.start()
         try:
-            while not ended.is_set():
+            while not (ended.is_set() or self.heartbeat.is_replaced):
                 self._poll(ended)
                 ended.wait(POLL_S)
         finally:
-            self.heartbeat.stop()
-            self.session.monitor.stop()
+            for worker in self._workers():
+                worker.stop()
             self.session.dashboard.close()
+            self._try_store(lambda: self.store.leave_cell(self.cell, self.executor_id))
+        return not self.heartbeat.is_replaced
+
+    def _workers(self) -> tuple[Worker, ...]:
+        """Returns the threads that work as long as the daemon does."""
+        return self.session.monitor, self.heartbeat, self.stops
 
     def recover(self) -> None:
-        """Delivers the results of an earlier daemon and closes its executions; latches a fault if one was claimed."""
-        self._try_store(lambda: self.journal.deliver(self.store))
-        reason = f"the executor was restarted{self._safety_words()}{self._last_words()}"
-        left = self._try_store(lambda: self.store.close_open_executions(self.cell, reason=reason)) or []
+        """Delivers the results of an earlier daemon and closes its executions; latches a fault if one was claimed.
+
+        Results come first: what the database could not take yet is no lost execution. What it cannot take now is done
+        before the next claim.
+        """
+        self._deliver_kept()
+        if self.journal.has_undelivered():
+            return
+        left = self._try_store(lambda: self.store.close_open_executions(self.cell, reason=self._restart_words()))
+        if left is None:
+            return
+        self._is_recovered = True
         rows = [self._try_store(lambda id=id: self.store.execution(id)) for id in left]
         claimed = [row for row in rows if row and row.claimed_at]
         if not claimed:
@@ -125,13 +115,14 @@ class Daemon:
         with contextlib.suppress(OSError):  # no controller: nothing moves
             self.session.dashboard.ask("stop")
 
-    def _safety_words(self) -> str:
-        """Returns the controller's safety state for a reason, where it is not the normal one."""
+    def _restart_words(self) -> str:
+        """Returns why an execution was lost, with the controller's safety state where that is not the normal one."""
+        reason = f"the executor was restarted{self._last_words()}"
         try:
             answer = self.session.dashboard.ask("safetystatus")
         except OSError:
-            return ""
-        return "" if "NORMAL" in answer else f"; the controller reports '{answer}'"
+            return reason
+        return reason if "NORMAL" in answer else f"{reason}; the controller reports '{answer}'"
 
     def _last_words(self) -> str:
         """Returns for a reason how the stream of the lost execution ended by its own account, where it left one."""
@@ -144,7 +135,11 @@ class Daemon:
     def _new_heartbeat(self) -> Heartbeat:
         session = self.session
         own = RobotSession.open(session.cell, session.settings, session.monitor)
-        return Heartbeat(own, self.store, self.journal, self.watch, self.executor_id)
+        return Heartbeat(own, self.store, self.journal, self.watch, self.executor_id, self._unfit)
+
+    def _unfit(self) -> list[str]:
+        """Returns why this executor itself is not fit to move anything; empty where it is."""
+        return [text for worker in self._workers() if (text := worker.complaint())]
 
     def _note_version(self) -> None:
         """Keeps the cell's files as a version, as the executor uses them from now on."""
@@ -171,11 +166,15 @@ class Daemon:
         self._note_version()
 
     def _poll(self, ended: threading.Event) -> None:
+        for worker in self._workers():
+            worker.revive()
         changed = self.watch.look()
         if changed is not None:
             self._continue_with(changed)
-        if self.journal.has_undelivered():
-            self._try_store(lambda: self.journal.deliver(self.store))
+        if not self._is_recovered:
+            self.recover()
+            return
+        self._deliver_kept()
         row = self._try_store(lambda: self.store.claim_execution(self.cell, self.executor_id))
         if row is not None:
             self._execute(row, ended)
@@ -191,25 +190,30 @@ class Daemon:
     def _run_execution(self, row: ExecutionRow, ended: threading.Event, span: tracing.TracedSpan) -> None:
         """Runs one execution; its result is on the disk before the store is informed."""
         execution = Execution(self.session, row, span=span)
+        self.stops.execution = execution
         log("claimed", **_log_fields(row))
         self.heartbeat.idle = False
         with contextlib.suppress(OSError):  # what it says is of an earlier execution
             self._stream_log.unlink(missing_ok=True)
         result = ExecutionResult(row.id, "executor_lost", "the executor failed", None)
+        publisher = None
         try:
             self._admit()
             plan = self.store.plan(row.plan_id)
             if plan is None:
                 raise ExecutionRefused(f"there is no plan {row.plan_id}")
+            verify_content(plan)
             execution.profile = self.store.profile_in_use(self.cell, plan.cell_sha256)
             job = execution.prepare(plan.document)
-            if ended.is_set() or self._abort_requested(row):
+            if ended.is_set() or self._is_aborted(row):
                 reason = ENDED_BEFORE_MOTION if ended.is_set() else BEFORE_MOTION
                 result = ExecutionResult(row.id, "aborted", reason, None)
                 return
+            publisher = Publisher(execution, self.store, self._try_store)
             with realtime.real_time_process():
                 execution.start(job)
-                self._watch(execution, ended)
+                publisher.start()
+                self._watch(execution, publisher, ended)
             result = execution.finish()
         except (ExecutionRefused, OSError, StoreUnavailable) as error:
             outcome = "refused" if execution.run is None else "executor_lost"
@@ -218,20 +222,24 @@ class Daemon:
             if execution.run is not None:
                 execution.run.abort()
                 execution.run.wait(STREAM_END_S)
-            self._close(execution, result)
+            self._keep(execution, result)
+            self.stops.execution = None
+            self._deliver(publisher)
             self.heartbeat.idle = True
 
     def _admit(self) -> None:
         """Checks that this executor may move at all.
 
         Raises:
-            ExecutionRefused: a fault is latched, the executor is read-only, the cell file is refused, or the disk is
-                full.
+            ExecutionRefused: a fault is latched, a thread of this executor died, it is read-only, the cell file is
+                refused, or the disk is full.
         """
         fault = self.journal.fault()
         if fault is not None:
             text = f"a fault is latched ({fault['outcome']}: {fault['reason']}): check the robot, then acknowledge"
             raise ExecutionRefused(text)
+        if unfit := self._unfit():
+            raise ExecutionRefused("; ".join(unfit))
         if self.session.settings.read_only:
             raise ExecutionRefused("this executor is read-only")
         if self.watch.fault is not None:
@@ -240,39 +248,33 @@ class Daemon:
             text = f"the disk is full: less than {MIN_FREE_BYTES / 1e6:.0f} MB are left for the recording"
             raise ExecutionRefused(text)
 
-    def _watch(self, execution: Execution, ended: threading.Event) -> None:
-        """Publishes states and telemetry, and passes on requests to abort, until the run ends."""
+    def _watch(self, execution: Execution, publisher: Publisher, ended: threading.Event) -> None:
+        """Passes on requests to end or to brake, until the run has ended; nothing here waits for the database."""
         run = execution.run
-        row = execution.row
         assert run is not None
-        published = 1  # the claim was published as `preparing`
-        while not run.wait(TELEMETRY_S):
-            published = self._publish_states(execution, published)
+        noted = 1  # the claim is no news
+        while True:
+            over = run.wait(WATCH_S)
+            for state in execution.states()[noted:]:
+                execution.note(state)
+                execution.span.event(state)
+                noted += 1
+            if over:
+                return
             if ended.is_set():
                 run.abort(ASKED_TO_END)
-            elif self._abort_requested(row):
+            elif self.stops.is_asked(execution.row.id):
                 run.abort()
-            latest = run.latest_row()
-            if latest is not None:
-                document = row_document(latest)
-                self._try_store(lambda document=document: self.store.add_event(row.id, "telemetry", document))
-        self._publish_states(execution, published)
+            for worker in (*self._workers(), publisher):
+                worker.revive()
 
-    def _publish_states(self, execution: Execution, published: int) -> int:
-        """Publishes the states entered after the first `published`, including ones shorter than the polling period."""
-        entered = execution.states()
-        for state in entered[published:]:
-            execution.note(state)
-            execution.span.event(state)
-            self._try_store(lambda state=state: self.store.set_state(execution.row.id, state))
-        return max(published, len(entered))
+    def _is_aborted(self, row: ExecutionRow) -> bool:
+        """Whether a client asked for the brake, at this executor or in the database, where that can be read."""
+        requested = self._try_store(lambda: self.store.abort_requested(row.id))
+        return bool(requested) or self.stops.is_asked(row.id)
 
-    def _abort_requested(self, row: ExecutionRow) -> bool:
-        """Whether a client asked for the brake; False where the database cannot be read."""
-        return bool(self._try_store(lambda: self.store.abort_requested(row.id)))
-
-    def _close(self, execution: Execution, result: ExecutionResult) -> None:
-        """Latches a fault where the end was not in order, then keeps and delivers the result."""
+    def _keep(self, execution: Execution, result: ExecutionResult) -> None:
+        """Latches a fault where the end was not in order, then keeps the result on the disk."""
         run = execution.run
         in_order = run is None or (run.result is not None and run.result.in_order)
         if result.outcome not in HARMLESS and not (result.outcome == "aborted" and in_order):
@@ -282,8 +284,18 @@ class Daemon:
         if result.outcome not in HARMLESS:
             execution.span.fail(result.outcome)
         log("finished", **_log_fields(execution.row), outcome=result.outcome, reason=result.reason)
+
+    def _deliver(self, publisher: Publisher | None) -> None:
+        """Delivers what was kept, after what is still to be published of its run."""
+        if publisher is not None:
+            publisher.stop()
         self.heartbeat.beat()
-        self._try_store(lambda: self.journal.deliver(self.store))
+        self._deliver_kept()
+
+    def _deliver_kept(self) -> None:
+        """Delivers what is kept on the disk, where the database takes it."""
+        if self.journal.has_undelivered():
+            self._try_store(lambda: self.journal.deliver(self.store))
 
     def _latch(self, outcome: str, reason: str, execution_id: str) -> None:
         self.journal.latch({"outcome": outcome, "reason": reason, "execution_id": execution_id, "at": time.time()})

@@ -128,6 +128,11 @@ class Execution:
         except ValueError as error:
             raise ExecutionRefused(f"the simulated controller refuses the throw: {error}") from error
 
+    def abort(self) -> None:
+        """Requests the brake, where anything runs."""
+        if self.run is not None:
+            self.run.abort()
+
     def states(self) -> list[str]:
         """Returns the public states entered so far, in order; an early end skips those that it came before."""
         run = self.run
@@ -158,6 +163,8 @@ class Execution:
         timing = self._timing(telemetry)
         known = self._known() if self.row.mode == "speedj" else None
         numbers = records.metrics(self.problem, self.trajectory, ended, landing, timing, self.aim_shift, known)
+        if self.row.dry_run:
+            numbers = records.without_motion(numbers)
         if outcome == "completed" and not self.row.dry_run:
             verdict = records.release_verdict(self.problem, self.trajectory, numbers, landing, self.aim_shift)
             outcome, reason = verdict or (outcome, reason)

@@ -12,7 +12,7 @@ import numpy as np
 import orjson
 from numpy.typing import NDArray
 
-from executor.robot import KinematicsInfo, RobotSession, RobotState
+from executor.robot import OWNER_INPUT, KinematicsInfo, RobotSession, RobotState
 from executor.streaming.state_checks import NORMAL, OUTPUT_SHIFT, ROBOT_RUNNING, SAFETY_WORDS
 from learning import cell_with_profile
 from planner.answer import aim_shift, plan_from_document
@@ -25,7 +25,7 @@ from planner.problem import ThrowProblem
 from planner.robots import ROBOT_NAMES, robot
 from planner.rotations import matrix_to_rotation_vector, rotation_vector_to_matrix
 from planner.trajectory import Trajectory
-from store import ProfileRow
+from store import PlanRow, ProfileRow
 
 Vector = NDArray[np.float64]
 
@@ -47,6 +47,7 @@ TCP_RAD = 5e-3  # [m, rad] accepted difference of its tool centre point: a milli
 KINEMATICS_M = 1e-4  # [m] accepted difference of the controller's arm from the cell's, at its worst posture
 TABLES_KEPT = 8  # arms whose model is remembered: a heartbeat asks four times a second
 SPEED = 1e-3  # [-] accepted difference of the speed slider from 1: rounding only
+NO_HASH = "the plan was stored by an earlier version of Fling, without a hash of its content: plan again"
 
 
 class ExecutionRefused(Exception):
@@ -66,6 +67,18 @@ class PreflightReport:
     refusals: list[str]
     warnings: list[str] = field(default_factory=list)
     serial: str | None = None
+
+
+def verify_content(plan: PlanRow) -> None:
+    """Checks that a stored plan is what its planner wrote, under this id.
+
+    Raises:
+        ExecutionRefused: it is not, or nobody can tell.
+    """
+    if plan.sha256 is None:
+        raise ExecutionRefused(NO_HASH)
+    if not plan.is_intact:
+        raise ExecutionRefused("the stored plan is not what its planner wrote (its hash differs): plan again")
 
 
 def verify_plan(
@@ -129,11 +142,18 @@ def readiness(session: RobotSession) -> PreflightReport:
     if state is None:
         session.kinematics_reader.forget()  # another robot may answer next
         return PreflightReport(refusals(cell, None, None))
+    if session.monitor.owned is False:
+        return PreflightReport([taken_words(session.monitor.host)])
     remote = session.remote_control()
     serial = None if remote is None else session.dashboard.serial_number()  # a silent dashboard takes a second
     info = session.kinematics()
     found = [*refusals(cell, state, remote), *serial_refusals(cell, serial), *kinematics_refusals(cell, info)]
     return PreflightReport(found, kinematics_warnings(cell, info), serial)
+
+
+def taken_words(host: str) -> str:
+    """Returns why a controller is not moved that another client owns."""
+    return f"another executor is connected to the controller at {host}: it holds {OWNER_INPUT}"
 
 
 def refusals(cell: Cell, state: RobotState | None, remote: str | None) -> list[str]:

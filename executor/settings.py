@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from executor import realtime
+from fling import stop_socket
 from planner.cell_folder import default_cells_folder
 from store import default_database_url
 
@@ -66,13 +67,12 @@ class ExecutorSettings:
         Raises:
             ValueError: a value that cannot be read, or is out of its range.
         """
-        data = environment.get("XDG_DATA_HOME") or str(Path.home() / ".local" / "share")
         name = cell or environment.get("FLING_DEFAULT_CELL", "ur5e-sim")
         return cls(
             cell=name,
             cells=Path(environment.get("FLING_CELLS") or default_cells_folder()),
             database_url=environment.get("FLING_DATABASE_URL") or default_database_url(),
-            data=Path(environment.get("FLING_DATA") or Path(data) / "fling") / "executor" / name,
+            data=stop_socket.executor_folder(stop_socket.default_data_folder(environment), name),
             read_only=read_only,
             watchdog_hz=float(hz) if (hz := environment.get("FLING_WATCHDOG_HZ")) else None,
             core=realtime.default_core(environment),

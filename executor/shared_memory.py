@@ -57,8 +57,9 @@ class SharedMemory:
     def __init__(self, fd: int, capacity: int) -> None:
         self.fd = fd
         self.capacity = capacity
-        self.memory = mmap.mmap(fd, HEADER_BYTES + capacity * ROW.size)
-        self.fields = memoryview(self.memory)[:TEXT_AT].cast("d")
+        memory = mmap.mmap(fd, HEADER_BYTES + capacity * ROW.size)
+        self.memory: mmap.mmap | None = memory
+        self.fields: memoryview[float] | list[float] = memoryview(memory)[:TEXT_AT].cast("d")
 
     @classmethod
     def create(cls, capacity: int) -> SharedMemory:
@@ -74,28 +75,36 @@ class SharedMemory:
 
     def write_text(self, text: str) -> None:
         """Writes the reason, cut to the length of its field."""
+        assert self.memory is not None
         data = text.encode()[:TEXT_BYTES]
         self.memory[TEXT_AT : TEXT_AT + len(data)] = data
         self.fields[TEXT_LENGTH] = len(data)
 
     def text(self) -> str:
         """Returns the reason."""
+        assert self.memory is not None
         return self.memory[TEXT_AT : TEXT_AT + int(self.fields[TEXT_LENGTH])].decode(errors="replace")
 
     def add_row(self, values: Sequence[float]) -> None:
         """Appends one row; the count rises after the row is complete."""
         row = int(self.fields[ROWS])
-        if row < self.capacity:
+        if row < self.capacity and self.memory is not None:
             ROW.pack_into(self.memory, HEADER_BYTES + row * ROW.size, *values)
         self.fields[ROWS] = row + 1
 
     def row_bytes(self, first: int = 0) -> bytes:
-        """Returns the complete rows from `first` on, packed."""
+        """Returns the complete rows from `first` on, packed; none once the memory is given back."""
         last = min(int(self.fields[ROWS]), self.capacity)
-        return self.memory[HEADER_BYTES + first * ROW.size : HEADER_BYTES + last * ROW.size]
+        memory = self.memory
+        return b"" if memory is None else memory[HEADER_BYTES + first * ROW.size : HEADER_BYTES + last * ROW.size]
 
     def close(self) -> None:
-        """Unmaps the memory and closes its file."""
-        self.fields.release()
-        self.memory.close()
-        os.close(self.fd)
+        """Gives the memory and its descriptor back; the fields keep their last values, and the rows are gone.
+
+        The mapping itself ends with the last reader that is just at it in another thread.
+        """
+        self.fields = list(self.fields)
+        self.memory = None
+        if self.fd >= 0:
+            os.close(self.fd)
+            self.fd = -1

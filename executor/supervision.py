@@ -31,8 +31,8 @@ PERIOD_S = 0.005  # [s] of the pulse
 SPARE_ROWS = 1000  # room for a brake that is longer than the rest of the plan
 LIMIT_S = {  # longest silence in each state [s]
     shm.STARTING: 15.0,  # a refused program takes the library 5 s, a silent dashboard 2.5 s (ur_rtde 1.6.5)
-    shm.APPROACHING: 0.25,
-    shm.STREAMING: 0.1,  # the process gives up after 40 ms, the controller's watchdog after 25 (50 without real time)
+    shm.APPROACHING: 0.1,
+    shm.STREAMING: 0.1,  # the process gives up after 40 ms, the controller's watchdog after 20 (50 without real time)
     shm.BRAKING: 0.1,
     shm.STOPPING: 5.0,  # speedStop and stopScript wait for the controller
     shm.DONE: 1.0,
@@ -147,13 +147,16 @@ class StreamRun:
     def latest_row(self) -> NDArray[np.float64] | None:
         """Returns the newest row of telemetry; None without one."""
         count = min(self.row_count, self.memory.capacity)
-        return np.frombuffer(self.memory.row_bytes(count - 1)) if count else None
+        rows = self.memory.row_bytes(count - 1) if count else b""
+        return np.frombuffer(rows[: shm.ROW.size]) if rows else None
 
     def _supervise(self) -> None:
         try:
             with realtime.keep_awake(self._awake_core):
                 self._run()
         finally:
+            self.programs.close()
+            self.memory.close()
             self._ended.set()
 
     def _run(self) -> None:
@@ -178,8 +181,10 @@ class StreamRun:
         memory.fields[shm.DAEMON_PULSE] = memory.fields[shm.PULSE] = time.monotonic()
         pulse = threading.get_native_id()  # this thread writes the pulse: the child checks whether it is frozen
         command = [sys.executable, "-P", "-m", "executor.streaming", *map(str, (job_fd, memory.fd, os.getpid(), pulse))]
-        self._child = ChildProcess(command, (job_fd, memory.fd), self.log)
-        os.close(job_fd)
+        try:
+            self._child = ChildProcess(command, (job_fd, memory.fd), self.log)
+        finally:
+            os.close(job_fd)
 
     def _watch(self) -> str:
         """Returns a reason once the process has ended, hangs or is frozen; empty if it ended in order."""

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     __version__: str
-    from fling import tracing
+    from fling import stop_socket, tracing
     from fling.cells import cell_names, open_cell
     from fling.client import Client, ServiceRefusal
     from fling.motion import Trajectory
@@ -74,6 +74,7 @@ __all__ = [
     "problem",
     "robot",
     "rotations",
+    "stop_socket",
     "timing",
     "tracing",
 ]
@@ -104,8 +105,8 @@ def __getattr__(name: str) -> Any:
     """Loads a public name when it is first used: `import fling` itself costs nothing."""
     if name == "__version__":
         return _version()
-    if name == "tracing":
-        return import_module("fling.tracing")
+    if name in ("stop_socket", "tracing"):
+        return import_module(f"fling.{name}")
     if name not in _HOME_OF:
         raise AttributeError(f"module 'fling' has no attribute {name!r}")
     home = import_module(_HOME_OF[name])

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Self, Unpack
 
 import httpx2
 
+from fling import stop_socket
 from fling.requests import Options, Release, request_of
 from fling.tracing import trace_context
 
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from fling.plans import Plan
 
 TIMEOUT_S = 150.0  # [s] a plan may take its whole time limit
+ABORT_S = 10.0  # [s] an abort is answered within one, and within six where a locked database alone could note it
+LOOPBACK = ("127.0.0.1", "localhost", "::1")
 UNREACHABLE = 0  # status of the problem of a service that does not answer
 RETURN_S = 30.0  # [s] within which a service that is started again answers
 RETRY_S = 0.5  # [s] between two attempts to reach it
@@ -131,9 +134,30 @@ class Client:
                     raise self._lost(execution_id) from error
             time.sleep(RETRY_S)
 
-    def abort(self, execution_id: str) -> dict[str, Any]:
-        """Asks for the brake. Not a safety function."""
-        return self.post(f"/executions/{execution_id}/abort")
+    def abort(self, execution_id: str = "latest") -> dict[str, Any]:
+        """Asks for the brake and returns the execution. Not a safety function.
+
+        An executor of this machine is asked directly, before the service is: it brakes where that does not answer.
+
+        Args:
+            execution_id: of the execution; `latest`: the newest that runs on this machine, or that the service knows.
+        """
+        run = self._stop_here(execution_id)
+        path = f"/executions/{execution_id if run is None else run['id']}/abort"
+        try:
+            return self._response("POST", path, timeout=ABORT_S).json()
+        except self.refusal:
+            if run is None:
+                raise
+            return run
+
+    def _stop_here(self, execution_id: str) -> dict[str, Any] | None:
+        """Asks the executors of this machine; None where none of them runs what is meant."""
+        data = stop_socket.default_data_folder(os.environ)
+        if execution_id != "latest":
+            return stop_socket.stop(data, execution_id, "a client on this machine")
+        is_here = self._http.base_url.host in LOOPBACK
+        return stop_socket.stop_newest(data, "a client on this machine") if is_here else None
 
     def landed(self, execution_id: str, position: Sequence[float], std_m: float) -> dict[str, Any]:
         """Reports where the object of an execution landed (3,) [m], measured with a standard deviation `std_m` [m]."""

@@ -16,7 +16,7 @@ from learning.profile import (
     prior_knowledge,
     profile_bytes,
 )
-from learning.recordings import MotionRecording, RecordingError, recording_from_csv
+from learning.recordings import RECORDING_BYTES, MotionRecording, RecordingError, recording_from_csv
 from learning.release import ObservedThrow, ReleasePosterior, learn_release, prior_state
 from learning.streamed_arm import FEEDBACK_GAIN, FEEDBACK_MAX, StreamedArm
 from learning.throws import ThrowTable, throw_table
@@ -26,6 +26,7 @@ from learning.timing_history import lag_advice, lag_change, pool_timing, pooled_
 __all__ = [
     "FEEDBACK_GAIN",
     "FEEDBACK_MAX",
+    "RECORDING_BYTES",
     "CellKnowledge",
     "JointSpeeds",
     "JointTiming",

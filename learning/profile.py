@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -25,6 +25,7 @@ from planner.trajectory import Trajectory
 from store import Store
 
 VERSION = 1  # of the document
+DOUBTED = 0.5  # [-] probability of a mistake above which a reported landing is named as doubted
 DRAG_KNOWN = 0.5  # [-] of the prior's width, below which a drag was learnt and takes the cell file's place
 
 
@@ -97,7 +98,7 @@ def estimate_profile(store: Store, cell: Cell) -> dict[str, Any]:
     speeds = learn_joint_speeds(pairs[:, 0], pairs[:, 1])
     known = CellKnowledge(arm, release, speeds)
     head = {"version": VERSION, "cell": cell.name, "cell_sha256": cell.sha256}
-    found = {"timing": timing, "evidence": _evidence_document(throws, unused, [row.id for row, _ in runs])}
+    found = {"timing": timing, "evidence": _evidence_document(throws, unused, [row.id for row, _ in runs], release)}
     return {**head, **_numbers(cell, known, timing), **_landings(throws, release), **found, **_posterior(known)}
 
 
@@ -203,7 +204,7 @@ def _landings(throws: Sequence[ThrowEvidence], release: ReleasePosterior) -> dic
 
 
 def _evidence_document(
-    throws: Sequence[ThrowEvidence], unused: Sequence[UnusedThrow], timing_ids: list[str]
+    throws: Sequence[ThrowEvidence], unused: Sequence[UnusedThrow], timing_ids: list[str], release: ReleasePosterior
 ) -> dict[str, Any]:
     return {
         "throws": [t.execution_id for t in throws if t.observed is not None or t.outcome is not None],
@@ -211,7 +212,17 @@ def _evidence_document(
         "recordings": [t.execution_id for t in throws if t.deviation is not None],
         "timing": timing_ids,
         "not_used": [vars(throw) for throw in unused],
+        "doubted": [vars(throw) for throw in _doubted(throws, release)],
     }
+
+
+def _doubted(throws: Sequence[ThrowEvidence], release: ReleasePosterior) -> Iterator[UnusedThrow]:
+    """Yields the throws whose reported landing is more likely a mistake than not, which weighs it lightly."""
+    seen = [(throw.execution_id, throw.observed) for throw in throws if throw.observed is not None]
+    for (execution_id, observed), mistaken in zip(seen, release.mistaken, strict=True):
+        if mistaken > DOUBTED:
+            away_m = np.linalg.norm(observed.landing - release.expected_landing(observed))
+            yield UnusedThrow(execution_id, f"its landing is {away_m:.2f} m from where this profile expects it")
 
 
 def _posterior(known: CellKnowledge) -> dict[str, Any]:

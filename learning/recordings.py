@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,11 @@ COMMANDS = tuple(f"command_{i}" for i in range(JOINTS))
 MEASUREMENTS = tuple(f"measured_{i}" for i in range(JOINTS))
 COLUMNS = ("time_s", *COMMANDS, *MEASUREMENTS)
 ROWS_MIN = 20  # rows below which no lag can be told from noise
+RECORDING_BYTES = 10_000_000  # [byte] of a CSV file: more than `TICKS_MAX` rows
+TICK_MIN_S = 0.0005  # [s] of two rows: controllers have 500 or 125 ticks a second; catches times in milliseconds
+TICK_MAX_S = 0.1  # [s] lags are shorter
+TICKS_MAX = 10_000  # [ticks] from first to last row: 20 s at 500 Hz; rows that are missing are filled in
+SPEED_MAX_RAD_S = 100.0  # [rad/s] far above any joint's; catches other units
 GAP = 1.5  # [ticks] a longer time between two rows means that rows are missing
 
 
@@ -48,6 +54,18 @@ class MotionRecording:
         late = np.flatnonzero(np.diff(self.time_s) <= 0.0)
         if len(late):
             raise RecordingError(f"time_s does not increase at row {int(late[0]) + 1}")
+        self._check_sizes()
+
+    def _check_sizes(self) -> None:
+        if not TICK_MIN_S <= self.dt <= TICK_MAX_S:
+            raise RecordingError(f"the rows are {self.dt:.3g} s apart, not {TICK_MIN_S:g} to {TICK_MAX_S:g} s")
+        ticks = float(self.time_s[-1] - self.time_s[0]) / self.dt
+        if ticks > TICKS_MAX:
+            raise RecordingError(f"time_s spans {ticks:.6g} ticks of {self.dt:.3g} s; there may be {TICKS_MAX}")
+        for name in ("command", "measured"):
+            fastest = float(np.abs(getattr(self, name)).max())
+            if fastest > SPEED_MAX_RAD_S:
+                raise RecordingError(f"{name} reaches {fastest:.4g} rad/s; no joint is faster than {SPEED_MAX_RAD_S:g}")
 
     @property
     def dt(self) -> float:
@@ -71,18 +89,26 @@ def recording_from_csv(text: str) -> MotionRecording:
     Raises:
         RecordingError: a column is missing, a field is not a number, or the rows cannot be used.
     """
-    rows = csv.reader(io.StringIO(text))
-    header = [name.strip() for name in next(rows, [])]
-    missing = [name for name in COLUMNS if name not in header]
-    if missing:
-        raise RecordingError(f"the header has no column {', '.join(missing)}")
-    at = [header.index(name) for name in COLUMNS]
-    table = np.array([_numbers(row, at, i) for i, row in enumerate(rows, start=2) if row]).reshape(-1, len(COLUMNS))
+    try:
+        table = _table(csv.reader(io.StringIO(text)))
+    except csv.Error as error:  # a field of more than 131,072 characters
+        raise RecordingError(f"is not CSV: {error}") from error
     return MotionRecording(table[:, 0], table[:, 1 : 1 + JOINTS], table[:, 1 + JOINTS :])
+
+
+def _table(rows: Iterator[list[str]]) -> Array:
+    """Returns the columns `COLUMNS` (n, 13) of a header and its rows."""
+    header = [name.strip() for name in next(rows, [])]
+    for name in COLUMNS:
+        if header.count(name) != 1:
+            raise RecordingError(f"the header has {'no' if name not in header else 'more than one'} column {name}")
+    at = [header.index(name) for name in COLUMNS]
+    numbers = [_numbers(row, at, i) for i, row in enumerate(rows, start=2) if row]
+    return np.array(numbers).reshape(-1, len(COLUMNS))
 
 
 def _numbers(row: list[str], at: list[int], line: int) -> list[float]:
     try:
         return [float(row[i]) for i in at]
     except (ValueError, IndexError) as error:
-        raise RecordingError(f"line {line}: {error}") from error
+        raise RecordingError(f"line {line}: {str(error)[:100]}") from error

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -39,6 +39,8 @@ DRIFT_S = 0.0001  # [s] standard deviation of the delay's random walk from throw
 
 OUTLIER_SHARE = 0.05
 OUTLIER_STD_M = 0.15  # [-, m] mistaken observations; source: contract, camera of a truth file
+SLIP_SHARE = 0.005  # [-] of reports that have nothing to do with the throw: another one's, or a slip of the hand
+SLIP_AREA_M2 = 400.0  # [m^2] over which they are spread evenly: 20 m by 20 m, more than any throw reaches
 CLING_SHARE = 0.03  # [-] of throws in which the object leaves slower
 CLING_LOSS = 0.05
 CLING_LOSS_STD = 0.02  # [-] of its speed: some per cent, as of an object that sticks to a finger
@@ -80,6 +82,8 @@ class ReleasePosterior:
         jitter_s: standard deviation of the opening (g,) [s].
         scatter_rad_s: joint-speed errors that no recording shows (g,) [rad/s].
         cling_alpha, cling_beta: of the beta distribution of the share of throws in which the object clings.
+        mistaken: probability of each throw that it was learnt from that its observation is a mistake (n,) [-]; empty
+            where that is not known.
     """
 
     weight: Array
@@ -89,6 +93,7 @@ class ReleasePosterior:
     scatter_rad_s: Array
     cling_alpha: float
     cling_beta: float
+    mistaken: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def state(self) -> Array:
@@ -154,11 +159,13 @@ def learn_release(throws: Sequence[ObservedThrow], prior: Array) -> ReleasePoste
         z = fit.z
         covariance = fit.covariance()
         clings = fit.clings()
+        mistakes = fit.mistake_weight
     else:
         z = np.zeros((len(jitter), 6))
         covariance = np.tile(np.eye(6), (len(jitter), 1, 1))
         evidence = np.zeros(len(jitter))
         clings = np.zeros(len(jitter))
+        mistakes = np.zeros((len(jitter), 0))
     log_weight = log_prior + evidence
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
@@ -168,7 +175,8 @@ def learn_release(throws: Sequence[ObservedThrow], prior: Array) -> ReleasePoste
     beta = 1.0 / CLING_SHARE - 1.0 + len(throws) - share
     scaled = covariance[kept] * PRIOR_STD[:, None] * PRIOR_STD
     mean = prior + PRIOR_STD * z[kept]
-    return ReleasePosterior(weight[kept] / weight[kept].sum(), mean, scaled, jitter[kept], scatter[kept], alpha, beta)
+    share_kept = weight[kept] / weight[kept].sum()
+    return ReleasePosterior(share_kept, mean, scaled, jitter[kept], scatter[kept], alpha, beta, weight @ mistakes)
 
 
 class _Fit:
@@ -254,7 +262,7 @@ class _Fit:
     def _weigh(self, S: Array, by_factor: Array) -> None:
         """Computes the mixture's weights: the matrix `W` and the weighted residual `pull` of each throw."""
         kinds = (
-            (1.0 - OUTLIER_SHARE - CLING_SHARE, 0.0 * by_factor, S),
+            (1.0 - OUTLIER_SHARE - SLIP_SHARE - CLING_SHARE, 0.0 * by_factor, S),
             (OUTLIER_SHARE, 0.0 * by_factor, S + OUTLIER_STD_M**2 * np.eye(2)),
             (CLING_SHARE, -CLING_LOSS * by_factor, S + CLING_LOSS_STD**2 * _outer(by_factor)),
         )
@@ -267,8 +275,10 @@ class _Fit:
             - math.log(2 * np.pi)
             for (share, _, _), inverse, rest in zip(kinds, inverses, rests, strict=True)
         ]
-        self.log_density = np.logaddexp.reduce(log, axis=0)
+        slip = math.log(SLIP_SHARE / SLIP_AREA_M2)  # wherever it is: such a report moves nothing
+        self.log_density = np.logaddexp(np.logaddexp.reduce(log, axis=0), slip)
         weights = [np.exp(x - self.log_density) for x in log]
+        self.mistake_weight = weights[1] + np.exp(slip - self.log_density)
         self.cling_weight = weights[2]
         self.S_inverse = inverses[0]
         each = zip(weights, inverses, strict=True)

@@ -101,11 +101,13 @@ def estimate_timing(recording: MotionRecording, ramp_rad_s2: float | None = None
         ramp_rad_s2: acceleration argument of the speedj commands [rad/s^2]; None: looked for.
 
     Raises:
-        RecordingError: no joint moves, or none within the recording.
+        RecordingError: no joint moves, or none within the recording, or none changes its velocity.
     """
     moving = [j for j, most in enumerate(np.abs(recording.command).max(axis=0)) if most > MOVING_RAD_S]
     if not moving:
         raise RecordingError(f"no joint is commanded above {MOVING_RAD_S:g} rad/s")
+    if not leading_rates(recording).max() > 0.0:
+        raise RecordingError("no command changes: a lag shows where one does")
     ramp = _shown_ramp(recording) if ramp_rad_s2 is None else ramp_rad_s2
     fits = {j: fit for j, fit in _joint_fits(recording, ramp, moving).items() if np.abs(fit.predicted).max() > 0.0}
     if not fits:
@@ -180,7 +182,7 @@ def _fit_joint(motion: CommandedMotion, times: Array, measured: Array, lag_s: fl
             for tau in starts]  # fmt: skip
     best = min(fits, key=lambda fit: float(fit[1] @ fit[1]))[0]
     theta, residual, jacobian, predicted = _gauss_newton(motion, times, measured, best, free_first_order=True)
-    std = np.sqrt(np.diag(_covariance(jacobian, residual, times)))
+    std = np.sqrt(np.maximum(np.diag(_covariance(jacobian, residual, times)), 0.0))  # rounding makes it negative
     return _JointFit(theta, std, residual, predicted)
 
 

@@ -6,19 +6,21 @@ knows; docs/simulator.md describes its keys. Frames and the units of the fields 
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from planner.cell import Cell, choice, merge_defaults, number, vector
-from planner.errors import CellError
+from planner.documents import NotToml, parse_toml, read_file
+from planner.errors import CellError, FileRefused
 
 # [s] chosen: first-order part of the lag where none is given; at most half of what a cycle leaves
 FIRST_ORDER_S = 0.002
 DISTURBANCES = ("none", "ur5-measured")
 JITTER_SHAPES = ("gaussian", "skewed", "quantised")
+
+TRUTH_BYTES = 100_000  # [byte] of a truth file; one with every key has 1,000
 
 # Bounds of the keys; they catch typing errors, and what the simulated controller could not do.
 LAG_MAX_S = 0.5  # [s] as the cell file's timing.lag_s
@@ -182,9 +184,9 @@ def load_truth(path: Path, cell: Cell, hidden: bool = True) -> Truth:
         TruthError: the file cannot be read, or a field of it is refused: an unknown key, a number out of its bounds.
     """
     try:
-        given = tomllib.loads(path.read_text(encoding="utf-8"))
+        given = parse_toml(read_file(path, TRUTH_BYTES))
         return _truth(merge_defaults(given, _defaults(cell)), cell, hidden)
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, CellError) as error:
+    except (FileRefused, NotToml, CellError) as error:
         raise TruthError(f"the truth file {path} is refused: {error}") from error
 
 

@@ -27,6 +27,7 @@ from store.rows import (
     RecordingRow,
     derived_id,
     new_id,
+    plan_sha256,
 )
 from store.samples import join_plan, pack_samples, pack_trajectory, samples_of_csv, split_plan
 from store.store import Store
@@ -62,6 +63,7 @@ __all__ = [
     "new_id",
     "pack_samples",
     "pack_trajectory",
+    "plan_sha256",
     "samples_of_csv",
     "split_plan",
 ]

@@ -1,4 +1,4 @@
-"""Cells: heartbeats of their executors, latched faults, acknowledgements by people; the versions of their files."""
+"""Cells: their executors with heartbeats; latched faults, acknowledged by people; the versions of their files."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from sqlalchemy import Connection, insert, select, update
+from sqlalchemy import Connection, select, update
 
 from store.database import Repository, insert_if_new, reading, writing
 from store.idempotency_and_audit import write_audit
@@ -17,6 +17,40 @@ from store.tables import cell_versions, cells
 class CellStatusRepository(Repository):
     """Table `cells`."""
 
+    def take_cell(self, cell: str, executor_id: str, link_kind: str, held_by: str, seen: CellRow | None = None) -> bool:
+        """Makes an executor the one of a cell: the only one whose heartbeats and claims count from now on.
+
+        No clock decides: whoever has seen for long enough that a holder's heartbeats have ended takes its place, unless
+        another one came meanwhile.
+
+        Args:
+            cell: Name of the cell.
+            executor_id: Of the executor.
+            link_kind: Of the cell.
+            held_by: Where the executor runs, in words.
+            seen: The last heartbeat of a holder that has ended; None: nobody holds the cell.
+
+        Returns:
+            Whether it holds the cell now.
+        """
+        now = time.time()
+        values = {"executor_id": executor_id, "heartbeat_at": now, "link_kind": link_kind, "held_by": held_by}
+        fresh = {**values, "cell": cell, "robot": {}, "read_only": False}
+        is_free = cells.c.held_by.is_(None)
+        if seen is not None:
+            is_free |= (cells.c.executor_id == seen.executor_id) & (cells.c.heartbeat_at == seen.heartbeat_at)
+        with writing(self._engine) as connection:
+            if connection.execute(insert_if_new(connection, cells, **fresh)).rowcount == 1:
+                return True
+            taking = update(cells).where(cells.c.cell == cell, is_free).values(**values)
+            return bool(connection.execute(taking).rowcount)
+
+    def leave_cell(self, cell: str, executor_id: str) -> None:
+        """Gives a cell up, for the next executor to take at once."""
+        with writing(self._engine) as connection:
+            own = update(cells).where(cells.c.cell == cell, cells.c.executor_id == executor_id)
+            connection.execute(own.values(held_by=None))
+
     def record_heartbeat(
         self,
         cell: str,
@@ -25,13 +59,17 @@ class CellStatusRepository(Repository):
         robot: Mapping[str, Any] | None = None,
         fault: Mapping[str, Any] | None = None,
         read_only: bool = False,
-    ) -> None:
-        """Records a heartbeat of the cell's executor with the robot's state and the latched fault, if any."""
-        values = {"executor_id": executor_id, "heartbeat_at": time.time(), "link_kind": link_kind}
+    ) -> bool:
+        """Records a heartbeat of the cell's executor with the robot's state and the latched fault, if any.
+
+        Returns:
+            False where the executor does not hold the cell, or no longer: nothing is recorded.
+        """
+        values = {"heartbeat_at": time.time(), "link_kind": link_kind}
         values |= {"robot": dict(robot or {}), "fault": None if fault is None else dict(fault), "read_only": read_only}
         with writing(self._engine) as connection:
-            if not connection.execute(update(cells).where(cells.c.cell == cell).values(**values)).rowcount:
-                connection.execute(insert(cells).values(cell=cell, **values))
+            own = update(cells).where(cells.c.cell == cell, cells.c.executor_id == executor_id)
+            return bool(connection.execute(own.values(**values)).rowcount)
 
     def cell_status(self, cell: str) -> CellRow | None:
         """Returns the last heartbeat of the cell's executor; None if it never had one."""

@@ -6,14 +6,15 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from sqlalchemy import Connection, delete, func, insert, select, update
+from sqlalchemy import ColumnElement, Connection, delete, false, func, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
 from store.database import Repository, StoreError, UnknownRow, writing
 from store.idempotency_and_audit import take_key, write_audit
 from store.rows import AuditLine, EventRow, ExecutionRow, IdempotencyKey, RecordingRow, new_id
-from store.tables import events, executions, experiments, plans, recordings
+from store.tables import cells, events, executions, experiments, plans, recordings
 
+LOST = "executor_lost"
 UNFINISHED = executions.c.state != "finished"
 
 
@@ -74,9 +75,23 @@ class ExecutionRepository(Repository):
         """Returns one execution."""
         return self._row(ExecutionRow, select(executions).where(executions.c.id == id))
 
-    def executions(self, limit: int = 50, cursor: str | None = None) -> tuple[list[ExecutionRow], str | None]:
-        """Returns executions, newest first, and the cursor of the next page (None after the last)."""
-        return self._page(ExecutionRow, select(executions), executions, limit, cursor)
+    def executions(
+        self, limit: int = 50, cursor: str | None = None, cell: str | None = None, outcome: str | None = None
+    ) -> tuple[list[ExecutionRow], str | None]:
+        """Returns executions, newest first, and the cursor of the next page (None after the last).
+
+        Args:
+            limit: Length of the page.
+            cursor: Of the page.
+            cell: Whose executions; None: of all cells.
+            outcome: How they ended; None: in any way, or not yet.
+        """
+        query = select(executions)
+        if cell is not None:
+            query = query.where(executions.c.cell == cell)
+        if outcome is not None:
+            query = query.where(executions.c.outcome == outcome)
+        return self._page(ExecutionRow, query, executions, limit, cursor)
 
     def executions_of_cell(self, cell: str, limit: int = 200) -> list[ExecutionRow]:
         """Returns the finished executions of a cell, newest first."""
@@ -121,7 +136,7 @@ class ExecutionRepository(Repository):
         return self._value(select(executions.c.abort_requested_at).where(executions.c.id == id)) is not None
 
     def claim_execution(self, cell: str, executor_id: str) -> ExecutionRow | None:
-        """Claims the cell's queued execution, if any, and sets it to `preparing`.
+        """Claims the cell's queued execution, if any, and sets it to `preparing`; only the cell's executor can.
 
         Compare and set: if two executors try at once, one of them gets it.
         """
@@ -131,7 +146,9 @@ class ExecutionRepository(Repository):
             return None
         now = time.time()
         with writing(self._engine) as connection:
+            holder = select(cells.c.executor_id).where(cells.c.cell == cell).scalar_subquery()
             claim = update(executions).where(executions.c.id == id, executions.c.state == "queued")
+            claim = claim.where(holder == executor_id)
             claim = claim.values(state="preparing", executor_id=executor_id, claimed_at=now)
             if not connection.execute(claim).rowcount:
                 return None
@@ -148,11 +165,20 @@ class ExecutionRepository(Repository):
             return True
 
     def finish_execution(
-        self, id: str, outcome: str, reason: str | None = None, metrics: Mapping[str, Any] | None = None
+        self,
+        id: str,
+        outcome: str,
+        reason: str | None = None,
+        metrics: Mapping[str, Any] | None = None,
+        is_known: bool = False,
     ) -> bool:
-        """Finishes an execution and writes its event. Returns False if it was finished already."""
+        """Finishes an execution and writes its event. Returns False if it was finished already.
+
+        With `is_known` the executor that ran it says so, which replaces the `executor_lost` that another one assumed.
+        """
+        assumed = (executions.c.outcome == LOST) if is_known and outcome != LOST else false()
         with writing(self._engine) as connection:
-            return _finish(connection, id, outcome, reason, metrics)
+            return _finish(connection, id, outcome, reason, metrics, UNFINISHED | assumed)
 
     def close_open_executions(self, cell: str, reason: str = "the executor was lost") -> list[str]:
         """Finishes every open execution of a cell as `executor_lost`, queued ones too, so that no old one starts later.
@@ -164,7 +190,7 @@ class ExecutionRepository(Repository):
         with writing(self._engine) as connection:
             ids = list(connection.execute(query).scalars())
             for id in ids:
-                _finish(connection, id, "executor_lost", reason, None)
+                _finish(connection, id, LOST, reason, None, UNFINISHED)
         return ids
 
     def add_event(self, id: str, kind: str, data: Mapping[str, Any]) -> None:
@@ -216,13 +242,18 @@ def _abort_unclaimed(connection: Connection, id: str, now: float) -> None:
 
 
 def _finish(
-    connection: Connection, id: str, outcome: str, reason: str | None, metrics: Mapping[str, Any] | None
+    connection: Connection,
+    id: str,
+    outcome: str,
+    reason: str | None,
+    metrics: Mapping[str, Any] | None,
+    where: ColumnElement[bool],
 ) -> bool:
     now = time.time()
     metrics = None if metrics is None else dict(metrics)
     result = {"state": "finished", "outcome": outcome, "reason": reason, "metrics": metrics}
-    unfinished = update(executions).where(executions.c.id == id, UNFINISHED)
-    if not connection.execute(unfinished.values(**result, finished_at=now)).rowcount:
+    changed = update(executions).where(executions.c.id == id, where)
+    if not connection.execute(changed.values(**result, finished_at=now)).rowcount:
         return False
     _write_event(connection, id, "state", result, now)
     return True

@@ -61,7 +61,8 @@ class ExperimentRepository(Repository):
     def landings_of_experiment(self, id: str) -> list[LandingRow]:
         """Returns what was observed of the landings of an experiment, oldest first."""
         query = select(landings).join(executions, executions.c.id == landings.c.execution_id)
-        return self._rows(LandingRow, query.where(executions.c.experiment_id == id).order_by(landings.c.id))
+        query = query.where(executions.c.experiment_id == id, landings.c.withdrawn_at.is_(None))
+        return self._rows(LandingRow, query.order_by(landings.c.id))
 
     def plans_of_experiment(self, id: str) -> list[PlanRow]:
         """Returns the plans of an experiment without their trajectories."""

@@ -1,10 +1,11 @@
-"""Landings: where an object was observed to land, or whether it hit; several a throw, never changed."""
+"""Landings: where an object was observed to land, or whether it hit; several a throw, kept also where withdrawn."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 
-from sqlalchemy import insert, select
+from sqlalchemy import insert, select, update
 
 from store.database import Repository, writing
 from store.idempotency_and_audit import take_key, write_audit
@@ -60,7 +61,21 @@ class LandingRepository(Repository):
         """Returns one observation."""
         return self._row(LandingRow, select(landings).where(landings.c.id == id))
 
-    def landings(self, execution_id: str) -> list[LandingRow]:
-        """Returns the observations of one execution, oldest first."""
+    def landings(self, execution_id: str, withdrawn: bool = False) -> list[LandingRow]:
+        """Returns the observations of one execution, oldest first; those that were withdrawn, too, if asked for."""
         query = select(landings).where(landings.c.execution_id == execution_id)
+        if not withdrawn:
+            query = query.where(landings.c.withdrawn_at.is_(None))
         return self._rows(LandingRow, query.order_by(landings.c.id))
+
+    def withdraw_landing(self, id: str, who: str, audit: AuditLine | None = None) -> LandingRow | None:
+        """Withdraws an observation, which stays listed; a second time changes nothing. Returns it, None without one."""
+        with writing(self._engine) as connection:
+            row = connection.execute(select(landings).where(landings.c.id == id)).one_or_none()
+            if row is None:
+                return None
+            if row.withdrawn_at is None:
+                values = {"withdrawn_at": time.time(), "withdrawn_by": who}
+                connection.execute(update(landings).where(landings.c.id == id).values(**values))
+            write_audit(connection, audit, f"/executions/{row.execution_id}/landing/{id}")
+        return self.landing(id)

@@ -116,6 +116,15 @@ STEPS: tuple[tuple[str, ...], ...] = (
             constraint_name TEXT, reason TEXT, PRIMARY KEY (map_id, number))""",
         "CREATE INDEX landing_cells_of_plan ON landing_cells (plan_id)",
     ),
+    (
+        "ALTER TABLE landings ADD COLUMN withdrawn_at {float}",
+        "ALTER TABLE landings ADD COLUMN withdrawn_by TEXT",
+    ),
+    (
+        "ALTER TABLE cells ADD COLUMN held_by TEXT",
+        "UPDATE cells SET held_by = 'an executor of an earlier version'",
+    ),
+    ("ALTER TABLE plans ADD COLUMN sha256 TEXT",),
 )
 
 LATEST = len(STEPS)

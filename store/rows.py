@@ -45,6 +45,15 @@ def _uuid7(milliseconds: int, random: int) -> str:
     return str(uuid.UUID(int=value))
 
 
+def plan_sha256(id: str, summary: bytes, samples: bytes) -> str:
+    """Returns the hash of a plan's whole content, under its id (docs/decisions/0027-plans-carry-a-hash.md)."""
+    digest = hashlib.sha256()
+    for part in (id.encode(), summary, samples):
+        digest.update(len(part).to_bytes(8))
+        digest.update(part)
+    return digest.hexdigest()
+
+
 @dataclass(frozen=True)
 class PlanRow:
     """One plan.
@@ -59,6 +68,7 @@ class PlanRow:
         summary: Its JSON without the trajectory, and all that lists contain.
         samples: Its trajectory; see `store.samples`. Empty where it was not read.
         earlier_document: Its whole JSON, where an earlier version of Fling stored it so.
+        sha256: Of `plan_sha256`, by the planner that made it; None: an earlier version of Fling did.
     """
 
     id: str
@@ -70,6 +80,12 @@ class PlanRow:
     request_id: str | None = None
     samples: bytes | None = None
     earlier_document: bytes = b""
+    sha256: str | None = None
+
+    @property
+    def is_intact(self) -> bool:
+        """Whether id, summary and trajectory are those that its planner wrote."""
+        return self.sha256 == plan_sha256(self.id, self.summary, self.samples or b"")
 
     @property
     def document(self) -> bytes:
@@ -149,7 +165,8 @@ class RecordingRow:
 class LandingRow:
     """One observation of a landing: a position with its standard deviation, or a result for a target's radius.
 
-    `source` is what observed it (`person`, `sim-camera`, a client's name for its camera), `reported_by` who told.
+    `source` is what observed it (`person`, `sim-camera`, a client's name for its camera), `reported_by` who told. One
+    that was withdrawn, at `withdrawn_at` by `withdrawn_by`, is kept and counts nowhere.
     """
 
     id: str
@@ -161,6 +178,8 @@ class LandingRow:
     std_m: float | None = None
     result: str | None = None
     radius_m: float | None = None
+    withdrawn_at: float | None = None
+    withdrawn_by: str | None = None
 
 
 @dataclass(frozen=True)
@@ -203,7 +222,12 @@ class CellVersionRow:
 
 @dataclass(frozen=True)
 class CellRow:
-    """Last heartbeat of a cell's executor, and the acknowledgement of its fault by a person."""
+    """Last heartbeat of a cell's executor, and the acknowledgement of its fault by a person.
+
+    Attributes:
+        executor_id: The executor that holds the cell, or held it last.
+        held_by: Where that runs, in words; None: it has given the cell up.
+    """
 
     cell: str
     executor_id: str
@@ -215,6 +239,7 @@ class CellRow:
     acknowledge_requested_at: float | None = None
     acknowledge_handled_at: float | None = None
     acknowledged_by: str | None = None
+    held_by: str | None = None
 
     @property
     def is_alive(self) -> bool:

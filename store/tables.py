@@ -68,7 +68,7 @@ experiments = _table("experiments", ExperimentRow)  # written by api, never chan
 executions = _table("executions", ExecutionRow)
 events = _table("events", EventRow)  # written by executor; the first event of an execution by api
 recordings = _table("recordings", RecordingRow, earlier_csv="csv")  # written by executor
-landings = _table("landings", LandingRow)  # written by api; by executor for a simulated camera; never changed
+landings = _table("landings", LandingRow)  # written by api; by executor for a simulated camera; withdrawn_* by api
 
 # api: acknowledge_requested_at, acknowledged_by. executor: all others.
 cells = _table("cells", CellRow)

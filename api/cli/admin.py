@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +20,10 @@ from api.cli.support.terminal import BAD, GOOD, say
 
 if TYPE_CHECKING:
     from planner.cell import Cell
+    from planner.errors import CellError
+
+
+VALUE_MAX = 400  # characters of a refused value in JSON
 
 
 @click.group(cls=FlingGroup)
@@ -32,36 +36,70 @@ for command in (history, diff, restore):
 
 
 @cell.command()
-@click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
+@click.argument("files", metavar="FILE ...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @json_option
-def check(file: Path, as_json: bool) -> None:
-    """Check FILE as the service and the executor do, and name every fault at once; exit status 1 if there is one."""
+def check(files: tuple[Path, ...], as_json: bool) -> None:
+    """Check each FILE as the service and the executor do, and name every fault at once; exit status 1 if there is one.
+
+    With --json each good file is a line.
+    """
     from planner.cell import load_cell
     from planner.cell_folder import file_faults
 
-    faults = file_faults(file)
-    if faults:
-        raise CellRefused(file, [{"field": f.field, "value": f.value, "reason": f.reason} for f in faults], faults)
-    found = load_cell(file)
-    if as_json:
-        summary = {"cell": found.name, "robot": found.robot.name, "link": found.link.kind, "host": found.link.host}
-        notes = {"kinematics": _kinematics_of(found), "warnings": warnings_of(found)}
-        click.echo(json.dumps({**summary, "sha256": found.sha256, **notes}))
-        return
-    kind = "a simulated controller" if found.link.kind == "sim" else "a REAL arm"
-    say(f"{file}: good. {found.robot.name}, {kind} at {found.link.host}, sha256 {found.sha256}", GOOD)
-    click.echo(_kinematics_of(found))
-    for warning in warnings_of(found):
+    refused = {}
+    for file in files:
+        if faults := file_faults(file):
+            refused[file] = faults
+        elif as_json:
+            click.echo(json.dumps(_cell_document(load_cell(file))))
+        else:
+            _say_good(file, load_cell(file))
+    if refused:
+        raise CellRefused(refused)
+
+
+def _say_good(file: Path, cell: Cell) -> None:
+    kind = "a simulated controller" if cell.link.kind == "sim" else "a REAL arm"
+    say(f"{file}: good. {cell.robot.name}, {kind} at {cell.link.host}, sha256 {cell.sha256}", GOOD)
+    click.echo(_kinematics_of(cell))
+    for warning in warnings_of(cell):
         say(warning, BAD)
 
 
-class CellRefused(click.ClickException):
-    """A cell file has faults; `problem` lists them."""
+def _cell_document(cell: Cell) -> dict[str, Any]:
+    summary = {"cell": cell.name, "robot": cell.robot.name, "link": cell.link.kind, "host": cell.link.host}
+    notes = {"kinematics": _kinematics_of(cell), "warnings": warnings_of(cell)}
+    return {**summary, "sha256": cell.sha256, **notes}
 
-    def __init__(self, file: Path, errors: list[dict[str, Any]], faults: Sequence[object]) -> None:
-        count = "a fault" if len(faults) == 1 else f"{len(faults)} faults"
-        super().__init__("\n  ".join([f"{file} has {count}:", *map(str, faults)]))
-        self.problem = {"title": "Cell refused", "detail": f"{file} has {count}", "errors": errors}
+
+class CellRefused(click.ClickException):
+    """Cell files have faults; `problem` lists them."""
+
+    def __init__(self, refused: Mapping[Path, Sequence[CellError]]) -> None:
+        heads = {file: f"{file} has {_count(faults)}" for file, faults in refused.items()}
+        texts = ["\n  ".join([f"{heads[file]}:", *map(str, faults)]) for file, faults in refused.items()]
+        super().__init__("\n".join(texts))
+        errors = [_fault_document(file, fault) for file, faults in refused.items() for fault in faults]
+        self.problem = {"title": "Cell refused", "detail": "; ".join(heads.values()), "errors": errors}
+
+
+def _count(faults: Sequence[object]) -> str:
+    return "a fault" if len(faults) == 1 else f"{len(faults)} faults"
+
+
+def _fault_document(file: Path, fault: CellError) -> dict[str, Any]:
+    return {"file": str(file), "field": fault.field, "value": _json_value(fault.value), "reason": fault.reason}
+
+
+def _json_value(value: object) -> object:
+    """Returns a value as it is; one that has no short form in JSON, such as a date, as a sentence quotes it."""
+    from planner.errors import quoted
+
+    try:
+        is_short = len(json.dumps(value)) <= VALUE_MAX
+    except (TypeError, ValueError, RecursionError):
+        is_short = False
+    return value if is_short else quoted(value)
 
 
 def _kinematics_of(cell: Cell) -> str:

@@ -100,18 +100,19 @@ def _read(file: Path | None) -> BatchRequest:
     from pydantic import ValidationError
 
     from api.cli.support.errors import RefusedRequest
-    from api.cli.support.request_file import read_document
-    from api.http import ProblemDetails, invalid_request, problem_document
+    from api.cli.support.request_file import BATCH_BYTES, read_document
+    from api.http import invalid_request, problem_document, translate
     from api.schemas import BatchRequest
+    from planner.errors import InvalidProblem
 
     assert file is not None  # a batch is not resumed
     try:
-        return BatchRequest.model_validate(read_document(file))
+        return BatchRequest.model_validate(read_document(file, BATCH_BYTES))
     except ValidationError as error:
         refusal = invalid_request(error.errors(), BatchRequest)
         raise RefusedRequest(problem_document(refusal, str(file))) from error
-    except ProblemDetails as error:
-        raise RefusedRequest(problem_document(error, str(file))) from error
+    except InvalidProblem as error:
+        raise RefusedRequest(problem_document(translate(error), str(file))) from error
 
 
 def _queue(store: Store, settings: Any, body: BatchRequest) -> str:

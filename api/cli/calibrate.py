@@ -214,11 +214,12 @@ def _executed(client: ServiceClient, plan: dict[str, Any]) -> dict[str, Any]:
 
 
 def _from_csv(file: Path) -> dict[str, Any]:
-    from learning import RecordingError, estimate_timing, recording_from_csv
+    from learning import RECORDING_BYTES, RecordingError, estimate_timing, recording_from_csv
+    from planner.documents import read_text
 
     try:
-        return estimate_timing(recording_from_csv(file.read_text())).as_document()
-    except (RecordingError, OSError, UnicodeDecodeError) as error:
+        return estimate_timing(recording_from_csv(read_text(file, RECORDING_BYTES))).as_document()
+    except RecordingError as error:
         raise click.ClickException(f"{file}: {error}") from error
 
 

@@ -117,9 +117,9 @@ def _find(versions: list[CellVersionRow], number: int) -> CellVersionRow:
 
 def _calibration_of(path: Path, row: CellVersionRow) -> Path:
     """Returns the path of the calibration file that a version names."""
-    import tomllib
+    from planner.documents import parse_toml
 
-    return path.with_name(tomllib.loads(row.text.decode())["kinematics"]["calibration"])
+    return path.with_name(parse_toml(row.text)["kinematics"]["calibration"])
 
 
 def _write(path: Path, content: bytes) -> None:

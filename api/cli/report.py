@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from api.cli.support.options import calls_service
+from planner.documents import read_text
 
 if TYPE_CHECKING:
     from api.cli.support.client import ServiceClient
     from api.report import ReportContent
 
 CSV = "text/csv"
+PLAN_BYTES = 50_000_000  # [byte] of a plan; one of a second has 300,000
 # Keys of a plan that a report needs; a list of plans leaves out the trajectory.
 NEEDED = ("trajectory", "certificate", "flight", "release", "request", "solver", "cell", "cell_sha256", "id")
 
@@ -78,10 +80,11 @@ def _of_file(file: Path, cells: Path | None) -> ReportContent:
 
 def _plan_in(file: Path) -> dict[str, Any]:
     """Returns the plan in a file, with all keys of `NEEDED`; where there is none, the error says why in words."""
+    text = read_text(file, PLAN_BYTES)
     try:
-        plan = json.loads(file.read_text(encoding="utf-8"))
-    except ValueError as error:
-        why = f"it is not JSON ({error})" if file.stat().st_size else "it is empty"
+        plan = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        why = f"it is not JSON ({error})" if text else "it is empty"
         raise click.ClickException(f"{file} is not a plan: {why}") from error
     if not isinstance(plan, dict):
         raise click.ClickException(f"{file} is not a plan: it has another form")
@@ -110,7 +113,8 @@ def _of_plan(client: ServiceClient, id: str, **more: Any) -> ReportContent:
 
 def _of_execution(client: ServiceClient, id: str) -> ReportContent:
     execution = client.get(f"/executions/{id}")
-    landings = client.get(f"/executions/{execution['id']}/landing")["landings"]
+    reported = client.get(f"/executions/{execution['id']}/landing")["landings"]
+    landings = [landing for landing in reported if landing.get("withdrawn_at") is None]
     recording = client.text(f"/executions/{execution['id']}/recording", CSV) if execution["outcome"] else ""
     return _of_plan(client, execution["plan_id"], execution=execution, landings=landings, recording=recording)
 

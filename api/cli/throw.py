@@ -147,8 +147,12 @@ def acknowledge(cell: str | None, client: ServiceClient) -> None:
 @click.argument("execution", default="latest")
 @calls_service
 def abort(execution: str, client: ServiceClient) -> None:
-    """Ask for the brake of EXECUTION: its id, or `latest`. Not a safety function: use the emergency stop."""
+    """Ask for the brake of EXECUTION: its id, or `latest`. Not a safety function: use the emergency stop.
 
-    answer = client.post(f"/executions/{execution}/abort")
+    An executor on this machine is asked directly, so that neither service nor database need to answer; `latest` is
+    then the newest execution that runs.
+    """
+
+    answer = client.abort(execution)
     said = f"had ended before: {answer['outcome']}" if answer["outcome"] else "the executor was asked to brake"
     click.echo(f"{answer['id']}: {said}")

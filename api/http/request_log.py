@@ -23,6 +23,7 @@ ACTIONS = {  # what is audited, by route; acts that succeed are audited by the s
     "/execute": "execute",
     "/executions/{id}/abort": "abort",
     "/executions/{id}/landing": "landing",
+    "/executions/{id}/landing/{landing}/withdraw": "withdraw",
     "/cells/{name}/acknowledge": "acknowledge",
     "/cells/{name}/profiles": "profile",
     "/cells/{name}/profiles/revert": "revert",

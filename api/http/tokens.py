@@ -13,12 +13,15 @@ import logging
 import os
 import re
 import secrets
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
+from planner.documents import parse_toml, read_file
+from planner.errors import FileRefused
+
+TOKENS_BYTES = 1_000_000  # [byte] of the tokens file: some thousand tokens
 SCOPES = ("plan", "operate")
 TOKEN_BYTES = 32
 NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.@-]{0,63}")
@@ -84,6 +87,11 @@ class TokenRegistry:
             self._read_again(self._path)
         return find_token(self._tokens, token)
 
+    def is_in_force(self, token: str) -> bool:
+        """Returns whether a token is known and has not expired."""
+        found = self.find(token)
+        return found is not None and not found.has_expired
+
     def _read_again(self, path: Path) -> None:
         try:
             self._tokens = read_tokens(path)
@@ -110,11 +118,11 @@ def read_tokens(path: Path) -> tuple[StoredToken, ...]:
         ValueError: The file is missing or not TOML, or an entry is invalid.
     """
     try:
-        document = tomllib.loads(path.read_text())
+        document = parse_toml(read_file(path, TOKENS_BYTES))
         return tuple(_stored(entry) for entry in document.get("token", []))
     except KeyError as error:
         raise ValueError(f"the tokens file {path} cannot be read: a token has no {error.args[0]!r}") from error
-    except (OSError, ValueError, TypeError, AttributeError) as error:
+    except (FileRefused, ValueError, TypeError, AttributeError) as error:
         raise ValueError(f"the tokens file {path} cannot be read: {error}") from error
 
 

@@ -53,7 +53,7 @@ def _release_facts(flight: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 def certificate_section(certificate: Mapping[str, Any]) -> str:
     """Returns the certificate as a table with margin bars; an instant is a button that goes there."""
-    head = "".join(f"<th>{name}</th>" for name in ("check", "value", "limit", "unit", "margin", "", "at [s]", ""))
+    head = "".join(f"<th>{name}</th>" for name in ("check", "value", "", "limit", "unit", "margin", "", "at [s]", ""))
     rows = "".join(map(_check_row, certificate["checks"]))
     missing = certificate.get("not_checked") or ()
     note = f"<p>Not checked: {html.escape('; '.join(missing))}</p>" if missing else ""
@@ -61,9 +61,9 @@ def certificate_section(certificate: Mapping[str, Any]) -> str:
 
 
 def _check_row(check: Mapping[str, Any]) -> str:
-    numbers = "".join(
-        f"<td>{html.escape(_text(check[name]))}</td>" for name in ("name", "value", "limit", "unit", "margin")
-    )
+    texts = [check["name"].replace("_", " "), _text(check["value"]), _relation(check), _text(check["limit"])]
+    texts += [_text(check["unit"]), _text(check["margin"])]
+    numbers = "".join(f"<td>{html.escape(text)}</td>" for text in texts)
     bar = f'<td class="bar"><span style="width:{100 * _share_left(check):.0f}%"></span></td>'
     at = (
         ""
@@ -72,6 +72,17 @@ def _check_row(check: Mapping[str, Any]) -> str:
     )
     verdict = '<td class="ok">ok</td>' if check["ok"] else '<td class="bad">VIOLATED</td>'
     return f"<tr>{numbers}{bar}<td>{at}</td>{verdict}</tr>"
+
+
+def _relation(check: Mapping[str, Any]) -> str:
+    """Returns how a value stands to its limit: a limit from below is told by the sign of its margin."""
+    value, limit, margin = (check[name] for name in ("value", "limit", "margin"))
+    if value is None or limit is None or margin is None:
+        return ""
+    is_lower = value != limit and (value > limit) == (margin > 0.0)
+    if check["ok"]:
+        return "≥" if is_lower else "≤"
+    return "<" if is_lower else ">"
 
 
 def _share_left(check: Mapping[str, Any]) -> float:
@@ -86,7 +97,7 @@ def execution_section(execution: Mapping[str, Any], landings: Sequence[Mapping[s
     metrics = execution.get("metrics") or {}
     rows = [
         ("execution", execution["id"]),
-        ("outcome", execution["outcome"] or execution["state"]),
+        ("outcome", _outcome_text(execution)),
         ("reason", execution.get("reason") or ""),
         *(
             (label, f"{factor * metrics[key]:.4g} {unit}")
@@ -98,6 +109,12 @@ def execution_section(execution: Mapping[str, Any], landings: Sequence[Mapping[s
     everything = [(name, _text(value)) for name, value in sorted(metrics.items())]
     details = f"<details><summary>Every metric</summary><table>{_rows(everything)}</table></details>"
     return f"<section><h2>Execution</h2><table>{_rows([row for row in rows if row[1]])}</table>{details}</section>"
+
+
+def _outcome_text(execution: Mapping[str, Any]) -> str:
+    """Returns what came of an execution; a dry run is no move."""
+    outcome = execution["outcome"] or execution["state"]
+    return f"{outcome}, as a dry run: nothing moved" if execution.get("dry_run") else outcome
 
 
 def experiment_section(experiment: Mapping[str, Any]) -> str:

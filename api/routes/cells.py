@@ -13,6 +13,7 @@ from fastapi.responses import JSONResponse
 from api.cell_history import history_document
 from api.dependencies import AnyCaller, OperateCaller, Origin, Service, ServiceDep, name_in_path
 from api.http import ProblemDetails, json_answer, problem_answers
+from api.routes.executions import reason_not_executable
 from api.scene import cell_model
 from api.schemas import Acknowledged, CellHistory, CellList, CellModel, CellState, TimingAnswer, iso_time
 from learning import cell_in_use, pooled_document, timing_runs
@@ -53,9 +54,10 @@ def read_cell(name: CellName, service: ServiceDep, caller: AnyCaller) -> JSONRes
 )
 def read_robot_state(name: CellName, service: ServiceDep, caller: AnyCaller) -> JSONResponse:
     """Reads the live state of a cell's robot: mode, safety, joint positions; and a latched fault."""
-    service.cell(name)
+    cell = service.cell(name)
     row = service.store.cell_status(name)
     document = {"cell": name, "executor": _executor(row), "execution_id": service.store.open_execution(name)}
+    document["not_executable"] = reason_not_executable(service, caller, cell, row)
     robot, fault = (row.robot if row.is_alive else None, row.fault) if row is not None else (None, None)
     return JSONResponse({**document, "robot": robot, "fault": fault})
 
@@ -121,12 +123,14 @@ def read_timing(name: CellName, service: ServiceDep, caller: AnyCaller) -> JSONR
 
 def _summary(service: Service, name: str, row: CellRow | None) -> dict[str, Any]:
     document: dict[str, Any] = {"name": name, "robot": None, "link_kind": None, "sha256": None, "error": None}
+    document["link_host"] = None
     document |= {"default": name == service.settings.default_cell, "executor": _executor(row)}
     try:
         cell = service.cell(name)
     except CellError as error:
         return {**document, "error": str(error)}
-    return {**document, "robot": cell.robot.name, "link_kind": cell.link.kind, "sha256": cell.sha256}
+    link = {"link_kind": cell.link.kind, "link_host": cell.link.host}
+    return {**document, "robot": cell.robot.name, **link, "sha256": cell.sha256}
 
 
 def _executor(row: CellRow | None) -> dict[str, Any] | None:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import time
 from typing import Annotated, Any
 
 import orjson
 from anyio import to_thread
-from fastapi import APIRouter, Body, Header, Request, Response
+from fastapi import APIRouter, Body, Header, Query, Request, Response
 from fastapi.responses import JSONResponse, StreamingResponse
 from starlette.concurrency import run_in_threadpool
 
 from api.dependencies import AnyCaller, Key, OperateCaller, Origin, Service, ServiceDep, find, id_in_path, make_once
 from api.http import (
+    Caller,
     ProblemDetails,
     StrictJsonRoute,
     event_stream,
@@ -26,19 +28,24 @@ from api.schemas import (
     ExecuteRequest,
     ExecutionAnswer,
     ExecutionList,
+    Outcome,
     StateEvent,
     TelemetryEvent,
     iso_time,
 )
 from fling import tracing
+from planner.cell import Cell
 from planner.errors import CellError
-from store import AuditLine, CellRow, ExecutionRow, PlanRow
+from store import CellRow, ExecutionRow, PlanRow
 
 router = APIRouter(route_class=StrictJsonRoute, tags=["executions"])
 
+UNGUARDED = "a service without tokens executes on simulated cells only"
 MCAP = "application/octet-stream"  # MCAP has no registered media type
 ExecutionId = Annotated[str, id_in_path("execution")]
 ExecuteBody = Annotated[ExecuteRequest, Body(openapi_examples=EXECUTE_EXAMPLES)]  # type: ignore[arg-type]
+OfCell = Annotated[str | None, Query(max_length=64, description="Only those of this cell.")]
+OfOutcome = Annotated[Outcome | None, Query(description="Only those that ended so.")]
 RECORDING_ANSWER = {
     "content": {MCAP: {"schema": {"type": "string", "format": "binary"}}, "text/csv": {"schema": {"type": "string"}}},
     "description": "Planned and measured motion, one row per tick: MCAP, or CSV by `Accept`.",
@@ -61,6 +68,7 @@ def execute_plan(body: ExecuteBody, service: ServiceDep, caller: OperateCaller, 
     """Queues one execution of a plan. **This moves the robot**; software stop is not a safety function."""
 
     def queue() -> str:
+        service.store.require_room()
         plan = find_plan(service, body.plan_id, whole=False)
         _check_executable(service, plan, body)
         return service.store.queue_execution(
@@ -81,10 +89,15 @@ def execute_plan(body: ExecuteBody, service: ServiceDep, caller: OperateCaller, 
 
 @router.get("/executions", summary="List executions", responses=json_answer(200, ExecutionList, "Newest first."))
 def list_executions(
-    service: ServiceDep, caller: AnyCaller, limit: PageLimit = 50, cursor: PageCursor = None
+    service: ServiceDep,
+    caller: AnyCaller,
+    limit: PageLimit = 50,
+    cursor: PageCursor = None,
+    cell: OfCell = None,
+    outcome: OfOutcome = None,
 ) -> JSONResponse:
-    """Lists executions, newest first."""
-    rows, following = service.store.executions(limit, cursor)
+    """Lists executions, newest first: all of them, or those of a cell or with an outcome."""
+    rows, following = service.store.executions(limit, cursor, cell, outcome)
     return JSONResponse({"executions": [_document(service, row) for row in rows], "next_cursor": following})
 
 
@@ -129,13 +142,14 @@ def read_recording(
 )
 async def watch_execution(
     id: ExecutionId,
+    request: Request,
     service: ServiceDep,
     caller: AnyCaller,
     last_event_id: Annotated[int, Header(ge=0, le=2**62, description="Resume after this event.")] = 0,
 ) -> StreamingResponse:
     """Streams state changes and telemetry (20 Hz or more) as server-sent events until the execution has ended."""
     row = await run_in_threadpool(find_execution, service, id)
-    return event_stream(service.feeds.listen(row.id, last_event_id))
+    return event_stream(service.feeds.listen(row.id, last_event_id), request.state.is_allowed)
 
 
 @router.post(
@@ -147,17 +161,24 @@ async def watch_execution(
 async def abort_execution(
     id: ExecutionId, request: Request, service: ServiceDep, caller: AnyCaller, origin: Origin
 ) -> JSONResponse:
-    """Requests a brake; any valid token may. **Not a safety function**: use the emergency stop."""
-    act = origin.act(caller, "abort")
-    return await to_thread.run_sync(_abort, service, id, act, limiter=request.app.state.lanes.stops)
+    """Requests a brake; any valid token may. **Not a safety function**: use the emergency stop.
 
-
-def _abort(service: Service, id: str, act: AuditLine) -> JSONResponse:
-    row = service.store.request_abort(find_execution(service, id).id, act)
-    if _executor_is_lost(service, row):
+    The executor of this machine is asked directly, and is answered for while the database does not answer.
+    `latest` is the newest execution; without the database the newest that runs.
+    """
+    stopping = service.stopping
+    audit = origin.act(caller, "abort")
+    wanted = await stopping.newest() if id == "latest" else id
+    running = await stopping.at_executor(wanted, caller.name)
+    if running is not None:  # its executor brakes: all else may wait
+        row = await stopping.in_store_soon(running.id, audit) or running
+        return JSONResponse(_row_document(row, False), 202)
+    row = await stopping.in_store(wanted or id, audit)
+    document = await to_thread.run_sync(_document, service, row, limiter=request.app.state.lanes.stops)
+    if document["executor_lost"]:
         detail = f"the executor of cell {row.cell!r} does not report: nobody brakes; use the emergency stop"
         raise ProblemDetails("executor-lost", detail, cell=row.cell, execution_id=row.id, state=row.state)
-    return JSONResponse(_document(service, row), 202)
+    return JSONResponse(document, 202)
 
 
 def find_execution(service: Service, id: str) -> ExecutionRow:
@@ -171,9 +192,13 @@ def find_execution(service: Service, id: str) -> ExecutionRow:
 
 def _document(service: Service, row: ExecutionRow) -> dict[str, Any]:
     """Returns the JSON of an execution."""
+    return _row_document(row, _executor_is_lost(service, row))
+
+
+def _row_document(row: ExecutionRow, is_lost: bool) -> dict[str, Any]:
     document = {name: iso_time(value) if name.endswith("_at") else value for name, value in vars(row).items()}
     del document["executor_id"]
-    return {**document, "executor_lost": _executor_is_lost(service, row)}
+    return {**document, "executor_lost": is_lost}
 
 
 def _executor_is_lost(service: Service, row: ExecutionRow) -> bool:
@@ -197,6 +222,9 @@ def _check_executable(service: Service, plan: PlanRow, body: ExecuteRequest) -> 
     if cell is None or cell.sha256 != plan.cell_sha256:
         change = "is gone" if cell is None else "has changed since planning"
         raise ProblemDetails("plan-not-executable", f"the cell file {plan.cell!r} {change}: plan again", cell=plan.cell)
+    if plan.sha256 is None:
+        detail = "an earlier version of Fling stored the plan, without a hash of its content: plan again"
+        raise ProblemDetails("plan-not-executable", detail, cell=plan.cell)
     adopted = service.store.profile_in_use(plan.cell, plan.cell_sha256)
     made = orjson.loads(plan.summary).get("profile")
     if made != (None if adopted is None else adopted.id):
@@ -204,7 +232,7 @@ def _check_executable(service: Service, plan: PlanRow, body: ExecuteRequest) -> 
         raise ProblemDetails("plan-not-executable", detail, cell=plan.cell, profile=adopted and adopted.id)
     real = cell.link.kind != "sim"
     if real and not service.tokens.is_guarded:
-        raise ProblemDetails("forbidden", "a service without tokens executes on simulated cells only")
+        raise ProblemDetails("forbidden", UNGUARDED)
     if real and body.plan_id == "latest":
         raise ProblemDetails("forbidden", "on a real arm a plan is executed by its own id, not by 'latest'")
     row = service.store.cell_status(plan.cell)
@@ -213,11 +241,21 @@ def _check_executable(service: Service, plan: PlanRow, body: ExecuteRequest) -> 
         raise ProblemDetails("robot-not-ready", reason, cell=plan.cell, fault=None if row is None else row.fault)
 
 
+def reason_not_executable(service: Service, caller: Caller, cell: Cell, row: CellRow | None) -> str | None:
+    """Returns why an execution that `caller` asks for now would be refused; None where it would be queued."""
+    if "operate" not in caller.scopes:
+        return "this token may not execute: it lacks the scope 'operate'"
+    if cell.link.kind != "sim" and not service.tokens.is_guarded:
+        return UNGUARDED
+    return _reason_not_ready(row, cell.name)
+
+
 def _reason_not_ready(row: CellRow | None, cell: str) -> str | None:
     if row is None:
         return f"cell {cell!r} has no executor: start one with 'fling executor --cell {cell}'"
     if not row.is_alive:
-        return f"the executor of cell {cell!r} is gone"
+        silent_s = time.time() - row.heartbeat_at
+        return f"the executor of cell {cell!r} has not reported for {silent_s:.0f} s: it has ended, or is stalled"
     if row.read_only:
         return f"the executor of cell {cell!r} does not move its robot (--read-only)"
     if row.fault is not None:

@@ -10,7 +10,7 @@ import numpy as np
 from fastapi import APIRouter, Body
 from fastapi.responses import JSONResponse
 
-from api.dependencies import AnyCaller, Key, OperateCaller, Origin, Service, ServiceDep
+from api.dependencies import AnyCaller, Key, OperateCaller, Origin, Service, ServiceDep, id_in_path
 from api.http import (
     ProblemDetails,
     StrictJsonRoute,
@@ -30,6 +30,7 @@ router = APIRouter(route_class=StrictJsonRoute, tags=["executions"])
 
 OWN_SOURCES = ("sim-camera",)  # written by executors alone
 NOT_THROWN_YET = ("queued", "preparing", "approaching")  # states
+LandingId = Annotated[str, id_in_path("landing")]
 LandingBody = Annotated[LandingRequest, Body(openapi_examples=LANDING_EXAMPLES)]  # type: ignore[arg-type]
 
 
@@ -76,15 +77,37 @@ def report_landing(
     responses=json_answer(200, LandingList, "Oldest first.", "not-found"),
 )
 def read_landings(id: ExecutionId, service: ServiceDep, caller: AnyCaller) -> JSONResponse:
-    """Lists the observations of a throw's landing."""
+    """Lists the observations of a throw's landing, withdrawn ones too: these have `withdrawn_at` and count nowhere."""
     row = find_execution(service, id)
-    rows = service.store.landings(row.id)
+    rows = service.store.landings(row.id, withdrawn=True)
     return JSONResponse({"execution_id": row.id, "landings": [landing_document(landing) for landing in rows]})
+
+
+@router.post(
+    "/executions/{id}/landing/{landing}/withdraw",
+    summary="Withdraw a landing",
+    responses={
+        **json_answer(200, LandingAnswer, "It is kept, and counts nowhere.", "not-found", "unauthenticated"),
+        **problem_answers("forbidden", "invalid-request"),
+    },
+)
+def withdraw_landing(
+    id: ExecutionId, landing: LandingId, service: ServiceDep, caller: OperateCaller, origin: Origin
+) -> JSONResponse:
+    """Withdraws a report that was wrong: of another throw or place. Profiles that rest on it stay as they are."""
+    row = find_execution(service, id)
+    known = [seen.id for seen in service.store.landings(row.id, withdrawn=True)]
+    wanted = known[-1] if landing == "latest" and known else landing
+    if wanted not in known:
+        raise ProblemDetails("not-found", f"execution {row.id!r} has no landing {landing!r}")
+    withdrawn = service.store.withdraw_landing(wanted, caller.name, origin.act(caller, "withdraw"))
+    assert withdrawn is not None  # it is known
+    return JSONResponse(landing_document(withdrawn))
 
 
 def landing_document(row: LandingRow) -> dict[str, Any]:
     """Returns the JSON of an observation."""
-    return {**vars(row), "at": iso_time(row.at)}
+    return {**vars(row), "at": iso_time(row.at), "withdrawn_at": iso_time(row.withdrawn_at)}
 
 
 def _created(row: LandingRow | None) -> JSONResponse:

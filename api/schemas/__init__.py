@@ -2,7 +2,7 @@
 
 from api.schemas.batches import BATCH_EXAMPLES, BatchAnswer, BatchList, BatchRequest, BatchResultList
 from api.schemas.cell_states import Acknowledged, CellHistory, CellList, CellState
-from api.schemas.execution_records import ExecutionAnswer, ExecutionList, StateEvent, TelemetryEvent
+from api.schemas.execution_records import ExecutionAnswer, ExecutionList, Outcome, StateEvent, TelemetryEvent
 from api.schemas.experiments import (
     EXPERIMENT_EXAMPLES,
     ExperimentAnswer,
@@ -67,6 +67,7 @@ __all__ = [
     "MapAnswer",
     "MapBody",
     "MapHead",
+    "Outcome",
     "PlanAnswer",
     "PlanCurves",
     "PlanList",

@@ -24,6 +24,7 @@ class CellSummary(BaseModel):
     name: str
     robot: str | None
     link_kind: Literal["sim", "ur"] | None = Field(description="`ur` is a real arm.")
+    link_host: str | None = Field(None, description="Address of the controller.")
     default: bool
     sha256: str | None
     error: str | None = Field(description="Why the cell file is refused; null if it is valid.")
@@ -76,6 +77,9 @@ class CellState(BaseModel):
         description="Latched until a person acknowledges it; a refused cell file: until it is repaired."
     )
     execution_id: str | None = Field(description="The unfinished execution of the cell.")
+    not_executable: str | None = Field(
+        None, description="Why `POST /execute` by this caller would be refused now; null: it would be queued."
+    )
 
 
 class Acknowledged(BaseModel):

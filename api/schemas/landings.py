@@ -37,7 +37,7 @@ class LandingRequest(RequestModel):
 
 
 class LandingAnswer(BaseModel):
-    """One observation of a landing; it is never changed."""
+    """One observation of a landing; it is never changed, but may be withdrawn."""
 
     id: str
     execution_id: str
@@ -48,6 +48,8 @@ class LandingAnswer(BaseModel):
     std_m: float | None = Field(description="Standard deviation along each axis [m]; 0: exact.")
     result: str | None = Field(description="hit, edge or miss.")
     radius_m: float | None = Field(description="Radius that the result is about [m].")
+    withdrawn_at: str | None = Field(None, description="UTC, ISO 8601; null: it counts.")
+    withdrawn_by: str | None = Field(None, description="Owner of the token.")
 
 
 class LandingList(BaseModel):

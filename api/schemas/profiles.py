@@ -35,6 +35,9 @@ class ProfileEvidence(BaseModel):
     not_used: list[UnusedThrowAnswer] = Field(
         [], description="Throws with a landing that does not count, oldest first."
     )
+    doubted: list[UnusedThrowAnswer] = Field(
+        [], description="Throws whose landing is most likely a mistaken report, which weighs it lightly; oldest first."
+    )
 
 
 class ProfileSummary(BaseModel):

@@ -2,7 +2,7 @@
 
 from executor.records.journal import MIN_FREE_BYTES, ExecutionResult, Journal, JournalLocked
 from executor.records.landing import Landing, ObservedLanding, expect_throw, wait_for_landing
-from executor.records.metrics import metrics, release_verdict, timing_advice
+from executor.records.metrics import metrics, release_verdict, timing_advice, without_motion
 from executor.records.recording import to_mcap, to_samples
 from executor.records.telemetry import RunResult, Telemetry, row_document
 from executor.records.timing import arm_timing
@@ -25,4 +25,5 @@ __all__ = [
     "to_mcap",
     "to_samples",
     "wait_for_landing",
+    "without_motion",
 ]

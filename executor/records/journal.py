@@ -15,10 +15,13 @@ from typing import Any
 
 import orjson
 
-from store import Store, StoreUnavailable, samples_of_csv
+from executor.logs import log
+from store import Store, samples_of_csv
 
 CAMERA = "sim-camera"  # source of the landings that a simulated controller reports
 FAULT_FILE = "fault.json"
+EXECUTOR_FILE = "executor"
+RESULT = ".result.json"
 MIN_FREE_BYTES = 100_000_000  # [bytes] a recording takes a hundredth of it
 
 
@@ -57,6 +60,7 @@ class Journal:
         """
         self.folder = folder
         self._results: list[ExecutionResult] = []
+        self._unknown: set[str] = set()  # executions that the database does not know
         self._fault: dict[str, Any] | None = None
         folder.mkdir(parents=True, exist_ok=True)
         self._lock = (folder / "lock").open("w")
@@ -70,9 +74,20 @@ class Journal:
         """Unlocks the folder."""
         self._lock.close()
 
+    def earlier_executor(self) -> str | None:
+        """Returns the id of the executor that had this folder before, and has ended; None without one."""
+        path = self.folder / EXECUTOR_FILE
+        return path.read_text() if path.exists() else None
+
+    def note_executor(self, executor_id: str) -> None:
+        """Notes the id of the executor that has this folder now."""
+        with contextlib.suppress(OSError):  # the disk is full: the next one waits for the lease
+            self._write(EXECUTOR_FILE, executor_id.encode())
+
     def has_undelivered(self) -> bool:
-        """Whether a result is still to be delivered."""
-        return bool(self._results) or next(self.folder.glob("*.result.json"), None) is not None
+        """Whether a result is still to be delivered to this database."""
+        in_memory = any(result.execution_id not in self._unknown for result in self._results)
+        return in_memory or bool(self._waiting())
 
     def has_room(self) -> bool:
         """Whether the disk has room for the records of an execution."""
@@ -88,7 +103,7 @@ class Journal:
             for name, content in (
                 (f"{id}.mcap", result.mcap),
                 (f"{id}.samples", result.samples),
-                (f"{id}.result.json", data),
+                (f"{id}{RESULT}", data),
             ):
                 self._write(name, content)
         except OSError:  # the disk is full
@@ -96,15 +111,19 @@ class Journal:
                 path.unlink()
             self._results.append(result)
 
-    def deliver(self, store: Store) -> int:
-        """Delivers every kept result to the store and deletes it; returns the number left."""
-        with contextlib.suppress(StoreUnavailable):  # the database is unavailable: delivered later
-            while self._results:
-                deliver(store, self._results[0])
-                del self._results[0]
-            for path in sorted(self.folder.glob("*.result.json")):
-                self._deliver_one(store, path)
-        return len(self._results) + len(list(self.folder.glob("*.result.json")))
+    def deliver(self, store: Store) -> None:
+        """Delivers every kept result to the store, and deletes it once the store has it.
+
+        A result of an execution that this database does not know is kept, for the next process to try again.
+
+        Raises:
+            StoreUnavailable: the database is gone; the rest is delivered later.
+        """
+        for result in [result for result in self._results if result.execution_id not in self._unknown]:
+            if self._is_confirmed(store, result):
+                self._results.remove(result)
+        for path in self._waiting():
+            self._deliver_one(store, path)
 
     def fault(self) -> dict[str, Any] | None:
         """Returns the latched fault; None without one."""
@@ -122,16 +141,30 @@ class Journal:
         self._fault = None
         (self.folder / FAULT_FILE).unlink(missing_ok=True)
 
+    def _waiting(self) -> list[Path]:
+        """Returns the files of the results that this database may take, oldest first."""
+        files = sorted(self.folder.glob(f"*{RESULT}"))
+        return [file for file in files if file.name.removesuffix(RESULT) not in self._unknown]
+
     def _deliver_one(self, store: Store, path: Path) -> None:
-        execution_id = path.name.removesuffix(".result.json")
+        execution_id = path.name.removesuffix(RESULT)
         summary = orjson.loads(path.read_bytes())
         mcap, samples, csv = (self.folder / f"{execution_id}.{kind}" for kind in ("mcap", "samples", "csv"))
         if csv.exists():  # written by an earlier version of Fling
             samples.write_bytes(samples_of_csv(csv.read_bytes()))
         recording = [file.read_bytes() if file.exists() else b"" for file in (mcap, samples)]
-        deliver(store, ExecutionResult(execution_id, **summary, mcap=recording[0], samples=recording[1]))
-        for file in (path, mcap, samples, csv):
-            file.unlink(missing_ok=True)
+        result = ExecutionResult(execution_id, **summary, mcap=recording[0], samples=recording[1])
+        if self._is_confirmed(store, result):
+            for file in (path, mcap, samples, csv):
+                file.unlink(missing_ok=True)
+
+    def _is_confirmed(self, store: Store, result: ExecutionResult) -> bool:
+        """Delivers a result; returns whether the store has it now."""
+        if deliver(store, result):
+            return True
+        self._unknown.add(result.execution_id)
+        log("a result is kept, as the database does not know its execution", execution=result.execution_id)
+        return False
 
     def _write(self, name: str, data: bytes) -> None:
         part = self.folder / f"{name}.part"
@@ -142,16 +175,19 @@ class Journal:
         part.replace(self.folder / name)
 
 
-def deliver(store: Store, result: ExecutionResult) -> None:
-    """Delivers one result to the store, its end last; does nothing for an execution unknown to the store.
+def deliver(store: Store, result: ExecutionResult) -> bool:
+    """Delivers one result to the store, its end last; returns whether the store has it now.
 
     Raises:
         StoreUnavailable: the database is gone.
     """
-    if store.execution(result.execution_id) is None:
-        return  # the database was replaced
+    id = result.execution_id
+    if store.execution(id) is None:
+        return False
     if result.mcap:
-        store.add_recording(result.execution_id, result.mcap, result.samples)
+        store.add_recording(id, result.mcap, result.samples)
     if result.landing:
-        store.add_landing(execution_id=result.execution_id, source=CAMERA, **result.landing)
-    store.finish_execution(result.execution_id, result.outcome, result.reason, result.metrics)
+        store.add_landing(execution_id=id, source=CAMERA, **result.landing)
+    store.finish_execution(id, result.outcome, result.reason, result.metrics, is_known=True)
+    row = store.execution(id)
+    return row is not None and row.outcome == result.outcome

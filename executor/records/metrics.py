@@ -23,6 +23,7 @@ Vector = NDArray[np.float64]
 RELEASE_SHARE = 0.005  # [-] release error without a warning, share of the fastest planned joint speed; 1 %: 27 mm off
 RELEASE_NOISE_RAD_S = 0.01  # [rad/s] scatter of a measured joint speed
 RELEASE_NUMBERS = ("release_velocity_error_rad_s", "release_velocity_error_share", "release_velocity_unexpected_rad_s")
+OF_MOTION = ("timing", "tracking_error_max_rad", "tracking_error_max_m", "path_error_max_m", *RELEASE_NUMBERS)
 EXPECTED_STD = 3.0  # [-] standard deviations of a joint's speed that are no surprise: 3 in 1,000 joints by chance
 LANDING_FAR_M = 0.05  # [m] landing error without a warning where no tolerance is larger: a bin is missed
 LANDING_SHIFT_M = 0.005  # [m] accepted shift of the landing by a late gripper command: `late` in docs/executor.md
@@ -57,6 +58,11 @@ def metrics(
         **_gripper(trajectory, result, landing),
         **_landing(problem, trajectory, landing, np.zeros(3) if aim_shift is None else aim_shift),
     }
+
+
+def without_motion(numbers: dict[str, Any]) -> dict[str, Any]:
+    """Returns the metrics of a dry run: those of the motion are null, as the arm stood still."""
+    return {**numbers, **dict.fromkeys(OF_MOTION)}
 
 
 def release_verdict(

@@ -5,13 +5,23 @@ from executor.robot.dashboard import DashboardClient
 from executor.robot.gripper_hold import GripperHold
 from executor.robot.kinematics_client import KinematicsInfo, read_kinematics
 from executor.robot.primary import ProgramWatch
-from executor.robot.session import RATE_HZ, RobotSession, RobotState, receive_timestamps, robot_document
+from executor.robot.session import (
+    OWNER_INPUT,
+    RATE_HZ,
+    Monitor,
+    RobotSession,
+    RobotState,
+    receive_timestamps,
+    robot_document,
+)
 
 __all__ = [
+    "OWNER_INPUT",
     "RATE_HZ",
     "DashboardClient",
     "GripperHold",
     "KinematicsInfo",
+    "Monitor",
     "ProgramWatch",
     "RobotSession",
     "RobotState",

@@ -1,12 +1,13 @@
 """The session with one robot: cell, settings, dashboard and live state.
 
-The live state comes from an RTDE receiver in plain Python, independent of ur_rtde. It subscribes to outputs only, so it
-can never move the arm, and it cannot hang the daemon as ur_rtde can.
+The live state comes from an RTDE receiver in plain Python, independent of ur_rtde. It subscribes to outputs, and
+at most keeps one input that no program reads: it can never move the arm, and cannot hang the daemon as ur_rtde can.
 Wire format: Universal Robots, RTDE guide; big-endian, package = size (2), type (1), body.
 """
 
 from __future__ import annotations
 
+import math
 import socket
 import struct
 import threading
@@ -19,6 +20,7 @@ from executor.robot.dashboard import DashboardClient
 from executor.robot.kinematics_client import KinematicsInfo, KinematicsReader
 from executor.settings import ExecutorSettings
 from executor.streaming.state_checks import NORMAL, POWER_ON
+from executor.worker import Worker
 from planner.cell import Cell
 
 PORT = 30004
@@ -29,8 +31,13 @@ HISTORY = 500  # states kept: four seconds, in which a motion stops and its obje
 FRESH_S = 0.25  # [s] age at which a state is out of date
 VERSION = 86
 SETUP_OUTPUTS = 79
+SETUP_INPUTS = 73
 START = 83
 DATA = 85
+NOT_FOUND = "NOT_FOUND"
+IN_USE = "IN_USE"
+OWNER_INPUT = "input_bit_register_127"  # the last of those for RTDE clients (64 to 127); source: RTDE guide, inputs
+RECLAIM_S = 1.0  # [s] after which a controller is asked again for an input that another connection has
 FORMATS = {"DOUBLE": "d", "UINT64": "Q", "UINT32": "I", "INT32": "i", "VECTOR6D": "6d"}
 OUTPUTS = {  # RTDE outputs, and the fields of `RobotState` that they fill
     "timestamp": "timestamp_s",
@@ -47,6 +54,7 @@ OUTPUTS = {  # RTDE outputs, and the fields of `RobotState` that they fill
     "payload": "payload_kg",
     "tcp_offset": "tcp_offset",
 }
+OPTIONAL = {"payload", "tcp_offset"}  # outputs that older controllers do not publish
 
 
 @dataclass(frozen=True)
@@ -80,26 +88,26 @@ class RobotState:
     inputs: int = 0
 
 
-class Monitor(threading.Thread):
-    """A thread that keeps the newest state in `state`; None without a connection.
+class Monitor(Worker):
+    """Keeps the newest state in `state`; None without a connection.
 
     Attributes:
         stop_seen: the first state with a safety stop or without power since `forget`; None without one.
         history: the newest states since `forget`, in order.
+        owned: whether this connection has `OWNER_INPUT`; None without a connection, or where it does not ask for it.
+        looked: set once it has tried to connect.
     """
 
-    def __init__(self, host: str) -> None:
-        super().__init__(name="monitor", daemon=True)
+    def __init__(self, host: str, owns: bool = False) -> None:
+        """Prepares it; with `owns` its connection asks for `OWNER_INPUT`."""
+        super().__init__("monitor")
         self.host = host
         self.state: RobotState | None = None
         self.stop_seen: RobotState | None = None
         self.history: deque[RobotState] = deque(maxlen=HISTORY)
-        self._ended = threading.Event()
-
-    def stop(self) -> None:
-        """Ends the thread."""
-        self._ended.set()
-        self.join(2.0 * TIMEOUT_S)
+        self.owned: bool | None = None
+        self.looked = threading.Event()
+        self._owns = owns
 
     def fresh(self) -> RobotState | None:
         """Returns the newest state; None where it is out of date."""
@@ -108,18 +116,25 @@ class Monitor(threading.Thread):
 
     def run(self) -> None:
         """Receives states until the end, over a new connection after each failure."""
-        while not self._ended.is_set():
+        while not self.ended.is_set():
             try:
                 with socket.create_connection((self.host, PORT), TIMEOUT_S) as connection:
-                    self._follow(RtdeReceiver(connection))
-            except (OSError, struct.error, ValueError):
-                self._ended.wait(RETRY_S)
-            self.state = None
+                    receiver = RtdeReceiver(connection, owns=self._owns)
+                    self.owned = receiver.owned
+                    self._follow(receiver)
+            except (OSError, ValueError):
+                self.state = None
+                self.owned = None
+                self.looked.set()
+                self.ended.wait(RETRY_S)
 
     def _follow(self, receiver: RtdeReceiver) -> None:
-        while not self._ended.is_set():
+        """Receives states; for a while only over a connection that is refused the input, which may be free again."""
+        end = time.monotonic() + (RECLAIM_S if receiver.owned is False else math.inf)
+        while not self.ended.is_set() and time.monotonic() < end:
             self.state = state = receiver.receive()
             self.history.append(state)
+            self.looked.set()
             if self.stop_seen is None and (state.safety_bits != NORMAL or state.robot_mode < POWER_ON):
                 self.stop_seen = state
 
@@ -130,15 +145,31 @@ class Monitor(threading.Thread):
 
 
 class RtdeReceiver:
-    """One RTDE connection, set up and started, that receives states."""
+    """One RTDE connection, set up and started, that receives states.
 
-    def __init__(self, connection: socket.socket, rate_hz: float = RATE_HZ) -> None:
+    Attributes:
+        owned: whether the connection has `OWNER_INPUT`; None where it did not ask, or the controller has none.
+    """
+
+    def __init__(self, connection: socket.socket, rate_hz: float = RATE_HZ, owns: bool = False) -> None:
+        """Sets the connection up.
+
+        Args:
+            connection: to the RTDE port.
+            rate_hz: of the states [Hz].
+            owns: whether it asks for `OWNER_INPUT`.
+
+        Raises:
+            OSError: the connection is lost.
+            ValueError: this is no RTDE, or not that of an arm.
+        """
         self.socket = connection
         self.rate_hz = rate_hz
         self.buffer = b""
         self._send(VERSION, struct.pack(">H", 2))
         self._await(VERSION)
         self.names = self._set_up([*OUTPUTS])
+        self.owned = self._claim() if owns else None
         self._send(START, b"")
         self._await(START)
 
@@ -147,6 +178,7 @@ class RtdeReceiver:
 
         Raises:
             OSError: the connection is lost.
+            ValueError: this is no state.
         """
         body = self._await(DATA)
         seen_at = time.monotonic()
@@ -156,15 +188,34 @@ class RtdeReceiver:
 
     def _set_up(self, names: list[str]) -> list[str]:
         self._send(SETUP_OUTPUTS, struct.pack(">d", self.rate_hz) + ",".join(names).encode())
-        types = self._await(SETUP_OUTPUTS)[1:].decode().split(",")
-        known = [name for name, kind in zip(names, types, strict=True) if kind != "NOT_FOUND"]
+        types = self._types(SETUP_OUTPUTS, names)
+        known = [name for name, kind in zip(names, types, strict=True) if kind != NOT_FOUND]
+        if missing := set(OUTPUTS) - set(known) - OPTIONAL:
+            raise ValueError(f"the controller does not publish {', '.join(sorted(missing))}")
         if known != names:
             return self._set_up(known)
+        if unknown := set(types) - FORMATS.keys():
+            raise ValueError(f"the controller publishes types that RTDE does not have: {', '.join(sorted(unknown))}")
         self.widths = [6 if kind.startswith("VECTOR6") else 1 for kind in types]
         self.struct = struct.Struct(">B" + "".join(FORMATS[kind] for kind in types))
         return [OUTPUTS[name] for name in names]
 
+    def _claim(self) -> bool | None:
+        """Asks for `OWNER_INPUT`; returns whether it is this connection's now."""
+        self._send(SETUP_INPUTS, OWNER_INPUT.encode())
+        (kind,) = self._types(SETUP_INPUTS, [OWNER_INPUT])
+        return None if kind == NOT_FOUND else kind != IN_USE
+
+    def _types(self, package: int, names: list[str]) -> list[str]:
+        """Returns the types that a controller answers to a set-up, one for each name."""
+        types = self._await(package)[1:].decode().split(",")
+        if len(types) != len(names):
+            raise ValueError(f"the controller answers {len(types)} types to {len(names)} names")
+        return types
+
     def _unpack(self, body: bytes) -> list[Any]:
+        if len(body) != self.struct.size:
+            raise ValueError(f"the controller sent a state of {len(body)} bytes, not {self.struct.size}")
         flat = self.struct.unpack(body)[1:]
         values = []
         at = 0
@@ -224,7 +275,8 @@ class RobotSession:
     def open(cls, cell: Cell, settings: ExecutorSettings, monitor: Monitor | None = None) -> RobotSession:
         """Returns a session with a dashboard of its own, and with `monitor` or a new one."""
         host = cell.link.host
-        return cls(cell, settings, monitor or Monitor(host), DashboardClient(host), KinematicsReader(host))
+        monitor = monitor or Monitor(host, owns=not settings.read_only)
+        return cls(cell, settings, monitor, DashboardClient(host), KinematicsReader(host))
 
     def remote_control(self) -> str | None:
         """Returns the dashboard's answer about remote control; None without an answer."""

@@ -14,7 +14,7 @@ from planner.answer import iso_time
 from planner.cell import Cell, CellSource, cell_of
 from planner.errors import CUT_SHORT
 from planner.problem import TIME_LIMIT_S
-from store import PlanRow, pack_trajectory
+from store import PlanRow, pack_trajectory, plan_sha256
 
 
 @dataclass(frozen=True)
@@ -135,6 +135,7 @@ def record_of(job: PlanningJob, document: dict[str, Any]) -> PlanRecord:
             summary=summary,
             request_id=job.request_id,
             samples=samples,
+            sha256=plan_sha256(job.plan_id or "", summary, samples),
         ),
         release_time_s=document["release_time_s"],
         duration_s=document["duration_s"],

@@ -71,9 +71,11 @@ def _kinematics(text: bytes, name: str) -> Mapping[str, Any]:
     import yaml  # with the first calibrated cell: other cells do without
 
     try:
-        document = yaml.safe_load(text.decode())
+        document = yaml.load(text.decode(), yaml.BaseLoader)  # texts alone: no dates, which may be wrong, no numbers
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise CellError("kinematics.calibration", name, f"is not YAML: {' '.join(str(error).split())}") from error
+    except RecursionError:
+        raise CellError("kinematics.calibration", name, "nests too deep") from None
     kinematics = document.get("kinematics") if isinstance(document, Mapping) else None
     if not isinstance(kinematics, Mapping):
         raise CellError("kinematics.calibration", name, "has no mapping `kinematics`")
@@ -93,9 +95,9 @@ def _pose(entry: object, where: str) -> Array:
 
 
 def _number(value: object, where: str) -> float:
-    """Returns a finite number; YAML reads one like 1e-05, without a point, as text."""
+    """Returns a finite number."""
     try:
-        number = math.nan if isinstance(value, bool) else float(value)  # pyright: ignore[reportArgumentType]
+        number = float(value)  # pyright: ignore[reportArgumentType]
     except (TypeError, ValueError):
         number = math.nan
     if not math.isfinite(number):

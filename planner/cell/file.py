@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -35,6 +34,7 @@ from planner.cell.model import (
     ToolCapsule,
 )
 from planner.cell.source import CellSource, calibration_name, read_source
+from planner.documents import NotToml, parse_toml
 from planner.errors import CellError, UnknownRobot
 from planner.robots import ROBOT_NAMES, Robot, robot
 from planner.rotations import beyond_full_turn, pose, rotation_vector_to_matrix
@@ -156,9 +156,9 @@ def toml_of(source: CellSource) -> dict[str, Any]:
         CellError: the text is not TOML.
     """
     try:
-        return tomllib.loads(source.text.decode())
-    except ValueError as error:  # also of integers of thousands of digits
-        raise CellError("file", source.name, f"is not TOML: {error}") from error
+        return parse_toml(source.text)
+    except NotToml as error:
+        raise CellError("file", source.name, str(error)) from error
 
 
 def cell_of_document(given: Mapping[str, Any], source: CellSource, published: bool = False) -> Cell:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import hashlib
 import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from planner.errors import CellError
+from planner.documents import NotToml, parse_toml, read_file
+from planner.errors import CellError, FileRefused
 
+CELL_BYTES = 500_000  # [byte] of a cell file; a usual one has 2,000, and a box of its surroundings 60
+CALIBRATION_BYTES = 20_000  # [byte] of a calibration file; a driver's has 1,000
 CALIBRATION_PATTERN = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,127}")  # a plain file name: no folder, not hidden
 
 
@@ -41,32 +43,34 @@ def read_source(path: Path | str) -> CellSource:
     """Returns the content of a cell file and of its calibration file.
 
     Raises:
-        CellError: the cell file cannot be read.
+        CellError: a file cannot be read, is no file, or is too large.
     """
     path = Path(path)
     try:
-        text = path.read_bytes()
-    except OSError as error:
-        raise CellError("file", str(path), error.strerror or "cannot be read") from error
+        text = read_file(path, CELL_BYTES)
+    except FileRefused as error:
+        raise CellError("file", str(path), error.reason) from error
     beside = _path_beside(path, text)
-    try:
-        return CellSource(path.stem, text, None if beside is None else beside.read_bytes())
-    except OSError:
+    if beside is None or not beside.exists():
         return CellSource(path.stem, text)  # `cell_of` says that it is missing
+    try:
+        return CellSource(path.stem, text, read_file(beside, CALIBRATION_BYTES))
+    except FileRefused as error:
+        raise CellError("kinematics.calibration", beside.name, error.reason) from error
 
 
 def calibration_path(path: Path) -> Path | None:
     """Returns the path of the calibration file that a cell file names, whether it exists; None where it names none."""
     try:
-        return _path_beside(path, path.read_bytes())
-    except OSError:
+        return _path_beside(path, read_file(path, CELL_BYTES))
+    except FileRefused:
         return None
 
 
 def _path_beside(path: Path, text: bytes) -> Path | None:
     try:
-        file = calibration_name(tomllib.loads(text.decode()))
-    except (CellError, ValueError):
+        file = calibration_name(parse_toml(text))
+    except (CellError, NotToml):
         return None  # `cell_of` says what is wrong
     return None if file is None else path.with_name(file)
 

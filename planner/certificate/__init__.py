@@ -8,7 +8,6 @@ from planner.certificate.bounds import Rates, curvature_bound, point_bound, slop
 from planner.certificate.certificate import Certificate, Check, NotChecked
 from planner.certificate.checks import Examination, certify
 from planner.certificate.curves import Curve, Series, motion_curves
-from planner.certificate.flight import FlightObstruction, flight_obstruction
 from planner.certificate.joints import START_TOLERANCE
 from planner.certificate.release import landing_errors, release_flight, window_landing_points
 
@@ -18,13 +17,11 @@ __all__ = [
     "Check",
     "Curve",
     "Examination",
-    "FlightObstruction",
     "NotChecked",
     "Rates",
     "Series",
     "certify",
     "curvature_bound",
-    "flight_obstruction",
     "landing_errors",
     "motion_curves",
     "point_bound",

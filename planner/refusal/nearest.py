@@ -4,7 +4,8 @@ A release kind has relaxations (`relaxations`): functions of a share from 0, whi
 The first of them whose easy end has an answer is bisected, for the largest share that has one. An answer is what the
 search for a plan finds: a certified motion with a way home. A release window that alone is in the way is bisected
 instead of the release; one that not even the easy ends keep is given up, and bisected for the release that is found
-without it. The budget is a number of searches.
+without it. A request that only its time limit ended is its own nearest one, with more time. The budget is a number of
+searches.
 """
 
 from __future__ import annotations
@@ -39,6 +40,8 @@ def nearest_problem(search: PlanningSearch) -> ThrowProblem | None:
     """
     problem = search.problem
     answers = _Answers(search)
+    if search.out_of_time and answers.has(problem):
+        return problem
     if not problem.is_robust:
         return _closest(problem, answers)
     nominal = replace(problem, release_window_s=0.0)

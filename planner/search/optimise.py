@@ -20,7 +20,6 @@ from planner.seeds import Candidate, InitialGuess, Seed
 from planner.trajectory import Trajectory
 
 ROUNDS = 4  # [-] solves from one initial guess, each after failed checks of the one before
-ITERATIONS = 300  # [-] of the optimiser in one solve, all of its calls together
 CERTIFIED = "certified"
 GENTLE_RAMP_S = 0.1  # [s] that an acceleration takes to its limit in a gentle initial guess
 
@@ -82,7 +81,7 @@ def _optimise_from(search: PlanningSearch, seed: Seed) -> str:
         SeedFailed: the optimiser came to no motion, or to none that is sooner than the best.
     """
     problem = search.problem
-    options = SolveOptions(iteration_budget=ITERATIONS, deadline_s=search.deadline_s, latest_s=search.latest_useful_s)
+    options = SolveOptions(deadline_s=search.deadline_s, latest_s=search.latest_useful_s)
     failures = ""
     for _ in range(ROUNDS):
         solution = casadi_nlp.solve(problem, seed, options)

@@ -11,7 +11,6 @@ from planner.backends.solution import Solution
 from planner.certificate import Certificate, Examination
 from planner.errors import TIME_LIMIT, Infeasible, SolverFailed, Violation, nothing_found
 from planner.problem import ThrowProblem
-from planner.trajectory import Trajectory
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,9 +51,7 @@ class PlanningSearch:
     Attributes:
         problem: to be solved.
         deadline_s: of the request, on the clock of `time.perf_counter`.
-        best: the valid motion that releases soonest, so far.
         certified: every valid motion, in the order in which they were found.
-        nominal: the soonest motion that violates only the release window.
         rejected: every motion that is not valid.
         attempts: log of what was tried.
         iterations: spent by the optimiser so far.
@@ -65,9 +62,7 @@ class PlanningSearch:
 
     problem: ThrowProblem
     deadline_s: float
-    best: CertifiedSolution | None = None
     certified: list[CertifiedSolution] = field(default_factory=list)
-    nominal: CertifiedSolution | None = None
     rejected: list[CertifiedSolution] = field(default_factory=list)
     attempts: list[Attempt] = field(default_factory=list)
     iterations: int = 0
@@ -81,14 +76,20 @@ class PlanningSearch:
         return time.perf_counter() >= self.deadline_s
 
     @property
+    def best(self) -> CertifiedSolution | None:
+        """The valid motion that releases soonest, so far; None without any."""
+        return min(self.certified, key=_rank, default=None)
+
+    @property
     def release_time_s(self) -> float:
         """Release time before which a motion is of use [s]: the best's; infinite without one.
 
         Where any motion will do, none is of use beside the best.
         """
-        if self.best is None:
+        best = self.best
+        if best is None:
             return math.inf
-        return -math.inf if self.is_for_any else self.best.solution.trajectory.release_time_s
+        return -math.inf if self.is_for_any else best.solution.trajectory.release_time_s
 
     @property
     def latest_useful_s(self) -> float:
@@ -96,29 +97,14 @@ class PlanningSearch:
         return self.release_time_s - self.problem.dt
 
     def certify(self, backend: str, solution: Solution) -> CertifiedSolution:
-        """Returns a motion with its checks, considered as an answer."""
-        found = certified(backend, self.problem, solution)
-        self.consider(found)
+        """Returns a motion with its checks, and keeps it: as an answer, or for the refusal."""
+        found = CertifiedSolution(backend, solution, Examination(self.problem, solution.trajectory))
+        (self.certified if found.is_valid else self.rejected).append(found)
         return found
-
-    def consider(self, found: CertifiedSolution) -> None:
-        """Keeps a motion, as the best if it is the best valid one."""
-        if not found.is_valid:
-            self.note_rejected(found)
-            return
-        self.certified.append(found)
-        if _sooner(found, self.best):
-            self.best = found
-
-    def note_rejected(self, found: CertifiedSolution) -> None:
-        """Keeps a rejected motion for the refusal; the soonest that lacks its window alone also as such."""
-        self.rejected.append(found)
-        if found.violates_window_alone and _sooner(found, self.nominal):
-            self.nominal = found
 
     def by_rank(self) -> list[CertifiedSolution]:
         """Returns the valid motions, the best first."""
-        return sorted(self.certified, key=lambda each: _rank(each.solution.trajectory))
+        return sorted(self.certified, key=_rank)
 
     def log_attempt(self, backend: str, result: str, begun_s: float) -> None:
         """Adds an entry to the attempt log for work that began at `begun_s`."""
@@ -146,8 +132,9 @@ class PlanningSearch:
 
         Where a motion violates only the release window, these are its own.
         """
-        if self.nominal is not None:
-            return _violations(self.nominal.certificate)
+        nominal = [each for each in self.rejected if each.violates_window_alone]
+        if nominal:
+            return _violations(min(nominal, key=_rank).certificate)
         if not self.rejected:
             said = "; ".join(f"{attempt.backend}: {attempt.result}" for attempt in self.attempts)
             return [nothing_found("motion", f"none was made: {said}" if said else "none was tried")]
@@ -157,16 +144,6 @@ class PlanningSearch:
 def counted(number: int, thing: str) -> str:
     """Returns a number of things in words: "1 candidate", "2 candidates"."""
     return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
-
-
-def certified(backend: str, problem: ThrowProblem, solution: Solution) -> CertifiedSolution:
-    """Returns a back end's motion with the checks that it has to pass."""
-    return CertifiedSolution(backend, solution, Examination(problem, solution.trajectory))
-
-
-def _sooner(found: CertifiedSolution, other: CertifiedSolution | None) -> bool:
-    """Returns whether a motion ranks before another one, which may be missing."""
-    return other is None or _rank(found.solution.trajectory) < _rank(other.solution.trajectory)
 
 
 def _violations(certificate: Certificate) -> list[Violation]:
@@ -180,6 +157,7 @@ def _excess(certificate: Certificate) -> tuple[int, float]:
     return len(certificate.failures), over
 
 
-def _rank(trajectory: Trajectory) -> tuple[float, float]:
-    """Returns the sort key of a valid motion: release time, then duration [s]."""
+def _rank(found: CertifiedSolution) -> tuple[float, float]:
+    """Returns the sort key of motions: release time, then duration [s]."""
+    trajectory = found.solution.trajectory
     return trajectory.release_time_s, trajectory.duration_s

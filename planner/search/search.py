@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -26,15 +27,13 @@ from planner.errors import SolverFailed
 from planner.problem import ThrowProblem
 from planner.search.optimise import optimise
 from planner.search.record import PlanningSearch, counted
-from planner.seeds import Candidate, aspects, least_times_to_aspects
+from planner.seeds import Candidate, aspects, has_flight_obstacles, least_times_to_aspects
 
 Solve = Callable[[ThrowProblem, Candidate], Solution]
 
-OPTIMISED = 8  # [-] candidates that the optimiser starts from
-AN_ASPECT = 4  # [-] of these in one aspect, until one leads to a motion: from most states of one it comes to the same
+CANDIDATES = 12  # [-] that a search starts from; of a pose most others are full turns away
 ARRIVALS = 2  # [-] given joint states to which Ruckig's soonest motions are tried
 JERK_SHARES = (1.0, 0.5, 0.25, 0.125, 0.0625, 0.03125)  # [-] of the limit, of these motions in turn
-FALLBACKS = 24  # [-] candidates to which all of Ruckig's motions are tried; of a pose the others are full turns away
 TICK_SLACK = 1e-6  # [ticks] for rounding
 
 # Every motion of the back ends that try them all on every candidate.
@@ -63,7 +62,7 @@ def load_libraries(backend: str) -> None:
         LIBRARIES[backend]()
 
 
-def search_candidates(search: PlanningSearch, found: Sequence[Candidate], at_most: int = FALLBACKS) -> None:
+def search_candidates(search: PlanningSearch, found: Sequence[Candidate], at_most: int = CANDIDATES) -> None:
     """Searches for the soonest motion to one of the candidates, by the problem's back end.
 
     Args:
@@ -79,14 +78,14 @@ def search_candidates(search: PlanningSearch, found: Sequence[Candidate], at_mos
     if is_auto and problem.fixes_joints:
         try_motions(search, "ruckig", found[:ARRIVALS], [partial(_soonest_motion, share) for share in JERK_SHARES])
     tried = 0
-    settled = set[int]()
+    enough = 2 if has_flight_obstacles(problem) else 1  # of an aspect: the second may pass what is in the way elsewhere
+    settled = Counter[int]()
     for candidate, aspect, least_s in _first(search, found):
-        if tried == min(at_most, OPTIMISED) or search.out_of_time:
+        if tried == at_most or search.out_of_time:
             break
-        if aspect not in settled and least_s < search.release_time_s:
+        if settled[aspect] < enough and least_s < search.release_time_s:
             tried += 1
-            if optimise(search, candidate):
-                settled.add(aspect)
+            settled[aspect] += optimise(search, candidate)
     if is_auto and search.best is None and not search.out_of_time:
         try_motions(search, "ruckig", found[:at_most], MOTIONS["ruckig"])
 
@@ -132,7 +131,8 @@ def _first(search: PlanningSearch, found: Sequence[Candidate]) -> Iterator[tuple
 
     Where the joint states are given, the optimiser keeps them: none releases before its slowest joint alone arrives,
     and each counts as an aspect of its own. Otherwise it moves them within their aspect, and none releases before the
-    arm can be there. The aspects that can be reached soonest come first, the start's own before all others.
+    arm can be there. The first candidate of every aspect comes first, of those that can be reached soonest before
+    others, the start's own before all; then the second of every aspect, and so on.
     """
     problem = search.problem
     if problem.fixes_joints:
@@ -143,10 +143,9 @@ def _first(search: PlanningSearch, found: Sequence[Candidate]) -> Iterator[tuple
         return
     aspect = aspects(problem.cell.robot, np.array([each.q for each in found])).tolist()
     least_s = least_times_to_aspects(problem)
-    order = sorted(range(len(found)), key=lambda row: (least_s[aspect[row]], found[row].bound_s))
-    for row in order:
-        if aspect[:row].count(aspect[row]) < AN_ASPECT:
-            yield found[row], aspect[row], float(least_s[aspect[row]])
+    place = [aspect[:row].count(aspect[row]) for row in range(len(found))]
+    for row in sorted(range(len(found)), key=lambda row: (place[row], least_s[aspect[row]], found[row].bound_s)):
+        yield found[row], aspect[row], float(least_s[aspect[row]])
 
 
 def _least_release_time(problem: ThrowProblem, candidate: Candidate) -> float:

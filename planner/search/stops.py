@@ -20,14 +20,13 @@ from planner.errors import Infeasible, InvalidProblem
 from planner.geometry import body_model
 from planner.problem import ThrowProblem
 from planner.search.record import CertifiedSolution, PlanningSearch, counted
-from planner.search.search import MOTIONS, search_candidates, try_motions
+from planner.search.search import CANDIDATES, MOTIONS, search_candidates, try_motions
+from planner.search.way_home import WAYS_MAX
 from planner.seeds import Candidate, candidates
 from planner.trajectory import Trajectory, in_a_row
 
 PACE = 4.0  # [-] of an approach, in turn with its halves: 4 rad/s, 22 rad/s^2, 900 rad/s^3, or less as the request asks
 RUN_UPS_S = (0.2, 0.3, 0.5)  # [s] of constant acceleration to the release; 3 rad/s at 15 rad/s^2 take 0.2 s
-RUN_UP_CANDIDATES_MAX = 8  # [-] candidates with run-up postures: each costs six certificates where none is valid
-WAYS_MAX = 4  # [-] postures to which a way is searched for; a search in vain takes up to two seconds
 
 
 def search_with_stop(search: PlanningSearch, found: Sequence[Candidate]) -> None:
@@ -64,7 +63,7 @@ def _launches(search: PlanningSearch, found: Sequence[Candidate]) -> Iterator[tu
     home = problem.cell.home
     if not np.array_equal(home, problem.start) and (throw := _from(search, home, None)) is not None:
         yield home, throw
-    for candidate in found[:RUN_UP_CANDIDATES_MAX]:
+    for candidate in found[:CANDIDATES]:
         for run_up_s in RUN_UPS_S:
             stop = candidate.q - 0.5 * run_up_s * candidate.qd
             if (throw := _from(search, stop, candidate)) is not None:

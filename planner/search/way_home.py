@@ -14,7 +14,7 @@ from planner.errors import TIME_LIMIT, Infeasible, SolverFailed, Violation
 from planner.problem import ThrowProblem
 from planner.search.record import CertifiedSolution, PlanningSearch, counted
 
-MOTIONS_MAX = 3  # [-] best motions whose ends are tried: a search for a path takes some seconds where there is none
+WAYS_MAX = 3  # [-] postures to or from which a way is searched for: a search in vain takes some seconds
 
 
 def best_with_way_home(search: PlanningSearch) -> tuple[CertifiedSolution, Approach]:
@@ -29,7 +29,7 @@ def best_with_way_home(search: PlanningSearch) -> tuple[CertifiedSolution, Appro
         raise search.failure()
     begun_s = time.perf_counter()
     blocked = []
-    motions = search.by_rank()[:MOTIONS_MAX]
+    motions = search.by_rank()[:WAYS_MAX]
     for motion in motions:
         way, failures = find_way_home(search.problem, motion)
         if way is not None:

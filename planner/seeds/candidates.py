@@ -27,17 +27,13 @@ from planner.releases import Target
 from planner.rotations import invert_pose, unit_hint
 from planner.seeds.aspects import aspects, first_rows
 from planner.seeds.flight_filter import has_flight_obstacles
-from planner.seeds.sampling import blocked_flights, point_states, target_states
-from planner.seeds.soonest_states import least_time
+from planner.seeds.sampling import FEW, blocked_flights, point_states, target_states
+from planner.seeds.soonest_states import STATES_MAX, least_time
 from planner.seeds.state_limits import POSITION_SLACK, SIEVES, States
 
 DECIMALS = 9  # [rad, rad/s] of candidates for a target: finer than what the optimiser heeds
-FEW_CANDIDATES = 6  # for a target behind obstacles; fewer call for a thorough search of 0.2 to 0.3 s
 NO_STATES = "no joint state was found whose flight hits the target within the requested bounds"
 NO_INVERSE = "the inverse kinematics has no solution for this pose, joint limits ignored"
-# (rows, enough): rows checked for clearance in turn, skipped once there are enough candidates; a pose has hundreds of
-# states, most of them full turns away.
-BATCHES = ((slice(0, 24), 1), (slice(24, 48), 14), (slice(48, None), 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +139,7 @@ def _target_candidates(problem: ThrowProblem, target: Target) -> list[Candidate]
     except Infeasible as error:
         found = []
         refusal = error
-    if len(found) < FEW_CANDIDATES and target.release_position is None and has_flight_obstacles(problem):
+    if len(found) < FEW and target.release_position is None and has_flight_obstacles(problem):
         try:
             return _usable(problem, _distinct(*target_states(problem, target, thorough=True)))
         except Infeasible as error:
@@ -210,16 +206,17 @@ def _number(problem: ThrowProblem, states: States) -> str:
 
 
 def _clear(problem: ThrowProblem, states: States, bound: Array) -> list[Candidate]:
-    """Returns the sorted states in which the arm is clear of everything; see `BATCHES`.
+    """Returns the sorted states in which the arm is clear of everything: of the first `STATES_MAX`, or of all.
 
-    Of states that are all distinct, the soonest of every aspect are looked at too.
+    A pose has hundreds of states, most of them full turns away. Of states that are all distinct, the soonest of every
+    aspect are looked at too.
     """
     kind = problem.release.__class__.__name__
     good = []
     least = np.empty(0)
     body = body_model(problem.cell_with_bin)
-    for rows, enough in BATCHES:
-        if len(good) >= enough or rows.start >= len(bound):
+    for rows in (slice(0, STATES_MAX), slice(STATES_MAX, len(bound))):
+        if good or rows.start >= len(bound):
             break
         free = states.at(rows).of_postures(lambda q: body.clearances(q).least)
         good += (np.flatnonzero(free >= 0.0) + rows.start).tolist()

@@ -17,11 +17,9 @@ from planner.problem import ThrowProblem
 from planner.releases import Target
 
 FLIGHT_TIMES = (1.0, 0.8, 1.25, 0.6)  # [-] flight times tried, relative to that of the slowest throw
-STEEP_TIMES = (1.5, 1.8, 2.2)  # [-] tried too where a box or a rim may have to be cleared; 2.2: 78 degrees on a plane
-STEEPEST_TIMES = (2.6,)  # [-] tried too in a thorough search: 82 degrees
+STEEP_TIMES = (1.5, 1.8, 2.2, 2.6)  # [-] tried too where something may have to be cleared; 2.6: 82 degrees on a plane
 BESIDE_BASE_M = 0.1  # [m] a target this near to the arm's base has its flights compared with it
-LAST_OF_FLIGHT = np.linspace(0.7, 1.0, 8)  # [-] instants compared with the base, near the target
-LAST_SHARES = np.linspace(0.0, 1.0, 6)  # [-] of what follows the touch of the plane: instants compared with a box
+INSTANTS = np.linspace(0.0, 1.0, 8)  # [-] compared with the base, of a flight's last third, or with a box it falls past
 RIM = "the rim of the bin"
 FLIGHT_GAP_M = 0.005  # [m] between object and obstacle beyond what is required: room for release window and drag
 
@@ -38,11 +36,9 @@ def flight_obstacles(problem: ThrowProblem) -> list[str]:
     return [*problem.cell.surroundings.keep_out_names, *([RIM] if problem.target.opening is not None else [])]
 
 
-def flight_times(problem: ThrowProblem, thorough: bool = False) -> tuple[float, ...]:
+def flight_times(problem: ThrowProblem) -> tuple[float, ...]:
     """Returns the flight times to try, relative to that of the slowest throw [-]."""
-    if not has_flight_obstacles(problem):
-        return FLIGHT_TIMES
-    return FLIGHT_TIMES + STEEP_TIMES + (STEEPEST_TIMES if thorough else ())
+    return FLIGHT_TIMES + STEEP_TIMES if has_flight_obstacles(problem) else FLIGHT_TIMES
 
 
 def clear_flights(problem: ThrowProblem, target: Target, p: Array, v: Array) -> Mask:
@@ -96,7 +92,7 @@ def _room_beside_lower_box(box: Box, arcs: Arcs, whole: Arcs) -> Array:
         arcs: the flights until the sphere touches the plane.
         whole: the same until they end.
     """
-    shares = LAST_SHARES.reshape(-1, *[1] * whole.until_s.ndim)
+    shares = INSTANTS.reshape(-1, *[1] * whole.until_s.ndim)
     x = whole.at(arcs.until_s + shares * np.maximum(whole.until_s - arcs.until_s, 0.0))
     room = segment_box_distance(x, x, box.lower, box.upper).min(axis=0) - arcs.radius_m
     return np.where(whole.until_s > arcs.until_s, room, np.inf)
@@ -164,7 +160,7 @@ def gap_to_base(problem: ThrowProblem, p: Array) -> float:
 
 def _room_beside_base(problem: ThrowProblem, arcs: Arcs) -> Array:
     """Returns the room (...,) [m] between the last part of flights and the shapes that the base carries."""
-    x = arcs.at(LAST_OF_FLIGHT.reshape(-1, *[1] * arcs.until_s.ndim) * arcs.until_s)
+    x = arcs.at((2.0 + INSTANTS.reshape(-1, *[1] * arcs.until_s.ndim)) / 3.0 * arcs.until_s)
     return _gaps_to_base(problem, x).min(axis=(0, 1)) - problem.cell.object.radius_m
 
 

@@ -25,11 +25,11 @@ FARTHEST_RAD = 0.2  # [rad] that a secant moves an elevation at most
 VERTICAL_M = 1e-6  # [m] a target no farther aside than that is reached straight up or down alone
 
 
-def launches(problem: ThrowProblem, target: Target, p: Array, thorough: bool) -> tuple[Array, Mask]:
+def launches(problem: ThrowProblem, target: Target, p: Array) -> tuple[Array, Mask]:
     """Returns release velocities (k, n, 3) from p (n, 3), and which of them (k, n) keep the limits on the velocity."""
     if target.release_position is not None:
         return _launches_in(problem, target, p, _times_from(problem, target, target.release_position))
-    return _launches_in(problem, target, p, np.array(flight_times(problem, thorough)))
+    return _launches_in(problem, target, p, np.array(flight_times(problem)))
 
 
 def _launches_in(problem: ThrowProblem, target: Target, p: Array, times: Array) -> tuple[Array, Mask]:

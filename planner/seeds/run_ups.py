@@ -21,9 +21,6 @@ from planner.seeds.velocity_allocation import allocate_velocity, balanced_veloci
 FLIGHT_SHARES = read_only([0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.12, 1.25, 1.4, 1.6])  # [-] of the slowest throw's time
 SHORTEST_FLIGHT_S = 1e-3  # [s] of the slowest throw to a target that is where the tool is
 STEPS = 12  # of the iteration; most throws change by less than a tick after eight
-FIRST_S = 0.2  # [s] duration at first
-SHORTEST_S = 0.02
-LONGEST_S = 1.2  # [s] durations considered
 ONES = read_only(np.ones(6))
 CHANGE = 0.7  # [-] exponent of the largest share in the change of the duration: with 1 some iterations swing
 # Machines, and the C kernel and numpy, differ in the last bits, which steps would multiply: each is rounded.
@@ -50,7 +47,7 @@ def run_ups(problem: ThrowProblem, target: Target) -> tuple[Array, Array]:
     goal = X_BW[:3, :3] @ target.p_W + X_BW[:3, 3]
     up = X_BW[:3, 2]  # in the base, like p and v
     w = np.zeros((count, 6))
-    T = np.full(count, FIRST_S)
+    T = np.full(count, float((limits.qd_max / limits.qdd_max).max()))  # to full speed, at first
     q_best = np.zeros((count, 6))
     qd_best = np.zeros((count, 6))
     least = np.full(count, np.inf)
@@ -71,6 +68,6 @@ def run_ups(problem: ThrowProblem, target: Target) -> tuple[Array, Array]:
         J_scaled = J * ((1.0 + share) * reached)[:, None, :]
         y = balanced_velocity(J_scaled, v + share * moved, ONES)
         w = np.round(np.clip(y * reached, -limits.qd_max, limits.qd_max), DECIMALS)
-        T = np.round(np.clip(T * np.abs(y).max(axis=1) ** CHANGE, SHORTEST_S, LONGEST_S), DECIMALS)
+        T = np.round(np.maximum(T * np.abs(y).max(axis=1) ** CHANGE, problem.dt), DECIMALS)
     found = least < TOO_FAST_S
     return q_best[found], qd_best[found]

@@ -41,8 +41,7 @@ from planner.seeds.velocity_allocation import allocate_velocity, tool_jacobian, 
 
 ORIENTATIONS = 96  # tool orientations tried at a point
 MORE_ORIENTATIONS = 1024
-FEW_POSTURES = 24  # tried instead where those give fewer postures: narrow joint limits
-FEW_SLOW = 6  # throws within the speed limits; fewer call for more postures where the elevations are bounded
+FEW = 6  # postures at a point, throws slow enough, or candidates behind obstacles: fewer call for more draws
 CHECKED_MAX = 1536  # soonest of these states whose clearance is checked before they are compared: 40 ms
 
 
@@ -71,7 +70,7 @@ def _postures(problem: ThrowProblem, p_WT: Array) -> Array:
     """
     for orientations in (ORIENTATIONS, MORE_ORIENTATIONS):
         q = _postures_in(problem, p_WT, orientations)
-        if len(q) >= FEW_POSTURES:
+        if len(q) >= FEW:
             break
     if len(q) == 0:
         raise Infeasible([_unreachable(problem, p_WT)])
@@ -178,7 +177,7 @@ def _has_enough(problem: ThrowProblem, target: Target, qd: Array) -> bool:
     With bounds a posture's only flight is mostly one at an end of the range, and others release in a third of the time.
     """
     is_bounded = target.min_elevation_rad > -np.pi / 2 or target.max_elevation_rad < np.pi / 2
-    return int(_is_slow(problem, qd).sum()) >= (FEW_SLOW if is_bounded else 1)
+    return int(_is_slow(problem, qd).sum()) >= (FEW if is_bounded else 1)
 
 
 def _is_slow(problem: ThrowProblem, qd: Array) -> Mask:
@@ -199,20 +198,20 @@ def _thrown_from(problem: ThrowProblem, target: Target, thorough: bool) -> tuple
     slow = is_slow_enough(problem, target, p)
     if not slow.any():
         raise Infeasible([no_flight(problem, target, p)])
-    return _flights(problem, target, q[slow], p[slow], thorough)
+    return _flights(problem, target, q[slow], p[slow])
 
 
-def _flights(problem: ThrowProblem, target: Target, q: Array, p: Array, thorough: bool = False) -> tuple[Array, Array]:
+def _flights(problem: ThrowProblem, target: Target, q: Array, p: Array) -> tuple[Array, Array]:
     """Returns the soonest joint state of every posture q (n, 6), tool at p (n, 3), that has a flight within the bounds.
 
     Raises:
         Infeasible: there are none.
     """
-    qd = _best_flights(problem, target, q, p, thorough)
+    qd = _best_flights(problem, target, q, p)
     rows = np.flatnonzero(np.isfinite(qd).all(axis=1))
     if len(rows):
         return q[rows], qd[rows]
-    v, allowed = launches(problem, target, p, thorough)
+    v, allowed = launches(problem, target, p)
     if not allowed.any():
         raise Infeasible([no_flight(problem, target, p)])
     p = np.broadcast_to(p, v.shape)[allowed]
@@ -220,9 +219,9 @@ def _flights(problem: ThrowProblem, target: Target, q: Array, p: Array, thorough
     raise Infeasible([no_clear_flight(problem, target, p, v, len(p))])
 
 
-def _best_flights(problem: ThrowProblem, target: Target, q: Array, p: Array, thorough: bool = False) -> Array:
+def _best_flights(problem: ThrowProblem, target: Target, q: Array, p: Array) -> Array:
     """Returns the joint velocities (n, 6) of every posture's soonest drag-free flight, tool at p (n, 3); NaN: none."""
-    v, ok = launches(problem, target, p, thorough)
+    v, ok = launches(problem, target, p)
     ok[ok] = clear_flights(problem, target, np.broadcast_to(p, v.shape)[ok], v[ok])
     found = np.full(q.shape, np.nan)
     rows = np.flatnonzero(ok.any(axis=0))
@@ -258,7 +257,7 @@ def blocked_flights(problem: ThrowProblem, target: Target) -> Violation | None:
     far = far_enough(target, p)
     q = q[far]
     p = p[far]
-    v, allowed = launches(problem, target, p, thorough=True)
+    v, allowed = launches(problem, target, p)
     room = np.full(allowed.shape, -np.inf)
     room[allowed] = least_room(problem, target, np.broadcast_to(p, v.shape)[allowed], v[allowed])
     body = body_model(problem.cell_with_bin)

@@ -37,7 +37,7 @@ class RtdeSession:
     def role(self) -> str:
         """Interface of ur_rtde that this connection resembles: control, receive or io."""
         if self.started:
-            return "control" if self.inputs else "receive"
+            return "control" if len(self.inputs) > 1 else "receive"  # one input may be kept by a client that receives
         return "io" if self.inputs else "none"
 
 

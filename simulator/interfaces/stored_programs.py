@@ -7,6 +7,10 @@ from __future__ import annotations
 
 from pathlib import Path, PurePosixPath
 
+from planner.documents import read_file
+from planner.errors import FileRefused
+
+PROGRAM_BYTES = 5_000_000  # [byte] of a script
 PROGRAM_FOLDERS = ("/ursim/programs/", "/programs/")  # where programs are on URSim and on a robot
 
 
@@ -42,6 +46,8 @@ class StoredPrograms:
             path = path.removeprefix(root)
         try:
             file = (self.folder / path).with_suffix(".script").resolve()
-            return file.read_text(errors="replace") if file.is_relative_to(self.folder) else None
-        except (OSError, ValueError):
+            if not file.is_relative_to(self.folder):
+                return None
+            return read_file(file, PROGRAM_BYTES).decode(errors="replace")
+        except (OSError, RuntimeError, ValueError, FileRefused):  # RuntimeError: a link to itself
             return None

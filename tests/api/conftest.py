@@ -81,9 +81,15 @@ def database_url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 
 @pytest.fixture(scope="session")
-def shared(database_url: str, cells: Path) -> Iterator[RunningService]:
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Returns the folder in which the shared service looks for executors of this machine."""
+    return tmp_path_factory.mktemp("executors")
+
+
+@pytest.fixture(scope="session")
+def shared(database_url: str, cells: Path, data: Path) -> Iterator[RunningService]:
     """Yields one service for every test that needs no settings of its own."""
-    with running(ServiceSettings(database_url=database_url, cells=cells, planner_workers=1)) as service:
+    with running(ServiceSettings(database_url=database_url, cells=cells, data=data, planner_workers=1)) as service:
         wait_until_ready(service)
         yield service
 
@@ -104,6 +110,12 @@ def plan(shared: RunningService) -> dict[str, Any]:
     return shared.plan()
 
 
+def beat_as(store: Store, executor_id: str, cell: str = "ur5e-sim", link_kind: str = "sim", *status: Any) -> None:
+    """Sends a heartbeat of an executor, which takes the cell first."""
+    store.take_cell(cell, executor_id, link_kind, "a test", store.cell_status(cell))
+    assert store.record_heartbeat(cell, executor_id, link_kind, *status)
+
+
 class FakeExecutor:
     """An executor without a robot: sends heartbeats with the state that the test sets."""
 
@@ -117,7 +129,7 @@ class FakeExecutor:
         self._thread = threading.Thread(target=self._go_on, daemon=True)
 
     def beat(self) -> None:
-        self.store.record_heartbeat(self.cell, "fake", "sim", self.robot, self.fault, self.read_only)
+        beat_as(self.store, "fake", self.cell, "sim", self.robot, self.fault, self.read_only)
 
     def start(self) -> FakeExecutor:
         self.beat()
@@ -127,7 +139,7 @@ class FakeExecutor:
     def stop(self) -> None:
         self._ended.set()
         self._thread.join()
-        self.store.record_heartbeat(self.cell, "fake", "sim", {}, None, False)
+        beat_as(self.store, "fake", self.cell, "sim", {}, None, False)
 
     def _go_on(self) -> None:
         while not self._ended.wait(0.3):

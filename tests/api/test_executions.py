@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from store import pack_samples
-from tests.api.conftest import NO_ID, FakeExecutor, RunningService
+from tests.api.conftest import NO_ID, FakeExecutor, RunningService, beat_as
 from tests.api.test_bad_input import problem_of
 
 
@@ -67,10 +67,12 @@ def test_a_cell_without_an_executor_is_not_ready(service: RunningService, plan):
 
 
 def test_an_executor_without_heartbeats_is_not_ready(service: RunningService, plan, monkeypatch: pytest.MonkeyPatch):
-    service.store.record_heartbeat("ur5e-sim", "fake", "sim")
+    beat_as(service.store, "fake")
     now = time.time
     monkeypatch.setattr(time, "time", lambda: now() + 10.0)
-    assert "gone" in problem_of(execute(service, plan["id"]), 409, "robot-not-ready")["detail"]
+    detail = problem_of(execute(service, plan["id"]), 409, "robot-not-ready")["detail"]
+    assert "has not reported for 10 s: it has ended, or is stalled" in detail
+    assert service.client.get("/cells/ur5e-sim/state").json()["not_executable"] == detail
 
 
 def test_a_fault_must_be_acknowledged(service: RunningService, executor: FakeExecutor, plan):
@@ -82,6 +84,40 @@ def test_a_fault_must_be_acknowledged(service: RunningService, executor: FakeExe
     assert (answer.status_code, answer.json()["fault"]) == (200, executor.fault)
     assert service.store.acknowledge_requested("ur5e-sim")
     assert service.store.audit_lines(1)[0]["action"] == "acknowledge"
+
+
+def test_a_cell_says_before_anyone_asks_why_it_would_not_execute(service: RunningService, executor: FakeExecutor):
+    def reason(cell: str = "ur5e-sim") -> str | None:
+        return service.client.get(f"/cells/{cell}/state").json()["not_executable"]
+
+    assert reason() is None
+    assert "no executor" in (reason("changing") or "")
+    assert reason("real") == "a service without tokens executes on simulated cells only"
+    executor.fault = {"reason": "tracking", "detail": "0.1 rad off"}
+    executor.beat()
+    assert "a fault is latched: tracking" in (reason() or "")
+    summaries = {row["name"]: row["link_host"] for row in service.client.get("/cells").json()["cells"]}
+    assert summaries["ur5e-sim"] == "127.0.0.1"
+
+
+def test_executions_are_listed_by_cell_and_outcome(service: RunningService, plan):
+    other = service.plan(cell="changing")
+    ids = {}
+    for made, outcome in ((plan, "held"), (other, "completed"), (plan, "completed")):
+        row = service.store.queue_execution(made["id"], made["cell"])
+        service.store.claim_execution(made["cell"], "fake")
+        service.store.finish_execution(row.id, outcome)
+        ids[made["cell"], outcome] = row.id
+
+    def listed(query: str) -> list[str]:
+        return [row["id"] for row in service.client.get(f"/executions?{query}").json()["executions"]]
+
+    assert listed("cell=changing&limit=1") == [ids["changing", "completed"]]
+    assert listed("cell=ur5e-sim&limit=2") == [ids["ur5e-sim", "completed"], ids["ur5e-sim", "held"]]
+    assert listed("cell=ur5e-sim&outcome=held&limit=1") == [ids["ur5e-sim", "held"]]
+    page = service.client.get("/executions?cell=ur5e-sim&limit=1").json()
+    assert listed(f"cell=ur5e-sim&limit=1&cursor={page['next_cursor']}") == [ids["ur5e-sim", "held"]]
+    problem_of(service.client.get("/executions?outcome=lost"), 422, "invalid-request")
 
 
 def test_a_read_only_executor_is_not_ready(service: RunningService, executor: FakeExecutor, plan):
@@ -178,9 +214,9 @@ def test_an_execution_whose_executor_is_gone_says_so(
     problem = problem_of(service.client.post(f"/executions/{id}/abort"), 409, "executor-lost")
     assert (problem["execution_id"], problem["cell"]) == (id, "ur5e-sim")
     assert service.store.abort_requested(id)  # kept for an executor that was only silent
-    service.store.record_heartbeat("ur5e-sim", "fake", "sim")
+    beat_as(service.store, "fake")
     assert service.client.post(f"/executions/{id}/abort").status_code == 202
-    service.store.record_heartbeat("ur5e-sim", "another", "sim")
+    beat_as(service.store, "another")
     problem_of(service.client.post(f"/executions/{id}/abort"), 409, "executor-lost")
     service.store.finish_execution(id, "executor_lost")
     assert service.client.get(f"/executions/{id}").json()["executor_lost"] is False

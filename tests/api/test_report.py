@@ -127,7 +127,9 @@ def test_the_report_is_one_file(content: ReportContent, throw):
     assert "default-src 'none'" in text
     assert not re.search(r"@import|url\((?!#)", (PROGRAM / "report.css").read_text())
     for check in throw["certificate"]["checks"]:
-        assert f"<td>{check['name']}</td>" in text
+        assert f"<td>{check['name'].replace('_', ' ')}</td>" in text
+    assert re.search(r"<td>singularity distance</td><td>[\d.]+</td><td>≥</td><td>0.05</td>", text)  # not exceeded
+    assert re.search(r"<td>joint jerk</td><td>[\d.]+</td><td>≤</td><td>500</td>", text)
     assert "no picture" not in text
     assert "no picture" in report_html(ReportContent(throw))
 
@@ -141,10 +143,13 @@ def test_the_report_carries_what_its_program_draws(content: ReportContent, throw
     assert len(program) > 100_000  # three.js and all
 
 
-def test_nothing_in_a_plan_ends_the_script(content: ReportContent):
-    nasty = replace(content, plan={**content.plan, "id": "</script><script>alert(1)</script>"})
+@pytest.mark.parametrize("id", ["</script><script>alert(1)</script>", "<!--<script>", "<!-- <script", "<![CDATA["])
+def test_nothing_in_a_plan_ends_the_script(content: ReportContent, id: str):
+    """HTML's "script data double escaped state" begins with `<!--<script` and swallows the end of the script."""
+    nasty = replace(content, plan={**content.plan, "id": id})
     outline = Outline(report_html(nasty))
     assert [tag for tag, _ in outline.tags].count("script") == 2
+    assert "<" not in outline.scripts[0]
     assert json.loads(outline.scripts[0])["plan"]["id"] == nasty.plan["id"]
 
 
@@ -160,6 +165,7 @@ def test_the_report_of_an_execution_has_its_outcome_and_its_recording(content: R
     text = report_html(replace(content, execution=execution, landings=[landing], recording=recording))
     assert "<td>completed</td>" in text
     assert "<td>12.3 mm</td>" in text
+    assert "dry run: nothing moved" in report_html(replace(content, execution={**execution, "dry_run": True}))
     carried = json.loads(Outline(text).scripts[0])
     assert carried["landings"] == [{"id": "0", "position": [1.21, 0.3, 0.0], "newest": True}]
     assert carried["tracking"]["times"] == [0.0, 0.002]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,7 +15,7 @@ from api.app import UnsafeSettings, create_app
 from api.http import PROBLEM_TYPES, create_token
 from api.settings import ServiceSettings
 from store import Store, StoreUnavailable, pack_samples
-from tests.api.conftest import FakeExecutor, RunningService
+from tests.api.conftest import REQUEST, FakeExecutor, RunningService
 from tests.api.test_bad_input import problem_of
 
 
@@ -43,6 +44,76 @@ def test_a_store_that_is_gone_or_full_is_not_ready(
     assert service.client.get("/healthz").status_code == 200
     monkeypatch.undo()
     monkeypatch.setattr(store_probe, "FRESH_S", 0.0)
+    assert service.client.get("/readyz").status_code == 200
+
+
+def test_no_new_work_begins_where_no_room_is_left(
+    service: RunningService, executor: FakeExecutor, plan, monkeypatch: pytest.MonkeyPatch
+):
+    """What `/readyz` calls a full disk is one for new work, too; what runs goes on, and can be stopped."""
+    run = service.client.post("/execute", json={"plan_id": plan["id"]}).json()
+    monkeypatch.setattr("store.store.free_bytes", lambda _: 5e6)
+    monkeypatch.setattr(store_probe, "FRESH_S", 0.0)
+    assert problem_of(service.client.get("/readyz"), 503, "not-ready")["outage"] == "disk_full"
+    work = {
+        "/plan": REQUEST,
+        "/execute": {"plan_id": plan["id"]},
+        "/batches": {"requests": [REQUEST]},
+        "/experiments": {},
+        "/cells/ur5e-sim/map": {"resolution_m": 2.0},
+    }
+    for path, body in work.items():
+        assert problem_of(service.client.post(path, json=body), 503, "not-ready")["outage"] == "disk_full"
+    assert service.client.post("/plan?store=false", json=REQUEST).status_code == 200
+    assert service.client.get("/plans").status_code == 200
+    assert service.client.post(f"/executions/{run['id']}/abort").status_code == 202
+
+
+@pytest.fixture
+def wrong_cells(cells: Path) -> Iterator[dict[str, str]]:
+    """Yields cells by name with what is wrong with them, in the folder of the shared service."""
+    text = (cells / "ur5e-sim.toml").read_text()
+    contents = {
+        "deep": ("home_rad = " + "[" * 5000, "nests deeper"),
+        "long": ("a" + ".a" * 100_000 + " = 1", "nests deeper"),
+        "digits": ("home_rad = " + "9" * 6000, "not TOML"),
+        "dated": (text + '\n[kinematics]\ncalibration = "dated.yaml"\n', "dated.yaml"),
+        "piped": (text + '\n[kinematics]\ncalibration = "piped.yaml"\n', "is a pipe"),
+    }
+    for name, (content, _) in contents.items():
+        (cells / f"{name}.toml").write_text(content)
+    (cells / "dated.yaml").write_text("kinematics: {hash: 2001-99-99, shoulder: " + "[" * 900 + "}")
+    os.mkfifo(cells / "piped.yaml")
+    os.mkfifo(cells / "pipe.toml")
+    (cells / "folder.toml").mkdir()
+    (cells / "link.toml").symlink_to("nowhere.toml")
+    reasons = {name: reason for name, (_, reason) in contents.items()}
+    yield {**reasons, "pipe": "is a pipe", "folder": "is a folder", "link": "No such file"}
+    (cells / "folder.toml").rmdir()
+    for name in ("dated.yaml", "piped.yaml", "pipe.toml", "link.toml", *(f"{name}.toml" for name in contents)):
+        (cells / name).unlink()
+
+
+def test_a_wrong_file_among_the_cells_is_told_of_and_hinders_nobody(
+    service: RunningService, wrong_cells: dict[str, str]
+):
+    answer = service.client.get("/cells")
+    assert answer.status_code == 200, answer.text
+    listed = {cell["name"]: cell for cell in answer.json()["cells"]}
+    assert listed["ur5e-sim"]["error"] is None
+    for name, reason in wrong_cells.items():
+        assert reason in listed[name]["error"]
+        for path in (f"/cells/{name}", f"/cells/{name}/state", f"/cells/{name}/model", f"/cells/{name}/timing"):
+            problem = problem_of(service.client.get(path), 422, "invalid-request")
+            assert reason in problem["detail"]
+            assert len(problem["detail"]) < 1000
+        request = {"cell": name, "release": {"kind": "target", "position": [1.0, 0.0, 0.0]}}
+        for path, body in (("/plan", request), ("/batches", {"requests": [request]}), (f"/cells/{name}/map", {})):
+            problem_of(service.client.post(path, json=body), 422, "invalid-request")
+        assert service.client.get(f"/cells/{name}/history").json()["versions"] == []
+        problem_of(service.client.get(f"/cells/{name}/profiles"), 422, "invalid-request")
+        problem_of(service.client.post(f"/cells/{name}/profiles"), 422, "invalid-request")
+        problem_of(service.client.get(f"/cells/{name}/map"), 422, "invalid-request")
     assert service.client.get("/readyz").status_code == 200
 
 
@@ -114,6 +185,7 @@ def test_every_call_of_the_contract_is_there(service: RunningService):
         "POST /execute",
         "GET /executions",
         "POST /executions/{id}/landing",
+        "POST /executions/{id}/landing/{landing}/withdraw",
         "GET /executions/{id}/landing",
         "POST /batches",
         "GET /batches",

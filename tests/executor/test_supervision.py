@@ -1,13 +1,21 @@
-"""A child process: its end, and its freezing."""
+"""A child process: its end, and its freezing; what a run leaves behind."""
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
+import socket
 import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
-from executor.supervision import ChildProcess
+import pytest
+
+from executor.supervision import ChildProcess, StreamRun
+from tests.executor.conftest import Prepared
 
 
 def sleeping(tmp_path: Path) -> ChildProcess:
@@ -43,3 +51,51 @@ def test_a_child_that_fails_by_itself_leaves_its_last_line(tmp_path: Path) -> No
     child.reap()
     assert not child.was_killed
     assert child.last_line() == ["it broke"]
+
+
+def descriptors() -> list[str]:
+    """Returns what the descriptors of this process lead to."""
+    found = []
+    for number in os.listdir("/proc/self/fd"):
+        with contextlib.suppress(OSError):  # that of the listing itself
+            found.append(os.readlink(f"/proc/self/fd/{number}"))
+    return sorted(found)
+
+
+def ended_run(prepared: Prepared, tmp_path: Path, host: str) -> StreamRun:
+    run = StreamRun(replace(prepared.job, host=host), tmp_path / "log", keep_awake=False)
+    run.start()
+    assert run.wait(60.0)
+    return run
+
+
+def test_a_run_leaves_no_descriptor_and_no_thread_behind(prepared: Prepared, tmp_path: Path) -> None:
+    before = (descriptors(), threading.active_count())
+    for _ in range(3):
+        run = ended_run(prepared, tmp_path, "127.0.42.3")  # nobody listens there
+        assert run.result is not None
+        assert run.result.outcome == "refused"
+        run.abort()  # comes too late, and harms nobody
+        assert (run.latest_row(), run.row_count) == (None, 0)
+    assert (descriptors(), threading.active_count()) == before
+
+
+def greet(dashboard: socket.socket) -> socket.socket:
+    """Accepts a client of a dashboard and greets it; returns the connection."""
+    connection, _ = dashboard.accept()
+    connection.sendall(b"hello\n")
+    return connection
+
+
+def test_a_stream_that_cannot_be_started_leaves_none_either(
+    prepared: Prepared, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "executable", "/nowhere/python")
+    with socket.create_server(("127.0.42.4", 29999)) as dashboard, ThreadPoolExecutor() as pool:
+        greeted = pool.submit(greet, dashboard)
+        before = [link for link in descriptors() if "memfd" in link]
+        run = ended_run(prepared, tmp_path, "127.0.42.4")
+        greeted.result().close()
+    assert run.result is not None
+    assert "starting the streaming process" in run.result.reason
+    assert [link for link in descriptors() if "memfd" in link] == before

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -24,6 +26,10 @@ def cell(**truth) -> HiddenCell:
 
 
 def learnt(hidden: HiddenCell, plans: list[PlannedThrow], count: int, seed: int = SEED) -> ReleasePosterior:
+    return learn_release(observed(hidden, plans, count, seed), prior_state(hidden.assumed_delay_s, 0.0))
+
+
+def observed(hidden: HiddenCell, plans: list[PlannedThrow], count: int, seed: int = SEED) -> list[ObservedThrow]:
     rng = np.random.default_rng(seed)
     seen = []
     for _ in range(count):
@@ -31,7 +37,7 @@ def learnt(hidden: HiddenCell, plans: list[PlannedThrow], count: int, seed: int 
         true = throw(rng, hidden, planned, hidden.openings(rng, 1)[0] - hidden.assumed_delay_s, np.zeros(2))
         table = throw_table(planned.problem, planned.trajectory).deviated(true.deviation)
         seen.append(ObservedThrow(table, hidden.assumed_delay_s, true.seen, 0.003, SPEEDS_KNOWN))
-    return learn_release(seen, prior_state(hidden.assumed_delay_s, 0.0))
+    return seen
 
 
 def test_nothing_seen_is_the_prior():
@@ -68,6 +74,16 @@ def test_wrong_observations_and_clinging_objects_do_not_pass_for_jitter(soonest:
     clean = learnt(cell(), soonest, 20)
     clings, none = (p.cling_alpha / (p.cling_alpha + p.cling_beta) for p in (posterior, clean))
     assert clings > none
+
+
+def test_the_throw_whose_landing_is_a_mistake_is_known(soonest: list[PlannedThrow]):
+    hidden = cell()
+    seen = observed(hidden, soonest, 12)
+    seen[7] = replace(seen[7], landing=np.array([9.0, 9.0]))
+    mistaken = learn_release(seen, prior_state(hidden.assumed_delay_s, 0.0)).mistaken
+    assert mistaken[7] > 0.99
+    assert np.delete(mistaken, 7).max() < 0.5
+    assert learn_release([], prior_state(hidden.assumed_delay_s, 0.0)).mistaken.shape == (0,)
 
 
 def test_states_are_drawn_as_the_mixture_says(soonest: list[PlannedThrow]):

@@ -114,11 +114,33 @@ def test_a_csv_reads_back() -> None:
         (lambda text: "\n".join(text.splitlines()[:10]), "9 rows"),
         (lambda text: "\n".join([*text.splitlines(), text.splitlines()[1]]), "does not increase"),
         (lambda text: text.replace("0.0,", "nan,"), "finite"),
+        (lambda text: text.replace("measured_3", "measured_2"), "more than one column measured_2"),
+        (lambda text: text.replace(text.splitlines()[3], "9" * 200_000), "is not CSV: field larger"),
+        (lambda text: text.replace(text.splitlines()[3], "9" * 100_000), "line 4: "),
+        (lambda text: scaled(text, 1e-9), "apart, not 0.0005 to 0.1 s"),
+        (lambda text: scaled(text, 1000.0), "apart, not 0.0005 to 0.1 s"),
+        (lambda text: scaled(text, 1.0, 1e6), "ticks of 0.008 s; there may be 10000"),
+        (lambda text: text.replace(text.splitlines()[3], ",".join(["0.016", *["1e5"] * 12])), "no joint is faster"),
     ],
 )
 def test_a_csv_that_cannot_be_used_is_refused_with_the_reason(change, words: str) -> None:
     with pytest.raises(RecordingError, match=words):
         recording_from_csv(change(as_csv(RecordedArm(0.02).run(np.random.default_rng(9), 125.0))))
+
+
+def scaled(text: str, factor: float, gap: float = 0.0) -> str:
+    """Returns a recording with its times [s] multiplied, and the second half later by `gap`."""
+    header, *rows = text.splitlines()
+    cells = [row.split(",") for row in rows]
+    late = [gap if i > len(rows) // 2 else 0.0 for i in range(len(rows))]
+    times = [float(row[0]) * factor + more for row, more in zip(cells, late, strict=True)]
+    return "\n".join([header, *(",".join([repr(t), *row[1:]]) for t, row in zip(times, cells, strict=True))])
+
+
+def test_commands_that_never_change_show_no_lag() -> None:
+    t = np.arange(100) * 0.008
+    with pytest.raises(RecordingError, match="no command changes"):
+        estimate_timing(MotionRecording(t, np.full((100, 6), 0.5), np.full((100, 6), 0.5)))
 
 
 def test_a_motion_that_stands_still_has_no_lag() -> None:

@@ -2,13 +2,14 @@
 
 import hashlib
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from planner.cell import CellSource, Safety, cell_faults, cell_of_keys, load_cell, parse_cell
+from planner.cell import CellSource, Safety, cell_faults, cell_of_keys, load_cell, parse_cell, read_source
 from planner.errors import CellError
 from planner.rotations import pose
 
@@ -55,6 +56,71 @@ def test_the_table_of_the_project_is_its_published_frame():
     )
     X_WB = load_cell(CELLS / "sdu-table.toml").X_WB
     np.testing.assert_allclose(np.linalg.inv(X_WB), published, atol=1e-4)
+
+
+DEEP = 5000
+NO_CELLS = {
+    "nested lists": b"home_rad = " + b"[" * DEEP + b"]" * DEEP,
+    "nested tables": b"[" + b"a." * DEEP + b"a]\n",
+    "a long key": b"a" + b".a" * 100_000 + b" = 1",
+    "many digits": b"home_rad = " + b"1" * 6000,
+    "hexadecimal digits": b"home_rad = 0x" + b"f" * 6000,
+    "bytes": bytes(range(256)),
+    "too much": b"# comment\n" * 60_000,
+}
+
+
+@pytest.mark.parametrize("text", NO_CELLS.values(), ids=NO_CELLS)
+def test_a_file_that_is_no_cell_is_refused_in_a_sentence(tmp_path, text):
+    file = tmp_path / "cell.toml"
+    file.write_bytes(text)
+    for read in (load_cell, lambda path: cell_faults(read_source(path)) and load_cell(path)):
+        with pytest.raises(CellError) as refusal:
+            read(file)
+        assert len(str(refusal.value)) < 500
+
+
+NO_CALIBRATIONS = {
+    "a date that is none": "kinematics: {hash: 2001-99-99}",
+    "many digits": f"kinematics: {{hash: {'1' * 6000}}}",
+    "many digits in place of a number": "kinematics:\n"
+    + "".join(
+        f"  {link}: {{x: {'1' * 6000}, y: 0, z: 0, roll: 0, pitch: 0, yaw: 0}}\n"
+        for link in ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+    ),
+    "nested lists": "kinematics: " + "[" * DEEP + "]" * DEEP,
+    "nested mappings": "\n".join(" " * n + "a:" for n in range(120)),
+    "a list within itself": "kinematics: &a [*a]",
+    "lists of lists of lists": "a0: &a0 [1]\n"
+    + "\n".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 30))
+    + "\nkinematics: *a29",
+    "a tag": "kinematics: !!python/object/apply:os.system [ls]",
+    "too much": "kinematics: {}\n" + "# comment\n" * 60_000,
+    "no text": "\0",
+}
+
+
+@pytest.mark.parametrize("text", NO_CALIBRATIONS.values(), ids=NO_CALIBRATIONS)
+def test_a_file_that_is_no_calibration_is_refused_in_a_sentence(tmp_path, text):
+    (tmp_path / "arm.yaml").write_text(text)
+    file = tmp_path / "cell.toml"
+    file.write_text(LEAST + '[kinematics]\ncalibration = "arm.yaml"\n')
+    with pytest.raises(CellError) as refusal:
+        load_cell(file)
+    assert len(str(refusal.value)) < 600
+    assert "arm.yaml" in str(refusal.value)
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, os.mkdir], ids=["pipe", "folder"])
+def test_what_is_no_file_is_not_waited_for(tmp_path, make):
+    make(tmp_path / "cell.toml")
+    with pytest.raises(CellError, match="not a file"):
+        load_cell(tmp_path / "cell.toml")
+    make(tmp_path / "arm.yaml")
+    file = tmp_path / "other.toml"
+    file.write_text(LEAST + '[kinematics]\ncalibration = "arm.yaml"\n')
+    with pytest.raises(CellError, match=r"arm.yaml.*not a file"):
+        load_cell(file)
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -106,6 +107,9 @@ def test_what_is_absent_is_as_in_the_cell(tmp_path: Path) -> None:
         ("[camera]\nstd_m = true", "camera.std_m = True: must be a number"),
         ("camera = 3", "camera = 3: must be a table"),
         ("[timing", "truth.toml"),
+        ("a = " + "[" * 5000, "nests deeper than 32 levels"),
+        ("[timing]\nlag_s" + ".a" * 40_000 + " = 1", "nests deeper than 32 levels"),
+        ("# comment\n" * 20_000, "is larger than 100000 bytes"),
     ],
 )
 def test_what_cannot_be_is_refused_by_field_value_and_limit(tmp_path: Path, text: str, words: str) -> None:
@@ -118,6 +122,13 @@ def test_what_cannot_be_is_refused_by_field_value_and_limit(tmp_path: Path, text
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(TruthError, match="No such file"):
         load_truth(tmp_path / "nothing.toml", make_cell())
+
+
+def test_what_is_no_file_is_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for path in (tmp_path, tmp_path / "pipe", Path("/dev/zero")):
+        with pytest.raises(TruthError, match="not a file"):
+            load_truth(path, make_cell())
 
 
 def answers(truth: Truth | None) -> dict[str, Any]:

@@ -5,8 +5,11 @@ from store import AuditLine
 
 def test_the_last_heartbeat_of_an_executor_is_kept(store):
     assert store.cell_status("a") is None
-    store.record_heartbeat("a", "one", "sim", {"mode": "RUNNING"})
-    store.record_heartbeat("a", "two", "sim", {"mode": "IDLE"}, fault={"reason": "late"}, read_only=True)
+    assert store.take_cell("a", "one", "sim", "here")
+    assert store.record_heartbeat("a", "one", "sim", {"mode": "RUNNING"})
+    store.leave_cell("a", "one")
+    assert store.take_cell("a", "two", "sim", "there")
+    assert store.record_heartbeat("a", "two", "sim", {"mode": "IDLE"}, fault={"reason": "late"}, read_only=True)
     row = store.cell_status("a")
     assert (row.executor_id, row.robot, row.fault, row.read_only) == ("two", {"mode": "IDLE"}, {"reason": "late"}, True)
     assert [r.cell for r in store.cell_statuses()] == ["a"]
@@ -14,10 +17,31 @@ def test_the_last_heartbeat_of_an_executor_is_kept(store):
     assert store.cell_status("a").fault is None
 
 
+def test_a_cell_has_one_executor(store):
+    assert store.take_cell("a", "one", "sim", "here")
+    assert not store.take_cell("a", "two", "sim", "there")
+    assert not store.record_heartbeat("a", "two", "sim", {"mode": "IDLE"})
+    row = store.cell_status("a")
+    assert (row.executor_id, row.held_by, row.robot) == ("one", "here", {})
+
+
+def test_who_is_seen_to_be_silent_is_replaced_unless_it_beats_meanwhile(store):
+    store.take_cell("a", "one", "sim", "here")
+    seen = store.cell_status("a")
+    assert store.record_heartbeat("a", "one", "sim")
+    assert not store.take_cell("a", "two", "sim", "there", seen)
+    seen = store.cell_status("a")
+    assert store.take_cell("a", "two", "sim", "there", seen)
+    assert not store.take_cell("a", "three", "sim", "elsewhere", seen)
+    assert not store.record_heartbeat("a", "one", "sim")
+    store.leave_cell("a", "one")  # of another's
+    assert store.cell_status("a").held_by == "there"
+
+
 def test_an_acknowledgement_is_handled_once(store):
     assert not store.request_acknowledge("a", "me")
     assert not store.acknowledge_requested("a")
-    store.record_heartbeat("a", "one", "sim")
+    assert store.take_cell("a", "one", "sim", "here")
     assert not store.acknowledge_requested("a")
     assert store.request_acknowledge("a", "me")
     assert store.acknowledge_requested("a")

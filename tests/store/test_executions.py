@@ -9,6 +9,7 @@ from store import CellBusy, IdempotencyKey, KeyTaken, Store, UnknownRow, pack_sa
 
 @pytest.fixture
 def queued(store, add_plan):
+    assert store.take_cell("ur5e-sim", "x", "sim", "a test")
     return store.queue_execution(add_plan(), "ur5e-sim", "speedj", False, "me")
 
 
@@ -39,20 +40,32 @@ def test_of_many_at_once_one_is_queued(store, add_plan):
         assert sum(pool.map(attempt, range(16))) == 1
 
 
-def test_of_many_executors_one_claims(database_url, store, queued):
-    def attempt(k: int) -> bool:
+def test_of_many_executors_one_takes_the_cell_and_claims(database_url, store, add_plan):
+    id = store.queue_execution(add_plan(), "ur5e-sim").id
+
+    def attempt(k: int) -> tuple[bool, bool]:
         other = Store.open(database_url)
         try:
-            return other.claim_execution("ur5e-sim", f"executor-{k}") is not None
+            holds = other.take_cell("ur5e-sim", f"executor-{k}", "sim", "a test")
+            return holds, other.claim_execution("ur5e-sim", f"executor-{k}") is not None
         finally:
             other.close()
 
     with ThreadPoolExecutor(8) as pool:
-        assert sum(pool.map(attempt, range(8))) == 1
-    claimed = store.execution(queued.id)
+        tried = list(pool.map(attempt, range(8)))
+    assert sorted(tried)[-1] == (True, True)
+    assert sum(holds for holds, _ in tried) == sum(claims for _, claims in tried) == 1
+    claimed = store.execution(id)
     assert claimed.state == "preparing"
-    assert claimed.executor_id.startswith("executor-")
+    assert claimed.executor_id == store.cell_status("ur5e-sim").executor_id
     assert claimed.claimed_at is not None
+
+
+def test_only_the_executor_of_the_cell_claims(store, queued):
+    seen = store.cell_status("ur5e-sim")
+    assert store.take_cell("ur5e-sim", "next", "sim", "a test", seen)
+    assert store.claim_execution("ur5e-sim", "x") is None  # the one of before, after a long sleep
+    assert store.claim_execution("ur5e-sim", "next").id == queued.id
 
 
 def test_nothing_to_claim(store, queued):

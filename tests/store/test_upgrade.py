@@ -63,7 +63,8 @@ def test_everything_is_still_there(upgraded: Store):
     assert [event.data for event in upgraded.events("e1")] == [{"state": "finished"}]
     recording = upgraded.recording("e1")
     assert (recording.mcap, recording.csv) == (b"mcap", CSV)
-    assert upgraded.cell_status("c").executor_id == "x"
+    holder = upgraded.cell_status("c")
+    assert (holder.executor_id, holder.held_by) == ("x", "an executor of an earlier version")
     assert [(line["who"], line["outcome"]) for line in upgraded.audit_lines()] == [("me", None)]
 
 

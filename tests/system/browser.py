@@ -18,12 +18,15 @@ from tests.system.test_over_http import ROOT, Up
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 MISSING = "CHROMIUM IS MISSING: the page is not tested; apt-get install chromium"
-# Software rendering, and no traffic of the browser's own.
-FLAGS = [
+# No traffic of the browser's own.
+QUIET_FLAGS = [
     "--no-first-run",
     "--disable-background-networking",
     "--disable-component-update",
     "--disable-sync",
+]
+FLAGS = [  # software rendering
+    *QUIET_FLAGS,
     "--use-gl=angle",
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
@@ -44,6 +47,18 @@ FIND_POINTER = """(canvas, [step, pointer]) => {
       if (canvas.style.cursor === pointer) return [x, y];
     }
   return null;
+}"""
+FIND_MIDDLE = """(canvas, [step, pointer]) => {
+  const { left, top, right, bottom } = canvas.getBoundingClientRect();
+  const found = [];
+  for (let y = top + step; y < bottom; y += step)
+    for (let x = left + step; x < right; x += step) {
+      if (document.elementFromPoint(x, y) !== canvas) continue;
+      canvas.dispatchEvent(new PointerEvent("pointermove", { clientX: x, clientY: y }));
+      if (canvas.style.cursor === pointer) found.push([x, y]);
+    }
+  const sum = found.reduce(([a, b], [x, y]) => [a + x, b + y], [0, 0]);
+  return found.length ? sum.map((value) => value / found.length) : null;
 }"""
 REFUSED = "Failed to load resource"  # Chromium's own word for a status of 400 and up, or for no answer
 HARMLESS_IMPACTS = (None, "minor", "moderate")
@@ -105,7 +120,7 @@ class Visit:
         self.complaints: list[str] = []
         self.foreign: list[str] = []
         self.page.on("console", self._console)
-        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.on("pageerror", lambda error: self.complaints.append(f"{error}: {error.stack}"))
         context.on("request", self._request)
         self.page.goto(url)
 
@@ -146,6 +161,10 @@ class Visit:
         shown = self.region("Execution").get_by_role("status").filter(has_text=text)
         shown.wait_for(timeout=timeout)
 
+    def past(self, outcome: str) -> Locator:
+        """Returns the newest row of the history that ended so."""
+        return self.region("History").get_by_role("row").filter(has_text=outcome).first
+
     def grasp(self) -> tuple[float, float]:
         """Returns where the target's handle is [px]: where the pointer becomes a hand."""
         return self._where("grab")
@@ -153,6 +172,13 @@ class Visit:
     def on_the_map(self) -> tuple[float, float]:
         """Returns a point of the map [px]: where the pointer becomes a crosshair."""
         return self._where("crosshair")
+
+    def middle_of(self, pointer: str) -> tuple[float, float]:
+        """Returns the middle of the places where the pointer is one of these [px]."""
+        canvas = self.region("Scene").locator("canvas")
+        found = canvas.evaluate(FIND_MIDDLE, [STEP_PX / 2, pointer])
+        assert found is not None, f"the pointer becomes a {pointer} nowhere"
+        return found[0], found[1]
 
     def _where(self, pointer: str) -> tuple[float, float]:
         canvas = self.region("Scene").locator("canvas")
@@ -192,9 +218,11 @@ class Visit:
             self.foreign.append(request.url)
 
 
-def launch(playwright: Playwright) -> Browser:
-    """Starts the browser."""
-    flags = [*FLAGS, "--no-sandbox"] if os.geteuid() == 0 else FLAGS
+def launch(playwright: Playwright, draws: bool = True) -> Browser:
+    """Starts the browser; `draws` is whether it has WebGL, which costs a machine without a graphics processor time."""
+    flags = FLAGS if draws else [*QUIET_FLAGS, "--disable-3d-apis"]
+    if os.geteuid() == 0:
+        flags = [*flags, "--no-sandbox"]
     return playwright.chromium.launch(executable_path=CHROMIUM, args=flags)
 
 
@@ -206,7 +234,7 @@ def visit(browser: Browser, url: str, **options: Any) -> Iterator[Visit]:
     try:
         guest = Visit(context, url)
         yield guest
-        assert guest.complaints == []
-        assert guest.foreign == []
+        assert guest.complaints == [], guest.complaints
+        assert guest.foreign == [], guest.foreign
     finally:
         context.close()

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace as changed
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ from planner.answer import plan_document
 from planner.cell import load_cell
 from planner.planning import plan
 from planner.request import problem_from_request
-from store import ExecutionRow, PlanRow, Store, new_id, split_plan
+from store import ExecutionRow, PlanRow, Store, new_id, plan_sha256, split_plan
 from tests.processes import children_with
 
 ROOT = Path(__file__).parents[2]
@@ -139,11 +140,13 @@ class Rig:
             self._plans[key] = document["id"]
         return self._plans[key]
 
-    def add_plan(self, document: Mapping[str, Any]) -> None:
-        """Stores a plan document as it is."""
+    def add_plan(self, document: Mapping[str, Any], **changes: Any) -> None:
+        """Stores a plan document as a planner does; `changes` are fields of its row that somebody changes then."""
         summary, samples = split_plan(orjson.dumps(document, option=orjson.OPT_SERIALIZE_NUMPY))
-        head = (document["id"], time.time(), "rig", document["cell_sha256"], document["backend"])
-        self.store.add_plan(PlanRow(*head, summary, samples=samples))
+        id = document["id"]
+        head = (id, time.time(), "rig", document["cell_sha256"], document["backend"])
+        row = PlanRow(*head, summary, samples=samples, sha256=plan_sha256(id, summary, samples))
+        self.store.add_plan(changed(row, **changes))
 
     def queue(self, release: Mapping[str, Any] = TOSS, mode: str = "speedj", dry_run: bool = False) -> str:
         """Queues an execution; returns its id."""

@@ -5,17 +5,19 @@ H numbers are rows of the table of faults in docs/executor.md.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import orjson
 import pytest
 
-from store import new_id
+from store import new_id, split_plan
 from tests.system.rig import LOB, NUDGE, ROOT, Rig
 
 
@@ -38,6 +40,42 @@ def test_a_plan_that_was_tampered_with_is_refused(rig: Rig) -> None:  # C11
     assert row.outcome == "refused"
     assert "certificate" in row.reason
     assert rig.state()["q"] == pytest.approx(before, abs=1e-9)
+
+
+CHANGES = {  # of a stored plan's summary, that its certificate permits
+    "aim": lambda plan: {**plan, "aim": {"position": [1.7, 0.3, 0.0], "shift_m": [0.5, 0.0, 0.0]}},
+    "window": lambda plan: {**plan, "flight": {**plan["flight"], "release_window_s": 0.0}},
+    "certificate": lambda plan: {**plan, "certificate": {**plan["certificate"], "checks": []}},
+}
+
+
+@pytest.mark.parametrize("what", CHANGES)
+def test_a_plan_whose_row_was_changed_is_refused(rig: Rig, what: str) -> None:
+    stored = rig.store.plan(rig.plan(LOB))
+    assert stored is not None
+    document = {**orjson.loads(stored.document), "id": new_id()}
+    summary, _ = split_plan(orjson.dumps(CHANGES[what](document)))
+    rig.add_plan(document, summary=summary)
+    row = rig.end(rig.queue_plan(document["id"]))
+    assert row.outcome == "refused"
+    assert row.reason == "the stored plan is not what its planner wrote (its hash differs): plan again"
+
+
+def test_another_plans_content_under_an_id_is_refused(rig: Rig) -> None:
+    document = orjson.loads(rig.store.plan(rig.plan(NUDGE)).document)
+    id = new_id()
+    rig.add_plan(document, id=id)
+    row = rig.end(rig.queue_plan(id))
+    assert (row.outcome, "its hash differs" in row.reason) == ("refused", True)
+
+
+def test_a_plan_of_an_earlier_version_must_be_planned_again(rig: Rig) -> None:
+    document = {**orjson.loads(rig.store.plan(rig.plan(NUDGE)).document), "id": new_id()}
+    rig.add_plan(document, sha256=None)
+    row = rig.end(rig.queue_plan(document["id"]))
+    assert row.outcome == "refused"
+    assert "earlier version of Fling" in row.reason
+    assert row.reason.endswith("plan again")
 
 
 def test_a_start_elsewhere_is_approached_first(rig: Rig) -> None:  # C6
@@ -73,6 +111,63 @@ def test_a_second_executor_of_a_cell_does_not_start(rig: Rig) -> None:
     second = subprocess.run(COMMAND, cwd=ROOT, env=rig.environment, capture_output=True, text=True)
     assert second.returncode == 1
     assert "another executor" in second.stderr
+
+
+@contextlib.contextmanager
+def newcomer(rig: Rig, **environment: str) -> Iterator[Callable[[], str]]:
+    """Loads another executor of the rig's cell, with other settings.
+
+    Yields a function that lets it begin, and returns what it says as it ends.
+    """
+    script = "import sys; from executor.__main__ import main; print(flush=True); input(); sys.exit(main())"
+    command = [sys.executable, "-c", script, "--cell", "rig"]
+    pipe = subprocess.PIPE
+    surroundings = {**rig.environment, **environment}
+    process = subprocess.Popen(command, cwd=ROOT, env=surroundings, text=True, stdin=pipe, stdout=pipe, stderr=pipe)
+    assert process.stdout is not None
+    process.stdout.readline()  # it is loaded, and waits for the word
+
+    def begin() -> str:
+        said = process.communicate("\n")[1]
+        assert process.returncode == 1
+        return said
+
+    with process:
+        yield begin
+
+
+@pytest.mark.parametrize("database", ["same", "other"])
+def test_a_newcomer_with_a_folder_of_its_own_ends_and_the_throw_goes_on(
+    rig: Rig, tmp_path: Path, database: str
+) -> None:
+    url = rig.url if database == "same" else f"sqlite:///{tmp_path / 'other.db'}"
+    with newcomer(rig, FLING_DATA=str(tmp_path), FLING_DATABASE_URL=url) as begin:
+        id = rig.launch(0.1)
+        said = begin()
+    assert "another executor is connected to the controller" in said
+    row = rig.end(id)
+    assert row.outcome == "completed", row.reason
+    assert not rig.is_latched()
+
+
+def test_a_newcomer_that_cannot_see_the_controller_is_refused_by_the_store(rig: Rig, tmp_path: Path) -> None:
+    cells = tmp_path / "cells"
+    cells.mkdir()
+    (cells / "rig.toml").write_text(rig.path.read_text().replace(rig.host, "127.0.43.43"))
+    with newcomer(rig, FLING_DATA=str(tmp_path), FLING_CELLS=str(cells)) as begin:
+        said = begin()
+    assert "another executor of cell 'rig' is running (process" in said
+    assert rig.throw(NUDGE).outcome == "completed"
+
+
+def test_an_executor_that_was_replaced_ends(own_rig: Rig) -> None:
+    own_rig.start()
+    assert own_rig.executor is not None
+    seen = own_rig.store.cell_status("rig")
+    while not own_rig.store.take_cell("rig", "next", "sim", "a test", seen):  # as after a long sleep of this one
+        seen = own_rig.store.cell_status("rig")
+    assert own_rig.executor.wait(30.0) == 1
+    assert own_rig.store.cell_status("rig").executor_id == "next"
 
 
 def test_what_was_queued_while_no_executor_lived_never_starts_by_surprise(own_rig: Rig) -> None:

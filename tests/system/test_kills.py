@@ -7,17 +7,14 @@ from __future__ import annotations
 
 import resource
 import signal
-import socket
 import sqlite3
-import subprocess
-import sys
 from pathlib import Path
 
-import httpx2
 import psutil
 import pytest
 
-from tests.system.rig import FAST_RAD_S, LONG_LOB, NUDGE, ROOT, Rig
+from tests.system.rig import FAST_RAD_S, LONG_LOB, NUDGE, Rig
+from tests.system.service import RigService
 
 REST_S = 0.150  # [s] of the controller's time from the kill to rest: rows H1 and H2 of docs/executor.md
 LANDED_S = 1.5  # [s] after the arm has come to rest: the object has landed, and the result exists
@@ -197,7 +194,7 @@ def test_an_abort_brakes_and_keeps_the_object(rig: Rig, speed: float) -> None:
 
 def test_a_service_that_freezes_or_dies(rig: Rig) -> None:
     """The run goes on to its end, and the next service finds its result."""
-    service = _Service(rig)
+    service = RigService(rig)
     plan = rig.plan(LONG_LOB)
     frozen = service.execute(plan)
     rig.in_launch(frozen, FAST_RAD_S)
@@ -214,34 +211,3 @@ def test_a_service_that_freezes_or_dies(rig: Rig) -> None:
     assert psutil.wait_procs(planners, ORPHANS_GONE_S)[1] == []
     service.end()
     assert rig.store.recording(killed).mcap.startswith(b"\x89MCAP0\r\n")  # where the next service finds it
-
-
-class _Service:
-    """A service on the rig's store."""
-
-    def __init__(self, rig: Rig) -> None:
-        with socket.create_server(("127.0.0.1", 0)) as server:
-            port = server.getsockname()[1]
-        environment = {**rig.environment, "FLING_PORT": str(port), "FLING_PLANNER_WORKERS": "1",
-                       "FLING_DEFAULT_CELL": "rig"}  # fmt: skip
-        self.process = subprocess.Popen([sys.executable, "-m", "api"], cwd=ROOT, env=environment)
-        self.http = httpx2.Client(base_url=f"http://127.0.0.1:{port}", timeout=60.0, trust_env=False)
-        rig.until(self._answers)
-
-    def _answers(self) -> bool:
-        try:
-            return self.http.get("/healthz").status_code == 200
-        except httpx2.TransportError:
-            return False
-
-    def end(self) -> None:
-        """Ends the process, if it runs, and the connection to it."""
-        self.http.close()
-        self.process.terminate()
-        self.process.wait(30.0)
-
-    def execute(self, plan_id: str) -> str:
-        """Queues an execution over HTTP; returns its id."""
-        response = self.http.post("/execute", json={"plan_id": plan_id})
-        assert response.status_code == 202, response.text
-        return response.json()["id"]

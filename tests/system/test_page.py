@@ -361,16 +361,13 @@ def test_a_map_of_another_extent_goes_on(guest: Visit, stack: PageStack) -> None
         stack.http.post(f"/cells/ur5e-sim/map/cancel?id={begun['id']}")
 
 
-def test_a_real_arm_asks_once_more(stack: PageStack, browser: Browser) -> None:
+def test_a_real_arm_is_not_offered_where_it_would_be_refused(stack: PageStack, browser: Browser) -> None:
     with visit(browser, stack.url) as guest:
         guest.page.get_by_label("Cell", exact=True).select_option("example-real")
         expect(guest.page.get_by_role("banner").get_by_text("Real arm", exact=True)).to_be_visible()
-        guest.planned()
-        guest.button("Throw on example-real").click()
-        dialog = guest.page.get_by_role("dialog")
-        expect(dialog).to_contain_text("A real arm will move")
-        expect(dialog.get_by_role("button", name="No, keep still")).to_be_focused()
-        guest.page.keyboard.press("Escape")
-        expect(dialog).to_have_count(0)
+        guest.button("Plan").click()
+        guest.page.locator(".summary.valid").wait_for(timeout=PLAN_MS)
+        expect(guest.button("Throw on example-real")).to_be_disabled()
+        expect(guest.page.locator(".why")).to_contain_text("executes on simulated cells only")
         runs = stack.http.get("/executions").json()["executions"]
         assert [run for run in runs if run["cell"] == "example-real"] == []

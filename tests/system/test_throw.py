@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import orjson
+import psutil
 import pytest
 from mcap.reader import make_reader
 
@@ -161,6 +162,8 @@ def test_a_dry_run_moves_nothing(rig: Rig) -> None:
     assert rig.state()["q"] == pytest.approx(before, abs=1e-9)
     assert row.metrics is not None
     assert (row.metrics["released"], row.metrics["gripper_commanded_s"]) == (False, None)
+    assert row.metrics["tracking_error_max_rad"] is None  # the arm was not to follow
+    assert row.metrics["timing"] is None
 
 
 def test_the_recording_opens_and_agrees_with_itself(rig: Rig) -> None:
@@ -179,3 +182,26 @@ def test_the_recording_opens_and_agrees_with_itself(rig: Rig) -> None:
     assert [m["clock_s"] for m in messages["/tick"]] == numbers[:, names.index("clock_s")].tolist()
     assert np.diff(numbers[:, names.index("timestamp_s")]).min() > 0.0
     assert any("completed" in m["message"] for m in messages["/log"])
+
+
+def test_executions_leave_neither_descriptors_nor_threads_nor_memory_behind(rig: Rig) -> None:
+    """At a descriptor an execution, which it was once, a daemon would end after some thousand."""
+    assert rig.executor is not None
+    daemon = psutil.Process(rig.executor.pid)
+
+    def held() -> dict[str, int]:
+        links = [os.readlink(path) for path in Path(f"/proc/{daemon.pid}/fd").iterdir()]
+        kinds = (
+            "memfd",
+            "socket",
+            "pidfd",
+            "pipe",
+        )  # connections to the database are kept, one for each thread at most
+        return {kind: sum(kind in link for link in links) for kind in kinds} | {"threads": daemon.num_threads()}
+
+    rig.throw(NUDGE)
+    rig.until(lambda: held()["memfd"] == 0)
+    before = held()
+    for _ in range(5):
+        rig.throw(NUDGE)
+    rig.until(lambda: held() == before)

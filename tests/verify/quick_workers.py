@@ -18,6 +18,7 @@ from jobs.planning import PlanningJob
 from jobs.pool import JobResult
 from planner.errors import Infeasible, Violation
 from store import BatchLost, Store, pack_samples
+from tests.api.conftest import beat_as
 
 BEAT_S = 0.05
 WORK_S = 2.0  # [s] for one batch or map; what is not answered then is cancelled: one may have 100,000 requests
@@ -58,7 +59,7 @@ class QuickExecutor(QuickWorker):
         self._cell = cell
 
     def _work(self) -> None:
-        self._store.record_heartbeat(self._cell, "quick", "sim", {"positions": [0.1] * 6}, None, False)
+        beat_as(self._store, "quick", self._cell, "sim", {"positions": [0.1] * 6})
         row = self._store.claim_execution(self._cell, "quick")
         if row is not None:
             self._store.add_event(row.id, "telemetry", TELEMETRY)

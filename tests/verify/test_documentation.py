@@ -42,9 +42,9 @@ def test_every_page_is_there_and_fetches_nothing(built: Path):
         assert FETCHED.search(file.read_text()) is None, file
 
 
-def test_the_course_shows_figures_from_the_library(built: Path, root: Path):
-    for notebook in sorted((root / "docs" / "course").glob("0*.md")):
-        page = (built / "course" / f"{notebook.stem}.html").read_text()
+def test_the_notebooks_show_figures_from_the_library(built: Path, root: Path):
+    for notebook in [*(root / "docs" / "course").glob("0*.md"), *(root / "docs" / "gallery").glob("[!i]*.md")]:
+        page = (built / notebook.parent.name / f"{notebook.stem}.html").read_text()
         if "plt." in notebook.read_text():
             assert "<img" in page, notebook
         assert "Traceback" not in page, notebook

@@ -80,7 +80,7 @@ def test_a_trace_goes_from_the_client_to_the_executor(service: RunningService, e
         service.client.post("/execute", json={"plan_id": plan["id"]}, headers=sent).raise_for_status()
     finally:
         fake.stop()
-    row = service.store.claim_execution("ur5e-sim", "x")
+    row = service.store.claim_execution("ur5e-sim", "fake")
     UnmovedDaemon(service)._execute(row, None)
 
     spans = {span.name: span for span in exporter.get_finished_spans() if span.context.trace_id == TRACE_ID}

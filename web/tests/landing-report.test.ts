@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import { InvalidDraft } from "../src/state/draft";
-import { newestResult, placeReport, resultReport, targetRadius } from "../src/state/landing-report";
+import { doubtfulDistance, newestResult, placeReport, resultReport, targetRadius } from "../src/state/landing-report";
 import { offsetFrom } from "../src/state/scatter";
 import { landingWords } from "../src/state/words";
 import type { LandingAnswer, Plan } from "../src/service/types";
@@ -30,8 +30,8 @@ describe("a report of a landing", () => {
   });
 
   it("reads as what was seen", () => {
-    expect(landingWords(kept({ position: [1.21, -0.29, 0], std_m: 0.005 }))).toBe("at (1.21, −0.29) ± 5 mm");
-    expect(landingWords(kept({ position: [1.2, 0.3, 0], std_m: 0 }))).toBe("at (1.2, 0.3)");
+    expect(landingWords(kept({ position: [1.21, -0.29, 0], std_m: 0.005 }))).toBe("at (1.21, −0.29, 0) ± 5 mm");
+    expect(landingWords(kept({ position: [1.2, 0.3, 0], std_m: 0 }))).toBe("at (1.2, 0.3, 0)");
     expect(landingWords(kept({ result: "miss", radius_m: 0.1 }))).toBe("miss, beyond the target’s 100 mm");
   });
 
@@ -41,5 +41,19 @@ describe("a report of a landing", () => {
     expect(newestResult(list.slice(0, 1))).toBeNull();
     expect(offsetFrom([1.2, 0.3, 0], list)?.[0]).toBeCloseTo(0.01, 12);
     expect(offsetFrom([1.2, 0.3, 0], list.slice(1))).toBeNull();
+  });
+});
+
+describe("a report that is likely a slip", () => {
+  const plan = { flight: { landing_point: [1.2, 0.3, 0] } } as unknown as Plan;
+  it("is one far from where the throw was to land", () => {
+    expect(doubtfulDistance(placeReport(["9", "9", "9"], "0.01"), plan)).toBeCloseTo(Math.hypot(7.8, 8.7, 9));
+    expect(doubtfulDistance(placeReport(["1.4", "0.2", "0"], "0.01"), plan)).toBeNull();
+    expect(doubtfulDistance(resultReport("miss", "0.1"), plan)).toBeNull();
+    expect(doubtfulDistance(placeReport(["9", "9", "9"], "0.01"), null)).toBeNull();
+  });
+  it("counts nowhere once it is withdrawn", () => {
+    const list = [kept({ position: [1.21, 0.3, 0] }), kept({ position: [9, 9, 9], withdrawn_at: "2026-11-28T00:00:00Z" })];
+    expect(offsetFrom([1.2, 0.3, 0], list)?.[0]).toBeCloseTo(0.01, 12);
   });
 });

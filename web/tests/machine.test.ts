@@ -52,8 +52,14 @@ describe("what may be thrown", () => {
     expect(isArmed(change(running, { type: "execution", execution: execution({ state: "finished", outcome: "completed" }) }))).toBe(true);
   });
   it("is named by cell and place", () => {
-    expect(throwLabel(PLAN)).toBe("Throw on ur5e-sim to (1.20, 0.30)");
-    expect(throwLabel(null)).toBe("Throw");
+    expect(throwLabel(PLAN, 0)).toBe("Throw on ur5e-sim to (1.20, 0.30)");
+    expect(throwLabel(null, 0)).toBe("Throw");
+  });
+  it("is named by its height, too, unless that is the floor's", () => {
+    const above = { ...PLAN, request: { release: { kind: "target", position: [1.2, -0.001, 0.789] } } } as unknown as Plan;
+    expect(throwLabel(above, 0)).toBe("Throw on ur5e-sim to (1.20, 0.00, 0.79)");
+    expect(throwLabel(PLAN, -0.8)).toBe("Throw on ur5e-sim to (1.20, 0.30, 0.00)");
+    expect(throwLabel(PLAN, null)).toBe("Throw on ur5e-sim to (1.20, 0.30, 0.00)"); // not known yet
   });
 });
 
@@ -110,6 +116,8 @@ describe("the execution", () => {
     expect(keyNumbers(ended({ released: true }), null, PLAN)[1]?.value).toBe("3.62 m/s");
     expect(outcomeWords({ outcome: "completed", metrics: { released: false } })).toBe("Moved as planned");
     expect(outcomeWords({ outcome: "completed", metrics: { released: true } })).toBe("Thrown as planned");
+    expect(outcomeWords({ outcome: "completed", metrics: { released: false }, dryRun: true })).toBe("Dry run: nothing moved");
+    expect(outcomeWords({ outcome: "aborted", dryRun: true })).toBe("Dry run: stopped on request");
   });
   it("is marked as being stopped, also by somebody else", () => {
     const run = after(CHOSEN, { type: "runs", cell: "ur5e-sim", id: "e1" });

@@ -40,7 +40,12 @@ describe("the request", () => {
     expect(() => requestOf({ ...FIRST_DRAFT, jerkLimit: "1 2" }, "c")).toThrow(InvalidDraft);
   });
   it("names text that is no number", () => {
-    expect(() => requestOf({ ...FIRST_DRAFT, target: ["1.2", "left", "0"] }, "c")).toThrow(new InvalidDraft("target 2", "left"));
+    expect(() => requestOf({ ...FIRST_DRAFT, target: ["1.2", "left", "0"] }, "c")).toThrow(new InvalidDraft("target 2", "left", "release.position[1]"));
+    try {
+      requestOf({ ...FIRST_DRAFT, velocityLimit: "2 x" }, "c");
+    } catch (error) {
+      expect((error as InvalidDraft).path).toBe("limits.velocity"); // where the field is marked
+    }
     expect(() => requestOf({ ...FIRST_DRAFT, target: ["1.2", "", "0"] }, "c")).toThrow("a number is needed");
   });
   it("is previewed by the fast back end, on time alone", () => {

@@ -3,7 +3,10 @@
 import { describe, expect, it } from "vitest";
 
 import type { Plan } from "../src/service/types";
-import { foundWords } from "../src/state/words";
+import { relationOf } from "../src/curves/quantities";
+import type { CellState, CellSummary, Check } from "../src/service/types";
+import { armKind, obstacleOf } from "../src/state/readiness";
+import { cellWords, figure, foundWords, keyNumbers, length, metricRows, outcomeWords, plainWords } from "../src/state/words";
 
 function planWith(status: string): Plan {
   return { backend: "casadi", solver: { solve_time_s: 0.0234, status } } as Plan;
@@ -17,5 +20,76 @@ describe("what the page says of a search", () => {
   it("says that the time limit ended it", () => {
     const found = foundWords(planWith("fatrop: solved in 31 iterations; time_limit ended the search"));
     expect(found).toContain("Its time limit ended the search");
+  });
+});
+
+describe("numbers", () => {
+  it("that are rounding are none, and small ones have a power of ten", () => {
+    expect([figure(5.09e-13), figure(-2e-12), length(5.09e-13)]).toEqual(["0", "0", "0 mm"]);
+    expect([figure(3e-7), figure(-4.25e-5)]).toEqual(["3·10⁻⁷", "−4.25·10⁻⁵"]);
+    expect(figure(0.0001)).toBe("0.0001");
+  });
+  it("beside their limit say on which side of it they are", () => {
+    const check = (value: number, limit: number, margin: number): Check =>
+      ({ name: "x", value, limit, margin, unit: "m", at_s: 0, ok: margin >= 0 });
+    expect(relationOf(check(0.115, 0.05, 0.065))).toBe("≥"); // a distance to a singularity
+    expect(relationOf(check(2.7, 3, 0.3))).toBe("≤");
+    expect(relationOf(check(500, 500, 0))).toBe("≤");
+    expect(relationOf(check(0.01, 0.02, -0.01))).toBe("<");
+    expect(relationOf(check(3.5, 3, -0.5))).toBe(">");
+  });
+});
+
+describe("names", () => {
+  it("of joints and checks are people's, those of file keys stay", () => {
+    expect(plainWords("shoulder_lift_joint leaves joint_position at 0.3 s")).toBe("shoulder leaves joint position at 0.3 s");
+    expect(plainWords("13 ms late (timing.lag_s); landing_tolerance_m = 0.02")).toBe("13 ms late (timing.lag_s); landing_tolerance_m = 0.02");
+  });
+  it("of what was measured have units", () => {
+    expect(metricRows({ tracking_error_max_rad: 0.0123, realtime: false, timing: {}, landing_error_m: null })).toEqual([
+      ["Joint off the plan, at most", "12.3 mrad"],
+      ["Real-time scheduling", "no"],
+    ]);
+  });
+});
+
+describe("what became of an execution", () => {
+  const late = { outcome: "late", reason: "the gripper command was 12 ms late", metrics: { missed_ticks: 0, gripper_command_late_s: 0.012 } };
+  it("says what was late", () => {
+    expect(outcomeWords(late)).toBe("Thrown, but the gripper was told too late");
+    expect(outcomeWords({ ...late, reason: "5 ticks lost so far, 5 in a row just now" })).toBe("Stopped: commands came too late");
+    expect(keyNumbers(late as never, null, null)[2]).toEqual({ label: "Gripper command late", value: "12 ms", note: "" });
+  });
+  it("tells an object that was let go too early", () => {
+    expect(outcomeWords({ outcome: "released_early" })).toBe("The object was let go too early");
+  });
+});
+
+describe("a cell", () => {
+  const summary = { name: "c", link_kind: "sim", link_host: "127.0.0.1", error: null } as CellSummary;
+  const live = { executor: { alive: true, heartbeat_age_s: 0.1 }, robot: { refusals: [] }, fault: null, not_executable: null } as unknown as CellState;
+  const circumstances = { lost: false, asksToken: false, summary, live };
+  it("is simulated where its controller is on this machine", () => {
+    expect(armKind(summary)).toBe("simulated");
+    expect(armKind({ ...summary, link_host: "8.8.8.8" })).toBe("unproven");
+    expect(armKind({ ...summary, link_kind: "ur" })).toBe("real");
+    expect(cellWords({ ...summary, link_host: "8.8.8.8" }, live).tone).not.toBe("good");
+    expect(cellWords(summary, live)).toMatchObject({ tone: "good", headline: "Ready" });
+  });
+  it("says why nothing can be thrown", () => {
+    expect(obstacleOf(circumstances)).toBeNull();
+    expect(obstacleOf({ ...circumstances, lost: true })).toBe("The service does not answer.");
+    expect(obstacleOf({ ...circumstances, live: { ...live, not_executable: "a fault is latched" } })).toBe("A fault is latched.");
+    expect(obstacleOf({ ...circumstances, live: { ...live, robot: { refusals: ["the arm is moving"] } } as never })).toBe("The arm is moving.");
+    expect(obstacleOf({ ...circumstances, live: null })).not.toBeNull();
+  });
+  it("has a silent executor, which may be stalled", () => {
+    const silent = { ...live, executor: { ...live.executor, alive: false, heartbeat_age_s: 7.2 } } as CellState;
+    const words = cellWords(summary, silent);
+    expect(words.headline).toBe("The executor is silent");
+    expect(words.reasons[0]).toContain("last heard of 7 s ago");
+    const fault = { outcome: "executor_lost", reason: "the executor failed" };
+    expect(cellWords(summary, { ...live, fault } as never).advice).toBe("See that the arm stands still, then acknowledge.");
+    expect(cellWords(summary, { ...silent, fault } as never).advice).toContain("whether its process still runs");
   });
 });

@@ -12,7 +12,18 @@ LAG_S = 0.002  # [s] by which a simulated arm may be later than its cell says: a
 
 def warnings_of(cell: Cell) -> list[str]:
     """Returns warnings of a cell, in words."""
-    return [*_far_boxes(cell), *_far_floor(cell), *_wrong_lag(cell), *_assumed_shape(cell), *_no_clearance(cell)]
+    found = [*_elsewhere(cell), *_far_boxes(cell), *_far_floor(cell), *_wrong_lag(cell)]
+    return [*found, *_assumed_shape(cell), *_no_clearance(cell)]
+
+
+def _elsewhere(cell: Cell) -> list[str]:
+    """Returns a warning of a simulation that is not on this machine: it may be an arm."""
+    from api.settings import is_loopback_host
+
+    if cell.link.kind != "sim" or is_loopback_host(cell.link.host):
+        return []
+    says = f"link.kind is 'sim', and {cell.link.host} (link.host) is not this machine"
+    return [f"{says}: if an arm stands there, it moves without the questions of a real one; kind = 'ur' is for those"]
 
 
 def _far_boxes(cell: Cell) -> list[str]:

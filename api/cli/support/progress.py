@@ -43,6 +43,6 @@ def execute_plan(
     try:
         return client.finished(execution["id"], follow)
     except KeyboardInterrupt:
-        client.post(f"/executions/{execution['id']}/abort")
+        client.abort(execution["id"])
         click.echo("interrupted: the executor was asked to brake. This is not a safety function.", err=True)
         return client.finished(execution["id"], follow)

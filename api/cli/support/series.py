@@ -10,10 +10,13 @@ from typing import Any
 import click
 
 from api.cli.support.progress import execute_plan, make_plan
+from planner.documents import read_text
+from planner.errors import quoted
 
 LOAD_TIMEOUT_S = 3600.0  # [s] for an object to be loaded
 POLL_S = 0.2  # [s] between two looks at an input; the executor reports four times a second
 INPUTS_MAX = 18  # 8 standard, 8 configurable, 2 of the tool; source: RTDE guide
+TARGETS_BYTES = 1_000_000  # [byte] of a file of targets: some ten thousand
 PROMPT = "load the next object, then press Enter"
 LOAD_HELP = (
     "Wait before each throw but the first: enter, input:N (digital input N goes on), or a URL that is posted to until "
@@ -31,14 +34,14 @@ def read_targets(file: Path) -> list[Target]:
         click.ClickException: a line is something else, or there is none.
     """
     found: list[Target] = []
-    for number, line in enumerate(file.read_text().splitlines(), 1):
+    for number, line in enumerate(read_text(file, TARGETS_BYTES).splitlines(), 1):
         words = line.partition("#")[0].replace(",", " ").split()
         try:
             if words:
                 x, y, z = map(float, words)
                 found.append((x, y, z))
         except ValueError as error:
-            raise click.ClickException(f"{file}, line {number}: {line.strip()!r} is not X Y Z") from error
+            raise click.ClickException(f"{file}, line {number}: {quoted(line.strip())} is not X Y Z") from error
     if not found:
         raise click.ClickException(f"{file} has no targets")
     return found

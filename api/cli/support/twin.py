@@ -10,6 +10,9 @@ from typing import Any
 
 import click
 
+from planner.documents import read_file
+
+PROFILE_BYTES = 10_000_000  # [byte] of a profile with all its evidence
 NEEDED = ("lag_s", "delay_s", "jitter_s", "speed_factor", "drag_coefficient", "landing_offset_m", "base_turn_rad")
 CLING_SPEED_FACTOR = 0.95  # [-] of an object that clings; source: the estimator's model of it, learning/release.py
 
@@ -22,15 +25,16 @@ def read_profile(text: str, client: Any) -> dict[str, Any]:
         client: makes a client of the service.
 
     Raises:
+        FileRefused: it is no file, or too large.
         click.ClickException: the file is no profile.
     """
-    if not Path(text).is_file():
+    if not Path(text).exists():
         with client() as service:
             return dict(service.get(f"/profiles/{text}"))
     try:
-        profile = json.loads(Path(text).read_bytes())
+        profile = json.loads(read_file(text, PROFILE_BYTES))
         truth_of_profile(profile)
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, RecursionError, KeyError, TypeError, AttributeError) as error:
         raise click.ClickException(f"{text} is not a profile: {error!r}") from error
     return dict(profile)
 

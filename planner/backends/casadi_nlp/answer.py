@@ -13,6 +13,7 @@ from planner.backends.casadi_nlp.layout import QD, QDD, TIME, Q, Vector
 from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS
 from planner.backends.casadi_nlp.release_state import State, corrected, is_close, refined_release
 from planner.backends.casadi_nlp.solver import Solver, TooLate
+from planner.backends.casadi_nlp.tuning import CORRECTIONS, OVER
 from planner.backends.solution import Solution
 from planner.errors import SolverFailed
 from planner.flight import landing_points
@@ -26,9 +27,6 @@ States = Callable[[Vector], tuple[Vector, Vector, Vector]]
 LEAST_TICKS = 4  # [ticks] of a phase: three are needed to reach an end state
 EXTRA_TICKS = (0, 1, 2, 3)  # [ticks] given to launch and brake, in turn, until no limit is broken
 LIMIT_ROUNDING = 1e-8  # [-] share of a limit that floating point may exceed
-CORRECTIONS = 3  # [-] further solutions at most for drag and calibration; each leaves a tenth of the error or less
-WINDOW_ROUNDS = 3  # [-] further solutions at most that bring the landings of a window back into the tolerance
-OVERCORRECTION = 1.5  # [-] of a landing error beyond the tolerance between two knots: correction at the knots
 SAMPLES_PER_STAGE = 6  # [-] landings evaluated in each stage of the window, once the motion is on ticks
 USABLE_TOLERANCE = 0.99  # [-] of the landing tolerance: leaves the certificate something
 TINY_M = 1e-9  # [m] keeps a landing error away from zero
@@ -117,13 +115,13 @@ def _within_window(instance: Instance, found: KnotStates, solver: Solver) -> Tra
     """
     made = _on_ticks(instance, found, solver)
     excess = 0.0
-    for _ in range(WINDOW_ROUNDS if instance.problem.is_robust else 0):
+    for _ in range(CORRECTIONS if instance.problem.is_robust else 0):
         errors = landing_errors_in_window(instance, made.at, made.release_time_s)
         narrowed = instance.margins.window / DEFAULT_MARGINS.window  # where the certificate found more than was kept
         more = excess_at_knots(errors, narrowed * instance.problem.landing_tolerance_m)
         if not more.any() or not np.isfinite(more).all():
             break
-        excess = excess + OVERCORRECTION * more
+        excess = excess + OVER * more
         moved = errors - landing_errors_in_window(instance, found.at, found.release_time_s)
         instance = instance.from_guess(found, moved[::SAMPLES_PER_STAGE] + excess)
         z = solver.try_solve(instance)

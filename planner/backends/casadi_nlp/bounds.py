@@ -24,14 +24,13 @@ from planner.backends.casadi_nlp.layout import (
 from planner.backends.casadi_nlp.release_rows import FALL_MIN, ROUNDING, release_bounds
 from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, LEAVING_ROWS, RELEASE_ROWS
 from planner.backends.casadi_nlp.transcription import Indices, RowIndex
-from planner.backends.casadi_nlp.tuning import LONGEST_STEP, SHORTEST_STEP
+from planner.backends.casadi_nlp.tuning import LONGEST_STEP, SHORTEST_STEP, TOUCHING
 from planner.cell import Limits
 from planner.problem import ThrowProblem
 from planner.seeds import Candidate
 
 WATCHED_S = 0.05  # [s] before and after the release that the certificate checks, in whole ticks
 WATCHED_BEYOND_S = 0.002  # [s] by which the watched stages last longer
-TOUCHING = 1e-3  # [-] of a velocity limit: bounds that leave less room than this between them are an equality
 DRIFT_SHARE = 2.0  # [-] of tolerance over window, for the rate of change of the landing with the release time
 
 MIDDLE_VELOCITY = slice(NX, NX + 6)

@@ -16,6 +16,7 @@ from planner.backends.casadi_nlp.margins import Margins
 from planner.backends.casadi_nlp.object_path import (
     leaving_time,
     path_parameters,
+    standing_parameters,
     thrown_state,
 )
 from planner.backends.casadi_nlp.parameters import (
@@ -61,6 +62,7 @@ def _applicable_groups(problem: ThrowProblem, margins: Margins) -> tuple[str, ..
         "keep_out": _box_slots(problem) > 0,
         "grip": problem.cell.gripper.hold_acceleration_m_s2 is not None and not problem.ends_at_rest,
         "flight": constrains_flight(problem),
+        "standing": aims(problem),
         "leaving": margins.leaves,
         "passing": not problem.ends_at_rest,
     }
@@ -166,6 +168,7 @@ class Instance:
             "flight": flight_parameters(self.problem, self.candidate, self.margins, self.aim),
             # Also where the initial guess is a failed motion: beside its own path fewer solves succeed.
             "object_path": self.object_path(self.candidate.q, self.candidate.qd),
+            "standing": standing_parameters(self.problem, self.margins.standing_m),
         }
 
     def object_path(self, q: Vector, qd: Vector) -> Vector:
@@ -254,7 +257,7 @@ class Instance:
             axes = np.full(3, margins.grip)
             limits["grip"] = np.append(-axes, -inf), np.append(axes, margins.grip**2)
         counts = {"flight": FLIGHT_ROWS.size, "leaving": LEAVING_ROWS.size, "clearance": 3}
-        for group, count in (*counts.items(), ("keep_out", 1), ("passing", 1)):
+        for group, count in (*counts.items(), ("keep_out", 1), ("standing", 1), ("passing", 1)):
             if group in self.stages.groups:
                 limits[group] = np.zeros(count), np.full(count, inf)
         return limits

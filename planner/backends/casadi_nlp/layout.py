@@ -132,6 +132,16 @@ OBJECT_PATH = VectorLayout(
         "share": 1,  # of the tool's speed that the object has at the release [-]
     }
 )
+STANDING_CAPSULES = 2  # [-] that never move: the arm's foot, and its base
+STANDING = VectorLayout(
+    {
+        "capsules": 7 * STANDING_CAPSULES,  # end points in the world (3 + 3), radius [m]
+        "reach": 1,  # distance that the object's centre keeps from their surface [m]
+        "ground": 1,  # height of the object's centre where its flight ends [m]
+        "gravity": 1,  # [m/s^2]
+        "share": 1,  # of the tool's speed that the object has at the release [-]
+    }
+)
 SHARED = {
     "scales": SCALES,
     "arm": ARM,
@@ -139,6 +149,7 @@ SHARED = {
     "boxes": BOXES,
     "flight": FLIGHT,
     "object_path": OBJECT_PATH,
+    "standing": STANDING,
 }  # parameters shared by all stages, in this order
 COST = VectorLayout({"time": 1, "jerk": 1, "step": 1, "initial_step": 1})  # parameters of each stage's cost
 ABSENT_RADIUS = -1.0e3  # [m] radius of an absent capsule: never near anything
@@ -201,8 +212,8 @@ WATCHED_AFTER = 2
 LEAVING_STAGES = 1  # stages after the release (or its window), 20 to 40 ms, in which the object leaves the open grip
 OUT_STAGES = 2  # the same where its way out is followed, until it is out
 OF_THE_OBJECT = ("thrown", "carried")  # blocks whose rows are the object's next state
-# Groups of rows left out until a solution violates them, at knots and, but for "flight" and "leaving", at middles.
-LAZY_GROUPS = ("effort", "clearance", "keep_out", "grip", "flight", "leaving", "passing")
+# Groups of rows left out until a solution violates them, at knots and, but for three from "flight" on, at middles.
+LAZY_GROUPS = ("effort", "clearance", "keep_out", "grip", "flight", "standing", "leaving", "passing")
 
 
 @dataclass(frozen=True)
@@ -266,6 +277,7 @@ class StageLayout:
             "singularity": range(first_watched, last_watched + 1),
             "singularity_middle": range(first_watched, last_watched),
             "release": range(self.launch - self.window, released + 1),
+            "standing": range(self.launch - self.window, released + 1),
             "flight": range(self.launch - self.window, min(released + LEAVING_STAGES, self.stages) + 1),
             "leaving": range(self.launch, min(released + OUT_STAGES, self.stages)),
             "grip": range(1, released + 1),

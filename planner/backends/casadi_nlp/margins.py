@@ -13,13 +13,12 @@ from typing import Protocol
 
 from planner.backends.casadi_nlp.tuning import (
     OPENING_RAD,
+    OVER,
     ROOM_M,
     USABLE,
 )
 
-# What is missing between two rows is less at the rows, which are widened; and the next motion is another one.
-OVER = 1.5  # [-] times what is missing
-SPARE_M = 0.001  # [m], [rad] beyond that
+SPARE_M = 0.001  # [m], [rad] beyond `OVER` times what is missing
 SPARE_SHARE = 0.01  # [-] of a limit beyond what is missing
 MOST_M = 0.1  # [m], [rad] a wider distance is no remedy: the motion has to be another one
 LEAST_SHARE = 0.3  # [-] the same for a smaller share of a limit
@@ -44,12 +43,14 @@ GROUPS = {
     POSITIONS: ("position_rad",),
     "grip": ("grip",),
     "flight": ("flight_m", "mouth_m", "opening_rad", "leaves"),
+    "standing": ("standing_m",),
     "leaving": ("leaves",),
     "passing": ("passing_m",),
 }
 # Checks that no rows bound: the power of limit over value by which the tool has to be slower at the worst time.
 SLOWED = {"stopping_time": 1.0, "stopping_distance": 0.5, "elbow_speed": 1.0, "momentum": 1.0, "power": 1.0}
 LINKS = {"shoulder", "upper_arm", "elbow", "forearm", "wrist_1", "wrist_2", "wrist_3"}  # of block "passing"
+STANDING = {"foot", "base"}  # of block "standing"
 
 
 class FailedCheck(Protocol):
@@ -99,6 +100,7 @@ class Margins:
         flight_m: room between the object's flight and the boxes that it passes.
         mouth_m: the same at the rim of a bin.
         passing_m: room between the object in flight and the braking arm.
+        standing_m: the same for what never moves of the arm.
         opening_rad: by which the gripper's opening cone is narrowed [rad].
         leaves: whether block "leaving" follows the object on its way out of the grip, in place of the row "out".
     """
@@ -116,6 +118,7 @@ class Margins:
     flight_m: float = ROOM_M
     mouth_m: float = ROOM_M
     passing_m: float = ROOM_M
+    standing_m: float = ROOM_M
     opening_rad: float = OPENING_RAD
     leaves: bool = False
 
@@ -148,7 +151,7 @@ class Margins:
         if check.name in DISTANCES:
             return self._with_more(missing, DISTANCES[check.name])
         if check.name == "flight_clearance":
-            return self._with_more(missing, *(("passing_m",) if meets_arm(check) else ("flight_m", "mouth_m")))
+            return self._with_more(missing, *_flight_margins(check))
         if check.name == "opening_direction":
             return self._with_way_out(missing)
         if check.name == "singularity_distance":
@@ -181,3 +184,10 @@ DEFAULT_MARGINS = Margins()
 def meets_arm(check: FailedCheck) -> bool:
     """Returns whether a failed check is of a flight that meets a link, which can brake another way."""
     return check.name == "flight_clearance" and check.detail in LINKS
+
+
+def _flight_margins(check: FailedCheck) -> tuple[str, ...]:
+    """Returns the margins of what a flight meets: a link, what never moves of the arm, or the surroundings."""
+    if meets_arm(check):
+        return ("passing_m",)
+    return ("standing_m",) if check.detail in STANDING else ("flight_m", "mouth_m")

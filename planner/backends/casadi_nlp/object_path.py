@@ -11,10 +11,10 @@ import math
 
 import numpy as np
 
-from planner.backends.casadi_nlp.layout import OBJECT_PATH, PATH_TERMS, Vector
+from planner.backends.casadi_nlp.layout import OBJECT_PATH, PATH_TERMS, STANDING, Vector
 from planner.backends.casadi_nlp.tuning import LEAVING
 from planner.flight import fly, path, touchdown_s
-from planner.geometry import tool_state
+from planner.geometry import body_model, tool_state
 from planner.problem import ThrowProblem
 
 NODES = np.linspace(0.0, 1.0, PATH_TERMS)  # [-] of the flight's duration at which the polynomial is the path
@@ -63,6 +63,20 @@ def path_parameters(problem: ThrowProblem, q: Vector, qd: Vector, room_m: float,
             "gravity": problem.gravity,
             "fall": problem.gravity + problem.drag * float(v @ v),
             "reach": radius + room_m,
+            "share": problem.release_speed_factor,
+        }
+    )
+
+
+def standing_parameters(problem: ThrowProblem, room_m: float) -> Vector:
+    """Returns the `STANDING` vector, with `room_m` [m] between the object and what never moves of the arm."""
+    first, last, radii = body_model(problem.cell).base_shapes
+    return STANDING.pack(
+        {
+            "capsules": np.column_stack([first, last, radii]),
+            "reach": problem.cell.object.radius_m + room_m,
+            "ground": problem.plane_z + problem.landing_radius_m,
+            "gravity": problem.gravity,
             "share": problem.release_speed_factor,
         }
     )

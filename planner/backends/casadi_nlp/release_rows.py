@@ -13,7 +13,7 @@ import numpy as np
 
 from planner.backends.casadi_nlp.layout import RELEASE, Vector
 from planner.backends.casadi_nlp.symbols import RELEASE_ROWS
-from planner.backends.casadi_nlp.tuning import WINDOW_STAGES
+from planner.backends.casadi_nlp.tuning import TOUCHING, WINDOW_STAGES
 from planner.flight import fly
 from planner.geometry import tool_state
 from planner.problem import ThrowProblem
@@ -21,10 +21,9 @@ from planner.releases import Opening
 
 WINDOW_STAGE_S = 0.005  # [s] least duration of one of them, or a tick
 ROUNDING = 1e-9  # [-] of a number of stages
-THIN_RAD = 1e-3  # [rad] a narrower range of elevations is an equality: it has no interior to solve in
 FALL_MIN = 0.05  # [m^2/s^2] least discriminant of a flight: below, the object only grazes the plane
 LARGEST_SLOPE_RAD = 1.57  # [rad] elevations beyond have hardly a finite tangent: they are no limits
-# [m, m/s, rad] that a calibrated arm's refined release moves in place, speed and elevation, at most as a rule
+# [m, m/s, rad] that a solution's release may be off by drag or calibration: its refinement moves it by about as much
 ROOM = 3e-3
 
 
@@ -74,7 +73,7 @@ def release_bounds(problem: ThrowProblem) -> Vector:
     bounds[0, at["falls"]] = FALL_MIN
     bounds[0, at["elevation"]] = 0.0 if lowest > -LARGEST_SLOPE_RAD else -np.inf, -np.inf
     bounds[1, at["elevation"]] = np.inf, 0.0 if highest < LARGEST_SLOPE_RAD else np.inf
-    if highest - lowest < THIN_RAD:
+    if highest - lowest < TOUCHING:
         bounds[:, at["elevation"]] = [[0.0, -np.inf], [0.0, np.inf]]
     bounds[1, at["speed"]] = target.max_speed_m_s**2
     if target.min_horizontal_distance_m > 0.0:

@@ -13,16 +13,15 @@ import numpy as np
 from planner.backends.casadi_nlp.functions import evaluate
 from planner.backends.casadi_nlp.instance import Instance
 from planner.backends.casadi_nlp.layout import NZ, QD, Q, Vector
-from planner.backends.casadi_nlp.release_rows import aim_from, release_bounds, release_parameters
+from planner.backends.casadi_nlp.release_rows import ROOM, aim_from, release_bounds, release_parameters
 from planner.backends.casadi_nlp.symbols import FORMULAS, RELEASE_ROWS
+from planner.backends.casadi_nlp.tuning import CORRECTIONS
 from planner.errors import SolverFailed
 from planner.flight import landing_points
 from planner.geometry import tool_state
 from planner.problem import ThrowProblem
 
 ROUNDS = 12  # [-] Newton iterations on the state; of a calibrated arm each leaves a hundredth of the error or less
-DRAG_ROUNDS = 3  # [-] corrections of the aim for drag; each leaves a tenth of the error or less
-CLOSE = 3e-3  # [m, m/s] error of a release, by drag or calibration, that Newton's iteration alone corrects
 REFINED = 1e-9  # [m, m/s] residual at which it stops: a ten-thousandth of the certificate's tolerance
 MISSED = 0.05  # [m, m/s] a solution this far from its release has none
 
@@ -49,7 +48,7 @@ def is_close(instance: Instance, state: State) -> bool:
     if instance.problem.fixes_joints:
         return True
     residual, _ = _residual(instance, _stage(instance, state), aim_from(instance.problem, *state))
-    return bool(np.abs(residual).max() < CLOSE)
+    return bool(np.abs(residual).max() < ROOM)
 
 
 def refined_release(instance: Instance, state: State) -> State:
@@ -67,7 +66,7 @@ def refined_release(instance: Instance, state: State) -> State:
     """
     if instance.problem.fixes_joints:
         return instance.candidate.q, instance.candidate.qd
-    for _ in range(1 + DRAG_ROUNDS * (instance.problem.drag > 0.0)):
+    for _ in range(1 + CORRECTIONS * (instance.problem.drag > 0.0)):
         state = _refined(instance, state, aim_from(instance.problem, *state))
     return state
 

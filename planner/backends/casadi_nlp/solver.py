@@ -20,20 +20,20 @@ from planner.backends.casadi_nlp.transcription import ALL_SHARED, Indices, trans
 from planner.backends.casadi_nlp.tuning import MAX_ITERATIONS
 from planner.errors import SolverFailed
 
+TOLERANCE = 1e-4  # [-, m, rad]
+# A row left out is included when it is this far beyond its bound, and what fatrop gives up is a solution if none is.
+VIOLATED = 10.0 * TOLERANCE
 # What falls below the LU tolerance is dropped where equalities are eliminated: 1e-2 drops what moves a landing by 2 to
 # 3 mm, as a jerk does in a stage of 5 ms.
 FATROP: Options = {
     "print_level": 0,
-    "tolerance": 1e-4,
+    "tolerance": TOLERANCE,
     "mu_init": 1e-3,
     "max_iter": MAX_ITERATIONS,
     "linsol_lu_fact_tol": 1e-3,
 }
 # With its times fixed, a solution starts close to its optimum, and what takes longer stalls.
 FIXED_TIMES: Options = {"mu_init": 1e-4, "max_iter": MAX_ITERATIONS // 3}
-# [-, m, rad] A row left out is included when it is this far beyond its bound, and what fatrop gives up is a solution if
-# none is: ten times the tolerance.
-VIOLATED = 1e-3
 
 
 class TooLate(SolverFailed):

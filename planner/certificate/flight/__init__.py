@@ -2,6 +2,5 @@
 
 from planner.certificate.flight.clearance import flight_clearance
 from planner.certificate.flight.flights import Flights, flights_of
-from planner.certificate.flight.obstruction import FlightObstruction, flight_obstruction
 
-__all__ = ["FlightObstruction", "Flights", "flight_clearance", "flight_obstruction", "flights_of"]
+__all__ = ["Flights", "flight_clearance", "flights_of"]

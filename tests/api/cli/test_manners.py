@@ -49,7 +49,7 @@ def test_a_mistyped_command_gets_a_suggestion(arguments: list[str], hint: str):
         (["up", "--patience", "0"], 64, "--patience"),
         (["serve", "--planner-workers", "0"], 64, "--planner-workers"),
         (["map", "--out", "map.pdf"], 64, "a map is written as"),
-        (["cell", "check"], 64, "Missing argument 'FILE'"),
+        (["cell", "check"], 64, "Missing argument 'FILE ...'"),
         (["plan", "missing.json"], 1, "missing.json"),
         (["throw", "1", "0", "0", "--url", f"http://{HOST}:9"], 1, "start one with 'fling up'"),
         (["up", "--cell", "nowhere"], 1, "no cell 'nowhere'"),
@@ -106,6 +106,63 @@ def test_cell_check_names_every_fault_at_once(tmp_path: Path):
     assert [error["field"] for error in document["errors"]] == ["surprise", "tool.mass_kg", "link.kind"]
 
 
+def test_cell_check_takes_several_files(tmp_path: Path, root: Path):
+    good = [str(root / "cells" / f"{name}.toml") for name in ("ur5e-sim", "ur3e-sim")]
+    answers = fling("cell", "check", *good, "--json").stdout.splitlines()
+    assert [json.loads(line)["cell"] for line in answers] == ["ur5e-sim", "ur3e-sim"]
+    bad = tmp_path / "bad.toml"
+    bad.write_text('robot = "ur5e"\nhome_rad = 1979-05-27\n[link]\nkind = "sim"\n')
+    result = fling("cell", "check", good[0], str(bad), str(tmp_path), good[1])
+    assert result.exit_code == 1
+    assert result.stdout.count(": good.") == 2
+    assert f"{bad} has a fault" in result.stderr
+    assert f"{tmp_path} has a fault" in result.stderr
+    document = json.loads(fling("cell", "check", *good, str(bad), "--json").stderr)
+    assert document["errors"] == [
+        {
+            "file": str(bad),
+            "field": "home_rad",
+            "value": "datetime.date(1979, 5, 27)",
+            "reason": "must be a list of 6 numbers",
+        }
+    ]
+
+
+HANDED_OVER = {
+    "cell": ["cell", "check"],
+    "request": ["plan"],
+    "batch": ["batch"],
+    "recording": ["calibrate", "lag", "--from-csv"],
+    "plan": ["report"],
+    "targets": ["throw", "--targets"],
+    "profile": ["sim", "--cell", "ur5e-sim", "--profile"],
+}
+
+
+@pytest.mark.parametrize("command", HANDED_OVER.values(), ids=HANDED_OVER)
+@pytest.mark.parametrize("kind", ["pipe", "folder", "device", "garbage", "deep", "digits", "nothing"])
+def test_whatever_is_handed_over_is_read_or_refused_in_a_sentence(tmp_path: Path, command: list[str], kind: str):
+    file = tmp_path / "handed-over.toml"
+    contents = {
+        "garbage": bytes(range(256)) * 100,
+        "deep": b"[" * 100_000,
+        "digits": b"a = " + b"9" * 6000,
+        "nothing": b"",
+    }
+    if kind == "pipe":
+        os.mkfifo(file)
+    elif kind == "folder":
+        file.mkdir()
+    elif kind == "device":
+        file = Path("/dev/zero")
+    else:
+        file.write_bytes(contents[kind])
+    result = fling(*command, str(file))
+    assert result.exit_code in (1, 64), result.output
+    assert isinstance(result.exception, SystemExit), result.exception
+    assert 0 < len(result.stderr.strip()) < 1500
+
+
 def test_cell_check_names_every_violation_at_home(tmp_path: Path, root: Path):
     text = (root / "cells" / "ur5e-sim.toml").read_text().replace("floor_z_m = 0.0", "floor_z_m = 2.0")
     file = tmp_path / "low.toml"
@@ -132,9 +189,11 @@ def test_cell_check_warns_of_a_box_in_millimetres(tmp_path: Path, root: Path):
         ({"lag_s = 0.02  ": "lag_s = 0.0  ", 'kind = "sim"': 'kind = "ur"'}, "fling calibrate lag --cell changed"),
         ({"floor_z_m = 0.0": "floor_z_m = -750.0"}, "surroundings.floor_z_m is 750 m below the arm: metres?"),
         ({"mass_kg = 0.05": "mass_kg = 4.0"}, None),
+        ({'host = "127.0.0.1"': 'host = "8.8.8.8"'}, "8.8.8.8 (link.host) is not this machine"),
+        ({'host = "127.0.0.1"': 'host = "localhost"'}, None),
     ],
 )
-def test_cell_check_warns_of_a_wrong_lag(tmp_path: Path, root: Path, changes, warning):
+def test_cell_check_warns_of_what_is_allowed_and_unlikely(tmp_path: Path, root: Path, changes, warning):
     text = (root / "cells" / "ur5e-sim.toml").read_text()
     file = tmp_path / "changed.toml"
     for old, new in changes.items():

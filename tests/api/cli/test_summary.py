@@ -143,6 +143,9 @@ class InterruptedThrow:
         self.calls.append(path)
         return {"id": "x"}
 
+    def abort(self, execution_id: str) -> None:
+        self.calls.append(f"/executions/{execution_id}/abort")
+
     def finished(self, execution_id: str, on_event: Callable[[str, Any], object]) -> dict[str, Any]:
         on_event("state", {"state": "approaching"})
         if self.calls[-1] == "/execute":

@@ -29,6 +29,7 @@ def execution_id(store: Store) -> str:
     plan_id = new_id()
     store.add_plan(PlanRow(plan_id, time.time(), "cell", "0" * 64, "ruckig", b"{}"))
     store.queue_execution(plan_id, "cell")
+    store.take_cell("cell", "me", "sim", "a test")
     row = store.claim_execution("cell", "me")
     assert row is not None
     return row.id
@@ -59,7 +60,7 @@ def test_a_result_is_kept_and_delivered_once(open_journal: Open, store: Store, e
     journal = open_journal()
     journal.keep(result(execution_id))
     assert journal.has_undelivered()
-    assert journal.deliver(store) == 0
+    journal.deliver(store)
     row = store.execution(execution_id)
     assert (row.state, row.outcome, row.metrics) == ("finished", "completed", {"ticks": 3})
     recording = store.recording(execution_id)
@@ -67,18 +68,18 @@ def test_a_result_is_kept_and_delivered_once(open_journal: Open, store: Store, e
     (landing,) = store.landings(execution_id)
     assert vars(landing).items() >= {**LANDING, "source": "sim-camera", "result": None}.items()
     assert not journal.has_undelivered()
-    assert journal.deliver(store) == 0
+    journal.deliver(store)
 
 
 def test_what_one_process_kept_the_next_one_delivers(open_journal: Open, store: Store, execution_id: str) -> None:
     first = open_journal()
     first.keep(result(execution_id))
     first.close()
-    assert open_journal().deliver(store) == 0
+    open_journal().deliver(store)
     assert store.execution(execution_id).outcome == "completed"
 
 
-def test_a_result_that_ended_otherwise_meanwhile_changes_nothing(
+def test_a_result_that_is_known_replaces_what_another_executor_assumed(
     open_journal: Open, store: Store, execution_id: str
 ) -> None:
     journal = open_journal()
@@ -87,14 +88,54 @@ def test_a_result_that_ended_otherwise_meanwhile_changes_nothing(
     deliver(store, result(execution_id))  # and died before it noted that
     journal.deliver(store)
     assert len(store.landings(execution_id)) == 1
-    assert store.execution(execution_id).outcome == "executor_lost"
-
-
-def test_an_execution_of_another_database_is_forgotten(open_journal: Open, store: Store) -> None:
-    journal = open_journal()
-    journal.keep(ExecutionResult(new_id(), "completed", "", None))
-    assert journal.deliver(store) == 0
+    row = store.execution(execution_id)
+    assert (row.outcome, row.metrics) == ("completed", {"ticks": 3})
     assert not journal.has_undelivered()
+
+
+def test_a_result_that_the_database_has_otherwise_is_not_deleted(
+    open_journal: Open, store: Store, execution_id: str
+) -> None:
+    journal = open_journal()
+    journal.keep(result(execution_id))
+    store.finish_execution(execution_id, "late")
+    journal.deliver(store)
+    assert store.execution(execution_id).outcome == "late"
+    assert (journal.folder / f"{execution_id}.result.json").exists()
+
+
+@pytest.mark.parametrize("is_full", [False, True])
+def test_an_execution_of_another_database_is_kept_until_that_is_back(
+    open_journal: Open,
+    store: Store,
+    execution_id: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    is_full: bool,
+) -> None:
+    """On the disk it survives the process, in the memory of one with a full disk it is not deleted either."""
+    other = Store.open(f"sqlite:///{tmp_path / 'other.db'}")
+    journal = open_journal()
+    if is_full:
+        monkeypatch.setattr(Journal, "_write", refuse)
+    journal.keep(result(execution_id))
+    journal.deliver(other)
+    other.close()
+    assert not journal.has_undelivered()  # to this database
+    if is_full:
+        assert [kept.execution_id for kept in journal._results] == [execution_id]
+        return
+    journal.close()
+    again = open_journal()
+    assert again.has_undelivered()
+    again.deliver(store)
+    assert store.execution(execution_id).outcome == "completed"
+    assert not list(again.folder.glob(f"{execution_id}.*"))
+
+
+def refuse(self: Journal, name: str, data: bytes) -> None:
+    """Writes nothing, as on a full disk."""
+    raise OSError(errno.ENOSPC, "No space left on device")
 
 
 def test_a_fault_stays_until_a_person_has_looked(open_journal: Open) -> None:
@@ -140,7 +181,7 @@ def test_on_a_full_disk_a_result_waits_in_memory_and_leaves_nothing_half(
     assert list(journal.folder.glob(f"{execution_id}*")) == []
     assert journal.has_undelivered()
     assert journal.fault() is not None
-    assert journal.deliver(store) == 0
+    journal.deliver(store)
     assert not journal.has_undelivered()
     assert store.execution(execution_id).outcome == "completed"
     assert store.recording(execution_id).mcap == b"mcap"
@@ -153,6 +194,6 @@ def test_what_an_earlier_version_kept_is_delivered(open_journal: Open, store: St
     journal.keep(result(execution_id))
     (journal.folder / f"{execution_id}.samples").unlink()
     (journal.folder / f"{execution_id}.csv").write_text("t,x\n0.0,0.25\n")
-    assert journal.deliver(store) == 0
+    journal.deliver(store)
     assert store.recording(execution_id).csv == b"t,x\n0.0,0.25\n"
     assert not list(journal.folder.glob(f"{execution_id}.*"))

@@ -60,7 +60,7 @@ def test_some_failures_have_no_remedy(failure: Check) -> None:
 
 @pytest.mark.parametrize(
     ("what", "names"),
-    [("box 0", {"flight_m", "mouth_m"}), ("forearm", {"passing_m"})],
+    [("box 0", {"flight_m", "mouth_m"}), ("forearm", {"passing_m"}), ("foot", {"standing_m"})],
 )
 def test_a_flight_keeps_farther_from_what_it_meets(what: str, names: set[str]) -> None:
     failure = at_least("flight_clearance", -0.01, 0.0, "m", 0.2, what)

@@ -304,6 +304,7 @@ def test_the_path_of_an_object_with_drag_is_its_flight(cell: Cell, carried: bool
     numbers = layout.OBJECT_PATH.split(object_path.path_parameters(problem, q, qd, 0.0, carried))
     ends = problem.plane_z + (0.0 if height_m else cell.object.radius_m)
     known = flight.fly(p, v, ends, problem.gravity, problem.drag)
+    assert layout.STANDING.split(object_path.standing_parameters(problem, 0.0))["ground"] == pytest.approx(ends)
     without_drag = flight.fly(p, v, float(numbers["ground"][0]), problem.gravity)
     assert known is not None
     assert without_drag is not None

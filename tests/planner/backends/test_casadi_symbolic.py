@@ -139,6 +139,7 @@ LAYOUTS = (
     layout.StageLayout(8, 3, groups=("flight", "passing"), aims=True),
     layout.StageLayout(8, 3, groups=("leaving",), aims=True),
     layout.StageLayout(10, 5, window=2, groups=("leaving", "passing"), aims=True),
+    layout.StageLayout(8, 3, groups=("standing",), aims=True),
     layout.StageLayout(8, 3, groups=("keep_out",), boxes=1),
     layout.StageLayout(8, 0, groups=("effort",)),
 )
@@ -157,7 +158,7 @@ def test_derivatives_of_the_whole_problem(stages: layout.StageLayout) -> None:
     costs = np.tile([1.0, 1e-3, 1e-2, 0.4], stages.stages)
     arm = arm_parameters(cell, cell.limits, NO_MARGINS)
     path = _object_path()[1]
-    p = np.concatenate([SCALES, arm, release, box_parameters(cell), _flight_parameters(), path, costs])
+    p = np.concatenate([SCALES, arm, release, box_parameters(cell), _flight_parameters(), path, _standing(), costs])
     along = rng.normal(size=x.size)
     step = 1e-6
 
@@ -220,6 +221,12 @@ def _object_path() -> tuple[np.ndarray, np.ndarray]:
     numbers = {"path": path, "landing": LANDING_S, "lands": 0.0, "ground": 0.0, "gravity": 9.81}
     numbers |= {"fall": 9.81, "reach": 0.05, "share": 0.9}
     return np.stack([p, v]), layout.OBJECT_PATH.pack(numbers)
+
+
+def _standing() -> np.ndarray:
+    """The parameters of an upright and a leaning capsule that objects keep off."""
+    capsules = [0.1, -0.2, 0.0, 0.1, -0.2, 0.3, 0.08, 0.4, 0.1, 0.1, 0.6, 0.3, 0.5, 0.05]
+    return layout.STANDING.pack({"capsules": capsules, "reach": 0.02, "ground": -3.0, "gravity": 9.81, "share": 0.9})
 
 
 def _distance_from_links(cell: Cell, q: np.ndarray, x: np.ndarray) -> float:
@@ -336,6 +343,20 @@ def test_an_object_is_followed_out_of_the_grip(cell: Cell, with_states: bool, ag
     assert rows["is_out"] == pytest.approx(size / 0.02 - 1.0, abs=1e-3)
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_room_between_a_flight_and_what_never_moves(cell: Cell, seed: int) -> None:
+    q, qd, _, z = _state(seed)
+    row = _rows("standing", z, np.concatenate([arm_parameters(cell, cell.limits, NO_MARGINS), _standing()]))
+    tool = tool_state(cell, q, qd)
+    flown = flight.fly(tool.p_WT, 0.9 * tool.v_WT, -3.0, 9.81)
+    assert flown is not None
+    x = flight.path(tool.p_WT, 0.9 * tool.v_WT, np.linspace(0.0, flown.time_of_flight_s, 400), 9.81)
+    capsules = layout.STANDING.split(_standing())["capsules"].reshape(-1, 7)
+    gap = min(float(segment_segment_distance(at, at, c[:3], c[3:6])) - c[6] for c in capsules for at in x)
+    sagitta = 9.81 * (flown.time_of_flight_s / layout.CHORDS) ** 2 / 8.0
+    assert row == pytest.approx(gap - 0.02, abs=sagitta + 0.005)
+
+
 def test_a_jerk_of_one_moves_a_joint_less_than_once_around_in_the_longest_initial_step() -> None:
     limits = replace(load_cell(CELLS / "ur5-sim.toml").limits, jerk_max=np.full(6, 8e3))
     for step in (0.01, 0.1, 0.6):
@@ -422,7 +443,7 @@ def test_a_room_has_slots_for_its_boxes(boxes: int, slots: int) -> None:
 def _smooth_multipliers(index: transcription.RowIndex, rng: np.random.Generator) -> np.ndarray:
     """Multipliers that leave out the rows whose curvature is left out."""
     lam = rng.normal(size=index.size)
-    without = ("clearance", "clearance_middle", "keep_out", "keep_out_middle", "passing_at_rest")
+    without = ("clearance", "clearance_middle", "keep_out", "keep_out_middle", "passing_at_rest", "standing")
     for (name, _), rows in index.rows.items():
         if index.blocks[name].name in without:
             lam[rows] = 0.0

@@ -108,7 +108,7 @@ def test_the_effect_of_ticks_of_8_ms_on_the_landings_is_corrected(
 ) -> None:
     asked = problem("ur5-sim", release=TargetRelease(np.array(place)))
     assert certify(asked, _solved(asked)).check("landing_window").ok
-    monkeypatch.setattr(answer, "WINDOW_ROUNDS", 0)
+    monkeypatch.setattr(answer, "CORRECTIONS", 0)
     assert not certify(asked, _solved(asked)).check("landing_window").ok
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from planner.backends import ruckig_otg
-from planner.certificate import certify, flight_obstruction
+from planner.certificate import certify
 from planner.certificate.curves import motion_curves
 from planner.errors import Infeasible, SolverFailed
 from planner.flight import fly, path
@@ -176,11 +176,10 @@ def test_in_the_air_everything_counts_until_the_centre_passes_the_plane(kind, ra
     assert late > 0
 
 
-def test_a_throw_through_a_wall_is_refused_with_the_way_past_it():
+def test_a_throw_through_a_wall_is_refused():
     here = cell()
     problem, trajectory = throw(here, [1.3, 0.2, 0.0])
     assert certify(problem, trajectory).check("flight_clearance").ok
-    assert flight_obstruction(problem, trajectory) is None
     _, x, _ = flown(problem, trajectory, 0.0)
     middle = x[2 * len(x) // 3]
     wall = with_boxes(here, ([middle[0] - 0.01, -1.0, 0.0], [middle[0] + 0.01, 1.0, middle[2]]))
@@ -188,20 +187,6 @@ def test_a_throw_through_a_wall_is_refused_with_the_way_past_it():
     check = certify(blocked, trajectory).check("flight_clearance")
     assert not check.ok
     assert check.detail == "box 0"
-    found = flight_obstruction(blocked, trajectory)
-    assert found is not None
-    assert (found.obstacle, found.delay_s) == ("box 0", 0.0)
-    assert found.gap_m < 0.0
-    t = trajectory.release_time_s + found.flight_time_s
-    X_WT, V_WT = tool_state(here, *trajectory.at(trajectory.release_time_s)[:2])
-    at = path(X_WT[:3, 3], V_WT[:3], t - trajectory.release_time_s, problem.gravity)
-    box = wall.surroundings.keep_out[0]
-    for direction, offset, place in zip(found.direction, found.offset_m, at, strict=True):
-        assert np.linalg.norm(direction) == pytest.approx(1.0)
-        assert direction @ place < offset + 0.02
-        assert offset - here.object.radius_m >= max(direction @ box.upper, direction @ box.lower) - 1e-9 or direction[2]
-        moved = place + (offset - direction @ place + 1e-9) * direction
-        assert np.linalg.norm(moved - np.clip(moved, box.lower, box.upper)) >= here.object.radius_m - 1e-6
 
 
 @pytest.mark.parametrize("radius_m", [0.02, 0.0])
@@ -255,8 +240,6 @@ def test_a_wall_is_met_between_the_touch_of_the_plane_and_a_target_in_the_air(wi
         check = certify(replace(problem, cell=walled), trajectory).check("flight_clearance")
         assert check.ok == ok
         assert ok or check.detail == "box 0"
-        met = flight_obstruction(replace(problem, cell=walled), trajectory)
-        assert (met is not None) == (not ok)
 
 
 @pytest.mark.parametrize("window_s", [0.0, 0.001])
@@ -271,8 +254,6 @@ def test_the_object_comes_onto_a_box_over_its_edge(window_s):
             table = with_boxes(here, ([edge, -1.0, 0.5], [1.6, 1.0, top]))
             check = certify(replace(problem, cell=table), trajectory).check("flight_clearance")
             assert (check.ok, check.value > 0.01, check.detail == "box 0") == (ok, ok, not ok)
-            met = flight_obstruction(replace(problem, cell=table), trajectory)
-            assert (met is not None) == (not ok)
 
 
 def test_what_the_object_lands_on_counts_in_no_value_and_what_is_beside_it_does():
@@ -397,9 +378,7 @@ def test_what_is_higher_counts_until_the_object_lies_at_its_target(below, window
     def is_met(*boxes):
         asked = replace(problem, cell=with_boxes(problem.cell, *under, *boxes))
         check = certify(asked, trajectory).check("flight_clearance")
-        met = flight_obstruction(asked, trajectory)
-        assert check.ok or (check.detail, met.obstacle) == (f"box {len(under)}",) * 2
-        assert check.ok == (met is None)
+        assert check.ok or check.detail == f"box {len(under)}"
         return not check.ok
 
     assert not is_met()

@@ -9,11 +9,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planner.errors import Infeasible
+from planner.errors import Infeasible, SolverFailed
 from planner.planning import plan
 from planner.problem import TIME_LIMIT_S, JointRelease, Opening, PointRelease, TargetRelease, ThrowProblem
 from planner.refusal import nearest, nearest_problem
-from planner.request import problem_from_request
+from planner.request import problem_from_request, request_document
 from planner.search import PlanningSearch
 from tests.planner.problems import cell, joint_problem, with_boxes
 
@@ -195,6 +195,15 @@ def test_an_offer_has_another_time_limit_where_the_requests_was_too_short(monkey
     with pytest.raises(Infeasible) as refusal:
         plan(problem)
     assert refusal.value.nearest["time_limit_s"] == limit_s
+
+
+@pytest.mark.parametrize("window", [{}, WINDOW])
+def test_a_request_that_its_time_limit_ended_is_offered_more_time(window):
+    """Not with less of its window, nor with another release."""
+    problem = joint_problem(release=TargetRelease(np.array([1.2, 0.3, 0.0])), time_limit_s=1e-3, **window)
+    with pytest.raises(SolverFailed) as refusal:
+        plan(problem)
+    assert refusal.value.nearest == request_document(replace(problem, time_limit_s=TIME_LIMIT_S), problem.release)
 
 
 def test_a_slow_clock_does_not_change_the_nearest_request(monkeypatch):

@@ -204,7 +204,7 @@ def test_few_candidates_are_kept_where_a_thorough_search_finds_none(monkeypatch:
         return states(*arguments)
 
     monkeypatch.setattr(module, "target_states", refused)
-    monkeypatch.setattr(module, "FEW_CANDIDATES", len(found) + 1)
+    monkeypatch.setattr(module, "FEW", len(found) + 1)
     assert len(candidates(problem)) == len(found)
 
 

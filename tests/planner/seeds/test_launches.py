@@ -43,7 +43,7 @@ def test_every_place_from_which_a_flight_within_the_elevations_falls_on_the_targ
     p = places(200)
     problem = replace(problem, limits=replace(problem.limits, tcp_speed_max=8.0))  # m/s, for those that rise steeply
     release = replace(problem.release, p_W=np.array([1.2, 0.3, height_m]))
-    v, allowed = launches(replace(problem, release=release), release, p, thorough=False)
+    v, allowed = launches(replace(problem, release=release), release, p)
     t = np.linspace(0.02, 4.0, 4000)[:, None]  # all flights there are
     d = release.p_W - p
     slope = (d[:, 2] / t + 0.5 * problem.gravity * t) / (np.hypot(d[:, 0], d[:, 1]) / t)
@@ -62,9 +62,9 @@ def test_every_place_from_which_a_flight_within_the_elevations_falls_on_the_targ
 
 def test_without_requested_elevations_the_flights_are_those_of_the_times_alone():
     p = places(50)
-    v, _ = launches(thrown(), thrown().release, p, thorough=False)
+    v, _ = launches(thrown(), thrown().release, p)
     wide = thrown(min_elevation_rad=-1.55, max_elevation_rad=1.55)
-    np.testing.assert_array_equal(v, launches(wide, wide.release, p, thorough=False)[0])
+    np.testing.assert_array_equal(v, launches(wide, wide.release, p)[0])
 
 
 @pytest.mark.parametrize(("mass_kg", "drag_coefficient", "high"), [(0.05, 0.0, 0.501), (0.0027, 0.5, 0.5)])

@@ -92,9 +92,12 @@ def test_the_role_is_read_from_the_set_up(fake: Fake, connect: Connect):
     receive = connect(fake.server)
     control = connect(fake.server)
     set_up(receive, 500.0, b"timestamp")
-    control.send(wire.package(wire.SETUP_INPUTS, b"input_int_register_0"))
+    for name in (b"input_int_register_0", b"input_int_register_1"):
+        control.send(wire.package(wire.SETUP_INPUTS, name))
     assert [session.role for session in fake.server.sessions.values()] == ["receive", "io"]
     set_up(control, 500.0, b"timestamp")
+    assert [session.role for session in fake.server.sessions.values()] == ["receive", "control"]
+    receive.send(wire.package(wire.SETUP_INPUTS, b"input_bit_register_127"))  # kept by a client that receives
     assert [session.role for session in fake.server.sessions.values()] == ["receive", "control"]
 
 

@@ -5,6 +5,7 @@ import "uplot/dist/uPlot.min.css";
 
 import { pngOf } from "../service/save";
 import type { Quantity } from "./quantities";
+import { axisRange, tickTexts } from "./ticks";
 
 export interface ChartColors {
   readonly lines: readonly string[];
@@ -20,11 +21,15 @@ interface ChartOptions {
   readonly release_s: number | null; // a mark on the time axis
   readonly binding: boolean; // whether its limit is the one that binds
   readonly visible: readonly boolean[];
+  readonly range: readonly [number, number]; // of the time axis [s]
   onTime(time_s: number): void;
+  /** A pinch, or the wheel with Ctrl: `factor` above 1 shows more of the time. */
+  onZoom?(factor: number, at_s: number): void;
 }
 
 export interface Chart {
   setTime(time_s: number): void;
+  setRange(range: readonly [number, number]): void;
   resize(width: number): void;
   /** Resolves with the curves as they are on the screen, with their names. */
   png(): Promise<Blob>;
@@ -32,31 +37,17 @@ export interface Chart {
 }
 
 const FONT = "12px system-ui, sans-serif";
-const EDGE_S = 0.004; // [s] a cursor this far beyond the curve still stands at its end
+const EDGE_S = 0.004; // [s] a cursor this far beyond the axis still stands at its end
+const WHEEL = 0.002; // zoom for each unit that a wheel turns
 const LEAST_PX = 120; // [px] width
-const ROOM = 0.08; // of the range, above and below
+/** Space beside the curves [px]: a control over the same time lies between them. */
+export const EDGES_PX = { left: 68, right: 14 } as const;
+const LABEL_PX = 16; // [px] of the axis's unit
 
-/** Range of a quantity: its values and those limits that lie within reach of them. */
-function valueRange(quantity: Quantity, visible: readonly boolean[]): [number, number] {
-  let low = Infinity;
-  let high = -Infinity;
-  quantity.lines.forEach((line, i) => {
-    if (!visible[i]) return;
-    for (const value of line.values) {
-      if (value === null || !Number.isFinite(value)) continue;
-      low = Math.min(low, value);
-      high = Math.max(high, value);
-    }
-  });
-  if (low > high) return [0, 1];
-  const span = Math.max(high - low, 1e-6 * Math.max(1, Math.abs(high)));
-  for (const { value, line } of quantity.limits) {
-    if (line !== null && !visible[line]) continue;
-    if (value > high && value < high + span) high = value;
-    if (value < low && value > low - span) low = value;
-  }
-  const room = ROOM * (high - low || 1);
-  return [low - room, high + room];
+/** Range of a quantity: the lines that are shown, and their limits. */
+function valueRange({ lines, limits }: Quantity, visible: readonly boolean[]): [number, number] {
+  const values = lines.flatMap((line, i) => (visible[i] ? line.values : []));
+  return axisRange(values, limits.filter(({ line }) => line === null || visible[line]).map(({ value }) => value));
 }
 
 function drawLimits(plot: uPlot, quantity: Quantity, options: ChartOptions): void {
@@ -138,9 +129,9 @@ export function createChart(host: HTMLElement, quantity: Quantity, options: Char
   const mark = document.createElement("div");
   mark.className = "chart-cursor";
   let shown = 0; // [s]
+  let range = options.range;
   const place = (drawn: uPlot): void => {
-    const [first, last] = [quantity.times[0] ?? 0, quantity.times.at(-1) ?? 0];
-    mark.hidden = shown < first - EDGE_S || shown > last + EDGE_S;
+    mark.hidden = shown < range[0] - EDGE_S || shown > range[1] + EDGE_S;
     mark.style.transform = `translateX(${drawn.valToPos(shown, "x")}px)`;
   };
   const stepped = uPlot.paths.stepped?.({ align: 1 });
@@ -150,10 +141,14 @@ export function createChart(host: HTMLElement, quantity: Quantity, options: Char
       height: options.height,
       legend: { show: false },
       cursor: { x: true, y: false, drag: { x: false, y: false }, points: { size: 6 } },
-      scales: { x: { time: false }, y: { range: () => valueRange(quantity, options.visible) } },
+      padding: [8, EDGES_PX.right, 0, 0],
+      scales: { x: { time: false, range: () => [...range] }, y: { range: () => valueRange(quantity, options.visible) } },
       axes: [
-        { ...axis, size: 28, space: 72, values: (_, ticks) => ticks.map((tick) => `${Number(tick.toFixed(3))} s`) },
-        { ...axis, size: 52, space: 26 },
+        { ...axis, size: 28, space: 72, values: (_, ticks) => tickTexts(ticks).map((text) => `${text} s`) },
+        {
+          ...axis, size: EDGES_PX.left - LABEL_PX, space: 26, values: (_, ticks) => tickTexts(ticks),
+          label: quantity.unit, labelSize: LABEL_PX, labelGap: 0, labelFont: FONT,
+        },
       ],
       series: [
         {},
@@ -186,10 +181,21 @@ export function createChart(host: HTMLElement, quantity: Quantity, options: Char
   };
   plot.over.addEventListener("pointerdown", pointed);
   plot.over.addEventListener("pointermove", pointed);
+  const wheeled = (event: WheelEvent): void => {
+    if (!event.ctrlKey || !options.onZoom) return; // without Ctrl the wheel moves the page
+    event.preventDefault();
+    options.onZoom(Math.exp(WHEEL * event.deltaY), plot.posToVal(event.clientX - plot.over.getBoundingClientRect().left, "x"));
+  };
+  plot.over.addEventListener("wheel", wheeled, { passive: false });
   return {
     setTime(time_s) {
       shown = time_s;
       place(plot);
+    },
+    setRange(wanted) {
+      if (wanted[0] === range[0] && wanted[1] === range[1]) return;
+      range = wanted;
+      plot.setScale("x", { min: wanted[0], max: wanted[1] });
     },
     resize(width) {
       const wanted = Math.max(LEAST_PX, width);

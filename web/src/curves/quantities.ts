@@ -153,6 +153,13 @@ export function relativeMargin(check: Check): number | null {
   return scale === 0 ? null : Math.max(0, Math.min(1, margin / scale));
 }
 
+/** How a value stands to its limit: a limit from below is told by its margin. */
+export function relationOf({ value, limit, margin, ok }: Check): "≤" | "≥" | "<" | ">" {
+  const fromBelow = value !== null && limit !== null && margin !== null && value !== limit && Math.sign(value - limit) === Math.sign(margin);
+  if (ok) return fromBelow ? "≥" : "≤";
+  return fromBelow ? "<" : ">";
+}
+
 /** Checks that hold by construction: their margin says nothing about how hard the plan works. */
 export const FORMAL: ReadonlySet<string> = new Set(["start", "end_at_rest", "continuity", "release_position", "release_velocity", "landing"]);
 

@@ -7,7 +7,7 @@
 import "./report.css";
 import { type Chart, createChart } from "../curves/chart";
 import { type Quantity, quantitiesOf } from "../curves/quantities";
-import { createScene } from "../scene/index";
+import { createDrawnScene, createScene } from "../scene/index";
 import type { CameraPreset, Ellipse, Landing, Scene, Theme } from "../scene/interface";
 import { endOf } from "../model/samples";
 import { save } from "../service/save";
@@ -43,11 +43,11 @@ function start(): void {
   const quantities = [...quantitiesOf(data.plan, NO_LIMITS, data.curves), ...(data.tracking ? [data.tracking] : [])];
   let charts = mountCharts(quantities, data.plan, dark.matches ? "dark" : "light", player);
   player.onTime((t) => {
-    scene?.setTime(t);
+    scene.setTime(t);
     for (const chart of charts) chart.setTime(t);
   });
   dark.addEventListener("change", () => {
-    scene?.setTheme(dark.matches ? "dark" : "light");
+    scene.setTheme(dark.matches ? "dark" : "light");
     for (const chart of charts) chart.destroy();
     charts = mountCharts(quantities, data.plan, dark.matches ? "dark" : "light", player);
   });
@@ -60,8 +60,8 @@ function start(): void {
 
 const NO_LIMITS = { lower: null, upper: null, velocity: null, acceleration: null, jerk: null };
 
-/** Returns the scene in its place, null where the browser cannot draw it. */
-function mountScene(host: HTMLElement, data: ReportData, theme: Theme): Scene | null {
+/** Returns the scene in its place; two drawn views where the browser cannot draw it. */
+function mountScene(host: HTMLElement, data: ReportData, theme: Theme): Pick<Scene, "setTime" | "setTheme"> {
   const canvas = document.createElement("canvas");
   Object.assign(canvas, { tabIndex: 0, role: "img" });
   canvas.setAttribute("aria-label", `The arm of ${data.plan.cell} along its plan, and the flight of the object`);
@@ -76,8 +76,17 @@ function mountScene(host: HTMLElement, data: ReportData, theme: Theme): Scene | 
     host.append(toolbar(scene, data.plan.id));
     return scene;
   } catch (error) {
-    canvas.replaceWith(`This browser cannot draw in three dimensions: ${error instanceof Error ? error.message : error}`);
-    return null;
+    const views = document.createElement("div");
+    views.className = "drawn-views";
+    canvas.replaceWith(views);
+    const drawn = createDrawnScene(views, theme);
+    drawn.setModel(data.model);
+    drawn.setTarget(targetOf(data.plan));
+    drawn.setPlan(data.plan, "valid");
+    drawn.setLandings(data.landings, data.ellipse);
+    new ResizeObserver(() => drawn.resize()).observe(views);
+    views.after(element("p", "drawn-reason", `This browser draws no moving scene (${error instanceof Error ? error.message : error}): two views instead.`));
+    return drawn;
   }
 }
 
@@ -111,7 +120,7 @@ function mountCharts(quantities: readonly Quantity[], plan: Plan, theme: Theme, 
     figure.append(caption(quantity, LINES[theme], release_s, plan.id, () => chart.png()), place);
     host.append(figure);
     const visible = quantity.lines.map(() => true);
-    const chart = createChart(place, quantity, { height: CHART_PX, colors, release_s, binding: false, visible, onTime: (t) => player.go(t) });
+    const chart = createChart(place, quantity, { height: CHART_PX, colors, release_s, binding: false, visible, range: [0, endOf(plan)], onTime: (t) => player.go(t) });
     new ResizeObserver(() => chart.resize(place.clientWidth)).observe(place);
     return chart;
   });

@@ -41,7 +41,7 @@ export function viewOf(preset: CameraPreset, subject: Subject, camera: Perspecti
   const towards: Record<CameraPreset, Vector> = {
     overview: [0.86 * side[0] - 0.3 * x, 0.86 * side[1] - 0.3 * y, 0.42],
     side: [side[0], side[1], 0.06],
-    top: [-0.001 * x, -0.001 * y, 1],
+    top: [0, -0.001, 1], // x to the right, y upwards
     front: [x, y, 0.2],
     target: [-0.55 * x + 0.5 * side[0], -0.55 * y + 0.5 * side[1], 0.62],
   };

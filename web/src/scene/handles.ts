@@ -4,6 +4,7 @@ import { Object3D, Plane, Raycaster, Vector2, Vector3 as ThreeVector } from "thr
 import { TransformControls } from "three/addons/controls/TransformControls.js";
 import { plus, type Vector } from "../model/poses";
 import type { FloorMap, Handle, ReleaseGizmo, SceneOptions, Target } from "./interface";
+import { NEAR_PX, targetGrip } from "./grips";
 import { Layer } from "./layer";
 import { LIFT_M, TARGET_RADIUS_M } from "./marks";
 import type { Palette } from "./palette";
@@ -11,7 +12,6 @@ import { arrow, ball } from "./shapes";
 import type { Stage } from "./stage";
 
 const VELOCITY_SCALE_S = 0.12; // [s] an arrow shows this much of the flight at its velocity
-const NEAR_PX = 14; // [px] within which a pointer takes hold of a point
 const CLICK_PX = 4; // [px] a pointer that moves less has clicked
 const GIZMO_SIZE = 0.8; // of the release's gizmo, as a share of three's own
 
@@ -210,11 +210,11 @@ export class Handles {
   private gripAt(event: PointerEvent): Grip | null {
     if (this.handle === "target" && this.target) {
       const at = this.target.position;
-      const lift = [1, 0.75, 0.5].some((share) => this.isNear(plus(at, [0, 0, share * LIFT_M]), event));
-      if (lift) return "lift";
       const under = this.pointOn(new Plane(new ThreeVector(0, 0, 1), -at[2]), event);
-      const within = under !== null && Math.hypot(under[0] - at[0], under[1] - at[1]) < 1.7 * TARGET_RADIUS_M;
-      return within || this.isNear(at, event) ? "floor" : null;
+      const isOnDisc = under !== null && Math.hypot(under[0] - at[0], under[1] - at[1]) < 1.7 * TARGET_RADIUS_M;
+      const sight = this.stage.camera.getWorldDirection(new ThreeVector()).toArray() as Vector;
+      const tip = this.placeOf(plus(at, [0, 0, LIFT_M]));
+      return targetGrip([event.clientX, event.clientY], this.placeOf(at), tip, sight, isOnDisc);
     }
     if (this.handle === "release" && this.release) {
       return this.isNear(plus(this.release.position, this.release.velocity, VELOCITY_SCALE_S), event) ? "tip" : null;
@@ -247,10 +247,15 @@ export class Handles {
   }
 
   private isNear(point: Vector, event: PointerEvent, within = NEAR_PX): boolean {
+    const [x, y] = this.placeOf(point);
+    return Math.hypot(x - event.clientX, y - event.clientY) < within;
+  }
+
+  /** Returns where on the screen a point is [px]. */
+  private placeOf(point: Vector): [number, number] {
     const { left, top, width, height } = this.stage.canvas.getBoundingClientRect();
     const seen = new ThreeVector(...point).project(this.stage.camera);
-    const [x, y] = [left + ((seen.x + 1) * width) / 2, top + ((1 - seen.y) * height) / 2];
-    return Math.hypot(x - event.clientX, y - event.clientY) < within;
+    return [left + ((seen.x + 1) * width) / 2, top + ((1 - seen.y) * height) / 2];
   }
 
   private overNearest(event: PointerEvent): boolean {

@@ -2,10 +2,11 @@
 
 import { type ArmGeometry, armGeometry, frozen, SolidArm } from "./arm/model";
 import { type CellDocument, type CellGeometry, geometryOf } from "../model/cell";
-import { linkPoses, toolPose } from "../model/chain";
-import { norm, plus, positionOf, type Vector } from "../model/poses";
+import { toolPose } from "../model/chain";
+import { norm, positionOf, type Vector } from "../model/poses";
 import { pngOf } from "../service/save";
-import { CameraMove, directionTo, NO_INSETS, type Subject, viewOf } from "./camera";
+import { axisMarks, axisThings } from "./axes";
+import { CameraMove, NO_INSETS, type Subject, viewOf } from "./camera";
 import { drawing } from "./drawing/picture";
 import { floorMapThings } from "./floor-map";
 import { Ghost } from "./ghost";
@@ -17,9 +18,10 @@ import { type Palette, paletteOf } from "./palette";
 import { PlanMotion, planThings } from "./plan";
 import { Stage } from "./stage";
 import { studioMaterial } from "./studio";
+import { subjectOf } from "./subject";
 import { ThrownObject } from "./thrown";
 
-const LAYERS = ["map", "boxes", "hazard", "plan", "target", "nearest", "landings", "obstacles"] as const;
+const LAYERS = ["axes", "map", "boxes", "hazard", "plan", "target", "nearest", "landings", "obstacles"] as const;
 const SIDES = ["left", "right", "top", "bottom"] as const;
 const GRIPPER_OPENS_S = 0.06; // [s] in which the drawn fingers open
 const STILL_RAD = 1e-4; // [rad] less than this is not seen to move
@@ -54,6 +56,8 @@ class ThrowScene implements face.Scene {
   private real: boolean;
   private preset: face.CameraPreset = "overview";
   private framed = "";
+  private isOwnView = false; // a person has turned or moved the camera
+  private extent = 2; // [m] from the origin, up to which the axes have numbers
 
   constructor(canvas: HTMLCanvasElement, options: face.SceneOptions) {
     this.palette = paletteOf(options.theme);
@@ -62,7 +66,10 @@ class ThrowScene implements face.Scene {
     this.camera = new CameraMove(this.stage.camera, this.stage.lookedAt);
     const drawn = (): void => [...Object.values(this.layers), this.handles.layer].forEach((layer) => layer.sweep());
     this.stage.setActors({ step: (now) => this.camera.step(now), drawn });
-    this.stage.controls.addEventListener("start", () => this.camera.stop());
+    this.stage.controls.addEventListener("start", () => {
+      this.camera.stop();
+      this.isOwnView = true;
+    });
     this.stage.still.add(...Object.values(this.layers).map((layer) => layer.root));
     this.stage.moving.add(this.thrown.root);
     this.handles = new Handles(
@@ -157,8 +164,15 @@ class ThrowScene implements face.Scene {
 
   setCamera(preset: face.CameraPreset): void {
     this.preset = preset;
+    this.isOwnView = false;
     this.framed = "";
     this.look(false);
+  }
+
+  zoom(factor: number): void {
+    this.camera.finish();
+    this.isOwnView = true;
+    this.stage.zoom(factor);
   }
 
   setInsets(insets: face.Insets): void {
@@ -179,6 +193,7 @@ class ThrowScene implements face.Scene {
 
   resize(): void {
     this.stage.resize();
+    if (this.isOwnView) return;
     this.framed = "";
     this.look(true);
   }
@@ -238,6 +253,7 @@ class ThrowScene implements face.Scene {
     this.stage.setBackground(this.palette.background);
     this.stage.floor.setPalette(this.palette);
     this.thrown.colour = this.palette.object;
+    this.drawAxes();
     this.show("boxes", this.cell ? boxThings(this.cell, this.palette) : []);
     this.setRealArm(this.real);
     this.drawPlan();
@@ -299,6 +315,10 @@ class ThrowScene implements face.Scene {
     this.follower = null;
   }
 
+  private drawAxes(): void {
+    this.show("axes", this.cell ? axisThings(axisMarks(this.cell.floorZ, this.extent), this.palette) : []);
+  }
+
   private drawTarget(): void {
     const floorZ = this.cell?.floorZ ?? 0;
     this.show("target", this.target ? targetThings(this.target, floorZ, this.palette, this.handle === "target") : []);
@@ -343,23 +363,19 @@ class ThrowScene implements face.Scene {
     const key = `${this.cell.name} ${this.preset} ${this.motion ? landing?.map((x) => x.toFixed(1)) : "home"} ${refused} ${this.map?.lower} ${this.map?.upper}`;
     if (key === this.framed) return;
     this.framed = key;
+    this.isOwnView = false;
     const still = atOnce || window.matchMedia("(prefers-reduced-motion: reduce)").matches;
     const base = positionOf(this.cell.chain.base);
     this.stage.resize();
     this.placeFloor(base);
     this.stage.drawNow();
-    this.camera.start(viewOf(this.preset, this.subject(base, landing), this.stage.camera, this.stage.freeArea), performance.now(), still);
+    this.camera.start(viewOf(this.preset, this.subject(landing), this.stage.camera, this.stage.freeArea), performance.now(), still);
     this.stage.moved();
     this.stage.invalidate();
   }
 
-  private subject(base: Vector, landing: Vector | null): Subject {
-    const postures = this.motion ? [0, this.motion.releaseTime, this.motion.duration].map((t) => this.motion!.at(t).positions) : [this.posture()];
-    const joints = postures.flatMap((q) => linkPoses(this.cell!.chain, q).map(positionOf));
-    const around = [0.12, -0.12].flatMap((r) => joints.map((point) => plus(point, [r, r, r])));
-    const marks = landing ? [plus(landing, [0.1, 0.1, 0]), plus(landing, [-0.1, -0.1, 0])] : [];
-    const points = [base, ...around, ...marks, ...this.mapCorners(), ...this.refused(), ...(this.motion?.extent() ?? [])];
-    return { points, base, direction: directionTo(base, landing ?? plus(base, [0.001, -1, 0])), landing };
+  private subject(landing: Vector | null): Subject {
+    return subjectOf(this.cell!, this.motion, this.posture(), landing, [...this.mapCorners(), ...this.refused()]);
   }
 
   /** Returns what a refusal is about: the target that cannot be hit, and the nearest that can. */
@@ -378,6 +394,11 @@ class ThrowScene implements face.Scene {
     const centre = [(base[0] + landing[0]!) / 2, (base[1] + landing[1]!) / 2] as const;
     const corners = this.mapCorners().map((corner) => 0.9 * Math.hypot(corner[0] - centre[0], corner[1] - centre[1]));
     const extent = Math.max(1.8, Math.hypot(landing[0]! - base[0], landing[1]! - base[1]), ...corners);
+    const numbered = Math.max(2, Math.ceil(Math.hypot(landing[0]!, landing[1]!)));
+    if (numbered !== this.extent) {
+      this.extent = numbered;
+      this.drawAxes();
+    }
     this.stage.floor.place(this.cell!.floorZ, centre, extent, [base[0], base[1]], this.reach() * AROUND_ARM);
   }
 
@@ -394,6 +415,8 @@ function isSame(a: face.LiveState | null, b: face.LiveState | null): boolean {
   const near = a.positions.every((q, j) => Math.abs(q - (b.positions[j] ?? Number.NaN)) < STILL_RAD);
   return near && a.connected === b.connected && a.object === b.object;
 }
+
+export { createDrawnScene } from "./drawn";
 
 /** Returns the scene on a canvas. */
 export const createScene: face.CreateScene = (canvas, options) => new ThrowScene(canvas, options);

@@ -111,6 +111,8 @@ export interface Scene {
   setObstacles(obstacles: readonly Obstacle[]): void;
   setPicking(on: boolean): void;
   setCamera(preset: CameraPreset): void;
+  /** Moves the camera away by a factor; below 1 towards what it looks at. */
+  zoom(factor: number): void;
   /** Edges of the canvas that panels cover [px]: the throw is shown between them. */
   setInsets(insets: Insets): void;
   setTheme(theme: Theme): void;

@@ -52,7 +52,9 @@ export class Stage {
   private readonly seenFrom: Matrix4;
 
   constructor(readonly canvas: HTMLCanvasElement) {
-    this.software = drawsInSoftware();
+    const renderer = rendererName();
+    if (renderer === null) throw new Error("it has no WebGL");
+    this.software = /swiftshader|llvmpipe|softpipe|basic render/i.test(renderer);
     this.renderer = new WebGLRenderer({ canvas, antialias: !this.software, preserveDrawingBuffer: this.software, powerPreference: "high-performance" });
     this.renderer.info.autoReset = false;
     this.detail = new DetailControl(this.software ? SOFTWARE_LEVEL : 0);
@@ -82,6 +84,15 @@ export class Stage {
     const { left, right, top, bottom } = this.insets;
     const share = (covered: number, side: number): number => Math.max(LEAST_FREE, 1 - covered / Math.max(1, side));
     return { width: share(left + right, this.canvas.clientWidth), height: share(top + bottom, this.canvas.clientHeight) };
+  }
+
+  /** Moves the camera away from what it looks at by a factor, as far as the controls let a person. */
+  zoom(factor: number): void {
+    const away = this.camera.position.clone().sub(this.controls.target);
+    const { minDistance, maxDistance } = this.controls;
+    away.setLength(Math.min(maxDistance, Math.max(minDistance, factor * away.length())));
+    this.camera.position.copy(this.controls.target).add(away);
+    this.invalidate();
   }
 
   get lookedAt(): ThreeVector {
@@ -251,11 +262,12 @@ export class Stage {
   }
 }
 
-/** Returns whether this machine draws without a graphics processor. */
-function drawsInSoftware(): boolean {
+/** Returns the name of what draws on this machine, null without WebGL. */
+function rendererName(): string | null {
   const gl = document.createElement("canvas").getContext("webgl2");
-  const info = gl?.getExtension("WEBGL_debug_renderer_info");
-  const name = gl ? String(gl.getParameter(info?.UNMASKED_RENDERER_WEBGL ?? gl.RENDERER)) : "";
-  gl?.getExtension("WEBGL_lose_context")?.loseContext();
-  return /swiftshader|llvmpipe|softpipe|basic render/i.test(name);
+  if (gl === null) return null;
+  const info = gl.getExtension("WEBGL_debug_renderer_info");
+  const name = String(gl.getParameter(info?.UNMASKED_RENDERER_WEBGL ?? gl.RENDERER));
+  gl.getExtension("WEBGL_lose_context")?.loseContext();
+  return name;
 }

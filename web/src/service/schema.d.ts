@@ -372,7 +372,7 @@ export interface paths {
         };
         /**
          * List executions
-         * @description Lists executions, newest first.
+         * @description Lists executions, newest first: all of them, or those of a cell or with an outcome.
          */
         get: operations["list_executions"];
         put?: never;
@@ -415,6 +415,9 @@ export interface paths {
         /**
          * Brake now
          * @description Requests a brake; any valid token may. **Not a safety function**: use the emergency stop.
+         *
+         *     The executor of this machine is asked directly, and is answered for while the database does not answer.
+         *     `latest` is the newest execution; without the database the newest that runs.
          */
         post: operations["abort_execution"];
         delete?: never;
@@ -452,7 +455,7 @@ export interface paths {
         };
         /**
          * Read the landings
-         * @description Lists the observations of a throw's landing.
+         * @description Lists the observations of a throw's landing, withdrawn ones too: these have `withdrawn_at` and count nowhere.
          */
         get: operations["read_landings"];
         put?: never;
@@ -461,6 +464,26 @@ export interface paths {
          * @description Stores where the object landed, or whether it hit. Learning weighs every observation by its uncertainty.
          */
         post: operations["report_landing"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/executions/{id}/landing/{landing}/withdraw": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Withdraw a landing
+         * @description Withdraws a report that was wrong: of another throw or place. Profiles that rest on it stay as they are.
+         */
+        post: operations["withdraw_landing"];
         delete?: never;
         options?: never;
         head?: never;
@@ -1269,6 +1292,11 @@ export interface components {
             executor: components["schemas"]["ExecutorAnswer"] | null;
             /** @description Latched until a person acknowledges it; a refused cell file: until it is repaired. */
             fault: components["schemas"]["FaultAnswer"] | null;
+            /**
+             * Not Executable
+             * @description Why `POST /execute` by this caller would be refused now; null: it would be queued.
+             */
+            not_executable?: string | null;
             /** @description null without an executor. */
             robot: components["schemas"]["RobotStateAnswer"] | null;
         };
@@ -1286,6 +1314,11 @@ export interface components {
             error: string | null;
             /** @description null if the cell never had one. */
             executor: components["schemas"]["ExecutorAnswer"] | null;
+            /**
+             * Link Host
+             * @description Address of the controller.
+             */
+            link_host?: string | null;
             /**
              * Link Kind
              * @description `ur` is a real arm.
@@ -2050,7 +2083,7 @@ export interface components {
         };
         /**
          * LandingAnswer
-         * @description One observation of a landing; it is never changed.
+         * @description One observation of a landing; it is never changed, but may be withdrawn.
          */
         LandingAnswer: {
             /**
@@ -2092,6 +2125,16 @@ export interface components {
              * @description Standard deviation along each axis [m]; 0: exact.
              */
             std_m: number | null;
+            /**
+             * Withdrawn At
+             * @description UTC, ISO 8601; null: it counts.
+             */
+            withdrawn_at?: string | null;
+            /**
+             * Withdrawn By
+             * @description Owner of the token.
+             */
+            withdrawn_by?: string | null;
         };
         /**
          * LandingEllipse
@@ -3204,6 +3247,12 @@ export interface components {
          * @description What a profile rests on, by id.
          */
         ProfileEvidence: {
+            /**
+             * Doubted
+             * @description Throws whose landing is most likely a mistaken report, which weighs it lightly; oldest first.
+             * @default []
+             */
+            doubted: components["schemas"]["UnusedThrowAnswer"][];
             /**
              * Landings
              * @description The observations of them.
@@ -5807,6 +5856,10 @@ export interface operations {
                 limit?: number;
                 /** @description `next_cursor` of the page before. */
                 cursor?: string | null;
+                /** @description Only those of this cell. */
+                cell?: string | null;
+                /** @description Only those that ended so. */
+                outcome?: ("completed" | "aborted" | "refused" | "held" | "protective_stop" | "emergency_stop" | "link_lost" | "late" | "tracking" | "executor_lost" | "foreign_program" | "power_off" | "released_early" | "not_released") | null;
             };
             header?: never;
             path?: never;
@@ -6246,6 +6299,76 @@ export interface operations {
                 };
             };
             /** @description `shutting-down`, `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    withdraw_landing: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Id of the execution, or `latest`. */
+                id: string;
+                /** @description Id of the landing, or `latest`. */
+                landing: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description It is kept, and counts nowhere. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["LandingAnswer"];
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
             503: {
                 headers: {
                     [name: string]: unknown;

@@ -1,17 +1,34 @@
 // What a person does: edit, plan, drag, throw, stop, acknowledge, report a landing, adopt a profile.
 
-import { call, get, keepToken, post, ProblemError, token } from "../service/client";
+import { call, ConnectionLost, get, keepToken, post, ProblemError, token } from "../service/client";
 import type { CellState, Curves, Execution, LandingAnswer, LandingRequest, MapRequest, Plan, ProfileList, ThrowMap } from "../service/types";
 import { type Draft, InvalidDraft, previewOf, requestOf, withNearest } from "./draft";
-import { placeReport } from "./landing-report";
-import { isArmed } from "./machine";
+import { doubtfulDistance, placeReport } from "./landing-report";
+import { hashOf, type Link } from "./links";
+import { aimOf, placeWords } from "./machine";
 import {
-  access, cellStates, curves, dispatch, failed, landings, landingStd, notice, picking, playing, profiles, reached, shownId, state, throwMap, time,
+  access, armed, cellStates, curves, dispatch, doubt, failed, faults, floorZ, landings, landingStd, notice, picking, playing, profiles, reached, runPlan, shownId, state, throwMap, time, viewing,
 } from "./store";
-import { landingWords } from "./words";
+import { dateWords, landingWords } from "./words";
 
 export function edit(fields: Partial<Draft>): void {
+  faults.value = {};
+  leavePast();
   dispatch({ type: "edit", request: { ...state.value.request, ...fields } });
+}
+
+/** Shows the plan again where a past throw was shown. */
+export function leavePast(): void {
+  if (viewing.value === null) return;
+  viewing.value = null;
+  time.value = 0;
+  const own = state.value.plan?.value;
+  if (own) nameInAddress({ kind: "plan", id: own.id });
+}
+
+/** Names what is on the screen in the address: a reload, or somebody else, comes to it again. */
+export function nameInAddress(link: Link): void {
+  history.replaceState(null, "", hashOf(link));
 }
 
 /** Asks for the full answer to the request as it is now. */
@@ -19,12 +36,14 @@ export async function plan(): Promise<void> {
   const { cell, request, revision } = state.value;
   if (cell === null) return;
   notice.value = null;
+  leavePast();
   stopPreview();
   dispatch({ type: "ask" });
   try {
     const answer = await post<Plan>("/plan", requestOf(request, cell), { patient: true });
     reached();
     dispatch({ type: "planned", revision, plan: answer });
+    nameInAddress({ kind: "plan", id: answer.id });
     if (revision === state.value.revision) {
       time.value = 0;
       playing.value = 1;
@@ -35,12 +54,20 @@ export async function plan(): Promise<void> {
 }
 
 function refuse(revision: number, error: unknown): void {
+  if (revision === state.value.revision) faults.value = faultsOf(error);
   if (error instanceof ProblemError && error.problem.status !== 401) {
     dispatch({ type: "refused", revision, problem: error.problem });
     return;
   }
   dispatch({ type: "gave-up", revision });
   notice.value = { kind: "bad", text: error instanceof InvalidDraft ? `In the request, ${error.message}.` : failed(error) };
+}
+
+/** What an error says of single fields, by their path in the request. */
+function faultsOf(error: unknown): Readonly<Record<string, string>> {
+  if (error instanceof InvalidDraft) return { [error.path]: error.message };
+  if (!(error instanceof ProblemError)) return {};
+  return Object.fromEntries((error.problem.errors ?? []).map(({ field, reason }) => [field, reason]));
 }
 
 /** Loads the curves of a plan, which the page draws where that plan is on the screen. */
@@ -110,7 +137,7 @@ export function takeNearest(): void {
 /** Throws the plan on the screen; refuses where it is not the answer to the request on the screen. */
 export async function execute(mode: "speedj" | "servoj", dryRun: boolean): Promise<void> {
   const now = state.value;
-  if (!isArmed(now) || now.plan === null || now.cell === null) return;
+  if (!armed.value || now.plan === null || now.cell === null) return;
   notice.value = null;
   playing.value = 0;
   try {
@@ -128,24 +155,58 @@ function newKey(): string {
   return [...crypto.getRandomValues(new Uint8Array(16))].map((byte) => byte.toString(16).padStart(2, "0")).join("");
 }
 
+const STOP_AGAIN_MS = 500; // after a stop that did not get through
+const STOP_TRIES_MS = 30_000; // a person has used the emergency stop long since
+let stops = 0; // pressed so far: a newer one takes the place of an older one
+
 /** Brakes whatever runs on the cell on the screen, whoever started it; where nothing runs, it says so unless `quiet`. */
 export async function stop(quiet = false): Promise<void> {
-  const { cell, execution } = state.value;
+  const { cell } = state.value;
   if (cell === null) return;
   if (!quiet) playing.value = 0;
+  const mine = ++stops;
+  const ends = performance.now() + STOP_TRIES_MS;
+  const known = runningId(cell);
+  while (!(await sendStop(cell, known, quiet))) {
+    if (performance.now() > ends) return;
+    await new Promise((resume) => setTimeout(resume, STOP_AGAIN_MS));
+    if (mine !== stops || (known !== null && isOver(known))) return;
+  }
+}
+
+/** What is known to run: a stop then needs no question before it. */
+function runningId(cell: string): string | null {
+  const { execution } = state.value;
+  if (execution !== null && execution.state !== "finished") return execution.id;
+  return cellStates.value[cell]?.execution_id ?? null;
+}
+
+/** Whether an execution has ended, as far as is seen. */
+export function isOver(id: string): boolean {
+  return state.value.execution?.id === id && state.value.execution.state === "finished";
+}
+
+/** Sends a stop once; returns whether nothing is left to be sent. */
+async function sendStop(cell: string, known: string | null, quiet: boolean): Promise<boolean> {
+  let id = known;
   try {
-    const known = execution !== null && execution.state !== "finished" ? execution.id : null;
-    const id = known ?? (await get<CellState>(`/cells/${cell}/state`)).execution_id;
+    id ??= (await get<CellState>(`/cells/${cell}/state`)).execution_id;
     if (id === null) {
       if (!quiet) notice.value = { kind: "good", text: `Nothing is running on ${cell}.` };
-      return;
+      return true;
     }
     playing.value = 0;
     dispatch({ type: "stopping", id });
     dispatch({ type: "execution", execution: await post<Execution>(`/executions/${id}/abort`) });
+    reached();
     notice.value = { kind: "good", text: `Stop was sent to ${cell}.` };
+    return true;
   } catch (error) {
-    notice.value = { kind: "bad", text: `Stop did not get through: ${failed(error)} Use the emergency stop.` };
+    if (id !== null && isOver(id)) return true;
+    const isTriedAgain = !quiet && (error instanceof ConnectionLost || (error instanceof ProblemError && error.problem.status >= 500));
+    const again = isTriedAgain ? "; it is sent again" : "";
+    notice.value = { kind: "bad", text: `Stop did not get through${again}: ${failed(error)} Use the emergency stop.`, stopOf: id };
+    return !isTriedAgain;
   }
 }
 
@@ -179,13 +240,55 @@ export async function currentPositions(): Promise<readonly number[] | null> {
   return null;
 }
 
-/** Reports what a person saw of the landing of an execution: a place, or whether it hit. */
+/** Reports what a person saw of the landing of an execution; asks first where that is far from its plan. */
 export async function reportLanding(id: string, report: LandingRequest): Promise<void> {
   picking.value = null;
+  const plan = planOfRun(id);
+  const distance_m = doubtfulDistance(report, plan);
+  if (distance_m !== null) {
+    doubt.value = { id, report, distance_m };
+    return;
+  }
+  await sendReport(id, report);
+}
+
+/** Sends the report that was doubted, or lets it be. */
+export async function settleDoubt(isMeant: boolean): Promise<void> {
+  const asked = doubt.value;
+  doubt.value = null;
+  if (isMeant && asked !== null) await sendReport(asked.id, asked.report);
+}
+
+function planOfRun(id: string): Plan | null {
+  const run = state.value.execution;
+  return run?.id === id && runPlan.value?.id === run.planId ? runPlan.value : null;
+}
+
+async function sendReport(id: string, report: LandingRequest): Promise<void> {
   try {
     const kept = await post<LandingAnswer>(`/executions/${id}/landing`, report, { key: newKey() });
     landings.value = { ...landings.value, [id]: [...(landings.value[id] ?? []), kept] };
-    notice.value = { kind: "good", text: `Reported: ${landingWords(kept)}.` };
+    notice.value = { kind: "good", text: `Reported for the throw${ofRun(id)}: ${landingWords(kept)}.` };
+  } catch (error) {
+    notice.value = { kind: "bad", text: failed(error) };
+  }
+}
+
+/** When a throw was, and where it was to land. */
+function ofRun(id: string): string {
+  const run = state.value.execution;
+  if (run?.id !== id || run.createdAt === null) return "";
+  const aim = aimOf(planOfRun(id) ?? ({ request: {} } as Plan));
+  return ` of ${dateWords(run.createdAt)}${aim ? ` to ${placeWords(aim, floorZ.value)}` : ""}`;
+}
+
+/** Takes back a report that was wrong; it stays listed, and counts nowhere. */
+export async function withdrawLanding(id: string, landing: string): Promise<void> {
+  try {
+    const gone = await post<LandingAnswer>(`/executions/${id}/landing/${landing}/withdraw`);
+    const known = landings.value[id] ?? [];
+    landings.value = { ...landings.value, [id]: known.map((each) => (each.id === landing ? gone : each)) };
+    notice.value = { kind: "good", text: `Withdrawn: ${landingWords(gone)}. Estimate a profile anew where one rests on it.` };
   } catch (error) {
     notice.value = { kind: "bad", text: failed(error) };
   }

@@ -77,37 +77,47 @@ export const FIRST_DRAFT: Draft = {
   timeLimit: "",
 };
 
-/** Text that is no number, by the name of its field in the form. */
+/** Text that is no number, by the name of its field in the form and its path in the request. */
 export class InvalidDraft extends Error {
   constructor(
     readonly field: string,
     readonly text: string,
+    readonly path = "",
   ) {
-    super(text.trim() === "" ? `${field}: a number is needed` : `${field}: ${JSON.stringify(text)} is not a number`);
+    super(`${field}: ${faultOf(text)}`);
   }
 }
 
-export function numberOf(text: string, field: string): number {
-  const value = Number(text.trim().replace(",", "."));
-  if (text.trim() === "" || !Number.isFinite(value)) throw new InvalidDraft(field, text);
-  return value;
+/** What is wrong with a text that is no number. */
+function faultOf(text: string): string {
+  return text.trim() === "" ? "a number is needed" : `${JSON.stringify(text)} is not a number`;
 }
 
-export function numbersOf(texts: readonly string[], field: string): number[] {
-  return texts.map((text, i) => numberOf(text, `${field} ${i + 1}`));
+/** Whether a text reads as a number, or as none yet. */
+export function isNumber(text: string): boolean {
+  return Number.isFinite(Number(text.trim().replace(",", ".")));
 }
 
-function optional(text: string, field: string): number | undefined {
-  return text.trim() === "" ? undefined : numberOf(text, field);
+export function numberOf(text: string, field: string, path = ""): number {
+  if (text.trim() === "" || !isNumber(text)) throw new InvalidDraft(field, text, path);
+  return Number(text.trim().replace(",", "."));
+}
+
+export function numbersOf(texts: readonly string[], field: string, path = ""): number[] {
+  return texts.map((text, i) => numberOf(text, `${field} ${i + 1}`, `${path}[${i}]`));
+}
+
+function optional(text: string, field: string, path: string): number | undefined {
+  return text.trim() === "" ? undefined : numberOf(text, field, path);
 }
 
 /** One number for all joints, or six separated by spaces or commas. */
-function perJoint(text: string, field: string): number | number[] | undefined {
+function perJoint(text: string, field: string, path: string): number | number[] | undefined {
   const parts = text.trim().split(/[\s,;]+/).filter(Boolean);
   if (parts.length === 0) return undefined;
-  const values = numbersOf(parts, field);
+  const values = parts.map((part) => numberOf(part, field, path));
   if (values.length === 1) return values[0];
-  if (values.length !== 6) throw new InvalidDraft(field, text);
+  if (values.length !== 6) throw new InvalidDraft(field, text, path);
   return values;
 }
 
@@ -120,18 +130,19 @@ function releaseOf(draft: Draft): PlanRequest["release"] {
   if (draft.kind === "joint") {
     return {
       kind: "joint",
-      positions: numbersOf(draft.jointPositions, "joint position"),
-      velocities: numbersOf(draft.jointVelocities, "joint velocity"),
+      positions: numbersOf(draft.jointPositions, "joint position", "release.positions"),
+      velocities: numbersOf(draft.jointVelocities, "joint velocity", "release.velocities"),
     };
   }
-  const position = numbersOf(draft.position, "position");
-  const velocity = numbersOf(draft.velocity, "velocity");
+  const free = draft.kind === "point";
+  const position = numbersOf(draft.position, "position", free ? "release.position" : "release.pose.position");
+  const velocity = numbersOf(draft.velocity, "velocity", free ? "release.velocity" : "release.twist.linear");
   if (draft.kind === "point") return { kind: "point", position, velocity };
   const orientation =
     draft.orientation === "quaternion"
-      ? { quaternion: numbersOf(draft.quaternion, "quaternion") }
-      : { rotation_vector: numbersOf(draft.rotationVector, "rotation vector") };
-  const angular = numbersOf(draft.angularVelocity, "angular velocity");
+      ? { quaternion: numbersOf(draft.quaternion, "quaternion", "release.pose.quaternion") }
+      : { rotation_vector: numbersOf(draft.rotationVector, "rotation vector", "release.pose.rotation_vector") };
+  const angular = numbersOf(draft.angularVelocity, "angular velocity", "release.twist.angular");
   return { kind: "pose", pose: { position, ...orientation }, twist: { linear: velocity, angular } };
 }
 
@@ -139,24 +150,24 @@ function targetOf(draft: Draft): PlanRequest["release"] {
   const from = draft.releasePosition.every((text) => text.trim() === "") ? undefined : draft.releasePosition;
   return defined({
     kind: "target" as const,
-    position: numbersOf(draft.target, "target"),
+    position: numbersOf(draft.target, "target", "release.position"),
     opening: draft.bin
-      ? { radius_m: numberOf(draft.binRadius, "bin radius"), rim_height_m: numberOf(draft.binRim, "bin rim") }
+      ? { radius_m: numberOf(draft.binRadius, "bin radius", "release.opening.radius_m"), rim_height_m: numberOf(draft.binRim, "bin rim", "release.opening.rim_height_m") }
       : undefined,
-    max_release_speed_m_s: optional(draft.maxSpeed, "largest release speed"),
-    min_elevation_rad: optional(draft.minElevation, "least elevation"),
-    max_elevation_rad: optional(draft.maxElevation, "largest elevation"),
-    min_horizontal_distance_m: optional(draft.minDistance, "least distance"),
-    release_position: from === undefined ? undefined : numbersOf(from, "release position"),
+    max_release_speed_m_s: optional(draft.maxSpeed, "largest release speed", "release.max_release_speed_m_s"),
+    min_elevation_rad: optional(draft.minElevation, "least elevation", "release.min_elevation_rad"),
+    max_elevation_rad: optional(draft.maxElevation, "largest elevation", "release.max_elevation_rad"),
+    min_horizontal_distance_m: optional(draft.minDistance, "least distance", "release.min_horizontal_distance_m"),
+    release_position: from === undefined ? undefined : numbersOf(from, "release position", "release.release_position"),
   }) as PlanRequest["release"];
 }
 
 /** Returns the request for `POST /plan`. Throws InvalidDraft for text that is no number. */
 export function requestOf(draft: Draft, cell: string): PlanRequest {
   const limits = defined({
-    velocity: perJoint(draft.velocityLimit, "velocity limit"),
-    acceleration: perJoint(draft.accelerationLimit, "acceleration limit"),
-    jerk: perJoint(draft.jerkLimit, "jerk limit"),
+    velocity: perJoint(draft.velocityLimit, "velocity limit", "limits.velocity"),
+    acceleration: perJoint(draft.accelerationLimit, "acceleration limit", "limits.acceleration"),
+    jerk: perJoint(draft.jerkLimit, "jerk limit", "limits.jerk"),
   });
   return defined({
     cell,
@@ -165,17 +176,17 @@ export function requestOf(draft: Draft, cell: string): PlanRequest {
     frame: draft.frame,
     backend: draft.backend,
     limits: Object.keys(limits).length > 0 ? limits : undefined,
-    singularity_distance_min: optional(draft.singularityDistance, "singularity distance"),
-    release_window_s: optional(draft.window, "release window"),
-    landing_tolerance_m: optional(draft.tolerance, "landing tolerance"),
-    min_hit_probability: optional(draft.hitProbability, "hit probability"),
-    time_limit_s: optional(draft.timeLimit, "time limit"),
+    singularity_distance_min: optional(draft.singularityDistance, "singularity distance", "singularity_distance_min"),
+    release_window_s: optional(draft.window, "release window", "release_window_s"),
+    landing_tolerance_m: optional(draft.tolerance, "landing tolerance", "landing_tolerance_m"),
+    min_hit_probability: optional(draft.hitProbability, "hit probability", "min_hit_probability"),
+    time_limit_s: optional(draft.timeLimit, "time limit", "time_limit_s"),
   }) as PlanRequest;
 }
 
 function startOf(draft: Draft): PlanRequest["start"] | undefined {
   if (draft.start === "current") return { current: true };
-  if (draft.start === "positions") return { positions: numbersOf(draft.startPositions, "start position") };
+  if (draft.start === "positions") return { positions: numbersOf(draft.startPositions, "start position", "start.positions") };
   return undefined;
 }
 
@@ -214,6 +225,42 @@ export function withNearest(draft: Draft, nearest: Nearest): Draft {
     minElevation: text(release.min_elevation_rad, draft.minElevation),
     maxElevation: text(release.max_elevation_rad, draft.maxElevation),
     minDistance: text(release.min_horizontal_distance_m, draft.minDistance),
+  };
+}
+
+/** Returns the form that asks for what a request asks for; what it has no field for is left out. */
+export function draftOf(request: PlanRequest): Draft {
+  const number = (value: unknown): string => (value === null || value === undefined ? "" : String(value));
+  const joints = (value: number | readonly number[] | null | undefined): string => (Array.isArray(value) ? value.join(" ") : number(value));
+  const start = request.start as { current?: boolean; positions?: number[] } | null | undefined;
+  const own: Draft = {
+    ...FIRST_DRAFT,
+    frame: request.frame ?? FIRST_DRAFT.frame,
+    backend: request.backend ?? FIRST_DRAFT.backend,
+    start: start?.current ? "current" : start?.positions ? "positions" : "home",
+    ...(start?.positions ? { startPositions: texts(start.positions) } : {}),
+    velocityLimit: joints(request.limits?.velocity),
+    accelerationLimit: joints(request.limits?.acceleration),
+    jerkLimit: joints(request.limits?.jerk),
+    singularityDistance: number(request.singularity_distance_min),
+    window: number(request.release_window_s),
+    tolerance: number(request.landing_tolerance_m),
+    hitProbability: number(request.min_hit_probability),
+    timeLimit: number(request.time_limit_s),
+  };
+  const release = request.release;
+  if (release.kind !== "target") return withNearest(own, request);
+  return {
+    ...own,
+    kind: "target",
+    target: texts(release.position),
+    bin: Boolean(release.opening),
+    ...(release.opening ? { binRadius: String(release.opening.radius_m), binRim: String(release.opening.rim_height_m) } : {}),
+    maxSpeed: number(release.max_release_speed_m_s),
+    minElevation: number(release.min_elevation_rad),
+    maxElevation: number(release.max_elevation_rad),
+    minDistance: number(release.min_horizontal_distance_m),
+    releasePosition: release.release_position ? texts(release.release_position) : NONE3,
   };
 }
 

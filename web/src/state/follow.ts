@@ -4,12 +4,14 @@ import { effect } from "@preact/signals";
 
 import { get } from "../service/client";
 import { watchExecution } from "../service/events";
-import type { CellList, CellModel, Execution, ExecutionList, LandingList, Plan, ProfileList } from "../service/types";
-import { loadCurves, loadMap, refreshCell } from "./actions";
+import type { CellList, CellModel, Execution, ExecutionList, LandingList, Plan, PlanRequest, ProfileList } from "../service/types";
+import { loadCurves, loadMap, nameInAddress, refreshCell } from "./actions";
+import { type Draft, draftOf, requestOf } from "./draft";
+import { isSameRequest, keepDraft, keptDraft, linkOf } from "./links";
 import { isRunning } from "./machine";
 import {
-  cellName, cells, dispatch, endTime, failed, history, landings, mapShown, model, playing, profiles, reached, running, runPlan, shownId, state, strayed,
-  targets, throwMap, time,
+  cellName, cells, dispatch, endTime, execution, failed, history, landings, mapShown, model, notice, playing, profiles, reached, running, runPlan, shownId, state, strayed,
+  targets, throwMap, time, viewing,
 } from "./store";
 
 const ROBOT_MS = 400; // state of the chosen cell
@@ -21,12 +23,20 @@ const AT_ONCE = 5; // requests for them; a browser has six connections
 
 /** Starts following; never ends. */
 export function follow(): void {
+  void openAddress();
+  addEventListener("hashchange", () => void followLink());
+  effect(() => {
+    const { cell, request } = state.value;
+    if (cell !== null) keepDraft({ cell, draft: request });
+  });
   void repeat(CELLS_MS, followCells);
   void repeat(ROBOT_MS, followRobot);
   void repeat(CELLS_MS, followHistory);
   void repeat(MAP_MS, followMap);
   effect(() => {
-    throwMap.value = null; // that of another cell
+    throwMap.value = null; // these are of another cell
+    history.value = null;
+    viewing.value = null;
     void loadModel(cellName.value);
   });
   effect(() => {
@@ -37,6 +47,10 @@ export function follow(): void {
     if (beside === null) return;
     const isSame = beside.cell === cellName.value && beside.shown === shownId.value && beside.time === time.value;
     if (!isSame || playing.value !== 0) strayed.value = null;
+  });
+  effect(() => {
+    const said = notice.value?.stopOf; // the stop is over, however it came to be
+    if (said && execution.value?.id === said && execution.value.state === "finished") notice.value = null;
   });
   followRuns();
 }
@@ -56,7 +70,7 @@ async function followCells(): Promise<void> {
   const list = (await get<CellList>("/cells")).cells;
   reached();
   if (JSON.stringify(list.map(fixed)) !== JSON.stringify((cells.value ?? []).map(fixed))) cells.value = list;
-  if (state.value.cell === null) {
+  if (!list.some((known) => known.name === state.value.cell)) {
     const first = list.find((known) => known.default && !known.error) ?? list.find((known) => !known.error);
     if (first) dispatch({ type: "cell", name: first.name });
   }
@@ -87,14 +101,18 @@ async function readExecution(id: string): Promise<void> {
 
 async function followHistory(): Promise<void> {
   const { cell } = state.value;
-  const page = await get<ExecutionList>(`/executions?limit=${HISTORY}`);
+  if (cell === null) return;
+  const page = await get<ExecutionList>(`/executions?cell=${encodeURIComponent(cell)}&limit=${HISTORY}`);
+  if (cell !== state.value.cell) return;
   if (JSON.stringify(page.executions) !== JSON.stringify(history.value)) history.value = page.executions;
-  const own = page.executions.filter((run) => run.cell === cell && run.state === "finished");
-  await inParallel(own.slice(0, HISTORY), loadPast);
-  if (cell !== null) {
-    const list = await get<ProfileList>(`/cells/${cell}/profiles`);
-    if (JSON.stringify(list) !== JSON.stringify(profiles.value)) profiles.value = list;
-  }
+  await loadPasts(page.executions);
+  const list = await get<ProfileList>(`/cells/${cell}/profiles`);
+  if (JSON.stringify(list) !== JSON.stringify(profiles.value)) profiles.value = list;
+}
+
+/** Loads targets and landings of executions that have ended. */
+export async function loadPasts(runs: readonly Execution[]): Promise<void> {
+  await inParallel(runs.filter((run) => run.state === "finished"), loadPast);
 }
 
 /** Does something with every item, a few at a time. */
@@ -159,6 +177,8 @@ function endFollowing(): void {
 async function followRun(id: string, signal: AbortSignal): Promise<void> {
   playing.value = time.value = 0;
   strayed.value = null;
+  viewing.value = null;
+  nameInAddress({ kind: "execution", id });
   void showExecution(id).catch(failed);
   for await (const { kind, data } of watchExecution(id, signal)) {
     dispatch({ type: "event", id, kind, data });
@@ -171,18 +191,88 @@ async function followRun(id: string, signal: AbortSignal): Promise<void> {
   if (ended?.planId !== shownId.value) time.value = 0; // another plan is shown again
   if (ended !== null && ended.outcome !== "completed")
     strayed.value = { cell: cellName.value, shown: shownId.value, time: time.value, released: ended.metrics?.["released"] === true };
-  else if (time.value > 0 && time.value < endTime.value) playing.value = 1; // the object is still in the air
+  else if (time.value > 0 && time.value < endTime.value && !ended?.dryRun) playing.value = 1; // the object is still in the air
   const { [id]: _, ...others } = landings.value;
   landings.value = others;
   await followHistory();
 }
 
 /** Shows an execution, with its plan; one that runs stays on the screen. */
-export async function showExecution(id: string): Promise<void> {
+async function showExecution(id: string): Promise<void> {
   const execution = await get<Execution>(`/executions/${id}`);
   dispatch({ type: "execution", execution });
+  runPlan.value = await planOf(execution);
+}
+
+async function planOf(execution: Execution): Promise<Plan> {
   const known = state.value.plan?.value;
-  const plan = known?.id === execution.plan_id ? known : await get<Plan>(`/plans/${execution.plan_id}`);
-  runPlan.value = plan;
+  return known?.id === execution.plan_id ? known : get<Plan>(`/plans/${execution.plan_id}`);
+}
+
+/** Shows a past execution instead of the plan, unless something runs. */
+export async function showPast(id: string): Promise<void> {
+  await showExecution(id);
+  if (state.value.execution?.id !== id) return;
+  playing.value = time.value = 0;
+  viewing.value = id;
+  nameInAddress({ kind: "execution", id });
+}
+
+/** Comes back to what the address names: a plan with its request, or an execution with both. */
+export async function openAddress(): Promise<void> {
+  const link = linkOf(location.hash);
+  const kept = keptDraft();
+  try {
+    if (link === null) {
+      if (kept !== null) dispatch({ type: "restored", cell: kept.cell, request: kept.draft, plan: null, answers: false });
+      return;
+    }
+    const execution = link.kind === "execution" ? await get<Execution>(`/executions/${link.id}`) : null;
+    const plan = await get<Plan>(`/plans/${execution?.plan_id ?? link.id}`, { patient: true });
+    restore(plan, kept?.cell === plan.cell ? kept.draft : null);
+    if (execution === null) return;
+    runPlan.value = plan;
+    dispatch({ type: "execution", execution });
+  } catch (error) {
+    notice.value = { kind: "bad", text: `What this address names could not be shown. ${failed(error)}` };
+  }
+}
+
+/** Goes to an address that was clicked or typed: a past throw of this cell leaves plan and form as they are. */
+async function followLink(): Promise<void> {
+  const link = linkOf(location.hash);
+  if (link === null) return;
+  try {
+    if (link.kind === "plan") return takeRequest(await get<Plan>(`/plans/${link.id}`, { patient: true }));
+    const execution = await get<Execution>(`/executions/${link.id}`);
+    if (execution.cell === state.value.cell) await showPast(link.id);
+    else await openAddress();
+  } catch (error) {
+    notice.value = { kind: "bad", text: `What this address names could not be shown. ${failed(error)}` };
+  }
+}
+
+/** Brings back a plan with a form: the tab's own, else that of the plan's request. */
+function restore(plan: Plan, own: Draft | null): void {
+  const asked = plan.request as unknown as PlanRequest;
+  const request = own ?? draftOf(asked);
+  dispatch({ type: "restored", cell: plan.cell, request, plan, answers: answersTo(request, plan.cell, asked) });
+}
+
+/** Whether a form asks for exactly what a plan was made for. */
+function answersTo(request: Draft, cell: string, asked: PlanRequest): boolean {
+  try {
+    return isSameRequest({ ...requestOf(request, cell), cell: null }, { ...asked, cell: null });
+  } catch {
+    return false; // text that is no number
+  }
+}
+
+/** Puts the request of a plan into the form. */
+export function takeRequest(plan: Plan): void {
+  viewing.value = null;
+  time.value = 0;
+  restore(plan, null);
+  nameInAddress({ kind: "plan", id: plan.id });
 }
 

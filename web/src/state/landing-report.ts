@@ -26,5 +26,20 @@ export function targetRadius(plan: Plan | null): string | null {
 
 /** Returns the newest report that says whether the target was hit, null without one. */
 export function newestResult(list: readonly LandingAnswer[]): LandingAnswer | null {
-  return list.filter((landing) => landing.result !== null).at(-1) ?? null;
+  return counted(list).filter((landing) => landing.result !== null).at(-1) ?? null;
+}
+
+export const FAR_M = 1; // [m] chosen: a place farther from the planned landing is more likely a slip; the command line's too
+
+/** Returns how far a reported place is from where a plan's object was to land [m], where that is too far to be likely; else null. */
+export function doubtfulDistance(report: LandingRequest, plan: Plan | null): number | null {
+  const planned = plan?.flight?.landing_point;
+  if (!report.position || !planned) return null;
+  const apart = Math.hypot(...report.position.map((value, i) => value - (planned[i] ?? 0)));
+  return apart > FAR_M ? apart : null;
+}
+
+/** Returns the reports that count. */
+export function counted(list: readonly LandingAnswer[]): readonly LandingAnswer[] {
+  return list.filter((landing) => landing.withdrawn_at === null || landing.withdrawn_at === undefined);
 }

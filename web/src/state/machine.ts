@@ -29,6 +29,8 @@ export interface Run {
   readonly metrics: Readonly<Record<string, unknown>> | null;
   readonly samples: readonly Sample[];
   readonly stopping: boolean; // a stop was asked for
+  readonly dryRun: boolean; // everything but motion
+  readonly createdAt: string | null; // UTC, ISO 8601
 }
 
 export interface State {
@@ -56,6 +58,7 @@ export const FIRST_STATE: State = {
 export type Change =
   | { readonly type: "cell"; readonly name: string }
   | { readonly type: "edit"; readonly request: Draft }
+  | { readonly type: "restored"; readonly cell: string; readonly request: Draft; readonly plan: Plan | null; readonly answers: boolean }
   | { readonly type: "ask" }
   | { readonly type: "planned"; readonly revision: number; readonly plan: Plan }
   | { readonly type: "refused"; readonly revision: number; readonly problem: ProblemDocument }
@@ -75,6 +78,8 @@ export function change(state: State, what: Change): State {
         : { ...state, cell: what.name, revision: state.revision + 1, preview: null, problem: null, execution: null };
     case "edit":
       return { ...state, request: what.request, revision: state.revision + 1, problem: null };
+    case "restored":
+      return restored(state, what.cell, what.request, what.plan, what.answers);
     case "ask":
       return { ...state, planning: state.revision, problem: null };
     case "planned":
@@ -105,6 +110,14 @@ export function change(state: State, what: Change): State {
   }
 }
 
+/** A plan that an address names, with a form; only where the plan answers that form may it be thrown. */
+function restored(state: State, cell: string, request: Draft, plan: Plan | null, answers: boolean): State {
+  const revision = state.revision + 1;
+  const own = plan === null ? null : { revision: answers ? revision : state.revision, value: plan };
+  const execution = cell === state.cell ? state.execution : null;
+  return { ...state, cell, request, revision, plan: own, preview: null, problem: null, planning: null, execution };
+}
+
 function ended(state: State, revision: number): number | null {
   return state.planning === revision ? null : state.planning;
 }
@@ -118,7 +131,8 @@ function refused(state: State, revision: number, problem: ProblemDocument): Stat
 
 function newRun(id: string, planId: string | null): Run {
   return {
-    id, planId, state: "queued", seen: [], outcome: null, reason: null, metrics: null, samples: [], stopping: false,
+    id, planId, state: "queued", seen: [], outcome: null, reason: null, metrics: null, samples: [], stopping: false, dryRun: false,
+    createdAt: null,
   };
 }
 
@@ -135,7 +149,8 @@ function withExecution(state: State, execution: Execution): State {
   const shown = state.execution;
   if (shown !== null && shown.id !== execution.id && isRunning(state) && execution.state === "finished") return state;
   const before = shown?.id === execution.id ? shown : newRun(execution.id, execution.plan_id);
-  const run: Run = { ...before, planId: execution.plan_id, stopping: before.stopping || execution.abort_requested_at !== null };
+  const stopping = before.stopping || execution.abort_requested_at !== null;
+  const run: Run = { ...before, planId: execution.plan_id, stopping, dryRun: execution.dry_run, createdAt: execution.created_at };
   if (orderOf(execution.state) < orderOf(before.state)) return { ...state, execution: run };
   const { outcome, reason, metrics } = execution;
   const seen = { ...run, state: execution.state, outcome, reason, metrics: metrics ?? before.metrics };
@@ -209,10 +224,19 @@ export function aimOf(plan: Plan): readonly number[] | null {
   return (inWorld ? release.position : plan.flight?.landing_point) ?? null;
 }
 
+const FLAT_M = 0.005; // less than this is shown as the floor's height: labels have two digits
+
+/** A place in words: with its height unless that is the floor's, which may be unknown. */
+export function placeWords(place: readonly number[], floorZ: number | null): string {
+  const onFloor = floorZ !== null && Math.abs((place[2] ?? floorZ) - floorZ) < FLAT_M;
+  const shown = onFloor ? place.slice(0, 2) : place;
+  return `(${shown.map((x) => x.toFixed(2).replace(/^-(0\.0+)$/, "$1").replace("-", "−")).join(", ")})`;
+}
+
 /** Label of the button that moves the arm: names the cell and where the object goes. */
-export function throwLabel(plan: Plan | null): string {
+export function throwLabel(plan: Plan | null, floorZ: number | null): string {
   if (plan === null) return "Throw";
   const place = aimOf(plan);
   if (!place) return `Throw on ${plan.cell}: a move that ends at rest`;
-  return `Throw on ${plan.cell} to (${place.slice(0, 2).map((x) => x.toFixed(2)).join(", ")})`;
+  return `Throw on ${plan.cell} to ${placeWords(place, floorZ)}`;
 }

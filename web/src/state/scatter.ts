@@ -1,6 +1,7 @@
 // Spread of landings about their targets. Pure.
 
 import { principalAxes } from "../model/spread";
+import { counted } from "./landing-report";
 import type { LandingList } from "../service/types";
 
 export type Offset = readonly [number, number]; // landing less target, x and y [m]
@@ -15,7 +16,7 @@ const LEAST = 3; // landings below which an ellipse says nothing
 
 /** Where the newest observation saw an object land, in the world; null without one. */
 export function seenAt(list: readonly LandingList["landings"][number][]): readonly number[] | null {
-  return list.filter((landing) => landing.position !== null).at(-1)?.position ?? null;
+  return counted(list).filter((landing) => landing.position !== null).at(-1)?.position ?? null;
 }
 
 /** Returns how far from an aim the newest observation saw an object land [m]; null without either. */

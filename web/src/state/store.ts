@@ -2,10 +2,12 @@
 
 import { computed, signal } from "@preact/signals";
 
+import { spanOf } from "../curves/zoom";
 import { endOf } from "../model/samples";
 import { type MapQuantity, pictureOfMap } from "../model/throw-map";
 import { ConnectionLost, ProblemError } from "../service/client";
-import type { CellModel, CellState, CellSummary, Curves, Execution, LandingAnswer, Plan, ProfileList, ThrowMap } from "../service/types";
+import type { CellModel, CellState, CellSummary, Curves, Execution, LandingAnswer, LandingRequest, Plan, ProfileList, ThrowMap } from "../service/types";
+import { armKind, obstacleOf } from "./readiness";
 import { type Change, change, FIRST_STATE, isArmed, isRunning, planStanding, type State } from "./machine";
 
 export const state = signal<State>(FIRST_STATE);
@@ -26,6 +28,10 @@ export const runPlan = signal<Plan | null>(null);
 export const history = signal<readonly Execution[] | null>(null);
 export const landings = signal<Readonly<Record<string, readonly LandingAnswer[]>>>({});
 export const targets = signal<Readonly<Record<string, Plan>>>({}); // summaries by plan id
+/** A past execution that is shown instead of the plan; null: the plan is. */
+export const viewing = signal<string | null>(null);
+/** Executions to be compared, two at most. */
+export const compared = signal<readonly string[]>([]);
 export const profiles = signal<ProfileList | null>(null);
 
 /** The throwability map of the chosen cell; null until it is asked for, and where there is none. */
@@ -38,7 +44,15 @@ export type Connection = "connecting" | "open" | "lost";
 export const connection = signal<Connection>("connecting");
 export const access = signal<"open" | "token-needed" | "token-refused">("open");
 /** A sentence about the last thing that a person did and that did not work; empty where all is well. */
-export const notice = signal<{ readonly text: string; readonly kind: "bad" | "good" } | null>(null);
+export const notice = signal<Notice | null>(null);
+interface Notice {
+  readonly text: string;
+  readonly kind: "bad" | "good";
+  readonly stopOf?: string | null; // execution whose stop did not get through; null: of one that was not known
+}
+
+/** What is wrong with fields of the request, by their path in it. */
+export const faults = signal<Readonly<Record<string, string>>>({});
 
 /** The one cursor of scene and curves, on the plan's clock [s]. */
 export const time = signal(0);
@@ -50,6 +64,13 @@ interface Strayed {
   readonly shown: string | null; // id of the plan
   readonly time: number; // of the cursor [s]
   readonly released: boolean;
+}
+/** A report of a landing that is likely a slip: it waits for a person's word. */
+export const doubt = signal<Doubt | null>(null);
+interface Doubt {
+  readonly id: string; // of the execution
+  readonly report: LandingRequest;
+  readonly distance_m: number; // from where it was to land
 }
 export const picking = signal<string | null>(null); // execution whose landing is being pointed at
 export const landingStd = signal("0.02"); // of a reported place, as typed [m]: a click on the floor is about this good
@@ -70,8 +91,14 @@ export const isPlanning = computed(() => state.value.planning !== null);
 
 export const cell = computed(() => cells.value?.find((known) => known.name === cellName.value) ?? null);
 export const cellState = computed<CellState | null>(() => cellStates.value[cellName.value ?? ""] ?? null);
-export const isReal = computed(() => cell.value !== null && cell.value.link_kind === "ur");
-export const armed = computed(() => isArmed(state.value));
+/** Whether an arm may move that is not proven to be a simulation. */
+export const isReal = computed(() => cell.value !== null && armKind(cell.value) !== "simulated");
+export const floorZ = computed(() => model.value?.surroundings.floor_z_m ?? null);
+/** Why nothing can be thrown on the cell now; null where it can. */
+export const obstacle = computed(() =>
+  viewing.value !== null ? "A past throw is on the screen: go back to the request first." : obstacleOf({ lost: connection.value === "lost", asksToken: access.value !== "open", summary: cell.value, live: cellState.value }),
+);
+export const armed = computed(() => isArmed(state.value) && obstacle.value === null);
 export const running = computed(() => isRunning(state.value));
 export const standing = computed(() => planStanding(state.value));
 
@@ -81,7 +108,7 @@ const runPlanId = computed(() => execution.value?.planId ?? null);
 /** What the scene and the curves show: what runs, else the preview, else the plan. */
 export const shown = computed<Plan | null>(() => {
   const followed = runPlan.value !== null && runPlan.value.id === runPlanId.value ? runPlan.value : null;
-  if (followed !== null && (running.value || answered.value === null)) return followed;
+  if (followed !== null && (running.value || viewing.value === runId.value || answered.value === null)) return followed;
   return preview.value ?? answered.value;
 });
 
@@ -90,6 +117,10 @@ export const shownId = computed(() => shown.value?.id ?? null);
 
 /** End of what the cursor runs over: the plan, or the flight where that takes longer [s]. */
 export const endTime = computed(() => (shown.value === null ? 0 : endOf(shown.value)));
+
+/** Part of the time that slider and curves show [s]; null: all of it. */
+export const zoomed = signal<readonly [number, number] | null>(null);
+export const span = computed<readonly [number, number]>(() => spanOf(zoomed.value, endTime.value, time.value));
 
 /** Notes what a failed call says about connection and access; returns it in words. */
 export function failed(error: unknown): string {

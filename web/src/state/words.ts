@@ -2,14 +2,28 @@
 
 import type { CellState, CellSummary, Execution, LandingAnswer, Plan } from "../service/types";
 import type { Run } from "./machine";
+import { armKind } from "./readiness";
 
 export type Tone = "good" | "bad" | "busy" | "idle";
+
+const NOISE = 1e-9; // of any SI unit: rounding, and shown as none
+const SMALL = 1e-4; // below it a power of ten is easier to read
+const SUPERSCRIPT = { "-": "⁻", "0": "⁰", "1": "¹", "2": "²", "3": "³", "4": "⁴", "5": "⁵", "6": "⁶", "7": "⁷", "8": "⁸", "9": "⁹" } as const;
 
 /** A number with so many significant digits, without trailing zeros; a dash for none. */
 export function figure(value: unknown, digits = 3): string {
   if (typeof value !== "number" || !Number.isFinite(value)) return "–";
-  const text = Math.abs(value) >= 1000 ? value.toFixed(0) : String(Number(value.toPrecision(digits)));
+  const size = Math.abs(value);
+  if (size < NOISE) return "0";
+  if (size < SMALL) return powerOfTen(value, digits);
+  const text = size >= 1000 ? value.toFixed(0) : String(Number(value.toPrecision(digits)));
   return text.replace("-", "−");
+}
+
+function powerOfTen(value: number, digits: number): string {
+  const [mantissa = "", exponent = ""] = value.toExponential(digits - 1).split("e");
+  const raised = [...String(Number(exponent))].map((sign) => SUPERSCRIPT[sign as keyof typeof SUPERSCRIPT]).join("");
+  return `${String(Number(mantissa)).replace("-", "−")}·10${raised}`;
 }
 
 /** A value beside the limit that it breaks, with as many digits as tell them apart. */
@@ -42,11 +56,11 @@ export const OUTCOME_WORDS: Readonly<Record<string, string>> = {
   link_lost: "Connection to the robot lost",
   late: "Stopped: commands came too late",
   tracking: "Stopped: the arm left the plan",
-  executor_lost: "The executor ended during the throw",
+  executor_lost: "The executor was lost during the throw",
   foreign_program: "Another program took over the robot",
   power_off: "The arm lost its power",
+  released_early: "The object was let go too early",
   held: "Kept the object: it would have missed",
-  released_early: "Stopped: the gripper opened by itself",
   not_released: "The gripper did not let go",
 };
 
@@ -59,20 +73,50 @@ export const ADVICE: Readonly<Record<string, string>> = {
   link_lost: "Look at cable, network and controller. When the robot reports again, acknowledge.",
   late: "This machine was too busy to send a command every tick. End what loads it, then acknowledge; “fling doctor” judges its timing.",
   tracking: "The arm did not follow its commands. Look for a collision, a wrong payload or a wrong tool, then acknowledge.",
-  executor_lost: "The executor's process ended. See that the arm stands still, start the executor again, then acknowledge.",
+  executor_lost: "See that the arm stands still, then acknowledge.",
+  released_early: "Something else changed the gripper's output. Settle who has the robot, then acknowledge.",
   foreign_program: "Somebody else moved this robot. Settle who has it, then acknowledge.",
-  released_early: "Another client switches the gripper's output. Find it, look where the object went, then acknowledge.",
   not_released: "The gripper's output did not do what it was told. Look at its wiring and who else switches it, then acknowledge.",
   power_off: "Power the arm on and release its brakes on the pendant, then acknowledge.",
   aborted: "The stop did not end in order. Look at the arm, then acknowledge.",
 };
 
-/** What came of an execution: a move that let go of nothing was no throw. */
-export function outcomeWords({ outcome, metrics }: { outcome: string | null; metrics?: unknown }): string {
-  const released = (metrics as Readonly<Record<string, unknown>> | null | undefined)?.["released"];
-  if (outcome === "completed" && released === false) return "Moved as planned";
-  return OUTCOME_WORDS[outcome ?? ""] ?? outcome ?? "";
+interface Ended {
+  readonly outcome: string | null;
+  readonly reason?: string | null;
+  readonly metrics?: unknown;
+  readonly dryRun?: boolean;
 }
+
+/** What came of an execution: a move that let go of nothing was no throw, and a dry run no move. */
+export function outcomeWords({ outcome, reason, metrics, dryRun }: Ended): string {
+  const released = (metrics as Readonly<Record<string, unknown>> | null | undefined)?.["released"];
+  if (dryRun) return outcome === "completed" ? "Dry run: nothing moved" : `Dry run: ${uncapitalised(stopWords(outcome, reason))}`;
+  if (outcome === "completed" && released === false) return "Moved as planned";
+  return stopWords(outcome, reason);
+}
+
+/** `late` has two causes, which the executor's reason tells apart (executor/records/metrics.py). */
+function stopWords(outcome: string | null, reason: string | null | undefined): string {
+  if (outcome === "late" && isGripperLate(reason)) return "Thrown, but the gripper was told too late";
+  return OUTCOME_WORDS[outcome ?? ""] ?? outcome?.replaceAll("_", " ") ?? "";
+}
+
+function isGripperLate(reason: string | null | undefined): boolean {
+  return /^the gripper command was/.test(reason ?? "");
+}
+
+function uncapitalised(text: string): string {
+  return `${text[0]?.toLowerCase() ?? ""}${text.slice(1)}`;
+}
+
+/** What a person does after a stop; null where nothing is to be done. */
+export function adviceAfter(outcome: string | null, reason: string | null | undefined): string | null {
+  if (outcome === "late" && isGripperLate(reason)) return GRIPPER_LATE;
+  return ADVICE[outcome ?? ""] ?? null;
+}
+
+const GRIPPER_LATE = "This machine was too busy when the gripper was due. End what loads it, then acknowledge; “fling doctor” judges its timing.";
 
 export function outcomeTone(outcome: string | null): Tone {
   if (outcome === null) return "busy";
@@ -99,20 +143,43 @@ export function cellWords(summary: CellSummary, live: CellState | null): CellWor
   });
   if (summary.error) return plain("bad", "Cell file refused", [summary.error], "Repair the cell file; “fling cell check” judges it.");
   const executor = live?.executor ?? summary.executor;
-  if (!executor) return plain("idle", "No executor", [], `Start one: fling executor --cell ${summary.name}`);
+  if (!executor) return plain("idle", "No executor", elsewhere(summary), `Start one: fling executor --cell ${summary.name}`);
   const fault = (live?.fault ?? null) as Fault | null;
+  const silent = `The executor was last heard of ${agoWords(executor.heartbeat_age_s)} ago: it has ended, or is stalled.`;
+  const revive = `See whether its process still runs; if not, start it: fling executor --cell ${summary.name}`;
   if (fault) {
-    const headline = OUTCOME_WORDS[fault.outcome ?? ""] ?? "Fault";
-    const advice = ADVICE[fault.outcome ?? ""] ?? "Look at the robot, then acknowledge.";
-    return { tone: "bad", headline, reasons: fault.reason ? [fault.reason] : [], advice, fault: true };
+    const headline = stopWords(fault.outcome ?? null, fault.reason) || "Fault";
+    const advice = adviceAfter(fault.outcome ?? null, fault.reason) ?? "Look at the robot, then acknowledge.";
+    const reasons = [...(fault.reason ? [fault.reason] : []), ...(executor.alive ? [] : [silent])];
+    return { tone: "bad", headline, reasons, advice: executor.alive ? advice : `${revive}. ${advice}`, fault: true };
   }
-  if (!executor.alive) return plain("bad", "The executor is gone", [], `Start it again: fling executor --cell ${summary.name}`);
+  if (!executor.alive) return plain("bad", "The executor is silent", [silent], revive);
   const robot = (live?.robot ?? {}) as { refusals?: string[]; warnings?: string[]; connected?: boolean };
   if (live?.execution_id) return plain("busy", "Throwing", robot.warnings ?? []);
   const refusals = robot.refusals ?? [];
   if (refusals.length > 0) return plain("bad", "Not ready to move", refusals);
   if (executor.read_only) return plain("idle", "Watching only", ["The executor runs with --read-only."]);
+  if (armKind(summary) === "unproven") {
+    return plain("idle", "Ready", [...elsewhere(summary), ...(robot.warnings ?? [])]);
+  }
   return plain("good", "Ready", robot.warnings ?? []);
+}
+
+function elsewhere(summary: CellSummary): readonly string[] {
+  if (armKind(summary) !== "unproven") return [];
+  return [`Its cell file says “sim”, but ${summary.link_host} is not on this machine: it may be a real arm.`];
+}
+
+/** A moment (ISO 8601) on this machine's clock, with its date. */
+export function dateWords(at: string): string {
+  return new Date(at).toLocaleString(undefined, { day: "numeric", month: "short", year: "numeric", hour: "2-digit", minute: "2-digit", second: "2-digit" });
+}
+
+/** A time that has passed [s], as people say it. */
+export function agoWords(seconds: number): string {
+  if (seconds < 120) return `${Math.round(seconds)} s`;
+  const minutes = Math.round(seconds / 60);
+  return minutes < 120 ? `${minutes} min` : minutes < 2880 ? `${Math.round(minutes / 60)} h` : `${Math.round(minutes / 1440)} days`;
 }
 
 interface PreflightItem {
@@ -125,9 +192,9 @@ export function preflight(live: CellState | null, plan: Plan | null): readonly P
   const robot = (live?.robot ?? null) as { refusals?: string[] } | null;
   const refusals = [...(robot?.refusals ?? [])];
   const items: PreflightItem[] = [
-    { text: "Executor runs", ok: live === null ? null : live.executor?.alive === true },
+    { text: "Executor reports", ok: live === null ? null : live.executor?.alive === true },
     live?.fault
-      ? { text: "A fault is latched: look at the arm, then acknowledge it under Robots", ok: false }
+      ? { text: "A fault is latched: look at the arm, then acknowledge it above", ok: false }
       : { text: "No fault is latched", ok: live === null ? null : true },
   ];
   for (const [text, pattern] of SUBJECTS) {
@@ -188,6 +255,52 @@ export function constraintWords(name: string): string {
   return CONSTRAINT_WORDS[name] ?? name.replaceAll("_", " ").replace(/^./, (first) => first.toUpperCase());
 }
 
+const JOINT_WORDS: Readonly<Record<string, string>> = {
+  shoulder_pan: "base", shoulder_lift: "shoulder", elbow: "elbow", wrist_1: "wrist 1", wrist_2: "wrist 2", wrist_3: "wrist 3",
+};
+
+/** The planner's and the executor's own words with joints and checks as people name them; keys of files stay as they are. */
+export function plainWords(text: string): string {
+  return text.replace(/(?<![\w.])[a-z]+(?:_[a-z0-9]+)+(?![\w.])/g, (name) => {
+    const joint = JOINT_WORDS[name.replace(/_joint$/, "")];
+    if (joint !== undefined) return joint;
+    return name in CONSTRAINT_WORDS ? uncapitalised(constraintWords(name)) : name;
+  });
+}
+
+/** Names, units and scales of what was measured in an execution. */
+const METRICS: Readonly<Record<string, readonly [string, string, number]>> = {
+  ticks: ["Ticks", "", 1],
+  missed_ticks: ["Ticks that were missed", "", 1],
+  period_p50_s: ["Time between ticks, median", "ms", 1000],
+  period_p99_s: ["Time between ticks, 99 % below", "ms", 1000],
+  period_max_s: ["Time between ticks, longest", "ms", 1000],
+  realtime: ["Real-time scheduling", "", 1],
+  tracking_error_max_rad: ["Joint off the plan, at most", "mrad", 1000],
+  tracking_error_max_m: ["Tool off the plan, at most", "mm", 1000],
+  path_error_max_m: ["Tool off the path, at most", "mm", 1000],
+  release_velocity_error_rad_s: ["Joint speed off at the release", "rad/s", 1],
+  release_velocity_error_share: ["Joint speed off, of the fastest", "%", 100],
+  release_velocity_unexpected_rad_s: ["Beyond what the profile expects", "rad/s", 1],
+  gripper_commanded_s: ["Gripper told at", "s", 1],
+  gripper_command_late_s: ["Gripper told late by", "ms", 1000],
+  gripper_opened_s: ["Object left at", "s", 1],
+  gripper_opened_late_s: ["Object left late by", "ms", 1000],
+  released: ["Gripper told to open", "", 1],
+  landing_error_m: ["Landed off by", "mm", 1000],
+  landed_on: ["Landed on", "", 1],
+};
+
+/** Everything that was measured in an execution, as names and values. */
+export function metricRows(metrics: Readonly<Record<string, unknown>>): readonly (readonly [string, string])[] {
+  const known = Object.entries(metrics).filter(([, value]) => value !== null && typeof value !== "object");
+  return known.map(([name, value]) => {
+    const [label, unit, scale] = METRICS[name] ?? [constraintWords(name), "", 1];
+    if (typeof value === "boolean") return [label, value ? "yes" : "no"] as const;
+    return [label, typeof value === "number" ? `${figure(value * scale, 4)} ${unit}`.trimEnd() : plainWords(String(value))] as const;
+  });
+}
+
 /** What the plan promises, in a sentence or two. */
 export function planWords(plan: Plan): string {
   const flight = plan.flight;
@@ -231,7 +344,6 @@ export function keyNumbers(run: Run | Execution, observed_m: number | null, plan
   const measured = metrics["landing_error_m"];
   const share = metrics["release_velocity_error_share"];
   const speed = plan?.flight?.speed_m_s;
-  const missed = metrics["missed_ticks"];
   const released = metrics["released"] === true;
   return [
     { label: "Landing error", value: length(typeof measured === "number" ? measured : observed_m), note: "" },
@@ -240,14 +352,25 @@ export function keyNumbers(run: Run | Execution, observed_m: number | null, plan
       value: speed === undefined || !released ? "–" : `${figure(speed)} m/s`,
       note: released && typeof share === "number" ? `${figure(share * 100, 2)} % off` : "",
     },
-    { label: "Missed ticks", value: typeof missed === "number" ? String(missed) : "–", note: "" },
+    timeliness(run.outcome, metrics),
   ];
+}
+
+/** How well commands kept their time: after a stop for lateness, what was late. */
+function timeliness(outcome: string | null, metrics: Readonly<Record<string, unknown>>): KeyNumber {
+  const [missed, gripper, gap] = ["missed_ticks", "gripper_command_late_s", "period_max_s"].map((name) => metrics[name]);
+  const ms = (seconds: number): string => `${figure(seconds * 1000, 2)} ms`;
+  if (outcome === "late" && missed === 0) {
+    if (typeof gripper === "number" && gripper > 0) return { label: "Gripper command late", value: ms(gripper), note: "" };
+    if (typeof gap === "number") return { label: "Longest gap", value: ms(gap), note: "" };
+  }
+  return { label: "Missed ticks", value: typeof missed === "number" ? String(missed) : "–", note: "" };
 }
 
 /** What somebody reported of a landing. */
 export function landingWords({ position, std_m, result, radius_m }: LandingAnswer): string {
   if (position !== null) {
-    const place = position.slice(0, 2).map((x) => figure(Number(x.toFixed(3)), 4)).join(", ");
+    const place = position.map((x) => figure(Number(x.toFixed(3)), 4)).join(", ");
     return `at (${place})${std_m ? ` ± ${length(std_m)}` : ""}`;
   }
   const target = `the target’s ${length(radius_m)}`;

@@ -3,20 +3,22 @@
 import { useSignal } from "@preact/signals";
 import type { JSX } from "preact";
 
-import { useToken } from "../state/actions";
-import { access, connection, notice } from "../state/store";
+import { acknowledge, useToken } from "../state/actions";
+import { access, cell, cellState, connection, notice } from "../state/store";
+import { cellWords } from "../state/words";
 
 export function Banners(): JSX.Element {
   return (
     <>
-      {access.value === "open" ? null : <TokenCard />}
       <div class="banners">
+        {access.value === "open" ? null : <TokenCard />}
         {connection.value === "lost" ? (
           <div class="banner bad" role="alert">
             <b>Connection to the service lost.</b> What you see is the last that it reported; trying again. Stop cannot reach the robot
             now: use the emergency stop.
           </div>
         ) : null}
+        <FaultBanner />
         {notice.value ? (
           <div class={`banner ${notice.value.kind}`} role={notice.value.kind === "bad" ? "alert" : "status"}>
             <span>{notice.value.text}</span>
@@ -27,6 +29,26 @@ export function Banners(): JSX.Element {
         ) : null}
       </div>
     </>
+  );
+}
+
+/** The latched fault of the chosen cell, with the button that it asks for. */
+function FaultBanner(): JSX.Element | null {
+  const chosen = cell.value;
+  const live = cellState.value;
+  if (chosen === null || !live?.fault) return null;
+  const words = cellWords(chosen, live);
+  const silent = live.executor?.alive !== true;
+  return (
+    <div class="banner bad fault" role="alert">
+      <span>
+        <b>{words.headline}.</b> {words.reasons.map((reason) => `${reason}. `)}
+        {words.advice}
+      </span>
+      <button type="button" class="primary small" disabled={silent} onClick={() => void acknowledge(chosen.name)}>
+        Acknowledge
+      </button>
+    </div>
   );
 }
 

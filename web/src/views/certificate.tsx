@@ -2,10 +2,10 @@
 
 import type { JSX } from "preact";
 
-import { bindingCheck, FORMAL, relativeMargin, unitText } from "../curves/quantities";
+import { bindingCheck, FORMAL, relationOf, relativeMargin, unitText } from "../curves/quantities";
 import type { Check } from "../service/types";
 import { answered, playing, shown, standing, time } from "../state/store";
-import { constraintWords, figure } from "../state/words";
+import { constraintWords, figure, plainWords } from "../state/words";
 
 export function CertificateSection(): JSX.Element {
   const plan = shown.value;
@@ -40,7 +40,7 @@ function Bars({ checks, missing }: { checks: readonly Check[]; missing: readonly
       {missing.length > 0 ? (
         <details class="options">
           <summary>Not checked ({missing.length})</summary>
-          <p class="hint">{missing.join("; ")}</p>
+          <p class="hint">{missing.map((name) => plainWords(name)).join("; ")}</p>
         </details>
       ) : null}
     </>
@@ -59,14 +59,14 @@ function Bar({ check, binding }: { check: Check; binding: boolean }): JSX.Elemen
       <button type="button" class={`bar-row ${binding ? "binding" : ""} ${check.ok ? "" : "failed"}`} disabled={check.at_s === null} onClick={go}>
         <span class="name">{constraintWords(check.name)}</span>
         <span class="numbers-text">
-          {figure(check.value)} / {figure(check.limit)}
+          {figure(check.value)} {relationOf(check)} {figure(check.limit)}
           {unit}
         </span>
         <svg class="meter" viewBox="0 0 100 4" preserveAspectRatio="none" aria-hidden="true">
           <rect class="all" width="100" height="4" />
           <rect class="left" width={Math.max(1, 100 * (1 - margin))} height="4" />
         </svg>
-        <span class="sr-only">{figure(margin * 100, 2)} % of the limit left</span>
+        <span class="sr-only">{check.ok ? `holds, ${figure(margin * 100, 2)} % of the limit left` : "violated"}</span>
       </button>
     </li>
   );

@@ -3,12 +3,15 @@
 import type { JSX } from "preact";
 
 import type { Plan } from "../service/types";
-import { aimOf, PHASES, type Run, type Sample, wentThrough } from "../state/machine";
+import { leavePast } from "../state/actions";
+import { takeRequest } from "../state/follow";
+import { hashOf } from "../state/links";
+import { aimOf, PHASES, placeWords, type Run, type Sample, wentThrough } from "../state/machine";
 import { offsetFrom } from "../state/scatter";
 import { JOINTS } from "../curves/quantities";
-import { answered, cellName, cellState, execution, landings, runPlan } from "../state/store";
+import { answered, cellName, cellState, execution, floorZ, landings, runPlan, viewing } from "../state/store";
 import {
-  ADVICE, figure, keyNumbers, outcomeTone, outcomeWords, PHASE_WORDS, preflight,
+  adviceAfter, dateWords, figure, keyNumbers, metricRows, outcomeTone, outcomeWords, PHASE_WORDS, plainWords, preflight,
 } from "../state/words";
 import { Icon } from "./icons";
 import { LandingReports } from "./landing";
@@ -58,23 +61,57 @@ function RunView({ run }: { run: Run }): JSX.Element {
   const plan = runPlan.value?.id === run.planId ? runPlan.value : null;
   return (
     <div class="run">
+      <RunHead run={run} plan={plan} />
       <ol class="phases" aria-label="Phases">
         {PHASES.map((phase) => (
           <li key={phase} class={phaseClass(phase, run)} aria-current={phase === run.state ? "step" : undefined}>
-            {PHASE_WORDS[phase]}
+            {phaseWords(phase, run)}
           </li>
         ))}
       </ol>
       <p class={`outcome ${tone}`} role="status">
-        {ended ? outcomeWords(run) : run.stopping ? "Stopping …" : `${PHASE_WORDS[run.state] ?? run.state} …`}
+        {ended ? outcomeWords(run) : run.stopping ? "Stopping …" : `${phaseWords(run.state, run)} …`}
         {run.outcome ? <code class="sr-only">{run.outcome}</code> : null}
       </p>
-      {run.reason ? <p class="soft">{run.reason}</p> : null}
-      {ended && run.outcome !== "completed" && ADVICE[run.outcome ?? ""] && run.outcome !== "aborted" ? <p>{ADVICE[run.outcome ?? ""]}</p> : null}
-      {run.samples.length > 1 ? <Tracking samples={run.samples} plan={plan} /> : null}
+      {run.reason ? <p class="soft">{plainWords(run.reason)}</p> : null}
+      {ended && run.outcome !== "completed" && run.outcome !== "aborted" ? <p>{adviceAfter(run.outcome, run.reason)}</p> : null}
+      {run.samples.length > 1 && !run.dryRun ? <Tracking samples={run.samples} plan={plan} /> : null}
       {ended ? <Numbers run={run} plan={plan} /> : null}
     </div>
   );
+}
+
+/** Which throw it is: when, where to, and by which id; a past one can be left, or asked for again. */
+function RunHead({ run, plan }: { run: Run; plan: Plan | null }): JSX.Element {
+  const aim = plan && aimOf(plan);
+  return (
+    <div class="run-head">
+      <p class="soft">
+        {run.createdAt ? dateWords(run.createdAt) : ""}
+        {aim ? `, to ${placeWords(aim, floorZ.value)}` : ""}
+        {" · "}
+        <a href={hashOf({ kind: "execution", id: run.id })} aria-label={`Execution ${run.id}`}>
+          <code>{run.id}</code>
+        </a>
+      </p>
+      {viewing.value === run.id ? (
+        <div class="actions">
+          <button type="button" class="quiet small" onClick={leavePast}>
+            Back to the request
+          </button>
+          {plan ? (
+            <button type="button" class="quiet small" onClick={() => takeRequest(plan)}>
+              Take its request
+            </button>
+          ) : null}
+        </div>
+      ) : null}
+    </div>
+  );
+}
+
+function phaseWords(phase: string, run: Run): string {
+  return phase === "streaming" && run.dryRun ? "Rehearsing" : (PHASE_WORDS[phase] ?? phase);
 }
 
 function phaseClass(phase: string, run: Run): string {
@@ -111,7 +148,7 @@ function Tracking({ samples, plan }: { samples: readonly Sample[]; plan: Plan | 
 function Numbers({ run, plan }: { run: Run; plan: Plan | null }): JSX.Element {
   const observed = observedError(run.id, plan);
   const metrics = run.metrics ?? {};
-  const rest = Object.entries(metrics).filter(([, value]) => value !== null && typeof value !== "object");
+  const rest = metricRows(metrics);
   return (
     <>
       <dl class="key-numbers">
@@ -133,7 +170,7 @@ function Numbers({ run, plan }: { run: Run; plan: Plan | null }): JSX.Element {
             {rest.map(([name, value]) => (
               <div key={name}>
                 <dt>{name}</dt>
-                <dd>{typeof value === "number" ? figure(value, 4) : String(value)}</dd>
+                <dd>{value}</dd>
               </div>
             ))}
           </dl>

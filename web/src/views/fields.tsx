@@ -1,7 +1,10 @@
 // Form fields: text that reads as numbers, shown shortened while nobody types in it.
 
 import type { ComponentChildren, JSX } from "preact";
-import { useState } from "preact/hooks";
+import { useId, useState } from "preact/hooks";
+
+import { isNumber } from "../state/draft";
+import { faults } from "../state/store";
 
 /** A long number as it is shown: the exact one stays in the request. */
 export function shortened(text: string): string {
@@ -14,20 +17,28 @@ interface NumberFieldProps {
   readonly value: string;
   readonly placeholder?: string;
   readonly name?: string; // accessible name, where the label alone is not enough
+  readonly path?: string; // in the request, by which the service names it
+  readonly several?: boolean; // one number or six
   readonly onInput: (value: string) => void;
 }
 
-export function NumberField({ label, unit, value, placeholder, name, onInput }: NumberFieldProps): JSX.Element {
+export function NumberField({ label, unit, value, placeholder, name, path, several, onInput }: NumberFieldProps): JSX.Element {
   const [typing, setTyping] = useState(false);
+  const id = useId();
+  const isWrong = !typing && !(several ? value.split(/[\s,;]+/) : [value]).every(isNumber);
+  const fault = (path === undefined ? undefined : faultAt(path)) ?? (isWrong ? "not a number" : undefined);
   return (
-    <label class="field">
+    <label class={`field ${fault === undefined ? "" : "wrong"}`}>
       <span>
         {label}
         {unit ? <span class="unit"> [{unit}]</span> : null}
       </span>
       <input
         type="text"
-        aria-label={name}
+        aria-label={name ?? (unit ? `${label} [${unit}]` : label)}
+        aria-invalid={fault !== undefined}
+        aria-describedby={fault === undefined ? undefined : id}
+        title={fault}
         inputMode="decimal"
         autocomplete="off"
         spellcheck={false}
@@ -39,8 +50,14 @@ export function NumberField({ label, unit, value, placeholder, name, onInput }: 
           onInput(event.currentTarget.value);
         }}
       />
+      {fault === undefined ? null : <small id={id}>{fault}</small>}
     </label>
   );
+}
+
+/** What is wrong with a field: of its own, or of all that it is one of. */
+function faultAt(path: string): string | undefined {
+  return faults.value[path] ?? faults.value[path.replace(/\[\d+\]$/, "")];
 }
 
 interface VectorFieldProps {
@@ -49,12 +66,13 @@ interface VectorFieldProps {
   readonly names: readonly string[];
   readonly values: readonly string[];
   readonly placeholder?: string;
+  readonly path?: string;
   readonly onInput: (values: readonly string[]) => void;
   readonly children?: ComponentChildren;
 }
 
 /** Several numbers under one legend. */
-export function VectorField({ legend, unit, names, values, placeholder, onInput, children }: VectorFieldProps): JSX.Element {
+export function VectorField({ legend, unit, names, values, placeholder, path, onInput, children }: VectorFieldProps): JSX.Element {
   return (
     <fieldset class="vector">
       <legend>
@@ -69,6 +87,7 @@ export function VectorField({ legend, unit, names, values, placeholder, onInput,
             name={`${legend === "Target" ? "" : `${legend} `}${name} [${unit}]`}
             value={values[i] ?? ""}
             {...(placeholder === undefined ? {} : { placeholder })}
+            {...(path === undefined ? {} : { path: `${path}[${i}]` })}
             onInput={(value) => onInput(values.map((old, j) => (j === i ? value : old)))}
           />
         ))}

@@ -2,8 +2,10 @@
 
 import type { JSX } from "preact";
 
+import type { CellSummary } from "../service/types";
 import { stop } from "../state/actions";
 import { cell, cellName, cells, cellStates, connection, dispatch, isReal, running } from "../state/store";
+import { armKind } from "../state/readiness";
 import { cellWords } from "../state/words";
 
 export function Header(): JSX.Element {
@@ -20,12 +22,12 @@ export function Header(): JSX.Element {
           {list.map((known) => (
             <option key={known.name} value={known.name} disabled={Boolean(known.error)}>
               {known.name}
-              {known.error ? " (refused)" : known.link_kind === "ur" ? " (real arm)" : ""}
+              {known.error ? " (refused)" : KIND_WORDS[armKind(known)]}
             </option>
           ))}
         </select>
       </div>
-      {isReal.value ? <span class="badge real">Real arm</span> : chosen ? <span class="badge">Simulated</span> : null}
+      {chosen ? <KindBadge chosen={chosen} /> : null}
       {words ? <span class={`state ${lost ? "idle" : words.tone}`} role="status">{lost ? "Not known" : words.headline}</span> : null}
       {cells.value === null && !lost ? <span class="state idle" role="status">Connecting …</span> : null}
       <nav aria-label="Documentation">
@@ -35,6 +37,15 @@ export function Header(): JSX.Element {
       <StopButton />
     </header>
   );
+}
+
+const KIND_WORDS = { real: " (real arm)", simulated: "", unproven: " (not on this machine)" } as const;
+
+function KindBadge({ chosen }: { chosen: CellSummary }): JSX.Element {
+  const kind = armKind(chosen);
+  if (kind === "real") return <span class="badge real">Real arm</span>;
+  if (kind === "unproven") return <span class="badge real">At {chosen.link_host}</span>;
+  return <span class="badge">Simulated</span>;
 }
 
 function StopButton(): JSX.Element {

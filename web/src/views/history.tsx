@@ -1,4 +1,4 @@
-// Past throws of the chosen cell: a list, a scatter of the landings round their targets, and what was learnt of it.
+// Past throws of the chosen cell: a list in pages, a scatter of the landings round their targets, and what was learnt of it.
 
 import type { JSX } from "preact";
 
@@ -6,33 +6,53 @@ import { call } from "../service/client";
 import { save } from "../service/save";
 import type { Execution } from "../service/types";
 import { newestResult } from "../state/landing-report";
-import { aimOf } from "../state/machine";
-import { showExecution } from "../state/follow";
+import { aimOf, placeWords } from "../state/machine";
+import { filterBy, listed, newer, older } from "../state/past";
+import { showPast } from "../state/follow";
 import { ellipseOf, type Offset, offsetFrom } from "../state/scatter";
-import { adopt, learn, revert } from "../state/actions";
-import { cellName, failed, history, landings, notice, profiles, targets } from "../state/store";
-import { figure, landingWords, length, outcomeTone, outcomeWords } from "../state/words";
+import { cellName, compared, failed, floorZ, history, landings, notice, targets, viewing } from "../state/store";
+import { dateWords, landingWords, length, OUTCOME_WORDS, outcomeTone, outcomeWords } from "../state/words";
 import { observedError } from "./execution";
+import { Comparison } from "./comparison";
+import { SelectField } from "./fields";
 import { Icon } from "./icons";
-
-const ROWS = 8;
+import { Profiles } from "./profiles";
 
 export function HistorySection(): JSX.Element {
   const own = history.value?.filter((run) => run.cell === cellName.value) ?? null;
+  const page = listed();
   return (
     <section class="card history" aria-labelledby="history-title">
       <h2 id="history-title">History</h2>
-      {own === null ? <p class="soft">Loading …</p> : null}
-      {own?.length === 0 ? <p class="soft">Nothing has been thrown on {cellName.value} yet.</p> : null}
-      {own && own.length > 0 ? (
+      {page === null ? <p class="soft">Loading …</p> : null}
+      {own?.length === 0 && page?.outcome === "" ? <p class="soft">Nothing has been thrown on {cellName.value} yet.</p> : null}
+      {own && own.length > 0 && page ? (
         <div class="past">
           <Scatter runs={own} />
-          <Table runs={own.slice(0, ROWS)} />
+          <div class="listed">
+            <Filter chosen={page.outcome} />
+            {page.runs.length > 0 ? <Table runs={page.runs} /> : <p class="soft">None ended so.</p>}
+            <div class="actions">
+              <button type="button" class="quiet small" disabled={page.before.length === 0} onClick={() => void newer()}>
+                Newer
+              </button>
+              <button type="button" class="quiet small" disabled={page.next === null} onClick={() => void older()}>
+                Older
+              </button>
+              <span class="hint">Page {page.before.length + 1}</span>
+            </div>
+          </div>
         </div>
       ) : null}
+      <Comparison />
       <Profiles />
     </section>
   );
+}
+
+function Filter({ chosen }: { chosen: string }): JSX.Element {
+  const outcomes = Object.entries(OUTCOME_WORDS);
+  return <SelectField label="Outcome" options={[["", "all"], ...outcomes]} value={chosen} onChoose={(outcome) => void filterBy(outcome)} />;
 }
 
 function Table({ runs }: { runs: readonly Execution[] }): JSX.Element {
@@ -42,23 +62,25 @@ function Table({ runs }: { runs: readonly Execution[] }): JSX.Element {
         <thead>
           <tr>
             <th scope="col">Time</th>
+            <th scope="col">Target</th>
             <th scope="col">Outcome</th>
             <th scope="col" class="number">Landing error</th>
             <th scope="col" class="number">Missed ticks</th>
             <th scope="col">Recording</th>
+            <th scope="col">Compare</th>
           </tr>
         </thead>
         <tbody>
           {runs.map((run) => (
-            <tr key={run.id}>
+            <tr key={run.id} class={run.id === viewing.value ? "shown" : ""}>
               <td>
-                <button type="button" class="link" aria-label={`Show the execution of ${timeOf(run)}`} onClick={() => void showExecution(run.id).catch(failed)}>
-                  {timeOf(run)}
+                <button type="button" class="link" aria-label={`Show the execution of ${dateWords(run.created_at)}`} onClick={() => void showPast(run.id).catch(failed)}>
+                  {dateWords(run.created_at)}
                 </button>
               </td>
+              <td class="place">{targetWords(run)}</td>
               <td class={run.outcome ? outcomeTone(run.outcome) : "busy"}>
-                {run.outcome ? outcomeWords(run) : "Running"}
-                {run.dry_run ? " (dry run)" : ""}
+                {run.outcome ? outcomeWords({ ...run, dryRun: run.dry_run }) : "Running"}
               </td>
               <td class="number">
                 {length(errorOf(run))}
@@ -73,6 +95,14 @@ function Table({ runs }: { runs: readonly Execution[] }): JSX.Element {
                   </>
                 ) : null}
               </td>
+              <td>
+                {run.state === "finished" ? (
+                  <input
+                    type="checkbox" aria-label={`Compare the execution of ${dateWords(run.created_at)}`} checked={compared.value.includes(run.id)}
+                    onChange={() => compare(run.id)}
+                  />
+                ) : null}
+              </td>
             </tr>
           ))}
         </tbody>
@@ -81,8 +111,15 @@ function Table({ runs }: { runs: readonly Execution[] }): JSX.Element {
   );
 }
 
-function timeOf(run: Execution): string {
-  return new Date(run.created_at).toLocaleTimeString();
+function targetWords(run: Execution): string {
+  const plan = targets.value[run.plan_id];
+  const aim = plan && aimOf(plan);
+  return aim ? placeWords(aim, floorZ.value) : "–";
+}
+
+/** Chooses an execution for the comparison, or leaves it out; a third takes the place of the first. */
+function compare(id: string): void {
+  compared.value = compared.value.includes(id) ? compared.value.filter((other) => other !== id) : [...compared.value, id].slice(-2);
 }
 
 function errorOf(run: Execution): number | null {
@@ -153,41 +190,4 @@ function Scatter({ runs }: { runs: readonly Execution[] }): JSX.Element | null {
       </figcaption>
     </figure>
   );
-}
-
-/** What was learnt of the cell, and which of it is in use. */
-function Profiles(): JSX.Element | null {
-  const list = profiles.value;
-  if (list === null || list.cell !== cellName.value) return null;
-  const used = list.profiles.find((profile) => profile.id === list.adopted) ?? null;
-  const newest = list.profiles[0] ?? null;
-  return (
-    <details class="options profiles">
-      <summary>What was learnt of this cell</summary>
-      <p class="soft">
-        {used ? `In use: ${profileWords(used)}.` : "In use: the cell file's numbers."}
-        {newest && newest.id !== list.adopted ? ` Newest: ${profileWords(newest)}.` : ""}
-      </p>
-      <div class="actions">
-        <button type="button" class="quiet small" onClick={() => void learn()}>
-          Estimate a profile
-        </button>
-        {newest && newest.id !== list.adopted ? (
-          <button type="button" class="quiet small" onClick={() => void adopt(newest.id)}>
-            Adopt the newest
-          </button>
-        ) : null}
-        {used ? (
-          <button type="button" class="quiet small" onClick={() => void revert()}>
-            Revert to the cell file
-          </button>
-        ) : null}
-      </div>
-    </details>
-  );
-}
-
-function profileWords(profile: { lag_s: number; delay_s: number; jitter_s: number; created_at: string }): string {
-  const ms = (seconds: number): string => `${figure(seconds * 1000, 3)} ms`;
-  return `lag ${ms(profile.lag_s)}, gripper ${ms(profile.delay_s)} ± ${ms(profile.jitter_s)}, of ${new Date(profile.created_at).toLocaleString()}`;
 }

@@ -4,11 +4,11 @@ import { useSignal } from "@preact/signals";
 import type { JSX } from "preact";
 
 import type { LandingAnswer, LandingRequest, Plan } from "../service/types";
-import { reportLanding } from "../state/actions";
+import { reportLanding, settleDoubt, withdrawLanding } from "../state/actions";
 import { placeReport, RESULTS, resultReport, targetRadius } from "../state/landing-report";
-import { aimOf } from "../state/machine";
-import { landings, landingStd, notice, picking } from "../state/store";
-import { landingWords } from "../state/words";
+import { aimOf, placeWords } from "../state/machine";
+import { doubt, floorZ, landings, landingStd, notice, picking } from "../state/store";
+import { landingWords, length } from "../state/words";
 import { NumberField, VectorField } from "./fields";
 
 export function LandingReports({ id, plan }: { id: string; plan: Plan | null }): JSX.Element {
@@ -16,13 +16,49 @@ export function LandingReports({ id, plan }: { id: string; plan: Plan | null }):
   return (
     <div class="landing">
       {known.length > 0 ? (
-        <ul aria-label="Reports of the landing">{known.map((landing) => <li key={landing.id}>{reportWords(landing)}</li>)}</ul>
+        <ul aria-label="Reports of the landing">{known.map((landing) => <Report key={landing.id} landing={landing} />)}</ul>
       ) : null}
+      {doubt.value?.id === id ? <Doubted distance_m={doubt.value.distance_m} plan={plan} /> : null}
       <details class="options">
         <summary>Report the landing</summary>
         <PlaceForm id={id} plan={plan} />
         <ResultForm id={id} plan={plan} />
       </details>
+    </div>
+  );
+}
+
+function Report({ landing }: { landing: LandingAnswer }): JSX.Element {
+  const isGone = landing.withdrawn_at !== null && landing.withdrawn_at !== undefined;
+  return (
+    <li class={isGone ? "withdrawn" : ""}>
+      {isGone ? <s>{reportWords(landing)}</s> : reportWords(landing)}
+      {isGone ? " – withdrawn" : null}
+      {isGone || landing.source === "sim-camera" ? null : (
+        <button type="button" class="link" onClick={() => void withdrawLanding(landing.execution_id, landing.id)}>
+          Withdraw
+        </button>
+      )}
+    </li>
+  );
+}
+
+/** A place that is likely a slip: of the hand, of the unit, or of the throw. */
+function Doubted({ distance_m, plan }: { distance_m: number; plan: Plan | null }): JSX.Element {
+  const planned = plan?.flight?.landing_point;
+  return (
+    <div class="problem" role="alertdialog" aria-label="Is this meant?">
+      <p>
+        This is {length(distance_m)} from where this throw was to land{planned ? `, ${placeWords(planned, floorZ.value)}` : ""}. Report it all the same?
+      </p>
+      <div class="actions">
+        <button type="button" class="quiet small" onClick={() => void settleDoubt(false)}>
+          No
+        </button>
+        <button type="button" class="quiet small" onClick={() => void settleDoubt(true)}>
+          Report it
+        </button>
+      </div>
     </div>
   );
 }

@@ -6,7 +6,7 @@ import { type CellDocument, geometryOf } from "../model/cell";
 import { toolPose } from "../model/chain";
 import { currentPositions, edit } from "../state/actions";
 import { BACKENDS, type Draft, type Kind, toolAt } from "../state/draft";
-import { answered, cellState, draft, dryRun, mode, model } from "../state/store";
+import { cellState, draft, dryRun, mode, model } from "../state/store";
 import { Choice, NumberField, SelectField, VectorField } from "./fields";
 
 const XYZ = ["x", "y", "z"] as const;
@@ -29,7 +29,7 @@ export function RequestFields(): JSX.Element {
   return (
     <>
       <Choice legend="What is asked for" name="kind" options={KINDS} value={asked.kind} onChoose={(kind) => edit({ kind })} />
-      {asked.kind === "target" && answered.value ? null : <p class="hint">{KIND_WORDS[asked.kind]}</p>}
+      <p class="hint">{KIND_WORDS[asked.kind]}</p>
       {asked.kind === "target" ? <TargetFields draft={asked} /> : null}
       {asked.kind === "point" || asked.kind === "pose" ? <ToolFields draft={asked} /> : null}
       {asked.kind === "joint" ? <JointFields draft={asked} /> : null}
@@ -41,15 +41,15 @@ export function RequestFields(): JSX.Element {
 function TargetFields({ draft }: { draft: Draft }): JSX.Element {
   return (
     <>
-      <VectorField legend="Target" unit="m" names={XYZ} values={draft.target} onInput={(target) => edit({ target })} />
+      <VectorField legend="Target" unit="m" path="release.position" names={XYZ} values={draft.target} onInput={(target) => edit({ target })} />
       <label class="check">
         <input type="checkbox" checked={draft.bin} onChange={(event) => edit({ bin: event.currentTarget.checked })} />
         <span>A round bin stands there</span>
       </label>
       {draft.bin ? (
         <div class="numbers of-2">
-          <NumberField label="Radius" unit="m" value={draft.binRadius} onInput={(binRadius) => edit({ binRadius })} />
-          <NumberField label="Rim height" unit="m" value={draft.binRim} onInput={(binRim) => edit({ binRim })} />
+          <NumberField label="Radius" unit="m" path="release.opening.radius_m" value={draft.binRadius} onInput={(binRadius) => edit({ binRadius })} />
+          <NumberField label="Rim height" unit="m" path="release.opening.rim_height_m" value={draft.binRim} onInput={(binRim) => edit({ binRim })} />
         </div>
       ) : null}
     </>
@@ -59,10 +59,10 @@ function TargetFields({ draft }: { draft: Draft }): JSX.Element {
 function ToolFields({ draft }: { draft: Draft }): JSX.Element {
   return (
     <>
-      <VectorField legend="Tool at the release" unit="m" names={XYZ} values={draft.position} onInput={(position) => edit({ position })}>
+      <VectorField legend="Tool at the release" unit="m" path={draft.kind === "point" ? "release.position" : "release.pose.position"} names={XYZ} values={draft.position} onInput={(position) => edit({ position })}>
         <FromHere onPositions={(q) => model.value && edit(toolAt(draft, toolPose(geometryOf(model.value as CellDocument).chain, q.map(Number))))} />
       </VectorField>
-      <VectorField legend="Its velocity" unit="m/s" names={XYZ} values={draft.velocity} onInput={(velocity) => edit({ velocity })} />
+      <VectorField legend="Its velocity" unit="m/s" path={draft.kind === "point" ? "release.velocity" : "release.twist.linear"} names={XYZ} values={draft.velocity} onInput={(velocity) => edit({ velocity })} />
       {draft.kind === "pose" ? <PoseFields draft={draft} /> : null}
     </>
   );
@@ -78,12 +78,12 @@ function PoseFields({ draft }: { draft: Draft }): JSX.Element {
         onChoose={(orientation) => edit({ orientation })}
       />
       {draft.orientation === "quaternion" ? (
-        <VectorField legend="Quaternion" unit="–" names={["x", "y", "z", "w"]} values={draft.quaternion} onInput={(quaternion) => edit({ quaternion })} />
+        <VectorField legend="Quaternion" unit="–" path="release.pose.quaternion" names={["x", "y", "z", "w"]} values={draft.quaternion} onInput={(quaternion) => edit({ quaternion })} />
       ) : (
-        <VectorField legend="Rotation vector" unit="rad" names={XYZ} values={draft.rotationVector} onInput={(rotationVector) => edit({ rotationVector })} />
+        <VectorField legend="Rotation vector" unit="rad" path="release.pose.rotation_vector" names={XYZ} values={draft.rotationVector} onInput={(rotationVector) => edit({ rotationVector })} />
       )}
       <VectorField
-        legend="Angular velocity" unit="rad/s" names={XYZ} values={draft.angularVelocity}
+        legend="Angular velocity" unit="rad/s" path="release.twist.angular" names={XYZ} values={draft.angularVelocity}
         onInput={(angularVelocity) => edit({ angularVelocity })}
       />
     </>
@@ -108,13 +108,13 @@ function JointFields({ draft }: { draft: Draft }): JSX.Element {
   return (
     <>
       <VectorField
-        legend="Joint positions" unit="rad" names={JOINT_NAMES} values={draft.jointPositions}
+        legend="Joint positions" unit="rad" path="release.positions" names={JOINT_NAMES} values={draft.jointPositions}
         onInput={(jointPositions) => edit({ jointPositions })}
       >
         <FromHere onPositions={(jointPositions) => edit({ jointPositions })} />
       </VectorField>
       <VectorField
-        legend="Joint velocities" unit="rad/s" names={JOINT_NAMES} values={draft.jointVelocities}
+        legend="Joint velocities" unit="rad/s" path="release.velocities" names={JOINT_NAMES} values={draft.jointVelocities}
         onInput={(jointVelocities) => edit({ jointVelocities })}
       />
     </>
@@ -133,7 +133,7 @@ function Options({ draft }: { draft: Draft }): JSX.Element {
       />
       {draft.start === "positions" ? (
         <VectorField
-          legend="Start positions" unit="rad" names={JOINT_NAMES} values={draft.startPositions}
+          legend="Start positions" unit="rad" path="start.positions" names={JOINT_NAMES} values={draft.startPositions}
           onInput={(startPositions) => edit({ startPositions })}
         >
           <FromHere onPositions={(startPositions) => edit({ startPositions })} />
@@ -141,8 +141,8 @@ function Options({ draft }: { draft: Draft }): JSX.Element {
       ) : null}
       {draft.kind === "target" ? <TargetOptions draft={draft} /> : null}
       <div class="numbers of-2">
-        <NumberField label="Release window ±" unit="s" value={draft.window} placeholder="default" onInput={(window) => edit({ window })} />
-        <NumberField label="Landing tolerance" unit="m" value={draft.tolerance} placeholder="default" onInput={(tolerance) => edit({ tolerance })} />
+        <NumberField label="Release window ±" unit="s" path="release_window_s" value={draft.window} placeholder="default" onInput={(window) => edit({ window })} />
+        <NumberField label="Landing tolerance" unit="m" path="landing_tolerance_m" value={draft.tolerance} placeholder="default" onInput={(tolerance) => edit({ tolerance })} />
       </div>
       <LimitOptions draft={draft} />
       <div class="numbers of-2">
@@ -154,7 +154,7 @@ function Options({ draft }: { draft: Draft }): JSX.Element {
           label="Back end" options={BACKENDS.map((name) => [name, name] as const)} value={draft.backend}
           onChoose={(backend) => edit({ backend })}
         />
-        <NumberField label="Time limit" unit="s" value={draft.timeLimit} placeholder="120" onInput={(timeLimit) => edit({ timeLimit })} />
+        <NumberField label="Time limit" unit="s" path="time_limit_s" value={draft.timeLimit} placeholder="120" onInput={(timeLimit) => edit({ timeLimit })} />
         <SelectField
           label="Stream by" options={[["speedj", "speedj"], ["servoj", "servoj"]]} value={mode.value}
           onChoose={(chosen) => (mode.value = chosen)}
@@ -172,14 +172,14 @@ function TargetOptions({ draft }: { draft: Draft }): JSX.Element {
   return (
     <>
       <div class="numbers of-2">
-        <NumberField label="Speed at most" unit="m/s" value={draft.maxSpeed} placeholder="free" onInput={(maxSpeed) => edit({ maxSpeed })} />
-        <NumberField label="Distance at least" unit="m" value={draft.minDistance} placeholder="free" onInput={(minDistance) => edit({ minDistance })} />
-        <NumberField label="Elevation from" unit="rad" value={draft.minElevation} placeholder="free" onInput={(minElevation) => edit({ minElevation })} />
-        <NumberField label="to" unit="rad" value={draft.maxElevation} placeholder="free" onInput={(maxElevation) => edit({ maxElevation })} />
-        <NumberField label="Hit probability" value={draft.hitProbability} placeholder="any" onInput={(hitProbability) => edit({ hitProbability })} />
+        <NumberField label="Speed at most" unit="m/s" path="release.max_release_speed_m_s" value={draft.maxSpeed} placeholder="free" onInput={(maxSpeed) => edit({ maxSpeed })} />
+        <NumberField label="Distance at least" unit="m" path="release.min_horizontal_distance_m" value={draft.minDistance} placeholder="free" onInput={(minDistance) => edit({ minDistance })} />
+        <NumberField label="Elevation from" unit="rad" path="release.min_elevation_rad" value={draft.minElevation} placeholder="free" onInput={(minElevation) => edit({ minElevation })} />
+        <NumberField label="to" unit="rad" path="release.max_elevation_rad" value={draft.maxElevation} placeholder="free" onInput={(maxElevation) => edit({ maxElevation })} />
+        <NumberField label="Hit probability" path="min_hit_probability" value={draft.hitProbability} placeholder="any" onInput={(hitProbability) => edit({ hitProbability })} />
       </div>
       <VectorField
-        legend="Release position" unit="m" names={XYZ} values={draft.releasePosition} placeholder="free"
+        legend="Release position" unit="m" path="release.release_position" names={XYZ} values={draft.releasePosition} placeholder="free"
         onInput={(releasePosition) => edit({ releasePosition })}
       />
     </>
@@ -191,10 +191,10 @@ function LimitOptions({ draft }: { draft: Draft }): JSX.Element {
     <>
       <p class="hint">Limits may only be tighter than the cell's: one number, or six.</p>
       <div class="numbers of-2">
-        <NumberField label="Joint velocity" unit="rad/s" value={draft.velocityLimit} placeholder="the cell's" onInput={(velocityLimit) => edit({ velocityLimit })} />
-        <NumberField label="Acceleration" unit="rad/s²" value={draft.accelerationLimit} placeholder="the cell's" onInput={(accelerationLimit) => edit({ accelerationLimit })} />
-        <NumberField label="Jerk" unit="rad/s³" value={draft.jerkLimit} placeholder="the cell's" onInput={(jerkLimit) => edit({ jerkLimit })} />
-        <NumberField label="Singularity distance" unit="–" value={draft.singularityDistance} placeholder="the cell's" onInput={(singularityDistance) => edit({ singularityDistance })} />
+        <NumberField label="Joint velocity" unit="rad/s" path="limits.velocity" several value={draft.velocityLimit} placeholder="the cell's" onInput={(velocityLimit) => edit({ velocityLimit })} />
+        <NumberField label="Acceleration" unit="rad/s²" path="limits.acceleration" several value={draft.accelerationLimit} placeholder="the cell's" onInput={(accelerationLimit) => edit({ accelerationLimit })} />
+        <NumberField label="Jerk" unit="rad/s³" path="limits.jerk" several value={draft.jerkLimit} placeholder="the cell's" onInput={(jerkLimit) => edit({ jerkLimit })} />
+        <NumberField label="Singularity distance" unit="–" path="singularity_distance_min" value={draft.singularityDistance} placeholder="the cell's" onInput={(singularityDistance) => edit({ singularityDistance })} />
       </div>
     </>
   );

@@ -5,6 +5,7 @@ import type { JSX } from "preact";
 import type { CellSummary } from "../service/types";
 import { acknowledge } from "../state/actions";
 import { cellName, cells, cellStates, dispatch } from "../state/store";
+import { armKind } from "../state/readiness";
 import { cellWords } from "../state/words";
 
 export function RobotsSection(): JSX.Element {
@@ -21,7 +22,7 @@ export function RobotsSection(): JSX.Element {
 
 function CellRow({ known }: { known: CellSummary }): JSX.Element {
   const words = cellWords(known, cellStates.value[known.name] ?? null);
-  const real = known.link_kind === "ur";
+  const kind = armKind(known);
   const chosen = known.name === cellName.value;
   return (
     <li class={chosen ? "chosen" : ""}>
@@ -30,12 +31,14 @@ function CellRow({ known }: { known: CellSummary }): JSX.Element {
           {known.name}
         </button>
         <span class="soft">{known.robot?.toUpperCase() ?? ""}</span>
-        {real ? <span class="badge real">real arm</span> : known.robot ? <span class="badge">simulated</span> : null}
+        {kind === "real" ? <span class="badge real">real arm</span> : null}
+        {kind === "unproven" ? <span class="badge real">at {known.link_host}</span> : null}
+        {kind === "simulated" && known.robot ? <span class="badge">simulated</span> : null}
         <span class={`state ${words.tone}`}>{words.headline}</span>
       </div>
       {words.reasons.map((reason) => <p class="soft" key={reason}>{reason}</p>)}
       {words.advice ? <p class="hint">{words.advice}</p> : null}
-      {words.fault ? (
+      {words.fault && !chosen ? (
         <button type="button" class="primary small" onClick={() => void acknowledge(known.name)}>
           Acknowledge
         </button>

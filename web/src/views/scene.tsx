@@ -4,10 +4,11 @@ import { effect, useSignal } from "@preact/signals";
 import type { JSX } from "preact";
 import { useEffect, useRef } from "preact/hooks";
 
-import type { CameraPreset, CreateScene, Insets, Landing, Obstacle, ReleaseGizmo, Scene, Vector3 } from "../scene/interface";
+import type { DrawnScene } from "../scene/drawn";
+import type { CameraPreset, CreateScene, Insets, Landing, LiveState, Obstacle, ReleaseGizmo, Scene, Target, Theme, Vector3 } from "../scene/interface";
+import { insetsFrom } from "../scene/insets";
 import { type Quaternion, quaternionOf, rotationVectorOf } from "../model/poses";
 import { landingCellAt } from "../model/throw-map";
-import { call } from "../service/client";
 import { save } from "../service/save";
 import { drag, drop, reportPointedAt, takeNearest } from "../state/actions";
 import { type Draft, vector } from "../state/draft";
@@ -18,7 +19,8 @@ import {
 import { seenAt } from "../state/scatter";
 import { SceneKey } from "./scene-key";
 
-const LOADERS = import.meta.glob<{ createScene: CreateScene }>("../scene/index.ts");
+type CreateDrawnScene = (host: HTMLElement, theme: Theme) => DrawnScene;
+const LOADERS = import.meta.glob<{ createScene: CreateScene; createDrawnScene: CreateDrawnScene }>("../scene/index.ts");
 
 const CAMERAS: readonly (readonly [CameraPreset, string])[] = [
   ["overview", "Overview"],
@@ -31,6 +33,7 @@ const CAMERAS: readonly (readonly [CameraPreset, string])[] = [
 export function SceneSection(): JSX.Element {
   const canvas = useRef<HTMLCanvasElement>(null);
   const scene = useRef<Scene | null>(null);
+  const drawings = useRef<HTMLDivElement>(null);
   const failure = useSignal<string | null>(null);
   useEffect(() => {
     let ends: (() => void) | null = null;
@@ -41,8 +44,17 @@ export function SceneSection(): JSX.Element {
       scene.current = loaded;
       ends = keepInStep(loaded, canvas.current);
     });
+    const drawnInstead = effect(() => {
+      if (failure.value === null || drawings.current === null) return;
+      void LOADERS["../scene/index.ts"]?.().then(({ createDrawnScene }) => {
+        if (over || drawings.current === null) return;
+        ends?.();
+        ends = keepDrawn(createDrawnScene(drawings.current, dark.peek() ? "dark" : "light"), drawings.current);
+      });
+    });
     return () => {
       over = true;
+      drawnInstead();
       ends?.();
       scene.current?.dispose();
     };
@@ -50,24 +62,33 @@ export function SceneSection(): JSX.Element {
   return (
     <section class={`scene ${standing.value} ${picking.value ? "picking" : ""}`} aria-label="Scene">
       <canvas ref={canvas} tabIndex={0} role="img" aria-label={sceneWords()} hidden={failure.value !== null} />
-      {failure.value === null ? null : <Picture reason={failure.value} />}
+      <div class="drawn-views" ref={drawings} hidden={failure.value === null} role="img" aria-label={sceneWords()} />
+      {failure.value ? <p class="soft drawn-reason">This browser draws no moving scene ({failure.value}): two views instead.</p> : null}
       <SceneKey />
-      <div class="cameras" role="group" aria-label="Camera">
+      <div class="cameras" role="group" aria-label="Camera" hidden={failure.value !== null}>
         {CAMERAS.map(([preset, text]) => (
-          <button key={preset} type="button" class="chip" disabled={failure.value !== null} onClick={() => scene.current?.setCamera(preset)}>
+          <button key={preset} type="button" class="chip" onClick={() => scene.current?.setCamera(preset)}>
             {text}
           </button>
         ))}
-        <button type="button" class="chip save" disabled={failure.value !== null} aria-label="Save the view as PNG" onClick={() => void saveView(scene.current, "png")}>
+        <button type="button" class="chip" aria-label="Zoom in" onClick={() => scene.current?.zoom(1 / ZOOM)}>
+          +
+        </button>
+        <button type="button" class="chip" aria-label="Zoom out" onClick={() => scene.current?.zoom(ZOOM)}>
+          −
+        </button>
+        <button type="button" class="chip save" aria-label="Save the view as PNG" onClick={() => void saveView(scene.current, "png")}>
           PNG
         </button>
-        <button type="button" class="chip save" disabled={failure.value !== null} aria-label="Save the view as SVG" onClick={() => void saveView(scene.current, "svg")}>
+        <button type="button" class="chip save" aria-label="Save the view as SVG" onClick={() => void saveView(scene.current, "svg")}>
           SVG
         </button>
       </div>
     </section>
   );
 }
+
+const ZOOM = 1.4; // of a step
 
 /** What the picture shows, for those who do not see it. */
 function sceneWords(): string {
@@ -141,6 +162,12 @@ function keepInStep(scene: Scene, canvas: HTMLCanvasElement | null): () => void 
     if (canvas) scene.setInsets(insetsOf(canvas));
   });
   if (canvas?.parentElement) observer.observe(canvas.parentElement);
+  let due = 0;
+  const scrolled = (): void => {
+    clearTimeout(due);
+    due = window.setTimeout(() => canvas && scene.setInsets(insetsOf(canvas)), SCROLLED_MS);
+  };
+  addEventListener("scroll", scrolled, { passive: true });
   const ends = [
     effect(() => {
       if (model.value !== null) scene.setModel(model.value);
@@ -158,22 +185,45 @@ function keepInStep(scene: Scene, canvas: HTMLCanvasElement | null): () => void 
   ];
   return () => {
     observer.disconnect();
+    removeEventListener("scroll", scrolled);
+    clearTimeout(due);
     for (const end of ends) end();
   };
 }
 
-/** How much of the scene's edges the panels cover [px]; nothing where they stand beside it. */
-function insetsOf(canvas: HTMLCanvasElement): Insets {
-  const { left, right, top, bottom } = canvas.getBoundingClientRect();
-  const covered = (selector: string): DOMRect | null => {
-    const box = document.querySelector(selector)?.getBoundingClientRect();
-    return box && box.left < right && box.right > left && box.top < bottom && box.bottom > top && box.width < right - left ? box : null;
+/** The same for the two drawn views. */
+function keepDrawn(scene: DrawnScene, host: HTMLElement): () => void {
+  const observer = new ResizeObserver(() => scene.resize());
+  observer.observe(host);
+  const ends = [
+    effect(() => {
+      if (model.value !== null) scene.setModel(model.value);
+    }),
+    effect(() => {
+      void model.value;
+      scene.setPlan(shown.value, "valid");
+    }),
+    effect(() => scene.setTime(time.value)),
+    effect(() => scene.setLive(liveArm())),
+    effect(() => scene.setTarget(askedTarget())),
+    effect(() => scene.setNearest(nearestPlace())),
+    effect(() => showLandings(scene)),
+    effect(() => scene.setTheme(dark.value ? "dark" : "light")),
+    effect(() => showMap(scene)),
+  ];
+  return () => {
+    observer.disconnect();
+    for (const end of ends) end();
+    scene.dispose();
   };
-  const [panel, card] = [covered(".panel.request"), covered(".side")];
-  return { left: panel ? panel.right - left : 0, right: card ? right - card.left : 0, top: 0, bottom: BAR_PX };
 }
 
-const BAR_PX = 44; // [px] the cameras' buttons at the lower edge
+const SCROLLED_MS = 150; // [ms] after a person has scrolled: a sheet may cover more of the scene now
+
+function insetsOf(canvas: HTMLCanvasElement): Insets {
+  const panels = [".panel.request", ".side"].map((selector) => document.querySelector(selector)?.getBoundingClientRect());
+  return insetsFrom(canvas.getBoundingClientRect(), panels.filter((box) => box !== undefined));
+}
 
 function showPlan(scene: Scene): void {
   void model.value; // a new model clears the scene
@@ -183,31 +233,40 @@ function showPlan(scene: Scene): void {
   scene.setPlan(plan, dragged ? "preview" : own && standing.value === "stale" ? "stale" : "valid");
 }
 
-/** The solid arm: from telemetry while something runs, from the plan while nothing does. */
 function showLive(scene: Scene): void {
   void model.value;
+  scene.setLive(liveArm());
+}
+
+/** The solid arm: from telemetry while something runs, from the plan while nothing does (null). */
+function liveArm(): LiveState | null {
   const run = execution.value;
   const robot = cellState.value?.robot as { positions?: number[]; connected?: boolean } | null | undefined;
   const sample = run?.samples.at(-1);
   const release = shown.value?.release_time_s ?? Infinity;
   if (running.value) {
     const positions = sample?.positions ?? robot?.positions;
-    if (positions) scene.setLive({ positions, connected: true, object: sample && sample.clock_s > release ? "gone" : "held" });
-    return;
+    const object = sample && sample.clock_s > release && !run?.dryRun ? "gone" : "held";
+    return positions ? { positions, connected: true, object } : null;
   }
   const beside = strayed.value;
   const stands = shown.value === null || beside !== null;
   const object = beside?.released ? "gone" : "held";
-  if (stands && robot?.positions) scene.setLive({ positions: robot.positions, connected: robot.connected !== false, object });
-  else scene.setLive(null);
+  return stands && robot?.positions ? { positions: robot.positions, connected: robot.connected !== false, object } : null;
+}
+
+function askedTarget(): Target | null {
+  const asked = draft.value;
+  const target = asked.kind === "target" && asked.frame === "world" ? vector(asked.target) : null;
+  const opening = asked.bin ? { radius_m: Number(asked.binRadius) || 0.1, rim_height_m: Number(asked.binRim) || 0 } : null;
+  return target ? { position: target, opening } : null;
 }
 
 function showRequest(scene: Scene): void {
   void model.value;
   const asked = draft.value;
-  const target = asked.kind === "target" && asked.frame === "world" ? vector(asked.target) : null;
-  const opening = asked.bin ? { radius_m: Number(asked.binRadius) || 0.1, rim_height_m: Number(asked.binRim) || 0 } : null;
-  scene.setTarget(target ? { position: target, opening } : null);
+  const target = askedTarget();
+  scene.setTarget(target);
   const tool = (asked.kind === "point" || asked.kind === "pose") && asked.frame === "world";
   const position = tool ? vector(asked.position) : null;
   const velocity = tool ? vector(asked.velocity) : null;
@@ -230,9 +289,13 @@ function orientationOf(asked: Draft): Quaternion | null {
 function showRefusal(scene: Scene): void {
   void model.value;
   const refusal = problem.value;
-  const nearest = refusal?.nearest?.release as { position?: number[] } | undefined;
-  scene.setNearest(nearest?.position ? (nearest.position as unknown as Vector3) : null);
+  scene.setNearest(nearestPlace());
   scene.setObstacles((refusal?.violations ?? []).map((violation) => obstacleOf(violation)));
+}
+
+function nearestPlace(): Vector3 | null {
+  const nearest = problem.value?.nearest?.release as { position?: number[] } | undefined;
+  return nearest?.position ? (nearest.position as unknown as Vector3) : null;
 }
 
 const JOINT_NAMES = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"];
@@ -251,7 +314,7 @@ function obstacleOf(violation: { constraint: string; value: number | null; limit
   };
 }
 
-function showMap(scene: Scene): void {
+function showMap(scene: Pick<Scene, "setMap">): void {
   void model.value;
   const [map, picture] = [throwMap.value, mapPicture.value];
   if (map === null || picture === null) return scene.setMap(null);
@@ -267,7 +330,7 @@ function planAt([x, y, z]: Vector3): void {
   if (centre) drop({ kind: "target", frame: "world", target: rounded([...centre, z]) });
 }
 
-function showLandings(scene: Scene): void {
+function showLandings(scene: Pick<Scene, "setLandings">): void {
   void model.value;
   const newest = runId.value;
   const own = new Set(history.value?.filter((run) => run.cell === cellName.value).map((run) => run.id));
@@ -281,29 +344,4 @@ function showLandings(scene: Scene): void {
 async function saveView(scene: Scene | null, form: "png" | "svg"): Promise<void> {
   if (scene === null) return;
   save(form === "png" ? await scene.png() : new Blob([scene.svg()], { type: "image/svg+xml" }), `scene.${form}`);
-}
-
-/** Two views of the plan, drawn by the service: where the browser cannot draw the scene. */
-function Picture({ reason }: { reason: string }): JSX.Element {
-  const host = useRef<HTMLDivElement>(null);
-  const id = shown.value?.id ?? null;
-  useEffect(() => {
-    if (id) void drawPicture(id, host.current);
-    else host.current?.replaceChildren();
-  }, [id]);
-  return (
-    <>
-      {reason ? <p class="soft picture-reason">This browser cannot draw the scene ({reason}); two views instead.</p> : null}
-      <div class="picture-host" ref={host} />
-    </>
-  );
-}
-
-async function drawPicture(id: string, host: HTMLElement | null): Promise<void> {
-  try {
-    const text = await (await call("GET", `/plans/${id}/picture.svg`)).text();
-    host?.replaceChildren(document.importNode(new DOMParser().parseFromString(text, "image/svg+xml").documentElement, true));
-  } catch {
-    host?.replaceChildren();
-  }
 }

@@ -6,14 +6,25 @@ import { useEffect, useRef } from "preact/hooks";
 
 import { execute, plan, takeNearest } from "../state/actions";
 import { throwLabel } from "../state/machine";
-import { answered, armed, cellName, dryRun, isPlanning, isReal, mode, preview, problem, running, standing } from "../state/store";
-import { against, constraintWords, figure, foundWords, planWords, timingWords } from "../state/words";
+import {
+  answered, armed, cell, cellName, dryRun, faults, floorZ, isPlanning, isReal, mode, obstacle, preview, problem, running, standing,
+} from "../state/store";
+import { against, constraintWords, figure, foundWords, plainWords, planWords, timingWords } from "../state/words";
 import { RequestFields } from "./request";
 
 export function ThrowPanel(): JSX.Element {
   const planning = isPlanning.value;
+  const form = useRef<HTMLFormElement>(null);
+  const wrong = faults.value;
+  useEffect(() => {
+    if (Object.keys(wrong).length === 0) return;
+    const first = form.current?.querySelector<HTMLElement>("[aria-invalid=true]");
+    for (let around = first?.closest("details"); around; around = around.parentElement?.closest("details")) around.open = true;
+    first?.focus();
+  }, [wrong]);
   return (
     <form
+      ref={form}
       class="panel request"
       aria-label="Request"
       onSubmit={(event) => {
@@ -30,6 +41,7 @@ export function ThrowPanel(): JSX.Element {
         </button>
         <span class="sr-only" role="status">{planning ? "Planning" : ""}</span>
         <ThrowButton />
+        <WhyNot />
       </div>
     </form>
   );
@@ -89,13 +101,13 @@ function ProblemCard(): JSX.Element | null {
               {violation.value !== null && violation.limit !== null
                 ? `: ${against(violation.value, violation.limit, violation.unit)}`
                 : ""}
-              {violation.detail ? ` (${violation.detail})` : ""}
+              {violation.detail ? ` (${plainWords(violation.detail)})` : ""}
               <span class="soft">{violation.proven ? " – proven" : " – searched for in vain"}</span>
             </li>
           ))}
         </ul>
       ) : (
-        <p>{refusal.detail}</p>
+        <p>{plainWords(refusal.detail)}</p>
       )}
       {refusal.nearest ? (
         <p>
@@ -115,6 +127,21 @@ function nearestWords({ release, release_window_s: window_s }: { release: { kind
   return `the closest that this cell can do${place}${timing}`;
 }
 
+/** Why a plan that answers the request cannot be thrown now; null where it can, or where something runs. */
+function whyNot(): string | null {
+  return standing.value === "valid" && !running.value ? obstacle.value : null;
+}
+
+function WhyNot(): JSX.Element | null {
+  const reason = whyNot();
+  if (reason === null) return null;
+  return (
+    <p class="why" id="why-not" role="status">
+      {reason}
+    </p>
+  );
+}
+
 /** While something runs it waits, and keeps the focus: a button that is disabled loses it. */
 function ThrowButton(): JSX.Element {
   const asking = useSignal(false);
@@ -129,9 +156,9 @@ function ThrowButton(): JSX.Element {
     <>
       <button
         type="button" class={`throw ${real ? "real" : "primary"}`} disabled={!armed.value && !running.value}
-        aria-disabled={!armed.value} onClick={act}
+        aria-disabled={!armed.value} aria-describedby={whyNot() === null ? undefined : "why-not"} onClick={act}
       >
-        {throwLabel(current)}
+        {throwLabel(current, floorZ.value)}
       </button>
       {asking.value && armed.value && !running.value ? (
         <AskOnceMore
@@ -155,7 +182,7 @@ function AskOnceMore({ onYes, onNo }: { onYes: () => void; onNo: () => void }): 
     <dialog ref={dialog} class="ask" aria-labelledby="ask-title" onClose={onNo}>
       <h2 id="ask-title">A real arm will move</h2>
       <p>
-        <b>{current?.cell}</b> is not a simulation. {current ? planWords(current) : ""} Is everybody out of reach of the arm and of
+        <b>{current?.cell}</b> {cell.value?.link_kind === "ur" ? "is not a simulation." : `says that it is a simulation, but ${cell.value?.link_host} is not on this machine.`} {throwLabel(current, floorZ.value)}. {current ? planWords(current) : ""} Is everybody out of reach of the arm and of
         the flight, and the emergency stop in your hand?
       </p>
       <div class="actions">

@@ -1,27 +1,41 @@
 // The timeline: one cursor for scene and curves, and the curves against their limits.
 
-import { useSignal, useSignalEffect } from "@preact/signals";
+import { signal, useSignalEffect } from "@preact/signals";
 import type { JSX } from "preact";
 import { useEffect, useMemo, useRef } from "preact/hooks";
 
-import { type Chart, type ChartColors, createChart } from "../curves/chart";
+import { type Chart, createChart, EDGES_PX } from "../curves/chart";
 import { curveDrawing } from "../curves/drawing";
 import { bindingCheck, type JointLimits, type Quantity, quantitiesOf } from "../curves/quantities";
+import { zoom } from "../curves/zoom";
 import { save } from "../service/save";
 import type { CellModel, Plan } from "../service/types";
-import { answered, curves, dark, endTime, model, playing, shown, standing, time } from "../state/store";
+import { answered, curves, dark, endTime, model, playing, shown, span, standing, time, zoomed } from "../state/store";
 import { figure } from "../state/words";
+import { chartColors } from "./colours";
 import { Icon } from "./icons";
 
 const HEIGHT_PX = 148;
+const SLOW = 0.125;
+const ZOOM = 2; // of a step
+
+const chosen = signal<string | null>(null); // quantity; null: the one whose limit binds
+const hidden = signal<readonly number[]>([]); // lines of it
 
 export function TimelineSection(): JSX.Element {
   const plan = shown.value;
   const stale = standing.value === "stale" && plan === answered.value;
+  const offered = useQuantities(plan);
   return (
     <section class={`timeline ${stale ? "stale" : ""}`} aria-label="Timeline">
-      <Transport />
-      {plan === null ? <p class="empty">The motion over time appears here: positions, speeds, torques, each with its limit.</p> : <Curves plan={plan} />}
+      <div class="timeline-head">
+        <Transport />
+        {offered ? <Quantities {...offered} /> : null}
+      </div>
+      <TimeSlider />
+      {plan === null ? <p class="empty">The motion over time appears here: positions, speeds, torques, each with its limit.</p> : null}
+      {plan !== null && offered === null ? <p class="empty">This plan came without its samples.</p> : null}
+      {plan !== null && offered !== null ? <Curves plan={plan} {...offered} /> : null}
     </section>
   );
 }
@@ -33,7 +47,6 @@ function Transport(): JSX.Element {
     if (playing.value === 0 && time.value >= end - 1e-6) time.value = 0;
     playing.value = playing.value === pace ? 0 : pace;
   };
-  const paused = playing.value === 0;
   return (
     <div class="transport">
       <button type="button" class="icon" disabled={off} aria-label={playing.value === 1 ? "Pause" : "Play"} onClick={() => toggle(1)}>
@@ -42,20 +55,42 @@ function Transport(): JSX.Element {
       <button type="button" class="icon slow" disabled={off} aria-pressed={playing.value === SLOW} aria-label="Slow motion" onClick={() => toggle(SLOW)}>
         ⅛×
       </button>
+      <output class="clock">{off ? "–" : `${time.value.toFixed(2)} / ${end.toFixed(2)} s`}</output>
+      <div class="zoom" role="group" aria-label="Zoom of the time">
+        <button type="button" class="chip" disabled={off} aria-label="Show less of the time" onClick={() => zoomAt(1 / ZOOM, time.value)}>
+          +
+        </button>
+        <button type="button" class="chip" disabled={off || zoomed.value === null} aria-label="Show more of the time" onClick={() => zoomAt(ZOOM, time.value)}>
+          −
+        </button>
+      </div>
+    </div>
+  );
+}
+
+function zoomAt(factor: number, at_s: number): void {
+  zoomed.value = zoom(span.value, factor, at_s, endTime.value);
+}
+
+/** The cursor, over the same time as the curves below it. */
+function TimeSlider(): JSX.Element {
+  const [from, to] = span.value;
+  const off = endTime.value === 0;
+  return (
+    <div class="time-slider" style={{ paddingLeft: `${EDGES_PX.left - THUMB_PX / 2}px`, paddingRight: `${EDGES_PX.right - THUMB_PX / 2}px` }}>
       <input
-        type="range" min="0" max={end || 1} step="0.002" disabled={off} aria-label="Time [s]" value={time.value}
-        aria-valuetext={`${time.value.toFixed(3)} s${paused ? "" : ", playing"}`}
+        type="range" min={from} max={to} step="0.002" disabled={off} aria-label="Time [s]" value={time.value}
+        aria-valuetext={`${time.value.toFixed(3)} s${playing.value === 0 ? "" : ", playing"}`}
         onInput={(event) => {
           playing.value = 0;
           time.value = Number(event.currentTarget.value);
         }}
       />
-      <output class="clock">{off ? "–" : `${time.value.toFixed(2)} / ${end.toFixed(2)} s`}</output>
     </div>
   );
 }
 
-const SLOW = 0.125;
+const THUMB_PX = 16; // [px] of the slider, as the style sheet has it
 
 /** Limits for the samples of a preview, which has no curves of the service's. */
 function limitsOf(cellModel: CellModel | null, plan: Plan): JointLimits {
@@ -72,35 +107,49 @@ function limitsOf(cellModel: CellModel | null, plan: Plan): JointLimits {
   };
 }
 
-function Curves({ plan }: { plan: Plan }): JSX.Element {
-  const chosen = useSignal<string | null>(null);
-  const hidden = useSignal<readonly number[]>([]);
-  const own = curves.value !== null && curves.value.planId === plan.id ? curves.value.value : null; // a preview has no id
-  const quantities = useMemo(() => quantitiesOf(plan, limitsOf(model.value, plan), own), [plan, own, model.value]);
-  const binding = bindingCheck(plan.certificate.checks);
-  const first = quantities.find((quantity) => quantity.check === binding?.name) ?? quantities[1];
+interface Offered {
+  readonly quantities: readonly Quantity[];
+  readonly quantity: Quantity; // the one that is shown
+  readonly binding: string | null; // name of the check whose limit binds
+}
+
+/** What can be drawn of a plan, and what of it is; null for nothing. */
+function useQuantities(plan: Plan | null): Offered | null {
+  const own = curves.value !== null && curves.value.planId === plan?.id ? curves.value.value : null; // a preview has no id
+  const cellModel = model.value;
+  const quantities = useMemo(() => (plan === null ? [] : quantitiesOf(plan, limitsOf(cellModel, plan), own)), [plan, own, cellModel]);
+  const binding = plan === null ? null : (bindingCheck(plan.certificate.checks)?.name ?? null);
+  const first = quantities.find((quantity) => quantity.check === binding) ?? quantities[1];
   const quantity = quantities.find(({ key }) => key === chosen.value) ?? first;
+  return quantity === undefined ? null : { quantities, quantity, binding };
+}
+
+function Quantities({ quantities, quantity, binding }: Offered): JSX.Element {
+  return (
+    <div class="quantities" role="group" aria-label="Quantity">
+      {quantities.map(({ key, label, check }) => (
+        <button
+          key={key} type="button" class={`chip ${check === binding ? "binding" : ""}`} aria-pressed={key === quantity.key}
+          onClick={() => {
+            chosen.value = key;
+            hidden.value = [];
+          }}
+        >
+          {label}
+          {check === binding ? <span class="sr-only"> (its limit binds)</span> : null}
+        </button>
+      ))}
+    </div>
+  );
+}
+
+function Curves({ plan, quantity, binding }: Offered & { plan: Plan }): JSX.Element {
   const chart = useRef<Chart | null>(null);
   const release_s = plan.flight ? plan.release_time_s : null;
-  if (!quantity) return <p class="empty">This plan came without its samples.</p>;
   return (
     <div class="curves">
-      <div class="quantities" role="group" aria-label="Quantity">
-        {quantities.map(({ key, label, check }) => (
-          <button
-            key={key} type="button" class={`chip ${check === binding?.name ? "binding" : ""}`} aria-pressed={key === quantity.key}
-            onClick={() => {
-              chosen.value = key;
-              hidden.value = [];
-            }}
-          >
-            {label}
-            {check === binding?.name ? <span class="sr-only"> (its limit binds)</span> : null}
-          </button>
-        ))}
-      </div>
       <ChartView
-        quantity={quantity} hidden={hidden.value} binding={quantity.check === binding?.name} release_s={release_s}
+        quantity={quantity} hidden={hidden.value} binding={quantity.check === binding} release_s={release_s}
         onChart={(made) => (chart.current = made)}
       />
       <Legend
@@ -127,7 +176,6 @@ function Legend({ quantity, hidden, onToggle, onSave }: LegendProps): JSX.Elemen
   const at = nearestIndex(quantity.times, time.value);
   return (
     <ul class="legend" aria-label={`${quantity.label} [${quantity.unit}]`}>
-      <li class="unit">{quantity.unit}</li>
       {quantity.lines.map((line, i) => (
         <li key={line.label}>
           <button type="button" class={`line-${i}`} aria-pressed={!hidden.includes(i)} onClick={() => onToggle(i)}>
@@ -152,19 +200,6 @@ function nearestIndex(times: readonly number[], at: number): number {
   return Math.max(0, Math.min(times.length - 1, Math.round((at - (times[0] ?? 0)) / step)));
 }
 
-/** The chart's colours, from the style sheet. */
-function chartColors(): ChartColors {
-  const style = getComputedStyle(document.documentElement);
-  const color = (name: string): string => style.getPropertyValue(name).trim();
-  return {
-    lines: [0, 1, 2, 3, 4, 5].map((i) => color(`--line-${i}`)),
-    ink: color("--soft"),
-    grid: color("--hair"),
-    limit: color("--bad"),
-    paper: color("--paper"),
-  };
-}
-
 interface ChartViewProps {
   readonly quantity: Quantity;
   readonly hidden: readonly number[];
@@ -185,7 +220,8 @@ function ChartView({ quantity, hidden, binding, release_s, onChart }: ChartViewP
       playing.value = 0;
       time.value = Math.min(at, endTime.value);
     };
-    chart.current = createChart(element, quantity, { height: HEIGHT_PX, colors: chartColors(), release_s, binding, visible, onTime });
+    const range = span.peek();
+    chart.current = createChart(element, quantity, { height: HEIGHT_PX, colors: chartColors(), release_s, binding, visible, range, onTime, onZoom: zoomAt });
     chart.current.setTime(time.peek());
     onChart(chart.current);
     const observer = new ResizeObserver(() => chart.current?.resize(element.clientWidth));
@@ -198,6 +234,7 @@ function ChartView({ quantity, hidden, binding, release_s, onChart }: ChartViewP
     };
   }, [quantity, hidden, binding, release_s, isDark]);
   useSignalEffect(() => chart.current?.setTime(time.value));
+  useSignalEffect(() => chart.current?.setRange(span.value));
   return <div class="chart" ref={host} role="img" aria-label={chartWords(quantity)} />;
 }
 

@@ -1,4 +1,4 @@
-"""Rows of block "passing": the links of the braking arm keep off the object in flight.
+"""Rows of blocks "passing" and "standing": the braking arm, and what never moves of it, are clear of the flight.
 
 The object's path follows from its position and velocity at the release, and from a polynomial, which is a parameter;
 the time of the problem is 0 at the release.
@@ -11,7 +11,7 @@ from typing import Any
 import casadi as ca
 
 from planner.backends.casadi_nlp import layout
-from planner.backends.casadi_nlp.layout import ARM, OBJECT_PATH, SCALES
+from planner.backends.casadi_nlp.layout import ARM, OBJECT_PATH, SCALES, STANDING
 from planner.backends.casadi_nlp.symbols import arm, distances
 from planner.backends.casadi_nlp.symbols.stage import StageState, state, state_after, through
 from planner.backends.casadi_nlp.symbols.terms import Terms
@@ -72,6 +72,26 @@ def passing_at_rest(z: SX, p: SX, terms: Terms) -> SX:
     links = _links_in_world(a, state(z, scales))
     gaps = [distances.chords_distance(*ends, points, terms) - radius for ends, radius in links]
     return distances.soft_minimum(gaps, terms) - f["reach"] - f["fall"] * step**2 / 8
+
+
+def standing(s: StageState, p: SX, terms: Terms) -> SX:
+    """Room between the flight of an object that is released at a knot and what never moves of the arm (1) [m].
+
+    The flight is taken without drag.
+    """
+    a = ARM.split(p[: ARM.size])
+    f = STANDING.split(p[ARM.size :])
+    tool = arm.tool_motion(a["dh"], a["tcp"], s.q, s.qd, s.qdd)
+    R_WS = ca.reshape(a["base"][:9], 3, 3) @ arm.turn(s.q[0])
+    place = terms.through(R_WS @ tool.position + a["base"][9:])
+    speed = terms.through(f["share"] * (R_WS @ tool.velocity))
+    without_drag, _ = flight_time(speed[2], place[2] - f["ground"], f["gravity"])
+    landing = terms.through(without_drag)
+    times = [i * landing / layout.CHORDS for i in range(layout.CHORDS + 1)]
+    points = [place + time * speed - ca.vertcat(0, 0, f["gravity"] * time**2 / 2) for time in times]
+    capsules = ca.horzsplit(ca.reshape(f["capsules"], 7, layout.STANDING_CAPSULES))
+    gaps = [distances.chords_distance(c[:3], c[3:6], points, terms) - c[6] for c in capsules]
+    return distances.soft_minimum(gaps, terms) - f["reach"]
 
 
 def _landing(z: SX, f: dict[str, SX], terms: Terms) -> SX:

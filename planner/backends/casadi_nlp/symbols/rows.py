@@ -24,6 +24,7 @@ from planner.backends.casadi_nlp.symbols.passing import (
     passing_at_rest,
     passing_middle,
     place,
+    standing,
     thrown,
 )
 from planner.backends.casadi_nlp.symbols.stage import StageState, state, state_after, state_at, through
@@ -376,6 +377,7 @@ FORMULAS: dict[str, BlockFormula] = {
     "singularity_middle": _in_middle(singularity, "arm"),
     "release": _at_knot(release, "arm", "release"),
     "flight": BlockFormula(flight, ("scales", "arm", "release", "flight")),
+    "standing": _at_knot(standing, "arm", "standing"),
     "leaving": BlockFormula(leaving, ("scales", "arm", "flight", "object_path"), of_object=True),
     "thrown": BlockFormula(thrown, ("scales", "arm", "object_path")),
     "carried": BlockFormula(carried, (), curved=False, of_object=True),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from planner.arrays import Array, Index
@@ -10,6 +12,47 @@ from planner.kinematics import LinkMotion, accumulate, cross, dot
 # Links with which the origins of their frames move, and a point of the flange; the same with the centres of mass.
 CARRIERS = np.array([*range(6), 5])
 LOAD_CARRIERS = np.array([*range(6), *range(6), 5])
+
+
+class Chain(LinkMotion):
+    """Link motion with what the compiled functions need in between: origins and frames of the links."""
+
+    @cached_property
+    def origins(self) -> Array:
+        """Origins of the DH frames 0 to 6 (3, 7, N) [m]."""
+        return np.ascontiguousarray(self.X[:, :, :3, 3].transpose(2, 1, 0))
+
+    @cached_property
+    def frames(self) -> Array:
+        """Directions of x, y and z of the DH frames 1 to 6 (3, 3, 6, N); the first index counts x, y, z."""
+        return np.ascontiguousarray(self.X[:, 1:, :3, :3].transpose(3, 2, 1, 0))
+
+    @cached_property
+    def offsets(self) -> Array:
+        """Origin of each link's frame from that of the one before it (3, 6, N) [m]."""
+        return self.origins[:, 1:] - self.origins[:, :-1]
+
+    @cached_property
+    def origin_velocities(self) -> Array:
+        """Velocities of the origins of the DH frames 1 to 6 (3, 6, N) [m/s]."""
+        return accumulate(cross(self.angular_velocity, self.offsets))
+
+    def in_links(self, vectors: Array) -> Array:
+        """Returns directions now (3, k, 6, N) of vectors (k, 6, 3), k of them fixed in the frame of each link."""
+        x, y, z = self.frames[:, :, None]
+        along_x, along_y, along_z = vectors.transpose(2, 0, 1)[..., None]
+        return x * along_x + y * along_y + z * along_z
+
+    def relative_acceleration(self, points: Array, link: Index) -> Array:
+        """Returns accelerations (3, k, N) [m/s^2] of points relative to the origins of their links.
+
+        Args:
+            points: from these origins (3, k, N) [m].
+            link: index of the link with which each moves (k,).
+        """
+        omega = self.angular_velocity[:, link]
+        alpha = self.angular_acceleration[:, link]
+        return cross(alpha, points) + cross(omega, cross(omega, points))
 
 
 def link_poses(cosine: Array, sine: Array, dh: Array, base: Array) -> Array:
@@ -80,13 +123,13 @@ def end_points_of(X_WL: Array, frames: Index, ends: Array) -> Array:
 
 def point_velocity(X: Array, qd: Array, point: Array) -> Array:
     """Returns velocities (3, n) of a point (3, n) that moves with the flange."""
-    links = LinkMotion(X, qd, qd)
+    links = Chain(X, qd, qd)
     return cross(links.joint_rotations, point[:, None] - links.origins[:, :6]).sum(axis=1)
 
 
 def point_acceleration(X: Array, qd: Array, qdd: Array, point: Array) -> Array:
     """Returns accelerations (3, n) of a point (3, n) that moves with the flange."""
-    links = LinkMotion(X, qd, qdd)
+    links = Chain(X, qd, qdd)
     points = np.concatenate([links.offsets, (point - links.origins[:, 6])[:, None]], axis=1)
     return links.relative_acceleration(points, CARRIERS).sum(axis=1)
 
@@ -102,7 +145,7 @@ def fastest(X: Array, qd: Array, frames: Index, places: Array) -> Array:
 
 def momentum(X: Array, qd: Array, mass: Array, coms: Array) -> Array:
     """Returns the linear momentum (3, n) of links of `mass` (6,) with centres of mass `coms` (6, 3) in them."""
-    chain = LinkMotion(X, qd, qd)
+    chain = Chain(X, qd, qd)
     velocities = chain.origin_velocities + cross(chain.angular_velocity, chain.in_links(coms[None])[:, 0])
     return (mass[:, None] * velocities).sum(axis=1)
 
@@ -112,7 +155,7 @@ def chain_torques(
 ) -> Array:
     """Returns torques (2, 6, n) of the links, and per kilogram at `p_F` of the flange, by Newton and Euler."""
     mass, fixed, principal = bodies
-    chain = LinkMotion(X, *rates)
+    chain = Chain(X, *rates)
     turned = chain.in_links(fixed)
     coms = turned[:, 0]
     axes = turned[:, 1:]

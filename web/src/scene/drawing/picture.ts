@@ -4,6 +4,7 @@ import type { Color, PerspectiveCamera } from "three";
 import type { CellGeometry } from "../../model/cell";
 import { linkPoses, toolPose } from "../../model/chain";
 import { plus, positionOf, type Vector } from "../../model/poses";
+import { axisMarks } from "../axes";
 import type { Turned } from "../arm/turned";
 import { tilesOf } from "../floor-map";
 import type { Ellipse, FloorMap, Landing, Target } from "../interface";
@@ -29,16 +30,17 @@ export interface Drawn {
   readonly map: FloorMap | null;
 }
 
-/** Returns a drawing as SVG text. */
-export function drawing(drawn: Drawn, camera: PerspectiveCamera, width: number, height: number, palette: Palette): string {
+/** Returns a drawing as SVG text; `name` makes the names of its gradients unique on a page. */
+export function drawing(drawn: Drawn, camera: PerspectiveCamera, width: number, height: number, palette: Palette, name = "part"): string {
   const pen = new Pen(new Projection(camera, width, height));
   const body = [
     ...floorLines(drawn, pen, palette),
+    ...axisLines(drawn, pen, palette),
     ...mapAreas(drawn, pen),
     ...boxLines(drawn.cell, pen, palette),
     ...markLines(drawn, pen, palette),
     ...ghostLines(drawn, pen, palette),
-    ...armShapes(drawn, pen, palette),
+    ...armShapes(drawn, pen, palette, name),
     ...throwLines(drawn, pen, palette),
   ];
   const head = `<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 ${width} ${height}" width="${width}" height="${height}" role="img">`;
@@ -89,6 +91,16 @@ function floorLines({ cell, motion }: Drawn, pen: Pen, palette: Palette): string
   ]);
 }
 
+function axisLines({ cell, motion }: Drawn, pen: Pen, palette: Palette): string[] {
+  const landing = motion?.plan.flight?.landing_point ?? [1, 0];
+  const marks = axisMarks(cell.floorZ, Math.max(2, Math.ceil(Math.hypot(landing[0]!, landing[1]!))));
+  const colours = [palette.target, palette.launch, palette.nearest];
+  return [
+    ...marks.lines.map(({ from, to, axis }) => pen.line([from, to], colours[axis]!, 1.4)),
+    ...marks.labels.filter(({ at }) => pen.view.faces(at)).map(({ at, text }) => pen.label(at, text, palette.brake)),
+  ];
+}
+
 function mapAreas({ map }: Drawn, pen: Pen): string[] {
   const seen = map === null ? [] : tilesOf(map).filter(({ corners }) => corners.every((corner) => pen.view.faces(corner)));
   return seen.map(({ corners, colour, opacity }) => pen.area(corners, colour, Number(opacity.toFixed(2))));
@@ -132,9 +144,9 @@ function ghostLines({ cell, parts, motion }: Drawn, pen: Pen, palette: Palette):
   });
 }
 
-function armShapes({ cell, parts, q }: Drawn, pen: Pen, palette: Palette): string[] {
+function armShapes({ cell, parts, q }: Drawn, pen: Pen, palette: Palette, name: string): string[] {
   const poses = linkPoses(cell.chain, q);
-  const shapes = parts.flatMap((part, i) => shapesOf(part, parts, poses[part.link]!, palette.arm[part.colour] ?? palette.arrow, pen.view, `part-${i}`));
+  const shapes = parts.flatMap((part, i) => shapesOf(part, parts, poses[part.link]!, palette.arm[part.colour] ?? palette.arrow, pen.view, `${name}-${i}`));
   return shapes.sort((a, b) => b.depth - a.depth).map((shape) => shape.svg);
 }
 

@@ -1,0 +1,179 @@
+"""What the page draws and how it is filled in: time, curves, numbers, fields, banners, small screens, no WebGL."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from playwright.sync_api import Browser, expect
+
+from api.cli import main
+from tests.system.browser import CHROMIUM, MISSING, Visit, visit
+from tests.web.conftest import Desk, planned
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason=MISSING)
+
+PHONE = {"width": 390, "height": 844}
+SOON_MS = 15_000
+SAME_PX = 2.0  # [px] rounding of the layout
+
+
+RED = """() => {
+  const probe = document.createElement("i");
+  probe.style.color = "var(--bad)";
+  document.body.append(probe);
+  const colour = getComputedStyle(probe).color;
+  probe.remove();
+  return colour;
+}"""
+PLACE_IN_FORM = """(field) => {
+  const form = field.form;
+  return field.getBoundingClientRect().top - form.getBoundingClientRect().top + form.scrollTop;
+}"""
+
+
+def test_time_line_and_curves_share_their_axis(guest: Visit) -> None:
+    planned(guest)
+    timeline = guest.region("Timeline")
+    slider = timeline.get_by_role("slider")
+    plot = timeline.locator(".u-over")
+    expect(plot).to_be_visible(timeout=SOON_MS)
+    end = float(slider.get_attribute("max") or 0.0)
+    for share in (0.0, 0.5, 1.0):
+        slider.fill(f"{share * end:.3f}")
+        area = plot.bounding_box()
+        track = slider.bounding_box()
+        cursor = timeline.locator(".chart-cursor").bounding_box()
+        assert area is not None
+        assert track is not None
+        assert cursor is not None
+        thumb = track["x"] + 8.0 + share * (track["width"] - 16.0)
+        assert abs(cursor["x"] + cursor["width"] / 2 - thumb) < SAME_PX + area["width"] * 0.001 / end
+    assert abs(area["x"] + area["width"] - (track["x"] + track["width"] - 8.0)) < SAME_PX
+
+
+def test_time_is_zoomed_about_the_cursor(guest: Visit) -> None:
+    planned(guest)
+    timeline = guest.region("Timeline")
+    slider = timeline.get_by_role("slider")
+    end = float(slider.get_attribute("max") or 0.0)
+    slider.fill(f"{end / 2:.3f}")
+    guest.button("Show less of the time").click()
+    first, last = (float(slider.get_attribute(name) or 0.0) for name in ("min", "max"))
+    assert last - first == pytest.approx(end / 2, abs=0.01)
+    assert first < end / 2 < last
+    guest.button("Show more of the time").click()
+    expect(slider).to_have_attribute("min", "0")
+    expect(guest.button("Show more of the time")).to_be_disabled()
+
+
+def test_a_limit_that_holds_does_not_read_as_exceeded(guest: Visit) -> None:
+    planned(guest)
+    certificate = guest.region("Certificate")
+    expect(certificate.get_by_role("button", name="Joint jerk")).to_contain_text(re.compile("[0-9.]+ ≤ 500"))
+    near = certificate.get_by_role("button", name=re.compile("singularity|floor|links", re.IGNORECASE)).first
+    expect(near).to_contain_text(re.compile("[0-9.]+ ≥ [0-9.]+"))
+    fills = certificate.locator(".bar-row .meter .left").evaluate_all(
+        "(bars) => bars.map((bar) => getComputedStyle(bar).fill)"
+    )
+    bad = guest.page.evaluate(RED)
+    assert fills
+    assert bad not in fills
+
+
+def test_words_have_no_underscores(guest: Visit, desk: Desk, thrown_id: str) -> None:
+    planned(guest)
+    desk.execution(thrown_id)
+    guest.past("Thrown as planned").get_by_role("button").first.click(timeout=SOON_MS)
+    execution = guest.region("Execution")
+    execution.get_by_text("Everything that was measured").click()
+    expect(execution).to_contain_text("Joint off the plan")
+    for name in ("Execution", "Certificate", "Timeline", "Scene"):
+        shown = guest.region(name).inner_text()
+        assert not re.search(r"\b[a-z]+_[a-z]+", shown), shown
+
+
+def test_a_wrong_number_marks_its_field(guest: Visit) -> None:
+    guest.field("z [m]").fill("ground")
+    guest.button("Plan").click()
+    expect(guest.field("z [m]")).to_have_attribute("aria-invalid", "true")
+    expect(guest.field("z [m]")).to_be_focused()
+    expect(guest.field("x [m]")).to_have_attribute("aria-invalid", "false")
+    guest.field("z [m]").fill("0")
+    expect(guest.field("z [m]")).to_have_attribute("aria-invalid", "false")
+
+
+def test_a_field_that_the_service_refuses_is_marked(guest: Visit) -> None:
+    guest.page.locator("form details.options").first.evaluate("(element) => (element.open = true)")
+    guest.field("Time limit [s]").fill("-3")
+    guest.page.locator("form details.options").first.evaluate("(element) => (element.open = false)")
+    guest.button("Plan").click()
+    expect(guest.field("Time limit [s]")).to_have_attribute("aria-invalid", "true", timeout=SOON_MS)
+    expect(guest.field("Time limit [s]")).to_be_visible()  # its options were opened
+
+
+def test_nothing_jumps_when_something_is_said(guest: Visit, desk: Desk) -> None:
+    before = guest.field("x [m]").evaluate(PLACE_IN_FORM)
+    planned(guest)
+    assert guest.field("x [m]").evaluate(PLACE_IN_FORM) == pytest.approx(before)
+    desk.executor.fault = {"outcome": "late", "reason": "five ticks were lost", "at": 1.0}
+    expect(guest.page.get_by_role("alert").filter(has_text="five ticks")).to_be_visible(timeout=SOON_MS)
+    scene = "(scene) => scene.getBoundingClientRect().top + scrollY"
+    assert guest.page.locator(".scene").evaluate(scene) == pytest.approx(56.0, abs=1.0)  # below the header, as before
+
+
+def test_without_webgl_two_views_are_drawn_from_the_start(guest: Visit) -> None:
+    views = guest.region("Scene").locator(".drawn-views svg")
+    expect(views).to_have_count(2, timeout=SOON_MS)
+    expect(views.first).to_contain_text("Arm of ur5e")
+    planned(guest)
+    expect(views.first).to_contain_text("landing after", timeout=SOON_MS)
+    before = views.first.inner_html()
+    guest.region("Timeline").get_by_role("slider").fill("0.1")
+    expect(views.first).not_to_have_text(before)
+    expect(guest.region("Scene")).to_contain_text("two views instead")
+
+
+def test_axes_are_drawn_and_named(guest: Visit) -> None:
+    views = guest.region("Scene").locator(".drawn-views svg")
+    for text in ("x", "y", "1 m", "−1 m"):
+        expect(views.nth(1).get_by_text(text, exact=True).first).to_be_visible(timeout=SOON_MS)
+    box = {text: views.nth(1).get_by_text(text, exact=True).first.bounding_box() for text in ("x", "y")}
+    assert box["x"]["x"] > box["y"]["x"]  # type: ignore[index]  # from above, x points right and y up
+    assert box["y"]["y"] < box["x"]["y"]  # type: ignore[index]
+
+
+def test_the_scene_is_zoomed_and_keeps_the_view_of_a_person(viewer: Visit) -> None:
+    viewer.page.wait_for_timeout(1000)
+    scene = viewer.region("Scene")
+    before = scene.locator("canvas").screenshot()
+    viewer.button("Zoom in").click()
+    viewer.page.wait_for_timeout(1500)
+    assert scene.locator("canvas").screenshot() != before
+
+
+def test_on_a_phone_the_throw_is_above_the_sheet(desk: Desk, drawing_browser: Browser) -> None:
+    with visit(drawing_browser, desk.url, viewport=PHONE) as guest:
+        guest.region("Robots").get_by_text("Ready").wait_for()
+        guest.page.wait_for_timeout(1500)
+        _, y = guest.middle_of("grab")
+        sheet = guest.page.locator(".panel.request").bounding_box()
+        cameras = guest.page.locator(".cameras").bounding_box()
+        assert sheet is not None
+        assert cameras is not None
+        assert y < min(sheet["y"], cameras["y"])
+
+
+def test_a_report_without_webgl_has_two_drawn_views(
+    desk: Desk, browser: Browser, thrown_id: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "report.html"
+    made = CliRunner().invoke(main, ["report", "--plan", thrown_id, "--url", desk.url, "-o", str(file)])
+    assert made.exit_code == 0, made.output
+    with visit(browser, file.as_uri()) as guest:
+        views = guest.page.locator(".drawn-views svg")
+        expect(views).to_have_count(2, timeout=SOON_MS)
+        expect(views.first).to_contain_text("landing after")
+        assert guest.barriers() == []
