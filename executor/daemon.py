@@ -10,7 +10,7 @@ from typing import TypeVar
 
 from executor import realtime
 from executor.cell_watch import CellWatch
-from executor.execution import Execution
+from executor.execution import STREAM_LOG, Execution
 from executor.heartbeat import Heartbeat
 from executor.logs import log
 from executor.ownership import CellTaken, take_cell, take_controller
@@ -47,6 +47,7 @@ class Daemon:
         self.cell = session.cell.name
         self.executor_id = new_id()
         self._store_paused_until = 0.0
+        self._stream_log = session.settings.data / STREAM_LOG
         self._is_recovered = False
         self.watch = CellWatch(session.cell, session.settings.cell_path)
         self.stops = StopListener(journal.folder)
@@ -116,12 +117,20 @@ class Daemon:
 
     def _restart_words(self) -> str:
         """Returns why an execution was lost, with the controller's safety state where that is not the normal one."""
-        reason = "the executor was restarted"
+        reason = f"the executor was restarted{self._last_words()}"
         try:
             answer = self.session.dashboard.ask("safetystatus")
         except OSError:
             return reason
         return reason if "NORMAL" in answer else f"{reason}; the controller reports '{answer}'"
+
+    def _last_words(self) -> str:
+        """Returns for a reason how the stream of the lost execution ended by its own account, where it left one."""
+        try:
+            lines = self._stream_log.read_text(errors="replace").split("\n")[-2:-1]
+        except OSError:
+            return ""
+        return "".join(f"; the stream ended as {line}" for line in lines)
 
     def _new_heartbeat(self) -> Heartbeat:
         session = self.session
@@ -184,6 +193,8 @@ class Daemon:
         self.stops.execution = execution
         log("claimed", **_log_fields(row))
         self.heartbeat.idle = False
+        with contextlib.suppress(OSError):  # what it says is of an earlier execution
+            self._stream_log.unlink(missing_ok=True)
         result = ExecutionResult(row.id, "executor_lost", "the executor failed", None)
         publisher = None
         try:

@@ -11,6 +11,7 @@ import orjson
 
 from executor import records
 from executor import shared_memory as shm
+from executor.lost_object import object_words
 from executor.preflight import ExecutionRefused, gripper_is_open, readiness, verify_plan
 from executor.preparation import expected_landing, prepare_job
 from executor.robot import RobotSession, RobotState
@@ -26,7 +27,9 @@ from store import ExecutionRow, ProfileRow, new_id
 
 SAFETY_WAIT_S = 0.2  # [s] after a fault, for a state that is newer than the fault
 MONITOR_WAIT_S = 1.0  # [s] longest wait for it: the machine may be busy, the link may be gone
+STREAM_LOG = "streaming.log"  # output of the streaming process of the newest execution
 POLL_S = 0.02  # [s] between two readings of that state
+WITHOUT_LOSS = ("completed", "refused", "held")  # outcomes in which nobody asks where the object is
 BRAKING = (shm.BRAKING, shm.STOPPING, shm.DONE)
 
 
@@ -114,8 +117,8 @@ class Execution:
         if self.session.cell.link.kind == "sim":
             self._announce()
         settings = self.session.settings
-        self.session.monitor.forget_stops()
-        self.run = StreamRun(job, settings.data / "streaming.log", settings.keep_awake)
+        self.session.monitor.forget()
+        self.run = StreamRun(job, settings.data / STREAM_LOG, settings.keep_awake)
         self.run.start()
 
     def _announce(self) -> None:
@@ -163,8 +166,10 @@ class Execution:
         if self.row.dry_run:
             numbers = records.without_motion(numbers)
         if outcome == "completed" and not self.row.dry_run:
-            verdict = records.release_verdict(self.problem, self.trajectory, numbers, landing)
+            verdict = records.release_verdict(self.problem, self.trajectory, numbers, landing, self.aim_shift)
             outcome, reason = verdict or (outcome, reason)
+        if outcome not in WITHOUT_LOSS and not self.row.dry_run:
+            reason = "; ".join(filter(None, [reason, self._object_words(ended)]))
         if outcome == "held":
             reason = "; ".join([reason, *records.timing_advice(self.problem, numbers)])
         self.note(f"{outcome}: {reason}" if reason else outcome)
@@ -174,6 +179,11 @@ class Execution:
         return records.ExecutionResult(
             self.row.id, outcome, reason, numbers, mcap, samples, self._observation(observed)
         )
+
+    def _object_words(self, ended: records.RunResult) -> str:
+        """Returns what became of the object in a run that was stopped; empty where the gripper stayed closed."""
+        states = list(self.session.monitor.history)
+        return object_words(self.problem, self.trajectory, states, ended.output_sent_s is not None)
 
     def _observation(self, observed: records.ObservedLanding | None) -> dict[str, Any] | None:
         """Returns the observation of the simulated camera, to be stored once."""

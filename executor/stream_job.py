@@ -26,6 +26,8 @@ OUTCOMES = (
     "foreign_program",
     "power_off",
     "held",
+    "released_early",
+    "not_released",
 )
 
 

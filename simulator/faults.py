@@ -133,6 +133,11 @@ def gripper_stuck(s: Simulation, on: bool = True) -> None:
     s.controller.workcell.gripper.stuck = on
 
 
+def outputs_stuck(s: Simulation, on: bool = True) -> None:
+    """Keeps the digital outputs as they are, whatever they are told."""
+    s.controller.workcell.outputs.stuck = on
+
+
 def digital_input(s: Simulation, index: int = 0, on: bool = True) -> None:
     """Switches a digital input of the controller: something outside, such as a loader, signals."""
     if not 0 <= index < INPUT_LINES:
@@ -153,7 +158,7 @@ def _of_role(s: Simulation, role: str) -> list[Connection]:
 _STOPS = (protective_stop, emergency_stop, safeguard_stop, power_loss, clear)
 _PENDANT = (stop_program, pause_program, resume_program, local_mode, speed_slider)
 _NETWORK = (close_connection, stall_connection, disturb_connection, offline, mute)
-_PROCESS = (freeze, kill, gripper_stuck, digital_input)
+_PROCESS = (freeze, kill, gripper_stuck, outputs_stuck, digital_input)
 FAULTS: dict[str, Callable[..., None]] = {f.__name__: f for f in (*_STOPS, *_PENDANT, *_NETWORK, *_PROCESS)}
 
 

@@ -23,6 +23,8 @@ Outcome = Literal[
     "executor_lost",
     "foreign_program",
     "power_off",
+    "released_early",
+    "not_released",
 ]
 
 

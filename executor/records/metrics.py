@@ -25,6 +25,7 @@ RELEASE_NOISE_RAD_S = 0.01  # [rad/s] scatter of a measured joint speed
 RELEASE_NUMBERS = ("release_velocity_error_rad_s", "release_velocity_error_share", "release_velocity_unexpected_rad_s")
 OF_MOTION = ("timing", "tracking_error_max_rad", "tracking_error_max_m", "path_error_max_m", *RELEASE_NUMBERS)
 EXPECTED_STD = 3.0  # [-] standard deviations of a joint's speed that are no surprise: 3 in 1,000 joints by chance
+LANDING_FAR_M = 0.05  # [m] landing error without a warning where no tolerance is larger: a bin is missed
 LANDING_SHIFT_M = 0.005  # [m] accepted shift of the landing by a late gripper command: `late` in docs/executor.md
 
 
@@ -65,15 +66,19 @@ def without_motion(numbers: dict[str, Any]) -> dict[str, Any]:
 
 
 def release_verdict(
-    problem: ThrowProblem, trajectory: Trajectory, numbers: dict[str, Any], landing: Landing | None
+    problem: ThrowProblem,
+    trajectory: Trajectory,
+    numbers: dict[str, Any],
+    landing: Landing | None,
+    aim_shift: Vector | None = None,
 ) -> tuple[str, str] | None:
     """Returns outcome and reason of a fully streamed plan whose release was not as planned; None if it was.
 
     A late gripper command counts by its effect on the landing: next to nothing within a release window, 10 mm a
     millisecond in a fast throw. A speed that was off while the position kept to the plan endangers nothing: the object
     lands elsewhere, and the warning says by how much the speed differed, unless the plan's profile expects that: then
-    the aim makes up for it. Only a simulated cell can report that no object was seen to leave; the arm completed its
-    motion then.
+    the aim makes up for it. A landing that was seen far from the plan is a warning, whatever the arm did. Only a
+    simulated cell can report that no object was seen to leave; the arm completed its motion then.
     """
     late = numbers["gripper_command_late_s"] or 0.0
     shift = _landing_shift(problem, trajectory, late)
@@ -81,7 +86,7 @@ def release_verdict(
     if shift > most:
         moved = "" if math.isinf(shift) else f": the landing moves by {1e3 * shift:.0f} mm"
         return "late", f"the gripper command was {1e3 * late:.0f} ms late{moved}"
-    off = _speed_warning(numbers)
+    off = [*_speed_warning(numbers), *_landing_warning(problem, trajectory, landing, aim_shift)]
     if numbers["released"] and landing is None and problem.cell.link.kind == "sim":
         return "completed", "the gripper was commanded to open, but no object left it"
     if warnings := [*off, *timing_advice(problem, numbers)]:
@@ -99,6 +104,23 @@ def _speed_warning(numbers: dict[str, Any]) -> list[str]:
         return []
     beyond = "" if unexpected is None else f", {unexpected:.3f} rad/s beyond what the profile expects"
     return [f"at the release a joint's speed was {share:.1%} ({error:.3f} rad/s) off the plan's{beyond}"]
+
+
+def _landing_warning(
+    problem: ThrowProblem, trajectory: Trajectory, landing: Landing | None, aim_shift: Vector | None
+) -> list[str]:
+    """Returns how far from the plan the object was seen to land, where that is beyond what was promised."""
+    flight = release_flight(problem, trajectory)
+    observed = None if landing is None else landing.observed
+    if flight is None or observed is None:
+        return []
+    planned = flight.landing_point - (np.zeros(3) if aim_shift is None else aim_shift)
+    off = float(np.linalg.norm(observed.position[:2] - planned[:2]))
+    if off <= max(problem.landing_tolerance_m, LANDING_FAR_M) + EXPECTED_STD * observed.std_m:
+        return []
+    x, y, _ = observed.position
+    on = f" on {landing.surface}" if landing is not None and landing.surface else ""
+    return [f"the object landed {off:.2f} m from where it was planned, at ({x:.2f}, {y:.2f}) m{on}"]
 
 
 def timing_advice(problem: ThrowProblem, numbers: dict[str, Any]) -> list[str]:

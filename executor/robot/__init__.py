@@ -7,6 +7,7 @@ from executor.robot.kinematics_client import KinematicsInfo, read_kinematics
 from executor.robot.primary import ProgramWatch
 from executor.robot.session import (
     OWNER_INPUT,
+    RATE_HZ,
     Monitor,
     RobotSession,
     RobotState,
@@ -16,6 +17,7 @@ from executor.robot.session import (
 
 __all__ = [
     "OWNER_INPUT",
+    "RATE_HZ",
     "DashboardClient",
     "GripperHold",
     "KinematicsInfo",

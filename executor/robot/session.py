@@ -12,6 +12,7 @@ import socket
 import struct
 import threading
 import time
+from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,7 +26,8 @@ from planner.cell import Cell
 PORT = 30004
 TIMEOUT_S = 1.0  # [s] without a package the connection is lost
 RETRY_S = 0.5  # [s] between two attempts to connect
-RATE_HZ = 25.0  # [Hz] of the states; above the 4 Hz of the heartbeat
+RATE_HZ = 125.0  # [Hz] of the states, the rate of a CB3: where an object left is read from them
+HISTORY = 500  # states kept: four seconds, in which a motion stops and its object lands
 FRESH_S = 0.25  # [s] age at which a state is out of date
 VERSION = 86
 SETUP_OUTPUTS = 79
@@ -90,7 +92,8 @@ class Monitor(Worker):
     """Keeps the newest state in `state`; None without a connection.
 
     Attributes:
-        stop_seen: the first state with a safety stop or without power since `forget_stops`; None without one.
+        stop_seen: the first state with a safety stop or without power since `forget`; None without one.
+        history: the newest states since `forget`, in order.
         owned: whether this connection has `OWNER_INPUT`; None without a connection, or where it does not ask for it.
         looked: set once it has tried to connect.
     """
@@ -101,6 +104,7 @@ class Monitor(Worker):
         self.host = host
         self.state: RobotState | None = None
         self.stop_seen: RobotState | None = None
+        self.history: deque[RobotState] = deque(maxlen=HISTORY)
         self.owned: bool | None = None
         self.looked = threading.Event()
         self._owns = owns
@@ -129,13 +133,15 @@ class Monitor(Worker):
         end = time.monotonic() + (RECLAIM_S if receiver.owned is False else math.inf)
         while not self.ended.is_set() and time.monotonic() < end:
             self.state = state = receiver.receive()
+            self.history.append(state)
             self.looked.set()
             if self.stop_seen is None and (state.safety_bits != NORMAL or state.robot_mode < POWER_ON):
                 self.stop_seen = state
 
-    def forget_stops(self) -> None:
-        """Forgets the stops that were seen: a run begins."""
+    def forget(self) -> None:
+        """Forgets what was seen: a run begins."""
         self.stop_seen = None
+        self.history.clear()
 
 
 class RtdeReceiver:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import traceback
+from contextlib import suppress
 from time import monotonic
 
 from executor import realtime
@@ -77,6 +78,8 @@ def main(job_fd: int, memory_fd: int, parent: int, pulse: int) -> None:
     except Exception:  # a bug: the finally below leaves the arm to the watchdog and the daemon
         reason = traceback.format_exc(limit=-3)
     finally:
+        with suppress(OSError):  # the log, on a full disk: the next daemon reads what this one cannot
+            print(f"{outcome}: {reason}", flush=True)
         memory.write_text(reason)
         memory.fields[shm.OUTCOME] = OUTCOMES.index(outcome)
         memory.fields[shm.STATE] = state

@@ -11,6 +11,7 @@ from executor import shared_memory as shm
 from executor.stream_job import Row, StreamJob
 from executor.streaming.clock import ControllerClock, LostTicks
 from executor.streaming.command_watch import CommandWatch
+from executor.streaming.gripper_watch import GripperWatch
 from executor.streaming.landing_watch import LandingWatch
 from executor.streaming.rtde_connection import SERVO_CONSTANT_S, RtdeConnection
 from executor.streaming.state_checks import StopRequests, StreamFault
@@ -105,6 +106,7 @@ class Stream:
         self.verdict = ("completed", "")
         self.output_sent = False
         self.commands = CommandWatch()
+        self.gripper = self._gripper_watch()
         self.watch = None if job.landing is None or job.dry_run else LandingWatch(job, job.landing)
         self.fields[shm.TIMESTAMP_AT_ZERO] = self.clock.first - job.first_clock_s + job.lag_ticks * job.dt
 
@@ -126,6 +128,7 @@ class Stream:
                 self._divert(row, stop)
             elif self.verdict[0] == "held" and row > self.job.release_row:
                 self._divert(row, self.verdict)  # the plan's own brake is certified without the object
+            self._watch_gripper(row)
             command = self._send(row, reference[0])
             self._open_gripper(row, command)
             self._record(reference, command)
@@ -167,12 +170,57 @@ class Stream:
             return "tracking", f"{error:.3f} rad from the plan of an arm that is {lag_ms:.0f} ms late (timing.lag_s)"
         return self.requests.pending()
 
-    def _divert(self, row: int, stop: tuple[str, str]) -> None:
+    def _object_words(self, row: int) -> str:
+        """Returns what becomes of the object in a brake from a row after the gripper's command.
+
+        Outputs are as late as motions: what is told before the release row arrives before the object leaves, and a
+        brake from later rows does not reach the release.
+        """
+        if row < self.job.release_row:
+            return "the gripper was told to close before the object left"
+        return "the object left as planned"
+
+    def _brake(self, row: int, stop: tuple[str, str]) -> None:
         self.verdict = stop
         self.schedule.divert(row)
         self.fields[shm.STATE] = shm.BRAKING
+
+    def _divert(self, row: int, stop: tuple[str, str]) -> None:
+        if stop[0] == "executor_lost" and self.output_sent:  # nobody else can tell
+            stop = (stop[0], f"{stop[1]}; {self._object_words(row)}")
+        self._brake(row, stop)
         if self.output_sent and row < self.job.release_row + self.job.lag_ticks:
-            self.connection.output(not self.job.output_level)  # not released yet: keep hold of the object
+            self._close_gripper()  # not released yet: keep hold of the object
+
+    def _gripper_watch(self) -> GripperWatch | None:
+        """Returns what watches the gripper's output; None where it holds nothing, or nothing moves."""
+        watch = GripperWatch(self.job)
+        throws = self.connection.job.output_row >= 0  # its approach too, which has no output row
+        holds = throws or not watch.opens(self.connection.outputs)
+        return watch if holds and not self.job.dry_run else None
+
+    def _watch_gripper(self, row: int) -> None:
+        """Stops the motion where the gripper's output changed by itself, and closes it: the object may still be in it.
+
+        Once the object has left in time there is nothing more to watch.
+        """
+        if self.gripper is None:
+            return
+        found = self.gripper.look(self.connection.outputs, self.connection.stamp)
+        if found is not None:
+            self._brake(row, found)
+            self._close_gripper()
+            self.gripper = None
+        elif (
+            self.gripper.is_open and row > self.job.release_row + self.job.lag_ticks and self.schedule.diverted is None
+        ):
+            self.gripper = None
+
+    def _close_gripper(self) -> None:
+        """Tells the gripper to close, whatever it was told before."""
+        self.connection.output(not self.job.output_level)
+        if self.gripper is not None:
+            self.gripper.tell(False, self.connection.stamp)
 
     def _send(self, row: int, reference_q: Row) -> Row:
         """Sends the command of a row, and returns it."""
@@ -203,6 +251,8 @@ class Stream:
         if self._keeps(row, command) or row < job.output_row:
             return
         self.connection.output(job.output_level)
+        if self.gripper is not None:
+            self.gripper.tell(True, self.connection.stamp)
         self.output_sent = True
         self.fields[shm.OUTPUT_SENT_S] = job.first_clock_s + (row - job.lag_ticks) * job.dt
         self.fields[shm.OUTPUT_LATE_S] = (row - job.output_row) * job.dt

@@ -25,6 +25,7 @@ class Outputs:
         commanded: commanded levels of the digital outputs.
         changes: (time [s], bits) of the latest physical changes.
         analog: levels of the two analog outputs.
+        stuck: fault: the digital outputs stay as they are, whatever they are told.
     """
 
     def __init__(self, dt: float, delay_s: float, bits: int) -> None:
@@ -32,6 +33,7 @@ class Outputs:
         self.bits = self.commanded = bits
         self.changes: deque[tuple[float, int]] = deque(maxlen=CHANGES_MAX)
         self.analog = [0.0, 0.0]
+        self.stuck = False
         self._requests: list[tuple[int, int]] = []  # (mask, bits) since the last cycle
         self._due: deque[tuple[float, int]] = deque()  # (time, bits), still to come
 
@@ -50,7 +52,7 @@ class Outputs:
 
     def cycle(self, t: float) -> list[tuple[float, int]]:
         """Obeys the requests; returns the physical changes (time [s], bits) up to `t` [s]."""
-        for mask, value in self._requests:
+        for mask, value in () if self.stuck else self._requests:
             self.commanded = self.commanded & ~mask | value
             self._due.append((t + self.delay_s, self.commanded))
         self._requests.clear()

@@ -293,6 +293,7 @@ class Rig:
         self.fault("local_mode", on=False)
         self.fault("speed_slider", fraction=1.0)
         self.fault("gripper_stuck", on=False)
+        self.fault("outputs_stuck", on=False)
         self.fault("mute", port="dashboard", on=False)
         if self.state()["robot_mode"] != ROBOT_RUNNING:
             dashboard = DashboardClient(self.host)

@@ -10,7 +10,17 @@ import orjson
 import pytest
 from mcap.reader import make_reader
 
-from executor.records import Landing, RunResult, Telemetry, arm_timing, metrics, release_verdict, to_mcap, to_samples
+from executor.records import (
+    Landing,
+    ObservedLanding,
+    RunResult,
+    Telemetry,
+    arm_timing,
+    metrics,
+    release_verdict,
+    to_mcap,
+    to_samples,
+)
 from executor.records.recording import COUNTS
 from executor.records.telemetry import column_names
 from executor.shared_memory import SCALARS, VECTORS
@@ -147,6 +157,21 @@ def test_an_object_that_stayed_is_reported_where_that_can_be_observed(
     verdict = release_verdict(problem, prepared.trajectory, found, None)
     assert (verdict is not None) == observed
     assert verdict is None or (verdict[0] == "completed" and "gripper" in verdict[1])
+
+
+@pytest.mark.parametrize(("off_m", "std_m", "is_far"), [(0.03, 0.0, False), (1.7, 0.0, True), (0.2, 0.1, False)])
+def test_a_landing_far_from_the_plan_is_not_completed_without_a_word(
+    prepared: Prepared, off_m: float, std_m: float, is_far: bool
+) -> None:
+    planned = release_flight(prepared.problem, prepared.trajectory)
+    assert planned is not None
+    seen = ObservedLanding(planned.landing_point + np.array([off_m, 0.0, 0.0]), std_m)
+    run = ended(perfect(prepared), prepared)
+    landing = Landing(run.timestamp_at_zero + prepared.trajectory.release_time_s, None, "floor", seen)
+    numbers = metrics(prepared.problem, prepared.trajectory, run, landing)
+    verdict = release_verdict(prepared.problem, prepared.trajectory, numbers, landing)
+    assert (verdict is not None) == is_far
+    assert verdict is None or f"the object landed {off_m:.2f} m from where it was planned" in verdict[1]
 
 
 def test_a_late_gripper_command_is_judged_by_the_landing(prepared: Prepared) -> None:

@@ -1526,7 +1526,7 @@ export interface components {
              * Outcome
              * @description null before the end.
              */
-            outcome: ("completed" | "aborted" | "refused" | "held" | "protective_stop" | "emergency_stop" | "link_lost" | "late" | "tracking" | "executor_lost" | "foreign_program" | "power_off") | null;
+            outcome: ("completed" | "aborted" | "refused" | "held" | "protective_stop" | "emergency_stop" | "link_lost" | "late" | "tracking" | "executor_lost" | "foreign_program" | "power_off" | "released_early" | "not_released") | null;
             /** Plan Id */
             plan_id: string;
             /**
@@ -3805,7 +3805,7 @@ export interface components {
              * Outcome
              * @default null
              */
-            outcome: ("completed" | "aborted" | "refused" | "held" | "protective_stop" | "emergency_stop" | "link_lost" | "late" | "tracking" | "executor_lost" | "foreign_program" | "power_off") | null;
+            outcome: ("completed" | "aborted" | "refused" | "held" | "protective_stop" | "emergency_stop" | "link_lost" | "late" | "tracking" | "executor_lost" | "foreign_program" | "power_off" | "released_early" | "not_released") | null;
             /**
              * Reason
              * @default null
@@ -5859,7 +5859,7 @@ export interface operations {
                 /** @description Only those of this cell. */
                 cell?: string | null;
                 /** @description Only those that ended so. */
-                outcome?: ("completed" | "aborted" | "refused" | "held" | "protective_stop" | "emergency_stop" | "link_lost" | "late" | "tracking" | "executor_lost" | "foreign_program" | "power_off") | null;
+                outcome?: ("completed" | "aborted" | "refused" | "held" | "protective_stop" | "emergency_stop" | "link_lost" | "late" | "tracking" | "executor_lost" | "foreign_program" | "power_off" | "released_early" | "not_released") | null;
             };
             header?: never;
             path?: never;

@@ -61,6 +61,7 @@ export const OUTCOME_WORDS: Readonly<Record<string, string>> = {
   power_off: "The arm lost its power",
   released_early: "The object was let go too early",
   held: "Kept the object: it would have missed",
+  not_released: "The gripper did not let go",
 };
 
 /** What a person does after each kind of stop, before acknowledging it. */
@@ -75,6 +76,7 @@ export const ADVICE: Readonly<Record<string, string>> = {
   executor_lost: "See that the arm stands still, then acknowledge.",
   released_early: "Something else changed the gripper's output. Settle who has the robot, then acknowledge.",
   foreign_program: "Somebody else moved this robot. Settle who has it, then acknowledge.",
+  not_released: "The gripper's output did not do what it was told. Look at its wiring and who else switches it, then acknowledge.",
   power_off: "Power the arm on and release its brakes on the pendant, then acknowledge.",
   aborted: "The stop did not end in order. Look at the arm, then acknowledge.",
 };
@@ -208,6 +210,7 @@ export function preflight(live: CellState | null, plan: Plan | null): readonly P
 
 /** Subjects of the executor's refusals, by the words that they are told in (executor/preflight.py). */
 const SUBJECTS: readonly (readonly [string, RegExp])[] = [
+  ["Robot is the cell's", /^wrong robot|^kinematics/],
   ["Controller is connected, in remote control", /controller at|remote control|dashboard/],
   ["Arm is powered, brakes released", /^the robot is /],
   ["Safety is normal, speed at 100 %", /^safety|speed slider/],

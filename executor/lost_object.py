@@ -1,0 +1,105 @@
+"""Where an object went in a run that was stopped, from the states that the controller published meanwhile.
+
+The object leaves one delay of the gripper after its output has opened it, unless the output closes it before. Then it
+flies on from the arm's state of that moment, which is interpolated between the published ones.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from bisect import bisect_right
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from executor.preflight import gripper_is_open
+from executor.robot import RATE_HZ, RobotState
+from planner.cell import Cell
+from planner.certificate import release_flight
+from planner.flight import fly
+from planner.geometry import tool_state
+from planner.problem import ThrowProblem
+from planner.trajectory import Trajectory
+
+Vector = NDArray[np.float64]
+
+PERIOD_S = 1.0 / RATE_HZ  # [s] between two states: when an output changed is not known better
+OUT_OF_SIGHT_S = 0.5  # [s] without a state the controller cannot be seen
+DOUBT_STD = 3.0  # [-] standard deviations of the gripper's delay within which it is open whether the object left
+
+
+def object_words(problem: ThrowProblem, trajectory: Trajectory, states: Sequence[RobotState], was_told: bool) -> str:
+    """Returns what became of the object, in words; empty where the gripper's output never opened.
+
+    Args:
+        problem, trajectory: of the plan.
+        states: published since the run began, in order.
+        was_told: whether the run told the gripper to open.
+    """
+    cell = problem.cell
+    opening = _opening(cell, states)
+    if opening is None:
+        if not was_told:
+            return ""
+        if states and time.monotonic() - states[-1].seen_at < OUT_OF_SIGHT_S:
+            return "the gripper's output was told to open and stayed closed: the object is held"
+        return "the gripper was told to open and cannot be seen any more: the object may have left"
+    opened, closed = opening
+    left = opened + cell.gripper.delay_s
+    doubt = DOUBT_STD * cell.gripper.jitter_s + PERIOD_S
+    if closed is not None and closed < left - doubt:
+        return f"the gripper was closed again {1e3 * (closed - opened):.0f} ms after it opened: the object is held"
+    word = "left" if closed is None or closed > left + doubt else "may have left"
+    return f"the object {word} the gripper {_landing(problem, trajectory, states, left)}"
+
+
+def _opening(cell: Cell, states: Sequence[RobotState]) -> tuple[float, float | None] | None:
+    """Returns when the output opened the gripper and when it closed it again, the longest time [s].
+
+    None where it was never seen to open: a gripper that is open at first is empty. The second is None where it stayed
+    open.
+    """
+    found: list[tuple[float, float | None]] = []
+    for before, after in pairwise(states):
+        was_open = gripper_is_open(cell, before)
+        is_open = gripper_is_open(cell, after)
+        at = 0.5 * (before.timestamp_s + after.timestamp_s)
+        if is_open and not was_open:
+            found.append((at, None))
+        elif was_open and not is_open and found:
+            found[-1] = (found[-1][0], at)
+    return max(found, key=lambda seen: math.inf if seen[1] is None else seen[1] - seen[0], default=None)
+
+
+def _landing(problem: ThrowProblem, trajectory: Trajectory, states: Sequence[RobotState], left: float) -> str:
+    """Returns where an object lands that leaves at the controller's time `left` [s], in words."""
+    q, qd = _state_at(states, left)
+    tool = tool_state(problem.cell, q, qd)
+    leaves = problem.release_speed_factor * tool.v_WT
+    flight = fly(tool.p_WT, leaves, problem.plane_z, problem.gravity, problem.drag)
+    if flight is None:
+        return "and does not come down where it was planned to land"
+    x, y, z = flight.landing_point
+    place = f"and lands about at ({x:.2f}, {y:.2f}, {z:.2f}) m"
+    planned = release_flight(problem, trajectory)
+    if planned is None:
+        return place
+    return f"{place}, {np.linalg.norm(flight.landing_point - planned.landing_point):.2f} m from where it was planned"
+
+
+def _state_at(states: Sequence[RobotState], t: float) -> tuple[Vector, Vector]:
+    """Returns q and qd (6,) at the controller's time `t` [s], [rad, rad/s]; beyond the states those of the last."""
+    times = [state.timestamp_s for state in states]
+    i = bisect_right(times, t)
+    if not 0 < i < len(states):
+        nearest = states[min(i, len(states) - 1)]
+        return np.array(nearest.q), np.array(nearest.qd)
+    before = states[i - 1]
+    after = states[i]
+    share = (t - before.timestamp_s) / (after.timestamp_s - before.timestamp_s)
+    q = (1.0 - share) * np.array(before.q) + share * np.array(after.q)
+    qd = (1.0 - share) * np.array(before.qd) + share * np.array(after.qd)
+    return q, qd
