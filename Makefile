@@ -7,7 +7,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
 NATIVE := $(wildcard planner/native/*/*.[ch] planner/backends/casadi_nlp/*.py planner/backends/casadi_nlp/symbols/*.py)
 SOURCES := fling planner store learning jobs api executor simulator benchmarks
 
-.PHONY: setup demo up test verify verify-ci wheels sbom audit fuzz test-kernels check web web-check bench bench-batches pictures docs lock clean
+.PHONY: setup demo up test verify verify-ci wheels sbom audit soak fuzz test-kernels check web web-check bench bench-batches pictures docs lock clean
 
 setup: $(VENV)/dev.stamp   ## .venv with everything pinned, and the C compiled
 
@@ -21,8 +21,11 @@ test: $(VENV)/dev.stamp
 	$(BIN)/python -m pytest -n 2 --dist loadfile --ignore tests/system --ignore tests/verify
 	$(BIN)/python -m pytest tests/system  # in real time: nothing beside it
 
-verify: $(VENV)/docs.stamp $(VENV)/verify.stamp $(VENV)/ray.stamp   ## what takes minutes: wheels, both databases, generated clients, notebooks
-	$(BIN)/python -m pytest tests/verify
+verify: $(VENV)/docs.stamp $(VENV)/verify.stamp $(VENV)/ray.stamp   ## what takes minutes: wheels, both databases, generated clients, notebooks; LONG=1: an hour of soak, too
+	$(if $(LONG),FLING_SOAK_MINUTES=60) $(BIN)/python -m pytest tests/verify
+
+soak: $(VENV)/dev.stamp         ## MINUTES (10) of load, kills and hostile requests: nothing may grow, nothing be lost
+	$(BIN)/python -m benchmarks.soak --minutes $(or $(MINUTES),10)
 
 verify-ci: $(VENV)/verify.stamp   ## what of it continuous integration has time for
 	$(BIN)/python -m pytest -n 2 --dist loadfile tests/verify -m "not slow"
