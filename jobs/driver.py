@@ -15,8 +15,6 @@ from jobs.pool import BATCH_NICENESS, PLANNING, JobResult, Work, open_pool, warm
 from jobs.writer import Put, ResultWriter, Save
 from planner.cell import CellSource
 
-WARM_UP_FROM = 100  # jobs left from which on each worker warms up first: a second that pays later
-
 MustStop = Callable[[], bool]
 
 
@@ -79,8 +77,7 @@ def run(
     if driven.left == 0 or driven.is_cancelled:
         drive(driven, _plan_nothing, must_stop)
         return
-    warm_up = warm_up_job(driven.source) if driven.left >= WARM_UP_FROM else None
-    own_work = replace(work, warm_up=warm_up, niceness=BATCH_NICENESS)
+    own_work = replace(work, warm_up=warm_up_job(driven.source), niceness=BATCH_NICENESS)  # no answer counts loading
     with open_pool(workers, ray_address, own_work, most=driven.left) as pool:
         drive(driven, pool.plan_all, must_stop)
 

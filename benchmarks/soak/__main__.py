@@ -90,9 +90,8 @@ def soak(station: Station, minutes: float, hostile: int, seed: int) -> list[str]
     for client in clients:
         client.join()
     stops = sorted(tally.stops_s) or [0.0]
-    print(
-        f"kills {dict(kills)}; answers {dict(tally.statuses)}; outcomes {dict(tally.outcomes)}; hostile {attacks.statuses}"
-    )
+    print(f"kills {dict(kills)}; answers {dict(tally.statuses)}")
+    print(f"outcomes {dict(tally.outcomes)}; hostile {attacks.statuses}")
     high = stops[int(0.99 * len(stops))]
     print(f"{len(stops)} stops: p50 {stops[len(stops) // 2]:.3f} s, p99 {high:.3f} s, max {stops[-1]:.3f} s")
     return [*growth(usages, shared), *faults(tally, attacks.statuses), *station.errors()]

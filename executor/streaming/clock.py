@@ -107,5 +107,5 @@ class LostTicks:
             delayed_s: time this thread waited for a processor since the last tick [s].
         """
         self.recent += missed - self.recent / self.memory
-        self.by_link = max(0.0, self.by_link + missed - delayed_s / self.dt - self.by_link / self.memory)
+        self.by_link += max(0.0, missed - delayed_s / self.dt) - self.by_link / self.memory
         return missed >= self.in_a_row or self.recent > self.most or self.by_link > self.most_by_link

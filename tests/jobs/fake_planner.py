@@ -50,6 +50,21 @@ def fake_load(warm_up: PlanningJob | None) -> None:
         fake_solve(warm_up)
 
 
+LOADED: list[str] = []  # cells that this process was warmed up for
+
+
+def fake_load_noted(warm_up: PlanningJob | None) -> None:
+    """Notes what the worker was warmed up for."""
+    LOADED.extend([] if warm_up is None else [warm_up.cell.name])
+
+
+def fake_plan_once_loaded(job: PlanningJob) -> PlanRecord:
+    """Plans in a worker that was warmed up for the job's cell, and in no other."""
+    if [job.cell.name] != LOADED:
+        raise Infeasible([Violation("loading", 0.0, 1.0, "1")])
+    return fake_plan(job)
+
+
 def fake_plan(job: PlanningJob) -> PlanRecord:
     """Returns the plan of a throw whose release time is `value`, once it has done what the request asks for."""
     planned = fake_solve(job)

@@ -11,6 +11,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ import pytest
 from jobs import driver
 from jobs.batches import BatchRequests, BatchSpecification, CellUse, DrivenBatch, wait_and_claim, write_table
 from store import BatchLost, BatchRow, Store
-from tests.jobs.fake_planner import CELL, FAKE_PLANS
+from tests.jobs.fake_planner import CELL, FAKE_PLANS, fake_load_noted, fake_plan_once_loaded
 
 
 @pytest.fixture
@@ -45,6 +46,15 @@ def drive(store: Store, id: str, driver_id: str = "test", **options: Any) -> Bat
     task = DrivenBatch(store, wait_and_claim(store, id, driver_id), **options)
     driver.run(task, 1, work=FAKE_PLANS)
     return store.batch(id)
+
+
+def test_a_worker_has_loaded_everything_before_the_first_row_however_small_the_batch(store: Store):
+    """Otherwise the duration of the first rows is that of loading."""
+    id = queue(store, [{"value": 1}])
+    task = DrivenBatch(store, wait_and_claim(store, id, "test"))
+    driver.run(task, 1, work=replace(FAKE_PLANS, load=fake_load_noted, solve=fake_plan_once_loaded))
+    ((row,), _) = store.batch_results(id, 10)
+    assert row.outcome == "planned"
 
 
 def test_every_request_has_its_result_and_a_problem_one_plan(store: Store, tmp_path: Path):

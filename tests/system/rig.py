@@ -19,10 +19,11 @@ import orjson
 import psutil
 
 from executor.robot import DashboardClient, simulator_client
-from planner.answer import plan_document
+from planner.answer import plan_document, plan_from_document
 from planner.cell import load_cell
 from planner.planning import plan
 from planner.request import problem_from_request
+from planner.trajectory import Trajectory
 from store import ExecutionRow, PlanRow, Store, new_id, plan_sha256, split_plan
 from tests.processes import children_with
 
@@ -41,6 +42,7 @@ RESTED_S = 0.1  # [s] of the controller's time at rest: longer than a lag, so it
 TOSS = {"kind": "joint", "positions": [0.25, -1.45, 1.45, -1.5, -1.45, 0.1],
         "velocities": [1.2, 0.6, -0.6, 0.3, 0.5, 0.2]}  # fmt: skip
 NUDGE = {"kind": "joint", "positions": [0.03, -1.57, 1.57, -1.57, -1.57, 0.0], "velocities": [0.0] * 6}
+FAR = {**NUDGE, "positions": [2.4, -1.57, 1.57, -1.57, -1.57, 0.0]}
 LOB = {"kind": "target", "position": [1.2, 0.3, 0.0]}
 LONG_LOB = {  # to the same place, in a launch of 0.39 s: fast for long before the gripper gets its command
     "kind": "joint",
@@ -52,7 +54,9 @@ LONG_LOB = {  # to the same place, in a launch of 0.39 s: fast for long before t
 class Rig:
     """The processes of one cell, and the operations of a test on them."""
 
-    def __init__(self, folder: Path, base: str = "ur5e-sim", replace: Mapping[str, str] | None = None) -> None:
+    def __init__(
+        self, folder: Path, base: str = "ur5e-sim", replace: Mapping[str, str] | None = None, url: str | None = None
+    ) -> None:
         pid = os.getpid()
         self.host = f"127.{120 + next(NUMBERS) % 80}.{pid >> 8 & 255}.{pid & 255 or 1}"
         text = (ROOT / "cells" / f"{base}.toml").read_text()
@@ -64,7 +68,7 @@ class Rig:
         self.path = folder / "rig.toml"
         self.path.write_text(text)
         self.folder, self.cell = folder, load_cell(self.path)
-        self.url = f"sqlite:///{folder / 'fling.db'}"
+        self.url = url or f"sqlite:///{folder / 'fling.db'}"
         self.store = Store.open(self.url)
         self.environment = {**os.environ, "FLING_DATABASE_URL": self.url, "FLING_CELLS": str(folder),
                             "FLING_DATA": str(folder / "data"), "FLING_APPROACH_PACE": "2"}  # fmt: skip
@@ -100,12 +104,16 @@ class Rig:
         self.until(lambda: (row := self.store.cell_status("rig")) is not None and row.heartbeat_at > began
                    and row.robot.get("connected") is True)  # fmt: skip
 
-    def stand_up(self) -> None:
-        """Brings everything back in order: executor running, robot ready, no latched fault."""
+    def revive(self) -> None:
+        """Starts the executor again where it was killed, and lets it run where it was frozen."""
         assert self.executor is not None
         if self.executor.poll() is not None:
             self.start_executor()
         self.executor.send_signal(signal.SIGCONT)
+
+    def stand_up(self) -> None:
+        """Brings everything back in order: executor running, robot ready, no latched fault."""
+        self.revive()
         self.recover()
         if self._queued:  # a test that failed has not waited for its end
             self.end(self._queued)
@@ -163,6 +171,16 @@ class Rig:
         assert row is not None
         return row
 
+    def document(self, id: str) -> dict[str, Any]:
+        """Returns the plan of an execution."""
+        row = self.store.plan(self.row(id).plan_id)
+        assert row is not None
+        return orjson.loads(row.document)
+
+    def motion(self, id: str) -> Trajectory:
+        """Returns the trajectory of the plan of an execution."""
+        return plan_from_document(self.document(id), self.cell)[1]
+
     def end(self, id: str) -> ExecutionRow:
         """Waits for the end of an execution."""
         self.until(lambda: self.row(id).state == "finished", END_WITHIN_S)
@@ -189,6 +207,13 @@ class Rig:
         assert rest_s < ABORTED_S
         assert max(map(abs, self.state()["qd"])) < 1e-3
         assert not self.is_latched()
+
+    def far_from_its_start(self) -> str:
+        """Queues an execution with a long approach, and waits until the arm is on its way; returns the id."""
+        self.throw_when_ready(FAR)
+        id = self.queue(NUDGE)
+        self.until(lambda: max(map(abs, self.state()["qd"])) > MOVING_RAD_S, period=0.001)
+        return id
 
     def states(self, id: str) -> list[str]:
         """Returns the states that an execution went through."""
@@ -247,6 +272,14 @@ class Rig:
         """Returns releases and landings."""
         return simulator_client.request(self.host, "world")
 
+    def speed(self) -> float:
+        """Returns the true speed of the fastest joint [rad/s]."""
+        return max(map(abs, self.state()["qd"]))
+
+    def newest_object(self) -> int:
+        """Returns the number of the object that left last; 0 where none did."""
+        return max((release["object"] for release in self.world()["releases"]), default=0)
+
     def fault(self, name: str, **parameters: Any) -> None:
         """Injects a fault."""
         simulator_client.request(self.host, "fault", name=name, **parameters)
@@ -274,9 +307,13 @@ class Rig:
 
     def queue_when_ready(self, release: Mapping[str, Any]) -> str:
         """Queues an execution until one is not refused; returns its id."""
+        return self.queue_plan_when_ready(self.plan(release))
+
+    def queue_plan_when_ready(self, plan_id: str) -> str:
+        """Queues an execution of a stored plan until one is not refused; returns its id."""
 
         def accepted() -> bool:
-            id = self.queue(release)
+            id = self.queue_plan(plan_id)
             self.until(lambda: self.row(id).state in ("approaching", "streaming", "finished"))
             return self.row(id).outcome != "refused"
 

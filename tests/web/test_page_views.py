@@ -28,6 +28,10 @@ RED = """() => {
   probe.remove();
   return colour;
 }"""
+PLACES = """(svg, texts) => texts.map((text) => {
+  const box = [...svg.querySelectorAll("text")].find((label) => label.textContent === text).getBoundingClientRect();
+  return [box.x, box.y];
+})"""
 PLACE_IN_FORM = """(field) => {
   const form = field.form;
   return field.getBoundingClientRect().top - form.getBoundingClientRect().top + form.scrollTop;
@@ -81,6 +85,13 @@ def test_a_limit_that_holds_does_not_read_as_exceeded(guest: Visit) -> None:
     bad = guest.page.evaluate(RED)
     assert fills
     assert bad not in fills
+
+
+def test_odds_without_knowledge_are_no_percentage(guest: Visit) -> None:
+    planned(guest)
+    summary = guest.page.locator(".summary")
+    expect(summary).to_contain_text("How likely it hits is not known")
+    expect(summary).not_to_contain_text("probability")
 
 
 def test_words_have_no_underscores(guest: Visit, desk: Desk, thrown_id: str) -> None:
@@ -140,9 +151,9 @@ def test_axes_are_drawn_and_named(guest: Visit) -> None:
     views = guest.region("Scene").locator(".drawn-views svg")
     for text in ("x", "y", "1 m", "−1 m"):
         expect(views.nth(1).get_by_text(text, exact=True).first).to_be_visible(timeout=SOON_MS)
-    box = {text: views.nth(1).get_by_text(text, exact=True).first.bounding_box() for text in ("x", "y")}
-    assert box["x"]["x"] > box["y"]["x"]  # type: ignore[index]  # from above, x points right and y up
-    assert box["y"]["y"] < box["x"]["y"]  # type: ignore[index]
+    (right, _), (_, up), origin = views.nth(1).evaluate(PLACES, ["x", "y", "z"])
+    assert right > origin[0]  # seen from above, x points to the right
+    assert up < origin[1]  # and y upwards
 
 
 def test_the_scene_is_zoomed_and_keeps_the_view_of_a_person(viewer: Visit) -> None:

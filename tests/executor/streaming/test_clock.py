@@ -105,6 +105,14 @@ def test_a_bad_link_is_noticed_as_early_on_a_slow_arm() -> None:
     assert lost_until_late(True, 1, 0.0, dt=0.008) * 0.008 <= 0.035
 
 
+def test_a_thread_that_waits_a_little_in_every_tick_hides_no_bad_link() -> None:
+    """A simulated controller on the same processor takes a third of every tick."""
+    lost = LostTicks(DT, realtime=True)
+    ticks = next(i for i in range(1, 1000) if lost.are_too_many(i % 2, 0.35 * DT))
+    assert ticks < 25
+    assert lost.cause == "the link lost them"
+
+
 def test_ticks_lost_for_want_of_a_processor_are_borne_without_real_time() -> None:
     assert lost_until_late(True, 4, DT) is not None
     assert lost_until_late(False, 4, DT) is None

@@ -74,7 +74,10 @@ function PlanSummary(): JSX.Element | null {
       {standing.value === "stale" ? <strong>Planned before the last change: plan again.</strong> : null}
       <p>{planWords(current)}</p>
       <p class="soft">{timingWords(current)}</p>
-      {odds ? (
+      {odds && odds.profile === null ? (
+        <p class="soft">How likely it hits is not known: the timing is unknown, ±20 ms. Calibrate: fling calibrate gripper.</p>
+      ) : null}
+      {odds && odds.profile !== null ? (
         <p class="soft">
           Hits within {figure(odds.radius_m * 1000)} mm with a probability of {figure(odds.value * 100, 2)} % (
           {figure(odds.interval.map((p) => p * 100)[0], 2)} to {figure(odds.interval.map((p) => p * 100)[1], 2)} %).
