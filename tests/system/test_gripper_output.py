@@ -104,6 +104,8 @@ def test_every_kind_of_output_is_watched(tmp_path: Path, output: str) -> None:
 def test_a_way_without_a_throw_is_watched_too(rig: Rig) -> None:
     """A move that ends at rest may carry an object: the way home, and the motions of a calibration."""
     assert rig.throw_when_ready().outcome == "completed"
+    switch(rig, not rig.cell.gripper.open_level)  # an open one is empty, and not watched
+    rig.until(lambda: rig.state()["gripper_holds"] is not None)
     id = rig.queue({**NUDGE, "positions": [0.9, -1.57, 1.57, -1.57, -1.57, 0.0]})
     rig.in_launch(id)
     switch(rig, rig.cell.gripper.open_level)
