@@ -4,14 +4,11 @@ Its `launch.c` hands fatrop each stage's matrices, two stages at once. It finds 
 the last bit; that one evaluates the whole problem as sparse matrices and takes them apart again for every stage, which
 takes as long as the rows themselves.
 
-Two kinds of calls are ended before fatrop converges or gives up. Where no step is found, it leaves the cost aside and
-looks for any variables that keep the rows (restoration): one such call in six comes to a solution, and they take half
-of the time in cells where much is in the way. Other seeds do better in that time. And a call is ended whose release
-would be too late. Of a convex problem, the Lagrangian at the multipliers of any iteration, less the most by which other
-values of the variables and rows within their bounds could lower it, is no larger than the least cost (weak duality).
-These problems are not convex, and the other terms of the cost are taken as they are in that iteration, so the bound is
-an estimate; but it is near the solution's cost after half of the iterations. Source: Boyd and Vandenberghe, Convex
-Optimization (2004), 5.1.3.
+A call is ended whose release would be too late. Of a convex problem, the Lagrangian at the multipliers of an iteration,
+less the most by which other values of the variables and rows within their bounds could lower it, is no larger than the
+least cost (weak duality). These problems are not convex, and the other terms of the cost are taken as they are in that
+iteration, so the bound is an estimate; but it is near the solution's cost after half of the iterations. Source: Boyd
+and Vandenberghe, Convex Optimization (2004), 5.1.3.
 """
 
 from __future__ import annotations
@@ -33,8 +30,6 @@ from planner.native import OPTIMISER
 
 ROWS_MAX = 64
 OBJECTS_MAX = 2  # [-] of a block, and whose states there may be, as in launch.c
-RESTORATIONS = "restorations"
-ANY_NUMBER = 1 << 30  # iterations in which the cost may be left aside; without a limit
 SOLVED = 0
 LATE = -2  # status of a call, as in launch.c
 
@@ -106,7 +101,7 @@ class Launch:
 
         Args:
             arguments: as casadi's solvers take them: x0, p, lbx, ubx, lbg, ubg.
-            options: of fatrop, and `RESTORATIONS`.
+            options: of fatrop.
             latest: time of the release, scaled, beyond which a solution is of no use.
 
         Raises:
@@ -118,17 +113,15 @@ class Launch:
         p = self._packed(arguments["p"])
         if {len(lower), len(upper)} != {self.index.variables + self.index.size} or len(guess) != self.index.variables:
             raise ValueError(f"{len(lower)} bounds and {len(guess)} variables do not fit the problem")
-        of_fatrop = _of_fatrop(options)
-        names = (ctypes.c_char_p * len(of_fatrop))(*(name.encode() for name in of_fatrop))
-        values = np.array(list(of_fatrop.values()), float)
+        names = (ctypes.c_char_p * len(options))(*(name.encode() for name in options))
+        values = np.array(list(options.values()), float)
         x = np.zeros(self.index.variables)
         iterations = ctypes.c_int(0)
         status = self._library.solve_launch(
             ctypes.byref(self._problem),
             *(array.ctypes.data for array in (lower, upper, guess, p)),
             latest,
-            int(options.get(RESTORATIONS, ANY_NUMBER)),
-            len(of_fatrop),
+            len(options),
             names,
             values.ctypes.data,
             x.ctypes.data,
@@ -193,11 +186,6 @@ class Launch:
         return array.ctypes.data
 
 
-def _of_fatrop(options: Mapping[str, float]) -> Options:
-    """Returns those of a call's options that fatrop knows."""
-    return {name: value for name, value in options.items() if name != RESTORATIONS}
-
-
 def _own_rows(index: RowIndex) -> list[range]:
     """Returns the rows of each stage, beside those of the next state."""
     rows = []
@@ -238,7 +226,7 @@ def _library() -> ctypes.CDLL:
     """
     library = ctypes.CDLL(str(OPTIMISER))
     pointer = ctypes.c_void_p
-    numbers = [ctypes.c_double, ctypes.c_int, ctypes.c_int]
+    numbers = [ctypes.c_double, ctypes.c_int]
     library.solve_launch.argtypes = [pointer] * 5 + numbers + [pointer] * 4
     library.launch_rows.argtypes = [pointer] * 4
     library.launch_rows.restype = None

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,18 +110,6 @@ class RowIndex:
         if not self.stages.objects or k < self.stages.launch:
             return np.full(N_THROWN, -1)
         return self.core + N_THROWN * (k - self.stages.launch) + np.arange(N_THROWN)
-
-    @cached_property
-    def stagewise(self) -> Indices:
-        """The positions of the variables in the order of casadi's interface to fatrop: all states of a stage first."""
-        stages = range(self.stages.stages + 1)
-        ordered = np.concatenate([np.append(self.states_at(k), self.columns(k)[NX:]) for k in stages])
-        return ordered[ordered >= 0]
-
-    def states_at(self, k: int) -> Indices:
-        """Returns the positions of a stage's states, the object's last."""
-        thrown = self.thrown(k)
-        return np.append(self.columns(k)[:NX], thrown[thrown >= 0])
 
     def _in_group(self, group: str) -> Indices:
         return np.concatenate([rows for name, rows in self.rows_of.items() if group_of(name) == group])

@@ -25,7 +25,6 @@
 #define ENTRIES_MAX (ROWS_MAX * WITH_ONE)              /* of its derivatives */
 #define BROKEN (-1)                                    /* status of a call, beside fatrop's */
 #define LATE (-2)
-#define RESTORING (-3)
 #define FREE 0x7fffffff                      /* column of a row without bounds */
 
 typedef struct blasfeo_dmat matrix;
@@ -60,7 +59,6 @@ struct call {
     const struct problem *of;
     const double *lower, *upper, *guess, *p; /* bounds of variables, then of rows */
     double latest;                           /* time of the release, scaled, beyond which it is of no use */
-    int restorations, restored;              /* iterations without the cost: allowed, and so far */
     struct FatropOcpCSolver *solver;
     double *z, *g, *multipliers, *gradient;
     int *columns, *inequality, *equality, *inequalities, *equalities; /* lists, and where each stage's begin */
@@ -345,8 +343,6 @@ static int hessian(double scale, const double *primal, const double *given, cons
     (void)stage_p, (void)global_p;
     products = 0;
     call->iterations = call->iterations + 1;
-    call->restored += scale == 0.0;
-    if (call->restored > call->restorations) end(call, RESTORING);
     read_variables(call, primal, s);
     read_multipliers(call, given, s);
     memset(slope, 0, WITH_THROWN * (size_t)(of->stages + 1) * sizeof(double));
@@ -501,19 +497,17 @@ static int begins_finite(struct call *call) {
 
 /* Solves a launch; sets the variables and the number of iterations. Returns fatrop's status: 0 for solved;
    BROKEN where it cannot begin, some derivative was not finite, or it does not return; LATE where it was ended as it
-   comes to no release by `latest`; RESTORING where it was as it looked for any variables that keep the rows.
+   comes to no release by `latest`.
 
    `lower`, `upper`: of the variables, then of the rows; `p`: every block's parameters, then the costs'; `latest`: time
-   of the release, scaled, INFINITY for none; `restorations`: iterations in which the cost may be left aside; `names`
-   and `values` of fatrop's options. */
+   of the release, scaled, INFINITY for none; `names` and `values` of fatrop's options. */
 int solve_launch(const struct problem *of, const double *lower, const double *upper, const double *guess,
-                 const double *p, double latest, int restorations, int options, const char *const *names,
-                 const double *values, double *out, int *iterations) {
+                 const double *p, double latest, int options, const char *const *names, const double *values,
+                 double *out, int *iterations) {
     const int n = variables(of), padded = WITH_THROWN * (of->stages + 1), all = n + of->rows;
     double *numbers = calloc((size_t)(2 * padded + of->rows + all), sizeof(double));
     int *counts = calloc((size_t)(3 * all + 2 * (of->stages + 2)), sizeof(int));
-    struct call call = {.of = of, .lower = lower, .upper = upper, .guess = guess, .p = p, .latest = latest,
-                        .restorations = restorations};
+    struct call call = {.of = of, .lower = lower, .upper = upper, .guess = guess, .p = p, .latest = latest};
     int status = BROKEN;
     if (!numbers || !counts) goto end;
     call.z = numbers, call.gradient = call.z + padded, call.g = call.gradient + padded, call.multipliers = call.g + of->rows;

@@ -14,11 +14,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from planner.backends.casadi_nlp.fatrop import ANY_NUMBER, RESTORATIONS, Arguments, Options, Outcome
+from planner.backends.casadi_nlp.fatrop import Arguments, Options, Outcome
 from planner.backends.casadi_nlp.functions import evaluate
-from planner.backends.casadi_nlp.layout import NU, TIME, StageLayout, Vector
-from planner.backends.casadi_nlp.transcription import Indices, transcription
-from tests.planner.backends.whole_problem import Iterates, whole_problem
+from planner.backends.casadi_nlp.layout import NU, NX, TIME, StageLayout, Vector
+from planner.backends.casadi_nlp.transcription import Indices, RowIndex, transcription
+from tests.planner.backends.whole_problem import Iterates, states_at, whole_problem
 
 PATTERNS_KEPT = 64  # solvers cached
 
@@ -48,27 +48,30 @@ class CasadiLaunch:
         return evaluate(whole_problem(self.stages)["g"], x, p)[0].ravel()
 
 
+def _stagewise(index: RowIndex) -> Indices:
+    """Returns the positions of the variables in the order of casadi's interface: all states of a stage first."""
+    stages = range(index.stages.stages + 1)
+    ordered = np.concatenate([np.append(states_at(index, k), index.columns(k)[NX:]) for k in stages])
+    return ordered[ordered >= 0]
+
+
 def solve_by_casadi(stages: StageLayout, arguments: Arguments, options: Options, latest: float = math.inf) -> Outcome:
     """Returns what casadi's interface to fatrop comes to; see `Launch.solve`.
 
     casadi cannot end a call, but what comes after the iteration at which `Launch` ends it does not count. Without a
     weight the cost is left aside.
     """
-    order = transcription(stages).row_index.stagewise
+    order = _stagewise(transcription(stages).row_index)
     ordered = {**arguments} | {name: arguments[name][order] for name in ("x0", "lbx", "ubx")}
-    of_fatrop = tuple((name, value) for name, value in options.items() if name != RESTORATIONS)
-    solver, functions, iterates = _fatrop(stages, _pattern(ordered), of_fatrop)
+    solver, functions, iterates = _fatrop(stages, _pattern(ordered), tuple(options.items()))
     iterates.seen.clear()
     found = np.array(solver(**ordered)["x"]).ravel()
     stats = solver.stats()
-    restorations = options.get(RESTORATIONS, ANY_NUMBER)
     begun = int(stats["iter_count"]) if stats["success"] else len(iterates.seen)  # casadi evaluates the solution, too
     for count, (x, weight, multipliers) in enumerate(iterates.seen[:begun], start=1):
-        restorations -= weight == 0.0
-        is_restoring = restorations < 0
         asks = latest < math.inf and weight > 0.0
-        if is_restoring or (asks and _least_release(functions, ordered, x, multipliers) > latest):
-            return Outcome(np.full(len(order), np.nan), count, is_solved=False, is_late=not is_restoring)
+        if asks and _least_release(functions, ordered, x, multipliers) > latest:
+            return Outcome(np.full(len(order), np.nan), count, is_solved=False, is_late=True)
     x = np.empty(len(order))
     x[order] = found
     return Outcome(x, int(stats["iter_count"]), bool(stats["success"]))
@@ -127,7 +130,7 @@ def _fatrop(
     index = made.row_index
     n = stages.stages
     functions = (
-        whole_problem(stages) if index.core == index.variables else _reordered(whole_problem(stages), index.stagewise)
+        whole_problem(stages) if index.core == index.variables else _reordered(whole_problem(stages), _stagewise(index))
     )
     roles = {"nlp_grad_f": ("grad_f", ["grad:f:x"]), "nlp_hess_l": ("hess_l", ["grad:gamma:x", "hess:gamma:x:x"])}
     states = [index.states(k) for k in range(n + 1)]

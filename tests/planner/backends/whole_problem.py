@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from planner.backends.casadi_nlp.layout import COST, N_THROWN, NU, NZ, StageLayout, Vector
+from planner.backends.casadi_nlp.layout import COST, N_THROWN, NU, NX, NZ, StageLayout, Vector
 from planner.backends.casadi_nlp.symbols import FORMULAS
 from planner.backends.casadi_nlp.transcription import ALL_SHARED, Indices, RowIndex, transcription
 
@@ -20,6 +20,12 @@ MX = Any
 def whole_problem(stages: StageLayout) -> dict[str, Any]:
     """Returns the functions f, g, grad_f, jac_g and hess_l of (x, p) of a layout."""
     return assemble(transcription(stages).row_index)
+
+
+def states_at(index: RowIndex, k: int) -> Indices:
+    """Returns the positions of a stage's states, the object's last."""
+    thrown = index.thrown(k)
+    return np.append(index.columns(k)[:NX], thrown[thrown >= 0])
 
 
 def assemble(index: RowIndex) -> dict[str, Any]:
@@ -109,7 +115,7 @@ def _scatter(positions: Indices, values: np.ndarray | float, rows: int) -> Any:
 def _next_states(index: RowIndex) -> Any:
     """Returns the constant matrix that x_{k+1} enters the dynamics by."""
     rows = np.concatenate(index.dynamics)
-    columns = np.concatenate([index.states_at(k + 1) for k in range(index.stages.stages)])
+    columns = np.concatenate([states_at(index, k + 1) for k in range(index.stages.stages)])
     return ca.DM(ca.Sparsity.triplet(index.size, index.variables, rows.tolist(), columns.tolist()), 1.0)
 
 
