@@ -246,3 +246,22 @@ def test_nothing_catches_everything(root: Path):
                 if node.type is None or names & {"Exception", "BaseException"}:
                     found.append(f"{file.relative_to(root)}:{node.lineno}")
     assert [place for place in found if not place.startswith("executor/")] == []
+
+
+# source: ur_rtde 1.6.5, what RTDEControlInterface moves the arm with beyond one command; speedJ and servoJ, which the
+# watchdog ends, and their stops are what is left
+OUTLIVING = {
+    "moveJ", "moveJ_IK", "moveL", "moveL_FK", "movePath", "moveUntilContact", "stopJ", "stopL", "speedL", "servoL",
+    "servoC", "jogStart", "forceMode", "teachMode", "freedriveMode", "startContactDetection", "contactDetection",
+}  # fmt: skip
+
+
+def test_the_executor_sends_no_motion_that_outlives_it(root: Path):
+    found = {
+        node.attr
+        for file in (root / "executor").rglob("*.py")
+        for node in ast.walk(ast.parse(file.read_text()))
+        if isinstance(node, ast.Attribute)
+    }
+    assert found & OUTLIVING == set()
+    assert {"speedJ", "servoJ", "setWatchdog"} <= found

@@ -15,6 +15,7 @@ from api.cli import COMMANDS
 ROOT = Path(__file__).parent.parent
 PACKAGES = ("fling", "planner", "api", "store", "learning", "jobs", "executor", "simulator", "benchmarks")
 WRITTEN_BY_COMMANDS = {
+    "fault-matrix.md",
     "streaming.md",
     "same-answers.md",
     "operations.md",

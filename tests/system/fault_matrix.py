@@ -32,6 +32,7 @@ FASTEST_RAD_S = 2.5  # [rad/s] from which the promise holds; a stop takes 3 to 5
 LAUNCHING_RAD_S = 2.35
 BRAKING_RAD_S = 1.5  # [rad/s] in the middle of the throw's brake
 THROW = {**LONG_LOB, "velocities": [0.92 * v for v in LONG_LOB["velocities"]]}
+PUBLISHED_S = 2.0  # [s] a heartbeat comes four times a second
 POLL_S = 0.0005  # [s] between two looks at the controller while a moment is awaited
 
 
@@ -166,6 +167,7 @@ class Fault:
         harmless: whether the run may go on to its end.
         borne_s: for which the streaming process, alive and in control, bears it before it brakes [s].
         leaves_nobody: whether nobody is left who could say where an object went.
+        lets_go: whether it opens the gripper itself.
     """
 
     name: str
@@ -174,6 +176,7 @@ class Fault:
     harmless: bool = False
     borne_s: float = 0.0
     leaves_nobody: bool = False
+    lets_go: bool = False
 
 
 def _told(name: str, **parameters: Any) -> Callable[[Rig], Trigger]:
@@ -246,6 +249,17 @@ def _script(port: int, text: str) -> Callable[[Rig], Trigger]:
     return prepare
 
 
+def _gripper_switched(opens: bool) -> Callable[[Rig], Trigger]:
+    """Returns what sets the gripper's output as another client, by a secondary program beside ours."""
+
+    def prepare(rig: Rig) -> Trigger:
+        gripper = rig.cell.gripper
+        level = gripper.open_level == opens
+        return _script(30002, f"sec other():\n  set_tool_digital_out({gripper.index}, {level})\nend\n")(rig)
+
+    return prepare
+
+
 def _database_locked(rig: Rig) -> Trigger:
     """Another process holds the database until the arm rests."""
     other = sqlite3.connect(rig.url.removeprefix("sqlite:///"))
@@ -258,6 +272,8 @@ def _database_locked(rig: Rig) -> Trigger:
 
 
 LOST = ("executor_lost",)
+GRIPPER = ("released_early", "not_released")
+OUTPUT_S = 0.03  # [s] a script begins at the next cycle, and the output changes one lag later
 LINK = ("link_lost", "aborted", "late")
 PLAYS = "def other():\n  while True:\n    sync()\n  end\nend\n"
 MOVES = "movej([0, -1, 1, 0, 0, 0], a=1.4, v=1)\n"
@@ -293,6 +309,8 @@ FAULTS = (
     Fault("every command lost", _told("disturb_connection", role="control", drop=1.0), LINK),
     Fault("another client's program", _script(30002, PLAYS), ("foreign_program",)),
     Fault("another client's motion", _script(30001, MOVES), ("foreign_program",)),
+    Fault("gripper opened by another client", _gripper_switched(True), GRIPPER, True, OUTPUT_S, lets_go=True),
+    Fault("gripper closed by another client", _gripper_switched(False), GRIPPER, True, OUTPUT_S),
     Fault("protective stop", _told("protective_stop"), ("protective_stop",)),
     Fault("protective stop, program stopped", _told("protective_stop", runtime="stopped"), ("protective_stop",)),
     Fault("protective stop, program playing", _told("protective_stop", runtime="playing"), ("protective_stop",)),
@@ -352,7 +370,7 @@ class CellResult:
         error_m = self.landing_error_m
         if error_m is None:
             return "the object is gone, and never left the gripper" if self.was_held and not self.is_held else ""
-        if self.phase.holds and self.outcome != "completed":
+        if self.phase.holds and self.outcome != "completed" and not self.fault.lets_go:
             return "the object was lost"
         is_told = (self.told or self.fault.leaves_nobody) and self.outcome != "completed"
         if error_m > LANDED_M and not is_told:
@@ -382,9 +400,18 @@ def run_cell(rig: Rig, phase: Phase, fault: Fault) -> CellResult:
     error = _landing_error(rig, id, newest)
     measured = row.metrics is not None and row.metrics["landing_point"] is not None
     told = measured or "the object" in (row.reason or "")
+    latched = row.outcome != "completed" and _latches(rig)
     return CellResult(
-        phase, fault, str(row.outcome), row.reason or "", rest_s, error, told, rig.is_latched(), was_held, _holds(rig)
+        phase, fault, str(row.outcome), row.reason or "", rest_s, error, told, latched, was_held, _holds(rig)
     )
+
+
+def _latches(rig: Rig) -> bool:
+    """Returns whether a fault is latched, once the executor has had time to publish it."""
+    end = time.monotonic() + PUBLISHED_S
+    while not rig.is_latched() and time.monotonic() < end:
+        time.sleep(POLL_S)
+    return rig.is_latched()
 
 
 def _holds(rig: Rig) -> bool:

@@ -12,7 +12,7 @@ import pytest
 from tests.system.fault_matrix import FAULTS, PHASES, run_cell
 from tests.system.rig import Rig
 
-PROCESSES = ("stream", "daemon", "another client")  # their faults in the launch are those of test_kills, test_faults
+PROCESSES = ("stream", "daemon", "another client", "gripper")  # their faults in the launch are in test_kills and others
 IN_LAUNCH = tuple(fault.name for fault in FAULTS if not fault.name.startswith(PROCESSES))
 AT_500_HZ = {
     "approach": (
