@@ -16,7 +16,7 @@ from planner.approach.rest_to_rest import rest_to_rest_motion
 from planner.approach.rrt_connect import Effort, find_path, is_clear
 from planner.arrays import Array
 from planner.cell import Cell, Limits
-from planner.certificate import Check, certify
+from planner.certificate import Check, Examination
 from planner.errors import InvalidProblem
 from planner.geometry import passable
 from planner.problem import JointRelease, ThrowProblem
@@ -150,7 +150,7 @@ class _Search:
             except InvalidProblem:
                 return None, failures
             motion = rest_to_rest_motion(path[leaving:], limits, problem.dt)
-            failures = certify(problem, motion).failures
+            failures = Examination(problem, motion).failures
             if not failures:
                 if leaving:
                     problem, motion = (

@@ -13,7 +13,7 @@ import numpy as np
 from planner.approach.rest_to_rest import rest_to_rest_motion
 from planner.arrays import Array
 from planner.cell import Cell
-from planner.certificate import Check, certify
+from planner.certificate import Check, Examination
 from planner.errors import InvalidProblem
 from planner.geometry import body_model
 from planner.problem import JointRelease, ThrowProblem
@@ -80,7 +80,7 @@ def too_close(cell: Cell, q: Array, with_object: bool = True) -> list[Check]:
     """
     still = rest_to_rest_motion(np.array([q, q]), cell.limits, 1.0 / cell.robot.sample_rate_hz)
     problem = ThrowProblem(cell, q, JointRelease(q, np.zeros(6)), cell.limits, holds_object=with_object)
-    return [check for check in certify(problem, still).failures if check.unit == "m"]
+    return [check for check in Examination(problem, still).failures if check.unit == "m"]
 
 
 def obstacle_words(checks: Sequence[Check]) -> str:

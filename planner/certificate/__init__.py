@@ -10,8 +10,10 @@ from planner.certificate.checks import Examination, certify
 from planner.certificate.curves import Curve, Series, motion_curves
 from planner.certificate.joints import START_TOLERANCE
 from planner.certificate.release import landing_errors, release_flight, window_landing_points
+from planner.certificate.tool import SINGULARITY_WINDOW_S
 
 __all__ = [
+    "SINGULARITY_WINDOW_S",
     "START_TOLERANCE",
     "Certificate",
     "Check",

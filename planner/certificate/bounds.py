@@ -11,11 +11,13 @@ each derivative of a rotation adds one factor, and a cross product never lengthe
 
 Between two instants h apart, a function f with a continuous slope obeys f >= min(f0, f1) - sup|f''| h^2/8, and one that
 changes no faster than L obeys f >= (f0 + f1 - L h)/2. Torques follow the joint accelerations, whose slope jumps with
-the jerk from tick to tick: each jump counts (`kinked_bound`). `prove_above` bisects until one of these decides.
+the jerk from tick to tick: each jump counts (`kinked_bound`). `prove_above` bisects until one of these decides, and on
+until the bound that it has proven is close to the least value found: what a certificate tells is a bound.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -27,6 +29,7 @@ from planner.trajectory import Trajectory
 
 ROUNDS = 16  # [-] bisections of an interval: 2^-16 of a coarse one is below a microsecond
 EVALUATIONS_MAX = 40_000  # [-] of one check; a motion this close to a limit for this long is not certified
+SHARPENED_MAX = 4_000  # [-] evaluations after which a bound that is proven is told as it is
 
 
 class Rates:
@@ -82,10 +85,11 @@ class Proof(NamedTuple):
     """Result of `prove_above`.
 
     Attributes:
-        value: smallest value found.
-        at_s: its time [s].
+        value: lower bound that holds at every instant; where that was not asked for, or nothing is proven, the smallest
+            value found.
+        at_s: time of the smallest value found [s].
         item: its item.
-        proven: whether the bound is proven for every instant.
+        proven: whether the required bound is proven for every instant.
     """
 
     value: float
@@ -114,6 +118,10 @@ class Intervals(NamedTuple):
     def keep(self, chosen: Mask) -> Intervals:
         """Returns the `chosen` intervals (k,)."""
         return Intervals._make(values[..., chosen] for values in self)
+
+    def lower(self, lower_bound: LowerBound) -> Array:
+        """Returns lower bounds on f over every interval (k,)."""
+        return lower_bound(self.f_left, self.f_right, self.rate, self.right - self.left)
 
     def halves(self, middle: Array, f_middle: Array) -> Intervals:
         """Returns both halves of every interval."""
@@ -151,6 +159,7 @@ def prove_above(
     rates: Array,
     required: float,
     lower_bound: LowerBound,
+    accuracy: float,
 ) -> Proof:
     """Proves f(t) >= `required` over [knots[0], knots[-1]] for every item by bisection, or finds a violation.
 
@@ -159,20 +168,32 @@ def prove_above(
         knots: increasing times (m,) [s].
         values: f at the knots (items, m), or lower bounds on it where they are large enough.
         rates: rate bounds of every item on every interval (..., items, m-1) or (m-1,), as `lower_bound` takes them.
-        required: the bound.
+        required: the bound; -infinity asks for nothing.
         lower_bound: `slope_bound`, `curvature_bound` or `kinked_bound`.
+        accuracy: by which the proven bound may be below the least value found; infinity asks for `required` alone.
     """
     item, knot = divmod(int(values.argmin()), values.shape[1])  # the first NaN, if there is one
     best = Proof(float(values[item, knot]), float(knots[knot]), item, False)
     if not best.value >= required:
         return best
-    enough = lower_bound(values[:, :-1], values[:, 1:], rates, knots[1:] - knots[:-1]) >= required
-    if enough.all():
-        return best._replace(proven=True)
-    items, parts = np.nonzero(~enough)
-    rate = np.broadcast_to(rates, (*rates.shape[:-2], *enough.shape))[..., items, parts]
-    todo = Intervals(knots[parts], knots[parts + 1], values[items, parts], values[items, parts + 1], rate, items)
-    return _bisect(evaluate, todo, best, required, lower_bound)
+    lower = lower_bound(values[:, :-1], values[:, 1:], rates, knots[1:] - knots[:-1])
+
+    def intervals(chosen: Mask) -> Intervals:
+        items, parts = np.nonzero(chosen)
+        rate = np.broadcast_to(rates, (*rates.shape[:-2], *chosen.shape))[..., items, parts]
+        return Intervals(knots[parts], knots[parts + 1], values[items, parts], values[items, parts + 1], rate, items)
+
+    undecided = ~(lower >= required)
+    found = _bisect(evaluate, intervals(undecided), best, required, lower_bound) if undecided.any() else best
+    if undecided.any() and not found.proven:
+        return found
+    found = found._replace(proven=True)
+    if accuracy == math.inf:
+        return found
+    loose = lower < found.value - accuracy
+    least = float(lower[~loose].min(initial=found.value))
+    found, bound = _sharpen(evaluate, intervals(loose), found, lower_bound, accuracy)
+    return found._replace(value=max(required, min(least, bound)))
 
 
 def _bisect(
@@ -183,15 +204,40 @@ def _bisect(
         spent += len(todo.left)
         if spent > EVALUATIONS_MAX:
             return best
-        middle = (todo.left + todo.right) / 2.0
-        f_middle = evaluate(middle, todo.item)
-        worst = int(f_middle.argmin())
-        if not f_middle[worst] >= best.value:
-            best = Proof(float(f_middle[worst]), float(middle[worst]), int(todo.item[worst]), False)
+        todo, best = _halved(evaluate, todo, best)
         if not best.value >= required:
             return best
-        todo = todo.halves(middle, f_middle)
-        todo = todo.keep(~(lower_bound(todo.f_left, todo.f_right, todo.rate, todo.right - todo.left) >= required))
+        todo = todo.keep(~(todo.lower(lower_bound) >= required))
         if len(todo.left) == 0:
             return best._replace(proven=True)
     return best
+
+
+def _sharpen(
+    evaluate: Callable[[Array, Index], Array], todo: Intervals, best: Proof, lower_bound: LowerBound, accuracy: float
+) -> tuple[Proof, float]:
+    """Returns the proof with the least value found, and a lower bound on f over `todo` that is close to it."""
+    bound = best.value
+    lower = todo.lower(lower_bound)
+    spent = 0
+    for _ in range(ROUNDS):
+        spent += len(todo.left)
+        if len(todo.left) == 0 or spent > SHARPENED_MAX:
+            break
+        todo, best = _halved(evaluate, todo, best)
+        lower = todo.lower(lower_bound)
+        loose = lower < best.value - accuracy
+        bound = float(lower[~loose].min(initial=min(bound, best.value)))
+        todo = todo.keep(loose)
+        lower = lower[loose]
+    return best, float(lower.min(initial=bound))
+
+
+def _halved(evaluate: Callable[[Array, Index], Array], todo: Intervals, best: Proof) -> tuple[Intervals, Proof]:
+    """Returns the halves of intervals, and the proof with the least of the values between them, if that is less."""
+    middle = (todo.left + todo.right) / 2.0
+    f_middle = evaluate(middle, todo.item)
+    worst = int(f_middle.argmin())
+    if not f_middle[worst] >= best.value:
+        best = best._replace(value=float(f_middle[worst]), at_s=float(middle[worst]), item=int(todo.item[worst]))
+    return todo.halves(middle, f_middle), best

@@ -14,11 +14,11 @@ class Check:
 
     Attributes:
         name: such as "joint_velocity"; fixed by the plan document.
-        value: the worst value found, in `unit`.
+        value: a bound that holds at every instant, in `unit`; of a check that is not ok the worst value found.
         limit: the bound on it, in `unit`.
         unit: of value, limit and margin; "1" for a plain number.
         margin: distance of the value from the limit; negative where it is violated.
-        at_s: time of the worst value [s]; None where it has none.
+        at_s: time of the worst value found [s]; None where it has none.
         ok: whether the bound is proven at every instant, also between samples.
         detail: which joint, singularity, body or box.
     """

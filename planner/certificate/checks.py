@@ -8,6 +8,7 @@ limit for it, or that the model cannot tell.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cached_property
 
 from planner.certificate import clearance, grip, joints, release, safety_limits, stopping, tool, torque
@@ -73,26 +74,32 @@ LAST_CHECK: CheckFunction = release.landing_window
 class Examination:
     """The checks of a trajectory, each made when it is first asked for.
 
-    A search rejects most of what it tries: there the first failed check says enough.
+    A search rejects most of what it tries: there it is enough to know which checks fail. Only a certificate tells how
+    far a motion keeps from what it does not violate, and proves a bound on that.
     """
 
     def __init__(self, problem: ThrowProblem, trajectory: Trajectory) -> None:
         """Takes a trajectory, and the problem that it is to solve."""
+        self._problem = problem
+        self._trajectory = trajectory
         self._motion = MotionSamples(problem, trajectory)
         self._found: dict[CheckFunction, Check | NotChecked | None] = {}
 
     @cached_property
     def certificate(self) -> Certificate:
-        """Every check that applies, with its margin.
-
-        If the samples are not one continuous motion at the controller's sample rate, it has the joint checks only: the
-        bounds of the others rest on that.
-        """
-        found = [self._result(check) for check in self._applicable]
+        """Every check that applies, with its margin; see `certify`."""
+        told = MotionSamples(self._problem, self._trajectory, is_told=True)
+        found = [self._told(check, told) for check in self._applicable]
         return Certificate(
             tuple(check for check in found if isinstance(check, Check)),
             tuple(check.name for check in found if isinstance(check, NotChecked)),
         )
+
+    @property
+    def failures(self) -> tuple[Check, ...]:
+        """The checks that do not hold, as the certificate has them."""
+        results = (self._result(check) for check in self._applicable)
+        return tuple(result for result in results if isinstance(result, Check) and not result.ok)
 
     @cached_property
     def first_failure(self) -> Check | None:
@@ -111,6 +118,15 @@ class Examination:
         if check not in self._found:
             self._found[check] = check(self._motion)
         return self._found[check]
+
+    def _told(self, check: CheckFunction, told: MotionSamples) -> Check | NotChecked | None:
+        """Returns the result of a check; of one that holds, with a bound as its value."""
+        result = self._result(check)
+        if check in JOINT_CHECKS or not isinstance(result, Check) or not result.ok:
+            return result
+        bound = check(told)
+        proven = isinstance(bound, Check) and bound.ok
+        return bound if proven else replace(result, value=result.limit, margin=0.0)
 
 
 def _turn(check: CheckFunction) -> int:

@@ -5,7 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from planner.arrays import Array, Index
-from planner.certificate.bounds import Proof, curvature_bound, point_bound, prove_above, slope_bound
+from planner.certificate.bounds import (
+    Proof,
+    curvature_bound,
+    point_bound,
+    prove_above,
+    slope_bound,
+)
 from planner.certificate.certificate import Check, NotChecked, at_least
 from planner.certificate.samples import MotionSamples
 from planner.geometry import SELF_CLEARANCE_M, pair_distances, segment_box_distance
@@ -29,7 +35,7 @@ def floor(motion: MotionSamples) -> Check:
     # The lower end of a capsule is the lower of two smooth functions: the curvature bound holds for both.
     heights = moving_heights(motion, t, motion.ends)
     rates = point_bound(body.levers[moving], motion.rates, 2)
-    proof = prove_above(evaluate, t, heights, rates, around.clearance_m, curvature_bound)
+    proof = prove_above(evaluate, t, heights, rates, around.clearance_m, curvature_bound, motion.distance_accuracy)
     return _distance_check("floor", proof, around.clearance_m, body.names[moving[proof.item]])
 
 
@@ -64,7 +70,7 @@ def keep_out(motion: MotionSamples) -> Check | None:
     undecided = max(closest, around.clearance_m + float((rates * np.diff(t)).max()))
     items, rows = np.nonzero(gaps <= undecided)
     gaps[items, rows] = distance(ends[items % count, :, :, rows], items)
-    proof = prove_above(evaluate, t, gaps, rates, around.clearance_m, slope_bound)
+    proof = prove_above(evaluate, t, gaps, rates, around.clearance_m, slope_bound, motion.distance_accuracy)
     name = f"{body.names[moving[proof.item % count]]}, {around.keep_out_names[proof.item // count]}"
     return _distance_check("keep_out", proof, around.clearance_m, name)
 
@@ -96,7 +102,7 @@ def keep_in(motion: MotionSamples) -> Check | None:
 
     arm = motion.at_knots
     rates = point_bound(motion.body.tool_lever, motion.rates, 2)
-    proof = prove_above(evaluate, arm.t, inside(arm.p_WT), rates, 0.0, curvature_bound)
+    proof = prove_above(evaluate, arm.t, inside(arm.p_WT), rates, 0.0, curvature_bound, motion.distance_accuracy)
     return _distance_check("keep_in", proof, 0.0, f"{'xyz'[proof.item % 3]} {'lower' if proof.item < 3 else 'upper'}")
 
 
@@ -118,7 +124,7 @@ def self_collision(motion: MotionSamples) -> Check | None:
 
     gaps = pair_gaps(motion, t, motion.ends[..., motion.sparse])
     rates = body.pair_levers @ motion.sparse_speeds
-    proof = prove_above(evaluate, t, gaps, rates, SELF_CLEARANCE_M, slope_bound)
+    proof = prove_above(evaluate, t, gaps, rates, SELF_CLEARANCE_M, slope_bound, motion.distance_accuracy)
     names = body.names[first[proof.item]], body.names[second[proof.item]]
     return _distance_check("self_collision", proof, SELF_CLEARANCE_M, ", ".join(names))
 

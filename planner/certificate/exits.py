@@ -44,6 +44,13 @@ MORE = 0.5  # [-] share of the time looked at that is looked at next, until the 
 SPACING_S = 0.008  # [s] of the instants after a release that are looked at first
 TICK_ROUNDING = 1e-6  # [ticks] by which whole ticks may exceed their number in floating point
 RELEASES_S = 0.004  # [s] of the releases in a window
+NARROWER_RAD = (
+    0.01,
+    0.02,
+    0.05,
+    0.1,
+    0.2,
+)  # [rad] beyond the widest angle found, of the cones that are tried for a bound
 TINY = 1e-9  # [m/s^2] an acceleration that has no direction
 
 
@@ -205,6 +212,21 @@ class Exits:
             cells = cells.parts(undecided)
             seen = self._evaluate(cells, bounds)
         return widest, at_s, False
+
+    def bound(self, widest: float) -> float:
+        """Returns an angle that no way exceeds [rad], where this cone is proven to contain them all.
+
+        Narrower cones are tried, each a little wider than the widest angle that is known.
+        """
+        for beyond in NARROWER_RAD:
+            half_rad = widest + beyond
+            if half_rad >= self.cone.half_rad:
+                break
+            found, _, proven = Exits(self.flights, self.cone.direction, half_rad).widest()
+            if proven:
+                return half_rad
+            widest = max(widest, found)
+        return self.cone.half_rad
 
     def _first_cells(self) -> tuple[Cells, Seen, WayBounds] | None:
         """Returns the cells until the object is out, evaluated, and bounds up to their end; None if it stays."""

@@ -37,7 +37,9 @@ def grip_acceleration(motion: MotionSamples) -> Check | NotChecked | None:
 
     rates = np.stack(_acceleration_rates(motion, len(limit) == 3))[:, None, : count - 1]
     rates = np.repeat(rates, len(limit), axis=1) / limit[:, None]
-    proof = prove_above(evaluate, motion.at_knots.t[:count], room(motion.at_knots)[:, :count], rates, 0.0, kinked_bound)
+    t = motion.at_knots.t[:count]
+    rooms = room(motion.at_knots)[:, :count]
+    proof = prove_above(evaluate, t, rooms, rates, 0.0, kinked_bound, motion.share_accuracy)
     bound = float(limit[proof.item])
     axis = "xyz"[proof.item] if len(limit) == 3 else ""
     return at_most(name, (1.0 - proof.value) * bound, bound, "m/s^2", proof.at_s, axis).provided(proof.proven)
@@ -80,6 +82,8 @@ def opening_direction(motion: MotionSamples) -> Check | NotChecked | None:
         return NotChecked(name)
     exits = Exits(flights_of(motion), gripper.opening_direction, gripper.opening_cone_rad)
     angle, at_s, proven = exits.widest()
+    if proven and motion.is_told:
+        angle = exits.bound(angle)
     detail = "between the opening direction and the object's way out"
     return at_most(name, angle, gripper.opening_cone_rad, "rad", at_s, detail).provided(proven)
 

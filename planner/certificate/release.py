@@ -123,7 +123,9 @@ def landing_window(motion: MotionSamples) -> Check | None:
         error = tolerance * (1.0 + ROUNDING) - rooms.min()
         at_s = float(arm.t[rooms.argmin()])
         return at_most("landing_window", error, tolerance, "m", at_s, GRAZES).provided(False)
-    proof = prove_above(evaluate, arm.t, rooms[None], np.array([curvature]), 0.0, curvature_bound)
+    proof = prove_above(
+        evaluate, arm.t, rooms[None], np.array([curvature]), 0.0, curvature_bound, motion.distance_accuracy
+    )
     error = tolerance * (1.0 + ROUNDING) - proof.value
     delay_ms = 1e3 * (proof.at_s - released)
     detail = (

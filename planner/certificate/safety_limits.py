@@ -82,7 +82,7 @@ def _prove(
         return room(motion.at(t))
 
     arm = motion.at_knots
-    return prove_above(evaluate, arm.t, room(arm)[None], rates, -ROUNDING, bound)
+    return prove_above(evaluate, arm.t, room(arm)[None], rates, -ROUNDING, bound, motion.share_accuracy)
 
 
 def _check(name: str, limit: float, unit: str, proof: Proof) -> Check:

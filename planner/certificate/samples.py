@@ -22,6 +22,8 @@ KNOTS = 64  # [-] instants of a trajectory that are evaluated first; bisection a
 SPACING_S = (0.008, 0.016)  # [s] least and largest spacing of these knots
 TICK_ROUNDING = 1e-6  # [ticks] by which a window of whole ticks may exceed them in floating point
 WINDOW_STEP_S = 0.001  # [s] largest spacing in the release window; curvature bounds hold in between
+DISTANCE_ACCURACY = 5e-4  # [m; - of a singularity] by which the bound on a distance may be below the least one found
+SHARE_ACCURACY = 2e-3  # [-] of a limit, likewise
 SPARSE = 2  # [-] distances are evaluated at one of so many knots: most are far from their limit
 
 
@@ -91,13 +93,26 @@ class MotionSamples:
 
     Attributes:
         problem, trajectory: as given.
+        is_told: whether the checks tell bounds as their values, for which every tick is a knot; otherwise they decide
+            alone, in a third of the time.
         body: model of the cell's arm, tool and object.
     """
 
-    def __init__(self, problem: ThrowProblem, trajectory: Trajectory) -> None:
+    def __init__(self, problem: ThrowProblem, trajectory: Trajectory, is_told: bool = False) -> None:
         self.problem = problem
         self.trajectory = trajectory
+        self.is_told = is_told
         self.body: BodyModel = body_model(problem.cell_with_bin)
+
+    @property
+    def distance_accuracy(self) -> float:
+        """By how much a bound on a distance may be off the worst one found [m, -]; anything where none is told."""
+        return DISTANCE_ACCURACY if self.is_told else math.inf
+
+    @property
+    def share_accuracy(self) -> float:
+        """By how much a bound on a share of a limit may be off the worst one found [-], likewise."""
+        return SHARE_ACCURACY if self.is_told else math.inf
 
     @cached_property
     def limits(self) -> Limits:
@@ -115,7 +130,7 @@ class MotionSamples:
         """Indices of the samples that are evaluated first (m,)."""
         trajectory, last = self.trajectory, len(self.trajectory.q) - 1
         spacing = min(max(trajectory.duration_s / KNOTS, SPACING_S[0]), SPACING_S[1])
-        stride = max(1, round(spacing * trajectory.sample_rate_hz))
+        stride = 1 if self.is_told else max(1, round(spacing * trajectory.sample_rate_hz))
         return _merged(np.arange(0, last, stride), trajectory.release_index, *self._object_changes, last)
 
     @cached_property
@@ -123,7 +138,7 @@ class MotionSamples:
         """Indices of the knots at which distances are evaluated first; first, release and last among them."""
         last = len(self.knots) - 1
         changes = np.searchsorted(self.knots, self._object_changes)
-        return _merged(np.arange(0, last, SPARSE), self.release_knot, *changes, last)
+        return _merged(np.arange(0, last, 1 if self.is_told else SPARSE), self.release_knot, *changes, last)
 
     @cached_property
     def release_knot(self) -> int:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from planner.arrays import Array, Index
@@ -40,7 +42,9 @@ def _speed(motion: MotionSamples, point: WatchedPoint, lever: Array, limit: floa
     arm = motion.at_knots
     rates = point_bound(lever, motion.rates, 3)
     # |v| is at most that of the chord of v, plus the deviation of v from it: the curvature bound of v serves.
-    proof = prove_above(evaluate, arm.t, room(arm)[None], rates, -limit * ROUNDING, curvature_bound)
+    rooms = room(arm)[None]
+    accuracy = motion.share_accuracy * limit
+    proof = prove_above(evaluate, arm.t, rooms, rates, -limit * ROUNDING, curvature_bound, accuracy)
     return at_most("tcp_speed", limit - proof.value, limit, "m/s", proof.at_s, point.name).provided(proof.proven)
 
 
@@ -56,9 +60,6 @@ def singularity_distance(motion: MotionSamples) -> Check | None:
     rows = motion.knots[(motion.knots > first) & (motion.knots < last)]
     rows = np.concatenate([[first], rows, [last]])
 
-    if required <= 0.0:  # nothing is asked
-        least = np.abs(signed_singularity_distances(robot, trajectory.q[rows])).min()
-        return at_least("singularity_distance", float(least), required, "1")
     # Signed on the side of the release: a zero between two samples is a change of sign, which |f| would hide.
     signed = signed_singularity_distances(robot, trajectory.q[rows])
     side = np.sign(signed[np.searchsorted(rows, trajectory.release_index)])
@@ -67,7 +68,10 @@ def singularity_distance(motion: MotionSamples) -> Check | None:
         return (signed_singularity_distances(robot, trajectory.at(t)[0]) * side)[np.arange(len(t)), item]
 
     rates = _singularity_curvature(robot, joint_rates(trajectory, rows))
-    proof = prove_above(evaluate, trajectory.t[rows], (signed * side).T, rates, required, curvature_bound)
+    asked = required if required > 0.0 else -math.inf  # nothing
+    sides = (signed * side).T
+    t = trajectory.t[rows]
+    proof = prove_above(evaluate, t, sides, rates, asked, curvature_bound, motion.distance_accuracy)
     name = SINGULARITIES[proof.item]
     value, detail = (proof.value, name) if proof.value > 0.0 else (0.0, f"{name}: passed through")
     return at_least("singularity_distance", value, required, "1", proof.at_s, detail).provided(proof.proven)

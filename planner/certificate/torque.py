@@ -26,7 +26,9 @@ def joint_torque(motion: MotionSamples) -> Check:
 
     bounds = motion.load_bounds
     rates = np.array([bounds.torque, bounds.torque_jumps]) / limit[:, None]  # its slope jumps where the jerk does
-    proof = prove_above(evaluate, motion.at_knots.t, room(motion.at_knots), rates, 0.0, kinked_bound)
+    proof = prove_above(
+        evaluate, motion.at_knots.t, room(motion.at_knots), rates, 0.0, kinked_bound, motion.share_accuracy
+    )
     bound = float(limit[proof.item])
     name = problem.cell.robot.joint_names[proof.item]
     value = (1.0 - proof.value) * bound

@@ -5,12 +5,13 @@ The first of them whose easy end has an answer is bisected, for the largest shar
 search for a plan finds: a certified motion with a way home. A release window that alone is in the way is bisected
 instead of the release; one that not even the easy ends keep is given up, and bisected for the release that is found
 without it. A request that only its time limit ended is its own nearest one, with more time. The budget is a number of
-searches.
+searches, and their time that of the request and a little beyond.
 """
 
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -27,6 +28,7 @@ BISECTIONS = 5  # [-] of a share, which is found to 1/32
 CANDIDATES = 2  # [-] tried in one search: the first leads to most answers
 SEARCHES_MAX = 12  # [-] in all; most refusals take three to six
 LATE_SEARCHES_MAX = 6  # [-] in all, once the request's deadline has passed
+LATE_S = 5.0  # [s] that a search for an offer may take beyond the request's deadline: on a busy machine six take longer
 WINDOW_STEP_S = 1e-4  # [s] windows are whole steps of it: no gripper is timed more finely
 DECIMALS = 4  # [-] of windows in seconds
 ROUNDING = 1e-9  # [-] of a number of steps
@@ -56,20 +58,24 @@ def nearest_problem(search: PlanningSearch) -> ThrowProblem | None:
 
 
 class _Answers:
-    """Which problems have an answer, within the budget of searches.
+    """Which problems have an answer, within the budget of searches and the time that is left.
 
     Attributes:
         refused: the search without an answer that all of these follow.
         searches: made so far.
+        deadline_s: of all of them, on the clock of `time.perf_counter`.
     """
 
     def __init__(self, refused: PlanningSearch) -> None:
         self.refused = refused
         self.searches = 0
+        self.deadline_s = max(refused.deadline_s, time.perf_counter() + LATE_S)
 
     def has(self, problem: ThrowProblem) -> bool:
-        """Returns whether a certified motion with a way home is found; not where the budget is spent."""
+        """Returns whether a certified motion with a way home is found; not where budget or time are spent."""
         if self.searches >= (LATE_SEARCHES_MAX if self.refused.out_of_time else SEARCHES_MAX):
+            return False
+        if time.perf_counter() >= self.deadline_s:
             return False
         try:
             refuse_impossible(problem)
@@ -77,9 +83,10 @@ class _Answers:
         except Infeasible:
             return False
         self.searches += 1
-        search = PlanningSearch(problem, deadline_s=math.inf, is_for_any=True)
+        search = PlanningSearch(problem, self.deadline_s, is_for_any=True)
         search_candidates(search, found, CANDIDATES)
         self.refused.extend_deadline(search.loading_s)
+        self.deadline_s += search.loading_s
         return search.best is not None and find_way_home(problem, search.best)[0] is not None
 
 

@@ -5,12 +5,14 @@ Every bound is on the far side of the certificate's tolerances: what is refused 
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 
 from planner.arrays import Array
 from planner.cell import FARTHEST_M
+from planner.certificate import SINGULARITY_WINDOW_S
 from planner.errors import Infeasible, Violation
 from planner.flight import least_speed
 from planner.geometry import body_model, segment_box_distance, tool_state
@@ -44,7 +46,8 @@ def _of_demands(problem: ThrowProblem) -> list[Violation]:
     release = problem.release
     if release.joint_state is not None:
         q, qd = release.joint_state
-        return [*_joint_speeds(problem, qd), *_speed(problem, tool_state(problem.cell, q, qd).v_WT)]
+        speeds = [*_joint_speeds(problem, qd), *_speed(problem, tool_state(problem.cell, q, qd).v_WT)]
+        return speeds or _singularities(problem, q, qd)
     if release.tool_state is not None:
         X, V = release.tool_state
         return [*_place(problem, X[:3, 3]), *_speed(problem, V[:3], X[:3, 3]), *_turning(problem, V[3:])]
@@ -170,6 +173,29 @@ def fastest_tool(problem: ThrowProblem, p_WT: Array | None = None) -> float:
         p_BT = X_WB[:3, :3].T @ (p_WT - X_WB[:3, 3])
         lever[0] = min(lever[0], float(np.hypot(p_BT[0], p_BT[1])) + SLACK)
     return float(lever @ problem.limits.qd_max)
+
+
+def _singularities(problem: ThrowProblem, q: Array, qd: Array) -> list[Violation]:
+    """Returns which singularities of elbow and wrist a release (6,), (6,) [rad, rad/s] cannot keep away from.
+
+    A joint with the speed w that brakes by a at most turns w T - a T^2/2 at least within T, or w^2 / 2a where it comes
+    to rest before; as much before the release. All of that is within the time in which singularities are watched.
+    """
+    required = problem.limits.singularity_distance_min
+    if required <= SLACK or problem.ends_at_rest:
+        return []
+    for joint, name in ((4, "wrist"), (2, "elbow")):
+        speed = max(0.0, abs(float(qd[joint])) - SLACK)
+        slowing = float(problem.limits.qdd_max[joint])
+        lasts_s = min(SINGULARITY_WINDOW_S, speed / slowing)
+        turned = max(0.0, speed * lasts_s - 0.5 * slowing * lasts_s**2 - SLACK)
+        path = q[joint] + np.array([-turned, turned])
+        passed = math.floor(path[1] / math.pi) > math.floor(path[0] / math.pi)
+        least = 0.0 if passed else float(np.abs(np.sin(path)).min())
+        if least < required - SLACK:
+            detail = f"{name}: {problem.cell.robot.joint_names[joint]} cannot stop sooner beside the release"
+            return [Violation("singularity_distance", least, required, "1", detail=detail)]
+    return []
 
 
 def _in_metres(distance_m: float) -> str:

@@ -89,8 +89,8 @@ def _optimise_from(search: PlanningSearch, seed: Seed) -> str:
         found = search.certify("casadi", solution)
         if found.is_valid:
             return CERTIFIED
-        failures = ", ".join(check.name for check in found.certificate.failures)
-        wider = _wider(problem, options.margins, found.certificate.failures, solution.trajectory)
+        failures = ", ".join(check.name for check in found.examination.failures)
+        wider = _wider(problem, options.margins, found.examination.failures, solution.trajectory)
         if wider is None:
             break
         seed = Seed(seed.candidate, solution.trajectory)

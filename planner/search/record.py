@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from planner.answer import Attempt
 from planner.backends.solution import Solution
-from planner.certificate import Certificate, Examination
+from planner.certificate import Certificate, Check, Examination
 from planner.errors import TIME_LIMIT, Infeasible, SolverFailed, Violation, nothing_found
 from planner.problem import ThrowProblem
 
@@ -134,11 +135,11 @@ class PlanningSearch:
         """
         nominal = [each for each in self.rejected if each.violates_window_alone]
         if nominal:
-            return _violations(min(nominal, key=_rank).certificate)
+            return _violations(min(nominal, key=_rank).examination.failures)
         if not self.rejected:
             said = "; ".join(f"{attempt.backend}: {attempt.result}" for attempt in self.attempts)
             return [nothing_found("motion", f"none was made: {said}" if said else "none was tried")]
-        return _violations(min((each.certificate for each in self.rejected), key=_excess))
+        return _violations(min((each.examination.failures for each in self.rejected), key=_excess))
 
 
 def counted(number: int, thing: str) -> str:
@@ -146,15 +147,15 @@ def counted(number: int, thing: str) -> str:
     return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
 
 
-def _violations(certificate: Certificate) -> list[Violation]:
+def _violations(failures: Sequence[Check]) -> list[Violation]:
     """Returns what stands in the way of a rejected motion."""
-    return [Violation(c.name, c.value, c.limit, c.unit, c.at_s, c.detail) for c in certificate.failures]
+    return [Violation(c.name, c.value, c.limit, c.unit, c.at_s, c.detail) for c in failures]
 
 
-def _excess(certificate: Certificate) -> tuple[int, float]:
+def _excess(failures: Sequence[Check]) -> tuple[int, float]:
     """Returns the sort key of a rejected motion: number of failed checks, then total excess over their limits [-]."""
-    over = sum(-check.margin / max(abs(check.limit), 1e-3) for check in certificate.failures)
-    return len(certificate.failures), over
+    over = sum(-check.margin / max(abs(check.limit), 1e-3) for check in failures)
+    return len(failures), over
 
 
 def _rank(found: CertifiedSolution) -> tuple[float, float]:

@@ -124,11 +124,12 @@ def _least_gap(flights: Flights) -> LeastGap:
     grid = begun.grid
     lower = begun.lower
     judged = begun.judged
-    undecided = judged & (lower < np.where(_only_judged(flights)[: len(lower)], -CONTACT_M, CLOSE_M)[:, None, None])
+    only_judged = ~begun.counted.all(axis=(1, 2))
+    undecided = judged & (lower < np.where(only_judged, -CONTACT_M, CLOSE_M)[:, None, None])
     least = np.where(begun.counted & judged & ~undecided, lower, np.inf)
     item, _, column = np.unravel_index(int(least.argmin()), lower.shape)
     found = LeastGap(float(least.min()), float(grid.t[column]), flights.names[item], True)
-    return _refined(found, flights, grid.bounds, _patches(grid, undecided)) if undecided.any() else found
+    return _refined(found, flights, grid.bounds, _patches(grid, undecided), only_judged) if undecided.any() else found
 
 
 @dataclass(frozen=True, eq=False)
@@ -329,18 +330,17 @@ def _patches(grid: Grid, chosen: Mask) -> Patches:
     return Patches(item, grid.r0[row], grid.r1[row], grid.t[column], grid.t[column + 1], w, a)
 
 
-def _only_judged(flights: Flights) -> Mask:
-    """Returns which obstacles (items,) do not count in the value: what the object is gripped by, and lands on."""
-    only_judged = flights.carriers.copy()
-    only_judged[flights.gripped] = True
-    return only_judged
+def _refined(found: LeastGap, flights: Flights, bounds: PatchBounds, patches: Patches, only_judged: Mask) -> LeastGap:
+    """Returns the least gap with undecided `patches`: their parts are looked at until all are clear, or one is not.
 
-
-def _refined(found: LeastGap, flights: Flights, bounds: PatchBounds, patches: Patches) -> LeastGap:
-    """Returns the least gap with undecided `patches`: their parts are looked at until all are clear, or one is not."""
+    Args:
+        found: the least gap of the others.
+        flights, bounds: of the grid.
+        patches: to be looked at.
+        only_judged: which obstacles (items,) do not count in the value: what lets go of the object, what carries it.
+    """
     spent = 0
     nearest = math.inf
-    only_judged = _only_judged(flights)
     for _ in range(ROUNDS):
         patches = patches.parts(flights.window_s > 0.0)
         if len(patches.item) <= FEW:

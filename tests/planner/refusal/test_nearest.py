@@ -173,6 +173,25 @@ def test_the_number_of_searches_is_bounded_and_smaller_after_the_deadline(monkey
     assert len(searches) == budget
 
 
+def test_the_time_for_an_offer_is_bounded(monkeypatch):
+    """An offer took up to 90 s beyond a time limit of 25 s where other processes were busy."""
+    clock = [100.0]
+    deadlines = []
+
+    def slow(search, found, at_most):
+        deadlines.append(search.deadline_s)
+        clock[0] += 3.0
+
+    monkeypatch.setattr(time, "perf_counter", lambda: clock[0])
+    monkeypatch.setattr(nearest, "search_candidates", slow)
+    problem = joint_problem(release=FAR)
+    assert nearest_problem(PlanningSearch(problem, 90.0)) is None
+    assert deadlines == [100.0 + nearest.LATE_S] * 2
+    deadlines.clear()
+    assert nearest_problem(PlanningSearch(problem, 1000.0)) is None
+    assert set(deadlines) == {1000.0}
+
+
 def test_a_move_to_rest_is_offered_as_one():
     q = cell().home + 5.0 * np.eye(6)[2]
     found = offered(joint_problem(release=JointRelease(q, np.zeros(6))))

@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from planner.backends import ruckig_otg
+from planner.certificate import certify
 from planner.errors import TIME_LIMIT, Infeasible, SolverFailed
 from planner.geometry import body_model, tool_pose, tool_state
 from planner.planning import plan
@@ -24,6 +26,7 @@ from planner.refusal.proofs import (
     proven_violations,
 )
 from planner.request import problem_from_request
+from planner.seeds import candidates
 from tests.planner.problems import cell, feasible_states, joint_problem, with_boxes
 
 ARMS = ("ur5e-sim", "ur3e-sim", "ur10e-sim", "ur5-sim", "sdu-table")
@@ -244,3 +247,25 @@ def test_a_search_that_the_time_limit_ends_says_so_and_carries_what_it_has():
     assert failure.value.violations
     assert not any(violation.proven for violation in failure.value.violations)
     assert failure.value.nearest is not None
+
+
+@pytest.mark.parametrize(("q5", "speed", "least"), [(0.08, 2.9, 0.0), (0.08, 1.0, 0.049), (-0.08, 2.9, 0.0)])
+def test_a_wrist_that_must_come_too_near_its_singularity_is_refused_with_proof(q5, speed, least):
+    """However it brakes: at 2.9 rad/s and 15 rad/s^2 a joint turns 0.126 rad within 50 ms, before and after."""
+    here = cell()
+    q = here.home.copy()
+    q[4] = q5
+    qd = np.zeros(6)
+    qd[4] = speed
+    limits = replace(here.limits, singularity_distance_min=0.06)
+    problem = ThrowProblem(here, here.home, JointRelease(q, qd), limits)
+    (violation,) = proven_violations(problem)
+    assert (violation.constraint, violation.proven) == ("singularity_distance", True)
+    assert violation.value == pytest.approx(least, abs=2e-3)
+    slow = replace(problem, release=JointRelease(q, 0.2 * qd))
+    assert proven_violations(slow) == []
+    for each in candidates(problem):
+        made = ruckig_otg.solve(problem, each).trajectory
+        check = certify(problem, made).check("singularity_distance")
+        assert not check.ok
+        assert check.value <= violation.value + 1e-3
