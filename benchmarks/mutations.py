@@ -117,7 +117,6 @@ def _problem(here: Cell, kind: str, rng: np.random.Generator) -> ThrowProblem | 
     q = here.home + rng.uniform(-SPREAD_RAD, SPREAD_RAD, 6)
     qd = rng.uniform(-SPEED_SHARE, SPEED_SHARE, 6) * here.limits.qd_max
     X_WT, V_WT = tool_state(here, q, qd)
-    window = {}
     if kind == "joint":
         release = JointRelease(q, qd)
     elif kind == "pose":
@@ -129,9 +128,8 @@ def _problem(here: Cell, kind: str, rng: np.random.Generator) -> ThrowProblem | 
         if flight is None:
             return None
         release = TargetRelease(flight.landing_point)
-        if kind == "target":
-            window = {"release_window_s": 0.005, "landing_tolerance_m": 0.02}
-    return ThrowProblem(here, here.home, release, here.limits, time_limit_s=TIME_LIMIT_S, **window)
+    plain = ThrowProblem(here, here.home, release, here.limits, time_limit_s=TIME_LIMIT_S)
+    return replace(plain, release_window_s=0.005, landing_tolerance_m=0.02) if kind == "target" else plain
 
 
 def mutations(problem: ThrowProblem, trajectory: Trajectory) -> Iterator[Mutation]:

@@ -124,7 +124,7 @@ def _least_gap(flights: Flights) -> LeastGap:
     grid = begun.grid
     lower = begun.lower
     judged = begun.judged
-    only_judged = ~begun.counted.all(axis=(1, 2))
+    only_judged = np.asarray(~begun.counted.all(axis=(1, 2)))
     undecided = judged & (lower < np.where(only_judged, -CONTACT_M, CLOSE_M)[:, None, None])
     least = np.where(begun.counted & judged & ~undecided, lower, np.inf)
     item, _, column = np.unravel_index(int(least.argmin()), lower.shape)
