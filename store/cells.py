@@ -40,10 +40,10 @@ class CellStatusRepository(Repository):
         if seen is not None:
             is_free |= (cells.c.executor_id == seen.executor_id) & (cells.c.heartbeat_at == seen.heartbeat_at)
         with writing(self._engine) as connection:
-            if connection.execute(insert_if_new(connection, cells, **fresh)).rowcount == 1:
-                return True
-            taking = update(cells).where(cells.c.cell == cell, is_free).values(**values)
-            return bool(connection.execute(taking).rowcount)
+            connection.execute(update(cells).where(cells.c.cell == cell, is_free).values(**values))
+            connection.execute(insert_if_new(connection, cells, **fresh))
+            holder = select(cells.c.executor_id).where(cells.c.cell == cell)
+            return connection.execute(holder).scalar_one() == executor_id
 
     def leave_cell(self, cell: str, executor_id: str) -> None:
         """Gives a cell up, for the next executor to take at once."""

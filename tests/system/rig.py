@@ -41,6 +41,7 @@ RESTED_S = 0.1  # [s] of the controller's time at rest: longer than a lag, so it
 TOSS = {"kind": "joint", "positions": [0.25, -1.45, 1.45, -1.5, -1.45, 0.1],
         "velocities": [1.2, 0.6, -0.6, 0.3, 0.5, 0.2]}  # fmt: skip
 NUDGE = {"kind": "joint", "positions": [0.03, -1.57, 1.57, -1.57, -1.57, 0.0], "velocities": [0.0] * 6}
+FAR = {**NUDGE, "positions": [2.4, -1.57, 1.57, -1.57, -1.57, 0.0]}
 LOB = {"kind": "target", "position": [1.2, 0.3, 0.0]}
 LONG_LOB = {  # to the same place, in a launch of 0.39 s: fast for long before the gripper gets its command
     "kind": "joint",
@@ -52,7 +53,9 @@ LONG_LOB = {  # to the same place, in a launch of 0.39 s: fast for long before t
 class Rig:
     """The processes of one cell, and the operations of a test on them."""
 
-    def __init__(self, folder: Path, base: str = "ur5e-sim", replace: Mapping[str, str] | None = None) -> None:
+    def __init__(
+        self, folder: Path, base: str = "ur5e-sim", replace: Mapping[str, str] | None = None, url: str | None = None
+    ) -> None:
         pid = os.getpid()
         self.host = f"127.{120 + next(NUMBERS) % 80}.{pid >> 8 & 255}.{pid & 255 or 1}"
         text = (ROOT / "cells" / f"{base}.toml").read_text()
@@ -64,7 +67,7 @@ class Rig:
         self.path = folder / "rig.toml"
         self.path.write_text(text)
         self.folder, self.cell = folder, load_cell(self.path)
-        self.url = f"sqlite:///{folder / 'fling.db'}"
+        self.url = url or f"sqlite:///{folder / 'fling.db'}"
         self.store = Store.open(self.url)
         self.environment = {**os.environ, "FLING_DATABASE_URL": self.url, "FLING_CELLS": str(folder),
                             "FLING_DATA": str(folder / "data"), "FLING_APPROACH_PACE": "2"}  # fmt: skip
@@ -189,6 +192,13 @@ class Rig:
         assert rest_s < ABORTED_S
         assert max(map(abs, self.state()["qd"])) < 1e-3
         assert not self.is_latched()
+
+    def far_from_its_start(self) -> str:
+        """Queues an execution with a long approach, and waits until the arm is on its way; returns the id."""
+        self.throw_when_ready(FAR)
+        id = self.queue(NUDGE)
+        self.until(lambda: max(map(abs, self.state()["qd"])) > MOVING_RAD_S, period=0.001)
+        return id
 
     def states(self, id: str) -> list[str]:
         """Returns the states that an execution went through."""

@@ -44,14 +44,14 @@ def test_a_plan_that_was_tampered_with_is_refused(rig: Rig) -> None:  # C11
 
 CHANGES = {  # of a stored plan's summary, that its certificate permits
     "aim": lambda plan: {**plan, "aim": {"position": [1.7, 0.3, 0.0], "shift_m": [0.5, 0.0, 0.0]}},
-    "window": lambda plan: {**plan, "flight": {**plan["flight"], "release_window_s": 0.0}},
+    "window": lambda plan: {**plan, "flight": {**plan["flight"], "release_window_s": 0.0, "landing_tolerance_m": 0.0}},
     "certificate": lambda plan: {**plan, "certificate": {**plan["certificate"], "checks": []}},
 }
 
 
 @pytest.mark.parametrize("what", CHANGES)
 def test_a_plan_whose_row_was_changed_is_refused(rig: Rig, what: str) -> None:
-    stored = rig.store.plan(rig.plan(LOB))
+    stored = rig.store.plan(rig.plan(LOB, release_window_s=0.002, landing_tolerance_m=0.05))
     assert stored is not None
     document = {**orjson.loads(stored.document), "id": new_id()}
     summary, _ = split_plan(orjson.dumps(CHANGES[what](document)))

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.system.rig import ABORTED_S, FAST_RAD_S, ROOT, Rig
+from tests.system.rig import ABORTED_S, FAST_RAD_S, RESTED_S, ROOT, Rig
 from tests.system.service import RigService
 
 NOBODY = "http://127.0.0.1:1"  # where no service listens
@@ -57,16 +57,15 @@ def test_on_the_command_line_without_a_service(rig: Rig) -> None:
     with subprocess.Popen(command, cwd=ROOT, env=rig.environment, stdin=pipe, stdout=pipe, text=True) as line:
         assert line.stdout is not None
         line.stdout.readline()  # it is loaded, and waits for the word
-        id = rig.launch(0.1)
-        released = len(rig.world()["releases"])
+        id = rig.far_from_its_start()  # a command takes longer to begin than a launch lasts
         with locked(rig):
-            at = rig.state()["t"]
             said, _ = line.communicate("\n")
             assert line.returncode == 0
             assert said == f"{id}: the executor was asked to brake\n"
-            ends_aborted(rig, at, released)
+            rig.until(lambda: (state := rig.state())["t"] - state["moved_at"] > RESTED_S)
     row = rig.end(id)
     assert row.outcome == "aborted", row.reason
+    assert not rig.is_latched()
 
 
 def test_by_sigterm_with_a_locked_database(rig: Rig) -> None:

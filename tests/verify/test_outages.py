@@ -26,6 +26,8 @@ import pytest
 
 from store import Store
 from tests.processes import children_with
+from tests.system.rig import RESTED_S, Rig
+from tests.system.service import RigService
 from tests.verify.conftest import ServiceProcess, server_program
 
 pytestmark = pytest.mark.slow
@@ -213,10 +215,14 @@ class PostgresServer:
 
     def kill(self) -> None:
         """Kills the server and its processes at once, as a power cut does."""
+        self.send(signal.SIGKILL)
+        self.process.wait()
+
+    def send(self, number: signal.Signals) -> None:
+        """Sends a signal to the server and its processes."""
         everyone = [psutil.Process(self.process.pid), *psutil.Process(self.process.pid).children(recursive=True)]
         for process in everyone:
-            process.kill()
-        self.process.wait()
+            process.send_signal(number)
 
     def _answers(self) -> bool:
         try:
@@ -255,3 +261,25 @@ def test_a_killed_postgresql_loses_nothing_that_was_answered(postgres: PostgresS
         assert len(service.lines(level="error", outage="unreachable")) == 1
     finally:
         service.stop()
+
+
+@pytest.mark.parametrize("is_killed", [True, False], ids=["killed", "frozen"])
+def test_a_stop_reaches_the_executor_without_postgresql(postgres: PostgresServer, tmp_path: Path, is_killed: bool):
+    """A server that died refuses connections; a frozen one takes them, and never answers."""
+    Store.upgrade(postgres.url)
+    rig = Rig(tmp_path, url=postgres.url)
+    try:
+        rig.start()
+        with RigService(rig) as service:
+            id = rig.far_from_its_start()
+            postgres.kill() if is_killed else postgres.send(signal.SIGSTOP)
+            try:
+                response = service.http.post(f"/executions/{id}/abort")
+                rig.until(lambda: (state := rig.state())["t"] - state["moved_at"] > RESTED_S)
+            finally:
+                postgres.start() if is_killed else postgres.send(signal.SIGCONT)
+            assert response.status_code == 202, response.text
+            row = rig.end(id)
+            assert row.outcome == "aborted", row.reason
+    finally:
+        rig.stop()
