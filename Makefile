@@ -7,7 +7,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
 NATIVE := $(wildcard planner/native/*/*.[ch] planner/backends/casadi_nlp/*.py planner/backends/casadi_nlp/symbols/*.py)
 SOURCES := fling planner store learning jobs api executor simulator benchmarks
 
-.PHONY: setup demo up test verify verify-ci wheels fuzz test-kernels check web web-check bench bench-batches pictures docs lock clean
+.PHONY: setup demo up test verify verify-ci wheels sbom audit fuzz test-kernels check web web-check bench bench-batches pictures docs lock clean
 
 setup: $(VENV)/dev.stamp   ## .venv with everything pinned, and the C compiled
 
@@ -30,7 +30,15 @@ verify-ci: $(VENV)/verify.stamp   ## what of it continuous integration has time 
 wheels: $(VENV)/dev.stamp       ## dist/: one wheel for CPython 3.11 and later, and the source
 	$(BIN)/python -m build --no-isolation --outdir dist
 
-fuzz: $(VENV)/verify.stamp   ## 5,000 cases of schemathesis, twice, on both databases
+sbom: $(VENV)/run.stamp         ## dist/fling.cdx.json: what an installed Fling consists of (CycloneDX)
+	mkdir -p dist
+	$(BIN)/python requirements/sbom.py > dist/fling.cdx.json
+
+# --strict: what cannot be asked about is a failure, not a silence.
+audit: $(VENV)/audit.stamp      ## known vulnerabilities of what an installed Fling consists of; needs the internet
+	$(BIN)/python -m pip_audit --strict --disable-pip --require-hashes -r requirements/run.txt
+
+fuzz: $(VENV)/verify.stamp   ## 5,000 cases of schemathesis on both databases, with three seeds that nobody chose
 	FLING_CASES=5000 $(BIN)/python -m pytest tests/verify/test_openapi.py
 
 # What computes once more with older kernels of numpy, BLAS and libm, on one thread. About four minutes.
@@ -80,7 +88,7 @@ docs: $(VENV)/docs.stamp        ## writes build/docs: tutorial, course, referenc
 	@echo "build/docs/index.html"
 
 lock:                           ## pin requirements/*.in anew (needs uv)
-	for name in run dev docs verify bench ray; do \
+	for name in run dev docs verify bench ray audit; do \
 		uv pip compile --quiet --universal --python-version 3.11 --fork-strategy fewest --generate-hashes \
 			--no-emit-index-url --no-header --no-annotate requirements/$$name.in -o requirements/$$name.txt || exit 1; \
 	done
@@ -116,6 +124,10 @@ $(VENV)/docs.stamp: requirements/docs.txt $(VENV)/dev.stamp
 
 $(VENV)/verify.stamp: requirements/verify.txt $(VENV)/dev.stamp
 	$(PIP) install --quiet --require-hashes -r requirements/verify.txt
+	touch $@
+
+$(VENV)/audit.stamp: requirements/audit.txt $(VENV)/run.stamp
+	$(PIP) install --quiet --require-hashes -r requirements/audit.txt
 	touch $@
 
 $(VENV)/ray.stamp: requirements/ray.txt $(VENV)/dev.stamp

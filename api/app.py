@@ -6,15 +6,17 @@ import asyncio
 import logging
 import signal
 import sys
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 from anyio import to_thread
 from fastapi import Depends, FastAPI
 from starlette.concurrency import run_in_threadpool
 from starlette.middleware.gzip import GZipMiddleware
+from starlette.types import ASGIApp
 
 from api import fling_version
 from api.cell_repository import CellRepository
@@ -58,6 +60,26 @@ class UnsafeSettings(ValueError):
     """The service refuses to start because other machines could use it without a token."""
 
 
+class Application(FastAPI):
+    """FastAPI whose log, metrics and headers cover its answers to bugs, too.
+
+    The framework answers a bug in its outermost middleware, beyond all that are added to it; these are around that one.
+
+    Args:
+        guard: makes the middleware that refuses foreign hosts and pages.
+        **options: of FastAPI.
+    """
+
+    def __init__(self, guard: Callable[[ASGIApp], ASGIApp], **options: Any) -> None:
+        super().__init__(**options)
+        self._guard = guard
+
+    def build_middleware_stack(self) -> ASGIApp:
+        """Returns the application with everything around it."""
+        inside = self._guard(super().build_middleware_stack())
+        return TracingMiddleware(RequestLogMiddleware(inside, partial(_record_request, self)))
+
+
 def create_app(settings: ServiceSettings) -> FastAPI:
     """Returns the service for these settings.
 
@@ -72,7 +94,8 @@ def create_app(settings: ServiceSettings) -> FastAPI:
             "FLING_TOKENS_FILE"
         )
 
-    app = FastAPI(
+    app = Application(
+        partial(SecurityMiddleware, local_only=not tokens.is_guarded),
         title="Fling",
         version=fling_version(),
         description=DESCRIPTION,
@@ -89,9 +112,6 @@ def create_app(settings: ServiceSettings) -> FastAPI:
     app.add_middleware(GZipMiddleware, minimum_size=COMPRESSED_BYTES, compresslevel=COMPRESSION)
     app.add_middleware(HeadMiddleware)
     app.add_middleware(DrainingMiddleware)
-    app.add_middleware(SecurityMiddleware, local_only=not tokens.is_guarded)
-    app.add_middleware(RequestLogMiddleware, record=partial(_record_request, app))
-    app.add_middleware(TracingMiddleware)
     install_error_handlers(app)
     for router in ROUTERS:
         app.include_router(router)
@@ -134,7 +154,7 @@ def serve(settings: ServiceSettings) -> int:
     configure_logs(settings.request_log)
     if (missing := tracing.configure_tracing("fling-service")) is not None:
         logging.getLogger("fling").warning(missing)
-    config = server_config(app, settings.host, settings.port)
+    config = server_config(app, settings.host, settings.port, settings.proxies)
     DrainingServer(config, partial(_drain, app)).run()
     return 0
 

@@ -10,6 +10,7 @@ import hashlib
 from collections import Counter
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import islice
 from typing import Annotated, Any, TypeVar
 
@@ -96,6 +97,7 @@ async def caller(request: Request, service: ServiceDep, credentials: Credentials
     """
     if not service.tokens.is_guarded:
         request.state.caller = LOCAL_CALLER.name
+        request.state.is_allowed = lambda: True
         return LOCAL_CALLER
     if credentials is None:
         raise _unauthenticated("a bearer token is needed")
@@ -104,6 +106,7 @@ async def caller(request: Request, service: ServiceDep, credentials: Credentials
         await asyncio.sleep(service.wrong_tokens.delay_s(client_address(request.scope)))
         raise _unauthenticated("this token is not known" if found is None else "this token has expired")
     request.state.caller = found.caller.name
+    request.state.is_allowed = partial(service.tokens.is_in_force, credentials.credentials)  # for streams
     return found.caller
 
 

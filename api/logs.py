@@ -33,4 +33,5 @@ def configure_logs(requests: bool) -> None:
         logger.handlers = [handler]
         logger.propagate = False
     logging.getLogger("fling").setLevel(logging.INFO)
+    logging.getLogger("uvicorn").setLevel(logging.WARNING)
     logging.getLogger(REQUESTS).setLevel(logging.INFO if requests else logging.WARNING)

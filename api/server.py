@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import json
 import re
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from types import FrameType
 from typing import Any, NoReturn
 
@@ -188,16 +188,25 @@ class DrainingServer(uvicorn.Server):
             self.should_exit = True
 
 
-def server_config(app: Callable[..., object], host: str, port: int) -> uvicorn.Config:
-    """Returns uvicorn's settings for the service."""
+def server_config(app: Callable[..., object], host: str, port: int, proxies: Sequence[str] = ()) -> uvicorn.Config:
+    """Returns uvicorn's settings for the service.
+
+    Args:
+        app: The application.
+        host: Address to listen on.
+        port: Port to listen on.
+        proxies: Addresses and networks whose `X-Forwarded-For` and `-Proto` are believed.
+    """
     return uvicorn.Config(
         app,  # type: ignore[arg-type]  # an ASGI application
         host=host,
         port=port,
         http=ImpatientProtocol,
         ws="none",
-        log_level="warning",
+        log_config=None,  # `api.logs` has configured it
         access_log=False,
+        proxy_headers=bool(proxies),  # by default the library believes everybody on this machine
+        forwarded_allow_ips=list(proxies),
         server_header=False,
         timeout_keep_alive=int(KEEP_ALIVE_S),
         timeout_graceful_shutdown=ANSWERS_S,

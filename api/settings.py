@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from ipaddress import ip_address
+from ipaddress import ip_address, ip_network
 from pathlib import Path
 
-from pydantic import Field, ValidationError
+from pydantic import Field, ValidationError, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from api.field_errors import reason
@@ -27,6 +27,8 @@ class ServiceSettings(BaseSettings):
         tokens_file: File of the bearer tokens; without one the service is local only.
         host: Address to listen on.
         port: Port to listen on.
+        trusted_proxies: Addresses and networks of reverse proxies, separated by commas: their `X-Forwarded-For` says
+            whom they ask for. Nobody else's is believed.
         planner_workers: Number of planner processes.
         planner_queue: Number of requests that may wait for a worker before further ones are answered 429.
         batch_workers: Number of planner processes of a batch; None: see `driver_workers`; 0: batches and maps are left
@@ -47,6 +49,7 @@ class ServiceSettings(BaseSettings):
     tokens_file: Path | None = None
     host: str = "127.0.0.1"
     port: int = Field(default=8000, ge=0, le=65535)
+    trusted_proxies: str = ""
     planner_workers: int = Field(default_factory=lambda: max(1, (os.cpu_count() or 2) - 1), ge=1)  # one core streams
     batch_workers: int | None = Field(default=None, ge=0)
     ray_address: str | None = None
@@ -59,6 +62,21 @@ class ServiceSettings(BaseSettings):
     keep_batches: int | None = Field(default=None, ge=1)
     keep_batches_days: float | None = Field(default=None, gt=0.0)
 
+    @field_validator("trusted_proxies")
+    @classmethod
+    def _networks(cls, value: str) -> str:
+        for name in _listed(value):
+            try:
+                ip_network(name)
+            except ValueError as error:
+                raise ValueError(f"{name!r} is no address or network, such as 10.0.0.1 or 10.0.0.0/24") from error
+        return value
+
+    @property
+    def proxies(self) -> list[str]:
+        """The trusted proxies, one by one."""
+        return _listed(self.trusted_proxies)
+
     @property
     def driver_workers(self) -> int | None:
         """Number of planner processes of a batch: all cores of this machine but one, which streams."""
@@ -70,6 +88,10 @@ class ServiceSettings(BaseSettings):
         plans = (self.keep_plans, self.keep_plans_days)
         runs = (self.keep_executions, self.keep_executions_days)
         return Retention(*plans, *runs, self.keep_batches, self.keep_batches_days)
+
+
+def _listed(value: str) -> list[str]:
+    return [name.strip() for name in value.split(",") if name.strip()]
 
 
 class SettingsError(ValueError):

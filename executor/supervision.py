@@ -31,8 +31,8 @@ PERIOD_S = 0.005  # [s] of the pulse
 SPARE_ROWS = 1000  # room for a brake that is longer than the rest of the plan
 LIMIT_S = {  # longest silence in each state [s]
     shm.STARTING: 15.0,  # a refused program takes the library 5 s, a silent dashboard 2.5 s (ur_rtde 1.6.5)
-    shm.APPROACHING: 0.25,
-    shm.STREAMING: 0.1,  # the process gives up after 40 ms, the controller's watchdog after 25 (50 without real time)
+    shm.APPROACHING: 0.1,
+    shm.STREAMING: 0.1,  # the process gives up after 40 ms, the controller's watchdog after 20 (50 without real time)
     shm.BRAKING: 0.1,
     shm.STOPPING: 5.0,  # speedStop and stopScript wait for the controller
     shm.DONE: 1.0,

@@ -79,6 +79,14 @@ class Store(
         """
         with probing(self._engine) as connection:
             connection.execute(update(probes).values(at=time.time()))
+        self.require_room()
+
+    def require_room(self) -> None:
+        """Returns where there is room for new work; the rest of the disk is for what runs, and for stops.
+
+        Raises:
+            StoreUnavailable: There is none.
+        """
         if free_bytes(self._engine) < FREE_MIN_BYTES:
             raise StoreUnavailable(OSError(errno.ENOSPC, "less than 20 MB are left"))
 

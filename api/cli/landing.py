@@ -54,15 +54,17 @@ def landing(
 
     results = {name: radius for name, radius in (("hit", hit), ("edge", edge), ("miss", miss)) if radius is not None}
     report = _report(position, std_m, results)
+    if withdraw is not None and report is not None:
+        raise click.UsageError("--withdraw takes a report back: give no other with it")
     path = f"/executions/{execution}/landing"
-    if report is None and withdraw is None:
+    if withdraw is None and report is None:
         answer = client.get(path)
         rows = "\n".join(map(_text, answer["landings"]))
         click.echo(json.dumps(answer) if as_json else rows or "no landing was reported")
         return
     throw = _Throw(client, execution)
-    if withdraw is not None:
-        answer = client.post(f"/executions/{throw.id}/landing/{withdraw}/withdraw", None)
+    if report is None:
+        answer = client.post(f"{throw.path}/{withdraw}/withdraw", None)
     else:
         if not yes:
             _ask(throw.doubts(position, execution == "latest"), as_json)

@@ -5,17 +5,19 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
 from api.cli.support.errors import Finite
+from api.cli.support.options import json_option
 from api.cli.support.summary import plan_text
 
 if TYPE_CHECKING:
+    from api.problems import ProblemDetails
     from jobs.planning import PlanRecord
+    from planner.errors import PlannerError
 
 
 @click.command()
@@ -23,42 +25,56 @@ if TYPE_CHECKING:
 @click.option("--cells", type=click.Path(exists=True, file_okay=False, path_type=Path), help="FLING_CELLS.")
 @click.option("--cell", help="Cell of a request that names none; default: FLING_DEFAULT_CELL.")
 @click.option("--odds", type=Finite(0.0, 1.0), help="min_hit_probability of the request [-].")
-def plan(file: Path, cells: Path | None, cell: str | None, odds: float | None) -> None:
+@json_option
+def plan(file: Path, cells: Path | None, cell: str | None, odds: float | None, as_json: bool) -> None:
     """Plan the request in FILE (JSON as for POST /plan; - reads standard input) and write the plan to standard output.
 
-    Standard error has a summary; or the problem, as JSON (on a terminal in sentences, unless --json is given), with
-    exit status 2 for an infeasible request, 3 where its time limit ended the search, 1 for an invalid one.
+    Standard error has a summary, but with --json; or the problem, as JSON (on a terminal in sentences, but with --json)
+    with exit status 2 for an infeasible request, 3 where its time limit ended the search, 1 for an invalid one.
     """
-    from api.cli.support.client import describe
-    from api.cli.support.errors import RefusedRequest
-    from api.cli.support.exit_status import exit_status
     from api.cli.support.request_file import read_document
-    from api.http import ProblemDetails, problem_document, translate
+    from api.problems import ProblemDetails
     from planner.errors import PlannerError
-    from planner.request import read_request
 
     try:
-        asked = read_request(read_document(file))
-        planned = _plan(asked if odds is None else {**asked, "min_hit_probability": odds}, cells, cell)
+        planned = _plan(read_document(file), odds, cells, cell)
     except (ProblemDetails, PlannerError) as error:
-        problem = translate(error)
-        document = problem_document(problem, str(file))
-        if sys.stderr.isatty():
-            raise RefusedRequest(document, describe(document, as_request=True)) from None
-        click.echo(json.dumps(document, indent=2), err=True)
-        sys.exit(exit_status(problem.name))
+        _refuse(error, file, as_json)
     plan_document = planned.row.document.decode()
     click.echo(plan_document)
-    click.echo(plan_text(json.loads(plan_document)), err=True)
+    if not as_json:
+        click.echo(plan_text(json.loads(plan_document)), err=True)
 
 
-def _plan(asked: Mapping[str, Any], cells: Path | None, cell: str | None) -> PlanRecord:
+def _refuse(error: ProblemDetails | PlannerError, file: Path, as_json: bool) -> NoReturn:
+    """Ends the command with what is wrong with its request."""
+    from api.cli.support.errors import RefusedRequest
+    from api.cli.support.exit_status import exit_status
+    from api.problems import ProblemDetails, planner_problem, problem_document
+
+    problem = error if isinstance(error, ProblemDetails) else planner_problem(error)
+    document = problem_document(problem, str(file))
+    if as_json:
+        raise RefusedRequest(document) from None
+    if sys.stderr.isatty():
+        from api.cli.support.client import describe
+
+        raise RefusedRequest(document, describe(document, as_request=True)) from None
+    click.echo(json.dumps(document, indent=2), err=True)
+    sys.exit(exit_status(problem.name))
+
+
+def _plan(document: Any, odds: float | None, cells: Path | None, cell: str | None) -> PlanRecord:
     from api.cell_repository import CellRepository, UnknownCell
-    from api.http import invalid_field
+    from api.problems import invalid_field
     from api.settings import parse_settings
     from jobs.planning import PlanningJob, solve
+    from planner.request import read_request
     from store import new_id
 
+    asked = read_request(document)
+    if odds is not None:
+        asked["min_hit_probability"] = odds
     settings = parse_settings()
     name = asked.get("cell") or cell or settings.default_cell
     try:

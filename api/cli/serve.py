@@ -96,6 +96,7 @@ def _keep_alive(children: ChildProcesses) -> None:
 @click.option(
     "--tokens-file", type=click.Path(path_type=Path), help="File of the bearer tokens; default: FLING_TOKENS_FILE."
 )
+@click.option("--trusted-proxies", help="Proxies whose X-Forwarded-For is believed; default: FLING_TRUSTED_PROXIES.")
 @click.option(
     "--planner-workers", type=click.IntRange(min=1), help="Planner processes; default: FLING_PLANNER_WORKERS."
 )

@@ -1,20 +1,7 @@
 """HTTP in general, whatever the resource: errors, middleware, tokens, content negotiation, OpenAPI."""
 
 from api.http.draining import DrainingMiddleware
-from api.http.errors import (
-    PROBLEM_TYPES,
-    RESTART_S,
-    SOON_S,
-    ProblemDetails,
-    install_error_handlers,
-    invalid_field,
-    invalid_fields,
-    invalid_request,
-    problem_document,
-    problem_status,
-    retry_after,
-    translate,
-)
+from api.http.errors import RESTART_S, SOON_S, install_error_handlers, invalid_request, translate
 from api.http.event_stream import event_stream, event_stream_answer
 from api.http.head import HeadMiddleware
 from api.http.json_body import StrictJsonRoute
@@ -32,6 +19,15 @@ from api.http.tokens import (
 )
 from api.http.tracing import TracingMiddleware
 from api.http.wrong_tokens import WrongTokens
+from api.problems import (
+    PROBLEM_TYPES,
+    ProblemDetails,
+    invalid_field,
+    invalid_fields,
+    problem_document,
+    problem_status,
+    retry_after,
+)
 
 __all__ = [
     "PROBLEM_TYPES",

@@ -7,7 +7,8 @@ import re
 from starlette.datastructures import MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from api.http.errors import RESTART_S, ProblemDetails, problem_response, retry_after
+from api.http.errors import RESTART_S, problem_response
+from api.problems import ProblemDetails, retry_after
 
 NEW_WORK = re.compile(r"/(plan|execute|batches|experiments|cells/[^/]+/map)")
 

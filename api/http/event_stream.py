@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncGenerator, Callable
+from contextlib import aclosing
 from typing import Any
 
 from fastapi.responses import StreamingResponse
@@ -12,10 +13,23 @@ MEDIA = "text/event-stream"
 REF = "#/components/schemas/"
 
 
-def event_stream(chunks: AsyncIterator[bytes]) -> StreamingResponse:
-    """Returns an answer that sends events as they come, through proxies that would keep them back."""
+def event_stream(chunks: AsyncGenerator[bytes], is_allowed: Callable[[], bool]) -> StreamingResponse:
+    """Returns an answer that sends events as they come, through proxies that would keep them back.
+
+    Args:
+        chunks: the events; comments in silence.
+        is_allowed: asked before each is sent; false ends the stream.
+    """
     headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-    return StreamingResponse(chunks, 200, headers, MEDIA)
+    return StreamingResponse(_while_allowed(chunks, is_allowed), 200, headers, MEDIA)
+
+
+async def _while_allowed(chunks: AsyncGenerator[bytes], is_allowed: Callable[[], bool]) -> AsyncGenerator[bytes]:
+    async with aclosing(chunks):
+        async for chunk in chunks:
+            if not is_allowed():  # its token was revoked, or has expired
+                return
+            yield chunk
 
 
 def event_stream_answer(description: str, **events: type[BaseModel]) -> dict[str, Any]:

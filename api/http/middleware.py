@@ -15,7 +15,8 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from api.http.errors import BODY_LIMIT_BYTES, BODY_TOO_LARGE, ProblemDetails, problem_response
+from api.http.errors import BODY_LIMIT_BYTES, BODY_TOO_LARGE, problem_response
+from api.problems import ProblemDetails
 from api.settings import is_loopback_host
 
 BODY_S = 10.0  # [s] for a body of at most a megabyte, usually some hundred bytes

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 from starlette.responses import Response
 
-from api.http.errors import ProblemDetails
+from api.problems import ProblemDetails
 
 
 def preferred_media_type(accept: str | None, offers: Sequence[str]) -> str:

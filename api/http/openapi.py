@@ -11,7 +11,8 @@ from fastapi.routing import APIRoute
 from pydantic import BaseModel, Field
 from pydantic.json_schema import models_json_schema
 
-from api.http.errors import MEDIA_TYPE, PROBLEM_TYPES
+from api.http.errors import MEDIA_TYPE
+from api.problems import PROBLEM_TYPES
 from api.schemas import StateEvent, TelemetryEvent
 
 Responses = dict[int | str, dict[str, Any]]

@@ -87,6 +87,11 @@ class TokenRegistry:
             self._read_again(self._path)
         return find_token(self._tokens, token)
 
+    def is_in_force(self, token: str) -> bool:
+        """Returns whether a token is known and has not expired."""
+        found = self.find(token)
+        return found is not None and not found.has_expired
+
     def _read_again(self, path: Path) -> None:
         try:
             self._tokens = read_tokens(path)

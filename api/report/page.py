@@ -104,7 +104,7 @@ def _program(content: ReportContent) -> str:
         "ellipse": _ellipse(content.experiment),
         "tracking": _tracking(content.recording),
     }
-    text = json.dumps(data, separators=(",", ":")).replace("</", "<\\/")
+    text = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
     program = (PROGRAM / "report.js").read_text(encoding="utf-8").replace("</script", "<\\/script")
     return f'<script type="application/json" id="report-data">{text}</script><script>{program}</script>'
 

@@ -6,7 +6,7 @@ import asyncio
 import os
 import tempfile
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncGenerator
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any
@@ -73,6 +73,7 @@ async def make_batch(
     store = service.store
 
     def queue() -> str:
+        store.require_room()
         asked = batch_specification(body, store, service.cells, service.settings.default_cell, SIZE_MAX)
         act = origin.act(caller, "batch")
         return store.add_batch(asked.pack(), len(asked.requests), caller.name, "service", key, act).id
@@ -127,7 +128,7 @@ async def watch_batch(
 ) -> StreamingResponse:
     """Streams the progress of a batch as server-sent events until it is finished."""
     row = await run_in_threadpool(find_batch, service, id)
-    return event_stream(_events(request, service.store, row.id, last_event_id))
+    return event_stream(_events(request, service.store, row.id, last_event_id), request.state.is_allowed)
 
 
 @router.get(
@@ -163,7 +164,7 @@ def find_batch(service: Service, id: str) -> BatchRow:
     return find("batch", id, service.store.batch, service.store.batches)
 
 
-async def _events(request: Request, store: Store, id: str, after: int) -> AsyncIterator[bytes]:
+async def _events(request: Request, store: Store, id: str, after: int) -> AsyncGenerator[bytes]:
     """Yields the progress whenever it changes, up to the end of the batch or of the service."""
     yield b"retry: 500\n\n"
     last = after

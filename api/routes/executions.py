@@ -68,6 +68,7 @@ def execute_plan(body: ExecuteBody, service: ServiceDep, caller: OperateCaller, 
     """Queues one execution of a plan. **This moves the robot**; software stop is not a safety function."""
 
     def queue() -> str:
+        service.store.require_room()
         plan = find_plan(service, body.plan_id, whole=False)
         _check_executable(service, plan, body)
         return service.store.queue_execution(
@@ -141,13 +142,14 @@ def read_recording(
 )
 async def watch_execution(
     id: ExecutionId,
+    request: Request,
     service: ServiceDep,
     caller: AnyCaller,
     last_event_id: Annotated[int, Header(ge=0, le=2**62, description="Resume after this event.")] = 0,
 ) -> StreamingResponse:
     """Streams state changes and telemetry (20 Hz or more) as server-sent events until the execution has ended."""
     row = await run_in_threadpool(find_execution, service, id)
-    return event_stream(service.feeds.listen(row.id, last_event_id))
+    return event_stream(service.feeds.listen(row.id, last_event_id), request.state.is_allowed)
 
 
 @router.post(

@@ -64,6 +64,7 @@ def begin_experiment(
     """Begins a series of throws. Executions join it by `experiment_id`; it moves nothing by itself."""
 
     def begin() -> str:
+        service.store.require_room()
         act = origin.act(caller, "experiment")
         return service.store.add_experiment(body.name, caller.name, body.settings, key, act).id
 

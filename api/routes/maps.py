@@ -67,6 +67,7 @@ async def make_cell_map(name: CellName, body: MapFields, service: ServiceDep, ca
     """
 
     def begin() -> tuple[MapRow, dict[str, Any]]:
+        service.store.require_room()
         source, _ = service.cells.required(name)
         row = begin_map(service.store, source, _request(body), fling_version(), caller.name, "service")
         return row, map_head(_table(service, row))

@@ -102,6 +102,7 @@ async def make_plan(
         return await _preview(asked, trajectory)
     id = None if key is None else await run_in_threadpool(service.store.resource_of_key, key)
     if id is None:
+        await run_in_threadpool(service.store.require_room)  # before it is planned
         id = await _solve_and_store(asked)
     row = await run_in_threadpool(service.store.plan if trajectory else service.store.plan_summary, id)
     assert row is not None  # retention deletes no young plan, and keys with their plans

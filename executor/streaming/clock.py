@@ -10,11 +10,14 @@ from executor.streaming.state_checks import StreamFault
 POLL_S = 50e-6  # [s] between two readings of the timestamp
 EARLY_S = 400e-6  # [s] polling begins so long before the next timestamp is due
 STALE_S = 0.040  # [s] without a new timestamp the connection is lost: 20 e-Series ticks; row R10 of docs/executor.md
-REALTIME_BOUNDS = (0.020, 0.10)  # [s] in a row, [-] share of the last hundred ticks; source: libfranka stops there
+REALTIME_BOUNDS = (0.016, 0.10)  # [s] in a row, less than the watchdog bears; [-] share of the recent ticks
 ORDINARY_BOUNDS = (0.040, 0.30)  # the same without real-time scheduling, which is for simulated cells
-LINK_SHARE = REALTIME_BOUNDS[1]  # [-] of ticks lost while this thread had its processor, whatever its scheduling
+# [-] share of the recent ticks lost while this thread had its processor, whatever its scheduling; source: libfranka's
+# communication test calls a success rate below 0.95 "many packets got lost"
+LINK_SHARE = 0.05
+IN_A_ROW_MIN = 2  # [ticks] a CB3 arm sends one in 8 ms
 OWN_GAP_S = 0.010  # [s] between two readings: this process was suspended, and the timestamp's age is unknown
-MEMORY_TICKS = 100  # [ticks] over which lost ticks are forgotten
+MEMORY_S = 0.2  # [s] over which lost ticks are forgotten
 
 
 class ControllerClock:
@@ -77,15 +80,17 @@ class LostTicks:
         in_a_row: ticks lost in a row that end the run.
         most: recently lost ticks that end the run.
         most_by_link: recently lost ticks that end the run if the link lost them.
+        memory: recent ticks.
     """
 
     def __init__(self, dt: float, realtime: bool) -> None:
         """Sets the bounds for ticks of `dt` [s], with or without real-time scheduling."""
         in_a_row_s, share = REALTIME_BOUNDS if realtime else ORDINARY_BOUNDS
         self.dt = dt
-        self.in_a_row = max(3, round(in_a_row_s / dt))
-        self.most = share * MEMORY_TICKS
-        self.most_by_link = LINK_SHARE * MEMORY_TICKS
+        self.memory = MEMORY_S / dt
+        self.in_a_row = max(IN_A_ROW_MIN, round(in_a_row_s / dt))
+        self.most = share * self.memory
+        self.most_by_link = LINK_SHARE * self.memory
         self.recent = self.by_link = 0.0
 
     @property
@@ -101,6 +106,6 @@ class LostTicks:
             missed: ticks lost before this one.
             delayed_s: time this thread waited for a processor since the last tick [s].
         """
-        self.recent += missed - self.recent / MEMORY_TICKS
-        self.by_link = max(0.0, self.by_link + missed - delayed_s / self.dt - self.by_link / MEMORY_TICKS)
+        self.recent += missed - self.recent / self.memory
+        self.by_link = max(0.0, self.by_link + missed - delayed_s / self.dt - self.by_link / self.memory)
         return missed >= self.in_a_row or self.recent > self.most or self.by_link > self.most_by_link

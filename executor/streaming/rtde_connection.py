@@ -27,7 +27,7 @@ from executor.streaming.state_checks import StreamFault
 CALL_MAX_S = 0.005  # [s] a real-time call takes 30 us, one that reconnects itself takes 160 ms (ur_rtde 1.6.5)
 INTERFACES = 3
 DRY_RUN_INTERFACES = 1  # [-] of the library, each with an RTDE connection of its own; receiving alone
-WATCHDOG_HZ = 40.0  # [Hz] 25 ms, just above the 20 ms after which the loop itself gives up as late
+WATCHDOG_HZ = 50.0  # [Hz] 20 ms, just above the 16 ms after which the loop itself gives up as late
 WATCHDOG_ORDINARY_HZ = 20.0  # [Hz] 50 ms, just above the 40 ms accepted without real-time scheduling
 VARIABLES = [
     "timestamp",

@@ -44,7 +44,7 @@ def map_html(table: MapTable, void: str | None = None, base_m: tuple[float, floa
         _table(table),
     )
     data = {"boxes": [vars(box) for box in picture.boxes], "width": picture.width, "planes": _planes(table, void)}
-    text = json.dumps(data, separators=(",", ":")).replace("</", "<\\/")
+    text = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
     program = PROGRAM.read_text(encoding="utf-8")
     head = (
         '<meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'

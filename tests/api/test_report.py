@@ -143,10 +143,13 @@ def test_the_report_carries_what_its_program_draws(content: ReportContent, throw
     assert len(program) > 100_000  # three.js and all
 
 
-def test_nothing_in_a_plan_ends_the_script(content: ReportContent):
-    nasty = replace(content, plan={**content.plan, "id": "</script><script>alert(1)</script>"})
+@pytest.mark.parametrize("id", ["</script><script>alert(1)</script>", "<!--<script>", "<!-- <script", "<![CDATA["])
+def test_nothing_in_a_plan_ends_the_script(content: ReportContent, id: str):
+    """HTML's "script data double escaped state" begins with `<!--<script` and swallows the end of the script."""
+    nasty = replace(content, plan={**content.plan, "id": id})
     outline = Outline(report_html(nasty))
     assert [tag for tag, _ in outline.tags].count("script") == 2
+    assert "<" not in outline.scripts[0]
     assert json.loads(outline.scripts[0])["plan"]["id"] == nasty.plan["id"]
 
 

@@ -7,7 +7,8 @@ import logging
 import orjson
 import pytest
 
-from api.logs import JsonFormatter
+from api.logs import JsonFormatter, configure_logs
+from api.server import server_config
 from store import StoreUnavailable
 from tests.api.conftest import REQUEST, FakeExecutor, RunningService
 from tests.api.test_bad_input import problem_of
@@ -116,3 +117,37 @@ def test_counters_follow_executions_and_never_fall(service: RunningService, exec
     assert value("fling_solve_seconds_count") >= 1
     assert value('fling_certificate_margin_ratio_count{check="joint_velocity"}') >= 1
     assert value('fling_http_requests_total{method="GET",route="/metrics"') >= 1
+
+
+def test_a_bug_is_answered_counted_and_logged_like_any_answer(
+    service: RunningService, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+):
+    def buggy(*_: object) -> None:
+        raise RuntimeError("surprise")
+
+    monkeypatch.setattr(service.store, "plans", buggy)
+    caplog.set_level(logging.INFO, "fling")
+    answer = service.client.get("/plans", headers={"X-Request-ID": "bug-1"})
+    problem = problem_of(answer, 500, "internal")
+    assert "surprise" not in str(problem)
+    assert answer.headers["x-request-id"] == "bug-1"
+    assert "content-security-policy" in answer.headers
+    (line,) = lines_of(caplog)
+    assert (line["id"], line["status"], line["problem"]) == ("bug-1", 500, "internal")
+    (told,) = [orjson.loads(JsonFormatter().format(r)) for r in caplog.records if r.name == "fling"]
+    assert (told["level"], told["path"], told["request_id"]) == ("error", "/plans", "bug-1")
+    assert "surprise" in told["message"]
+    monkeypatch.undo()
+    assert 'fling_http_requests_total{method="GET",route="/plans",status="500"}' in service.client.get("/metrics").text
+
+
+def test_the_server_s_own_log_is_json_too(capsys: pytest.CaptureFixture[str], service: RunningService):
+    before = {name: logging.getLogger(name).handlers for name in ("fling", "uvicorn", "uvicorn.error")}
+    configure_logs(requests=True)
+    server_config(service.client.app, "127.0.0.1", 0)  # type: ignore[arg-type]
+    logging.getLogger("uvicorn.error").error("Exception in ASGI application")
+    for name, handlers in before.items():
+        logging.getLogger(name).handlers = handlers
+        logging.getLogger(name).propagate = True
+    line = orjson.loads(capsys.readouterr().err)
+    assert (line["logger"], line["message"]) == ("uvicorn.error", "Exception in ASGI application")

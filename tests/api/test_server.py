@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import signal
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
 from typing import Any
 
@@ -36,12 +36,13 @@ class QuickProtocol(ImpatientProtocol):
 class RunningServer:
     """A server with a small application, which answers /slow after `answer` is set, and /left to nobody."""
 
-    def __init__(self) -> None:
+    def __init__(self, proxies: Sequence[str] = ()) -> None:
         self.answer, self.drained, self.left = asyncio.Event(), asyncio.Event(), asyncio.Event()
         routes = [
             Route("/quick", self._quick),
             Route("/slow", self._slow),
             Route("/huge", self._huge),
+            Route("/who", self._who),
             Route("/plan", self._body, methods=["POST"]),
             Route("/abort", self._body, methods=["POST"]),
             Route("/left", self._left, methods=["POST"]),
@@ -51,7 +52,7 @@ class RunningServer:
         self.app.add_middleware(DrainingMiddleware)
         self.app.add_middleware(SecurityMiddleware, local_only=True)
         install_error_handlers(self.app)  # type: ignore[arg-type]
-        config = server_config(self.app, HOST, 0)
+        config = server_config(self.app, HOST, 0, proxies)
         config.http = QuickProtocol
         self.server = DrainingServer(config, self._drain)
 
@@ -61,6 +62,10 @@ class RunningServer:
 
     async def _quick(self, request: Request) -> Response:
         return JSONResponse({"query": request.url.query} if request.url.query else {})
+
+    async def _who(self, request: Request) -> Response:
+        assert request.client is not None
+        return JSONResponse({"client": request.client.host})
 
     async def _slow(self, _: Request) -> Response:
         await self.answer.wait()
@@ -89,8 +94,8 @@ class RunningServer:
 
 
 @asynccontextmanager
-async def serving() -> AsyncIterator[RunningServer]:
-    running = RunningServer()
+async def serving(proxies: Sequence[str] = ()) -> AsyncIterator[RunningServer]:
+    running = RunningServer(proxies)
     running.server.config.load()
     task = asyncio.create_task(running.server._serve())
     while not running.server.started:
@@ -102,9 +107,9 @@ async def serving() -> AsyncIterator[RunningServer]:
     await asyncio.wait_for(task, 30.0)
 
 
-def run(test: Callable[[RunningServer], Awaitable[None]]) -> None:
+def run(test: Callable[[RunningServer], Awaitable[None]], proxies: Sequence[str] = ()) -> None:
     async def whole() -> None:
-        async with serving() as running:
+        async with serving(proxies) as running:
             await test(running)
 
     asyncio.run(whole())
@@ -234,6 +239,30 @@ def test_the_host_of_an_absolute_target_is_checked(target: bytes):
         assert (await answer_to(running, request))[0] == 403
 
     run(test)
+
+
+@pytest.mark.parametrize(
+    ("proxies", "client"),
+    [((), "127.0.0.1"), (("10.0.0.0/8",), "127.0.0.1"), (("127.0.0.0/8",), "192.0.2.7")],
+)
+def test_a_client_s_address_is_its_own_word_through_a_trusted_proxy_alone(proxies: tuple[str, ...], client: str):
+    async def test(running: RunningServer) -> None:
+        forged = b"\r\nConnection: close\r\nX-Forwarded-For: 192.0.2.7\r\n\r\n"
+        assert (await answer_to(running, GET.replace(b"\r\n\r\n", forged) % b"who"))[2] == {"client": client}
+
+    run(test, proxies)
+
+
+def test_a_client_that_leaves_within_its_body_is_no_bug(caplog: pytest.LogCaptureFixture):
+    async def test(running: RunningServer) -> None:
+        _, writer = await asyncio.open_connection(HOST, running.port)
+        writer.write(POST % (b"plan", 9) + b"{")
+        await asyncio.sleep(0.1)
+        writer.close()
+        await asyncio.sleep(0.1)
+
+    run(test)
+    assert not [record for record in caplog.records if record.levelname == "ERROR"]
 
 
 def test_a_client_that_does_not_read_is_cut():

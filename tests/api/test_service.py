@@ -15,7 +15,7 @@ from api.app import UnsafeSettings, create_app
 from api.http import PROBLEM_TYPES, create_token
 from api.settings import ServiceSettings
 from store import Store, StoreUnavailable, pack_samples
-from tests.api.conftest import FakeExecutor, RunningService
+from tests.api.conftest import REQUEST, FakeExecutor, RunningService
 from tests.api.test_bad_input import problem_of
 
 
@@ -45,6 +45,28 @@ def test_a_store_that_is_gone_or_full_is_not_ready(
     monkeypatch.undo()
     monkeypatch.setattr(store_probe, "FRESH_S", 0.0)
     assert service.client.get("/readyz").status_code == 200
+
+
+def test_no_new_work_begins_where_no_room_is_left(
+    service: RunningService, executor: FakeExecutor, plan, monkeypatch: pytest.MonkeyPatch
+):
+    """What `/readyz` calls a full disk is one for new work, too; what runs goes on, and can be stopped."""
+    run = service.client.post("/execute", json={"plan_id": plan["id"]}).json()
+    monkeypatch.setattr("store.store.free_bytes", lambda _: 5e6)
+    monkeypatch.setattr(store_probe, "FRESH_S", 0.0)
+    assert problem_of(service.client.get("/readyz"), 503, "not-ready")["outage"] == "disk_full"
+    work = {
+        "/plan": REQUEST,
+        "/execute": {"plan_id": plan["id"]},
+        "/batches": {"requests": [REQUEST]},
+        "/experiments": {},
+        "/cells/ur5e-sim/map": {"resolution_m": 2.0},
+    }
+    for path, body in work.items():
+        assert problem_of(service.client.post(path, json=body), 503, "not-ready")["outage"] == "disk_full"
+    assert service.client.post("/plan?store=false", json=REQUEST).status_code == 200
+    assert service.client.get("/plans").status_code == 200
+    assert service.client.post(f"/executions/{run['id']}/abort").status_code == 202
 
 
 @pytest.fixture

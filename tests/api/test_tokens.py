@@ -3,6 +3,7 @@ from __future__ import annotations
 import stat
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from api.app import create_app
 from api.cli import main
 from api.http import TokenRegistry, WrongTokens, create_token, find_token, read_tokens, revoke_token
 from api.settings import ServiceSettings
+from store import PlanRow, new_id
 from tests.api.conftest import NO_ID, REQUEST, ROOT, RunningService, beat_as, running
 from tests.api.test_bad_input import problem_of
 
@@ -179,6 +181,39 @@ def test_a_token_expires(guarded: RunningService, tokens):
     assert guarded.client.get("/plans", headers=bearer(young)).status_code == 200
 
 
+def queued(service: RunningService) -> str:
+    id = new_id()
+    service.store.add_plan(PlanRow(id, 1.0, "ur5e-sim", "s", "b", b"{}"))
+    return service.store.queue_execution(id, "ur5e-sim").id
+
+
+@pytest.mark.parametrize("watched", ["execution", "batch"])
+def test_a_stream_ends_with_its_token(guarded: RunningService, tokens, watched: str):
+    """Nothing that happens after its revocation is sent."""
+    token = create_token(tokens[0], f"watcher-{watched}", ("plan",))
+    if watched == "execution":
+        id = queued(guarded)
+        path = f"/executions/{id}/events"
+    else:
+        id = guarded.store.add_batch(b"", 10, "who", "nobody").id
+        path = f"/batches/{id}/events"
+    with ThreadPoolExecutor(1) as watcher:
+        stream = watcher.submit(guarded.client.get, path, headers=bearer(token))
+        time.sleep(0.5)
+        revoke_token(tokens[0], f"watcher-{watched}")
+        if watched == "execution":
+            guarded.store.add_event(id, "telemetry", {"clock_s": 1234.5})
+            time.sleep(0.5)
+            guarded.store.finish_execution(id, "completed")
+        else:
+            guarded.store.cancel_batch(id)
+        answer = stream.result(60.0)
+    assert answer.status_code == 200
+    assert "1234.5" not in answer.text
+    assert '"finished"' not in answer.text
+    problem_of(guarded.client.get(path, headers=bearer(token)), 401, "unauthenticated")
+
+
 @pytest.mark.parametrize("ends", ["'tomorrow'", "2027-01-01", "2027-01-01T00:00:00"])
 def test_an_end_must_be_an_instant(tmp_path: Path, ends: str):
     file = tmp_path / "tokens.toml"
@@ -226,6 +261,11 @@ def test_tokens_on_the_command_line(tmp_path: Path):
         ("FLING_PORT", "70000", "FLING_PORT: must be at most 65535; it is '70000'"),
         ("FLING_PLANNER_WORKERS", "0", "FLING_PLANNER_WORKERS: must be at least 1; it is '0'"),
         ("FLING_CELLS", "/nowhere", "FLING_CELLS = '/nowhere': there is no such folder"),
+        (
+            "FLING_TRUSTED_PROXIES",
+            "10.0.0.1, proxy",
+            "FLING_TRUSTED_PROXIES: 'proxy' is no address or network",
+        ),
         ("FLING_DEFAULT_CELL", "moon", "FLING_DEFAULT_CELL: no cell 'moon' in "),
     ],
 )

@@ -25,7 +25,7 @@ def types(names: list[str]) -> list[str]:
     return [WIDTHS.get(name) or KINDS.get(name) or "DOUBLE" for name in names]
 
 
-class Controller:
+class FakeReceiver:
     """An RTDE port that answers every output set-up as the test says, and publishes zeros."""
 
     def __init__(self) -> None:
@@ -76,8 +76,8 @@ class Controller:
 
 
 @pytest.fixture
-def controller() -> Iterator[Controller]:
-    found = Controller()
+def controller() -> Iterator[FakeReceiver]:
+    found = FakeReceiver()
     yield found
     found.server.shutdown(socket.SHUT_RDWR)  # ends the wait for a client too
     found.server.close()
@@ -118,7 +118,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("wrong", WRONG)
-def test_one_wrong_answer_does_not_end_the_monitor(controller: Controller, monitor: Monitor, wrong: str) -> None:
+def test_one_wrong_answer_does_not_end_the_monitor(controller: FakeReceiver, monitor: Monitor, wrong: str) -> None:
     right = controller.answer
     controller.answer = WRONG[wrong]
     monitor.start()
@@ -129,7 +129,7 @@ def test_one_wrong_answer_does_not_end_the_monitor(controller: Controller, monit
     assert monitor.owned is True
 
 
-def test_outputs_that_older_controllers_lack_are_left_out(controller: Controller, monitor: Monitor) -> None:
+def test_outputs_that_older_controllers_lack_are_left_out(controller: FakeReceiver, monitor: Monitor) -> None:
     controller.answer = lambda names: instead(names, "payload", "NOT_FOUND")
     monitor.start()
     until(monitor.fresh)
@@ -138,7 +138,7 @@ def test_outputs_that_older_controllers_lack_are_left_out(controller: Controller
 
 
 def test_an_input_that_another_has_is_asked_for_again(
-    controller: Controller, monitor: Monitor, monkeypatch: pytest.MonkeyPatch
+    controller: FakeReceiver, monitor: Monitor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(session, "RECLAIM_S", 0.1)
     controller.claim = b"\x00IN_USE"

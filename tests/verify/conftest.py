@@ -60,6 +60,16 @@ def wheel(checkout: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return next(folder.glob("*.whl"))
 
 
+@pytest.fixture(scope="session")
+def source_archive(checkout: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The source archive, built from the copy."""
+    folder = tmp_path_factory.mktemp("source")
+    command = [sys.executable, "-m", "build", "--sdist", "--no-isolation", "--outdir", str(folder), str(checkout)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return next(folder.glob("*.tar.gz"))
+
+
 def server_program(name: str) -> str | None:
     """Returns the path of a program of PostgreSQL's server, None where there is none."""
     installed = sorted(SERVER_FOLDERS.glob(f"*/bin/{name}"), key=lambda path: float(path.parts[-3]))

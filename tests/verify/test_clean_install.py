@@ -10,6 +10,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tarfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -26,15 +27,15 @@ TRIES = 3  # on an overloaded machine the outcome may be `late`
 
 
 class CleanInstall:
-    """An environment with the wheel and its pinned requirements alone, used from a hostile folder."""
+    """An environment with an archive of Fling and its pinned requirements alone, used from a hostile folder."""
 
-    def __init__(self, folder: Path, python: str, requirements: Path, wheel: Path) -> None:
+    def __init__(self, folder: Path, python: str, requirements: Path, archive: Path) -> None:
         self.bin = folder / "venv" / "bin"
         self.folder = folder
         self._run([python, "-m", "venv", str(folder / "venv")])
         pip = [str(self.bin / "python"), "-m", "pip", "--disable-pip-version-check", "--no-input", "install", "--quiet"]
         self._run([*pip, "--require-hashes", "-r", str(requirements)])
-        self._run([*pip, "--no-deps", str(wheel)])
+        self._run([*pip, "--no-deps", "--no-build-isolation", str(archive)])
         self.work = folder / "work"
         for name in TRAPS:
             (self.work / name).mkdir(parents=True)
@@ -137,6 +138,23 @@ def test_serve_and_throw_from_a_hostile_folder(installed: CleanInstall, up: str)
     execution = json.loads(done.stdout)
     assert execution["outcome"] == "completed"
     assert execution["metrics"]["landing_error_m"] < 0.01
+
+
+def test_the_source_archive_builds_installs_and_throws(tmp_path: Path, source_archive: Path):
+    """With the requirements that it brings along, from the folder of another project."""
+    with tarfile.open(source_archive) as archive:
+        archive.extractall(tmp_path / "source", filter="data")
+    (source,) = (tmp_path / "source").iterdir()
+    found = CleanInstall(tmp_path, sys.executable, source / "requirements" / "run.txt", source_archive)
+    assert plan_of(found.fling("plan", "request.json"))["certificate"]["valid"] is True
+    if sys.version_info >= (3, 13):
+        pytest.skip("ur_rtde has no wheels for this Python")
+    found.own_cell()
+    for _ in range(TRIES):
+        done = found.fling("demo")
+        if done.returncode == 0:
+            break
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 def interpreter(version: str) -> str | None:

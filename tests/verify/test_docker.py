@@ -80,6 +80,21 @@ def test_roots_are_read_only_and_capabilities_are_the_executors(services: dict[s
         assert ("cap_add" in entry) == name.endswith("executor"), name
 
 
+def test_every_container_is_bounded_and_every_image_pinned(services: dict[str, Any]):
+    for name, entry in services.items():
+        assert re.fullmatch(r"(\$\{\w+:-)?\d+g\}?", entry["mem_limit"]), name
+        assert 0 < entry["pids_limit"] <= 1024, name
+        if name not in own(services):
+            assert re.fullmatch(r"[\w/-]+:\d+(\.\d+)+(-\w+)?(@sha256:[0-9a-f]{64})?", entry["image"]), name
+
+
+def test_the_database_runs_as_its_own_user_without_a_capability(services: dict[str, Any]):
+    database = services["database"]
+    assert (database["user"], database["read_only"], database["cap_drop"]) == ("postgres", True, ["ALL"])
+    assert database["security_opt"] == ["no-new-privileges:true"]
+    assert "cap_add" not in database
+
+
 def test_profiles(services: dict[str, Any], root: Path):
     by_profile: dict[str, set[str]] = {}
     for name, entry in services.items():

@@ -115,7 +115,7 @@ def test_two_throws_are_compared(guest: Visit, desk: Desk, thrown_id: str) -> No
     for error in ("12.3 mm", "45.6 mm"):
         history.locator("tbody tr").filter(has_text=error).first.get_by_role("checkbox").check(timeout=SOON_MS)
     comparison = guest.region("Comparison")
-    row = comparison.get_by_role("row", name="Landing error")
+    row = comparison.get_by_role("row", name="Landed off by")
     expect(row.get_by_role("cell")).to_have_text(["12.3 mm", "45.6 mm"])
     expect(comparison.locator(".u-over")).to_be_visible()
     guest.button("Close the comparison").click()

@@ -147,3 +147,30 @@ def test_no_service_says_how_to_start_one():
     result = fling("throw", "1.2", "-0.3", "0", "--url", "http://127.0.0.1:9")
     assert result.exit_code == 1
     assert "fling up" in result.output
+
+
+@pytest.mark.parametrize("content", ['{"release": ', "[" * 900, '{"a": 1, "a": 2}'])
+def test_a_file_that_is_no_json_is_refused_without_loading_the_service(request_file: Path, content: str):
+    request_file.write_text(content)
+    script = f"""
+import sys
+from api.cli import main
+try:
+    main(["plan", {str(request_file)!r}])
+except SystemExit as end:
+    assert end.code == 1
+print([name for name in ("pydantic", "fastapi", "sqlalchemy", "httpx2", "casadi", "store") if name in sys.modules])
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+    assert json.loads(done.stderr)["type"] == "/problems/invalid-request"
+
+
+def test_plan_has_the_option_json(request_file: Path, root: Path):
+    assert "--json" in fling("plan", "--help").output
+    good = fling("plan", str(request_file), "--cells", str(root / "cells"), "--json")
+    assert json.loads(good.stdout)["certificate"]["valid"] is True
+    assert good.stderr == ""
+    request_file.write_text("{}")
+    refused = json.loads(fling("plan", str(request_file), "--json").stderr)
+    assert (refused["type"], refused["exit_status"]) == ("/problems/invalid-request", 1)

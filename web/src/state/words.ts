@@ -268,7 +268,7 @@ export function plainWords(text: string): string {
 /** Names, units and scales of what was measured in an execution. */
 const METRICS: Readonly<Record<string, readonly [string, string, number]>> = {
   ticks: ["Ticks", "", 1],
-  missed_ticks: ["Missed ticks", "", 1],
+  missed_ticks: ["Ticks that were missed", "", 1],
   period_p50_s: ["Time between ticks, median", "ms", 1000],
   period_p99_s: ["Time between ticks, 99 % below", "ms", 1000],
   period_max_s: ["Time between ticks, longest", "ms", 1000],
@@ -277,14 +277,14 @@ const METRICS: Readonly<Record<string, readonly [string, string, number]>> = {
   tracking_error_max_m: ["Tool off the plan, at most", "mm", 1000],
   path_error_max_m: ["Tool off the path, at most", "mm", 1000],
   release_velocity_error_rad_s: ["Joint speed off at the release", "rad/s", 1],
-  release_velocity_error_share: ["The same, of the fastest joint", "%", 100],
+  release_velocity_error_share: ["Joint speed off, of the fastest", "%", 100],
   release_velocity_unexpected_rad_s: ["Beyond what the profile expects", "rad/s", 1],
   gripper_commanded_s: ["Gripper told at", "s", 1],
   gripper_command_late_s: ["Gripper told late by", "ms", 1000],
   gripper_opened_s: ["Object left at", "s", 1],
   gripper_opened_late_s: ["Object left late by", "ms", 1000],
   released: ["Gripper told to open", "", 1],
-  landing_error_m: ["Landing error", "mm", 1000],
+  landing_error_m: ["Landed off by", "mm", 1000],
   landed_on: ["Landed on", "", 1],
 };
 

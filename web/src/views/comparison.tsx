@@ -103,7 +103,7 @@ function factsOf({ run, plan }: Side): readonly (readonly [string, string])[] {
     ["Target", aim ? placeWords(aim, floorZ.value) : "–"],
     ["Release", `${figure(plan.release_time_s)} s${plan.flight ? ` at ${figure(plan.flight.speed_m_s)} m/s` : ""}`],
     ["Streamed by", run.mode],
-    ...(offset ? ([["Landed off in x, y", offset.map((x) => length(x)).join(", ")]] as const) : []),
+    ...(offset ? ([["Reported off in x, y", offset.map((x) => length(x)).join(", ")]] as const) : []),
     ...metricRows(run.metrics ?? {}),
   ];
 }
