@@ -165,7 +165,8 @@ class Fault:
         prepare: finds what it needs, once an execution runs; what it returns makes it happen, at once.
         outcomes: that an execution may have that it ended.
         harmless: whether the run may go on to its end.
-        borne_s: for which the streaming process, alive and in control, bears it before it brakes [s].
+        longer_s: by which the arm may rest later: the streaming process, alive and in control, bears it before it
+            brakes, or the controller brakes by itself, and less hard [s].
         leaves_nobody: whether nobody is left who could say where an object went.
         lets_go: whether it opens the gripper itself.
     """
@@ -174,7 +175,7 @@ class Fault:
     prepare: Callable[[Rig], Trigger]
     outcomes: tuple[str, ...]
     harmless: bool = False
-    borne_s: float = 0.0
+    longer_s: float = 0.0
     leaves_nobody: bool = False
     lets_go: bool = False
 
@@ -273,6 +274,7 @@ def _database_locked(rig: Rig) -> Trigger:
 
 LOST = ("executor_lost",)
 GRIPPER = ("released_early", "not_released")
+CATEGORY_2_S = 0.03  # [s] the controller's own stop of this category brakes at 20 rad/s^2, a program's end at 30
 OUTPUT_S = 0.03  # [s] a script begins at the next cycle, and the output changes one lag later
 LINK = ("link_lost", "aborted", "late")
 PLAYS = "def other():\n  while True:\n    sync()\n  end\nend\n"
@@ -304,17 +306,27 @@ FAULTS = (
         _told("disturb_connection", role="receive", drop=0.5),
         LINK,
         harmless=True,
-        borne_s=0.06,
+        longer_s=0.06,
     ),
     Fault("every command lost", _told("disturb_connection", role="control", drop=1.0), LINK),
     Fault("another client's program", _script(30002, PLAYS), ("foreign_program",)),
     Fault("another client's motion", _script(30001, MOVES), ("foreign_program",)),
     Fault("gripper opened by another client", _gripper_switched(True), GRIPPER, True, OUTPUT_S, lets_go=True),
     Fault("gripper closed by another client", _gripper_switched(False), GRIPPER, True, OUTPUT_S),
-    Fault("protective stop", _told("protective_stop"), ("protective_stop",)),
-    Fault("protective stop, program stopped", _told("protective_stop", runtime="stopped"), ("protective_stop",)),
-    Fault("protective stop, program playing", _told("protective_stop", runtime="playing"), ("protective_stop",)),
-    Fault("safeguard stop", _told("safeguard_stop"), ("protective_stop",)),
+    Fault("protective stop", _told("protective_stop"), ("protective_stop",), longer_s=CATEGORY_2_S),
+    Fault(
+        "protective stop, program stopped",
+        _told("protective_stop", runtime="stopped"),
+        ("protective_stop",),
+        longer_s=CATEGORY_2_S,
+    ),
+    Fault(
+        "protective stop, program playing",
+        _told("protective_stop", runtime="playing"),
+        ("protective_stop",),
+        longer_s=CATEGORY_2_S,
+    ),
+    Fault("safeguard stop", _told("safeguard_stop"), ("protective_stop",), longer_s=CATEGORY_2_S),
     Fault("emergency stop", _told("emergency_stop"), ("emergency_stop",)),
     Fault("program stopped", _told("stop_program"), ("aborted",)),
     Fault("program paused", _told("pause_program"), ("aborted",)),
@@ -357,7 +369,7 @@ class CellResult:
         return [words for words in (self._of_the_arm(), self._of_the_object()) if words]
 
     def _of_the_arm(self) -> str:
-        limit_s = REST_S + self.fault.borne_s + (0.0 if realtime.is_permitted() else ORDINARY_S)
+        limit_s = REST_S + self.fault.longer_s + (0.0 if realtime.is_permitted() else ORDINARY_S)
         if self.outcome == "completed":
             return "" if self.fault.harmless or self.rest_s < limit_s else "the run went on"
         if self.outcome not in self.fault.outcomes or not self.reason:
