@@ -16,14 +16,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.cell import Cell, parse_cell
-from planner.certificate import Examination, landing_errors
-from planner.certificate.clearance import box_gaps, moving_heights
-from planner.certificate.grip import felt_sizes
-from planner.certificate.safety_limits import momentum_sizes, power_sizes
-from planner.certificate.samples import ArmSamples, MotionSamples, ticks_around_release
-from planner.certificate.stopping import stopping_distances, stopping_times
-from planner.certificate.tool import SINGULARITY_WINDOW_S
-from planner.certificate.torque import torque_sizes
+from planner.certificate import (
+    SINGULARITY_WINDOW_S,
+    ArmSamples,
+    Examination,
+    MotionSamples,
+    box_gaps,
+    felt_sizes,
+    landing_errors,
+    momentum_sizes,
+    moving_heights,
+    power_sizes,
+    stopping_distances,
+    stopping_times,
+    ticks_around_release,
+    torque_sizes,
+)
 from planner.errors import Infeasible, InvalidProblem, SolverFailed
 from planner.flight import fly
 from planner.geometry import tool_state

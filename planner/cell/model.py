@@ -18,6 +18,7 @@ from planner.robots import Robot
 FARTHEST_M = 100.0
 CONTACT_M = 1e-6  # [m] rounding: so deep in it, a point still stands on a box or on the floor
 PAYLOAD_ROUNDING = 1e-9  # [-] of the sum of two masses
+LIMIT_ROUNDING = 1e-9  # [-] of a limit that was written as text with twelve digits
 STANDING_RAD = 1e-3  # [rad] by which an arm may stand beyond its range; its controller lets it no farther, and back
 OUT_M = 0.01  # [m] least displacement at which an object is out of the grip
 
@@ -104,7 +105,7 @@ class Limits:
         for name in ("q_lower", "q_upper", "qd_max", "qdd_max", "tau_max"):
             value = getattr(self, name)
             bound = getattr(own, name)
-            slack = standing_rad if name.startswith("q_") else 0.0
+            slack = (standing_rad if name.startswith("q_") else 0.0) + LIMIT_ROUNDING * np.abs(bound)
             is_kept = value >= bound - slack if name == "q_lower" else value <= bound + slack
             joints = np.flatnonzero(~is_kept).tolist()
             found += [LimitBeyondArm(name, joint, float(value[joint]), float(bound[joint])) for joint in joints]

@@ -7,27 +7,44 @@ by bisection with proven bounds on the deviation in between. The executor certif
 from planner.certificate.bounds import Rates, curvature_bound, point_bound, slope_bound
 from planner.certificate.certificate import Certificate, Check, NotChecked
 from planner.certificate.checks import Examination, certify
+from planner.certificate.clearance import box_gaps, moving_heights
 from planner.certificate.curves import Curve, Series, motion_curves
+from planner.certificate.grip import felt_sizes
 from planner.certificate.joints import START_TOLERANCE
 from planner.certificate.release import landing_errors, release_flight, window_landing_points
+from planner.certificate.safety_limits import momentum_sizes, power_sizes
+from planner.certificate.samples import ArmSamples, MotionSamples, ticks_around_release
+from planner.certificate.stopping import stopping_distances, stopping_times
 from planner.certificate.tool import SINGULARITY_WINDOW_S
+from planner.certificate.torque import torque_sizes
 
 __all__ = [
     "SINGULARITY_WINDOW_S",
     "START_TOLERANCE",
+    "ArmSamples",
     "Certificate",
     "Check",
     "Curve",
     "Examination",
+    "MotionSamples",
     "NotChecked",
     "Rates",
     "Series",
+    "box_gaps",
     "certify",
     "curvature_bound",
+    "felt_sizes",
     "landing_errors",
+    "momentum_sizes",
     "motion_curves",
+    "moving_heights",
     "point_bound",
+    "power_sizes",
     "release_flight",
     "slope_bound",
+    "stopping_distances",
+    "stopping_times",
+    "ticks_around_release",
+    "torque_sizes",
     "window_landing_points",
 ]

@@ -81,14 +81,14 @@ def test_no_curve_leaves_its_limits(curves: dict[str, Any]):
             assert curve["name"] == "singularity_distance" or len(values) > 0
 
 
-# Checks whose value is a sample of their curve; the others report a bound between samples, or are signed otherwise.
-SAMPLED = (
+# Checks that bound their curve between its samples; the others are signed otherwise.
+BOUNDED = (
     "joint_acceleration", "joint_torque", "tcp_speed", "elbow_speed", "momentum", "power", "stopping_time",
     "stopping_distance", "floor", "self_collision", "singularity_distance", "grip_acceleration",
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("name", SAMPLED)
+@pytest.mark.parametrize("name", BOUNDED)
 def test_a_curve_passes_its_check(thrown: dict[str, Any], curves: dict[str, Any], name: str):
     check = next(check for check in thrown["certificate"]["checks"] if check["name"] == name)
     curve = next(curve for curve in curves["curves"] if curve["name"] == name)
@@ -96,7 +96,7 @@ def test_a_curve_passes_its_check(thrown: dict[str, Any], curves: dict[str, Any]
     values = np.abs([np.interp(check["at_s"], t, np.array(series["values"], float)) for series in curve["series"]])
     limits = {limit for series in curve["series"] for limit in (series["lower"], series["upper"])}
     assert check["limit"] in {limit for limit in limits if limit is not None}
-    assert np.abs(values - check["value"]).min() < 1e-3 * abs(check["value"]), (values, check)
+    assert np.abs(values - check["value"]).min() < 1e-2 * abs(check["value"]), (values, check)
 
 
 def test_the_clearance_in_flight_is_that_of_the_certificate_or_more(thrown: dict[str, Any], curves: dict[str, Any]):
