@@ -66,7 +66,7 @@ def demo(cell: str, keep: Path | None) -> None:
     click.echo(
         f"Arm as measured on a real UR5, {len(measured_m)} throws with a tolerance of {tolerance:.0f} mm: "
         f"{median:.0f} mm in the median ({least:.0f} to {most:.0f}).\n"
-        f"Between the two lies what nobody has measured yet. A cell learns its timing in three minutes: "
+        "Between the two lies what nobody has measured yet. A cell learns its timing in three minutes: "
         "fling calibrate lag, then fling calibrate gripper."
     )
 

@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
+from planner.cell.content import plain
 from planner.cell.file import cell_of_document
 from planner.cell.model import Cell
 from planner.cell.source import CellSource
@@ -22,7 +21,7 @@ def cell_of_keys(keys: Mapping[str, Any]) -> Cell:
     Raises:
         CellError: a field is refused, or a calibration file is named, which only a file beside it can be.
     """
-    given = _plain(keys)
+    given = plain(keys)
     name = str(given.pop("name", IN_CODE))
     return cell_of_document(given, CellSource(name, json.dumps(given, sort_keys=True, default=str).encode()))
 
@@ -37,17 +36,8 @@ def changed(cell: Cell, tables: Mapping[str, Mapping[str, Any]]) -> Cell:
     Raises:
         CellError: a field is refused.
     """
-    document = {**cell.document, **{name: {**cell.document[name], **_plain(keys)} for name, keys in tables.items()}}
+    document = {**cell.document, **{name: {**cell.document[name], **plain(keys)} for name, keys in tables.items()}}
     source = CellSource(cell.name, json.dumps(document, sort_keys=True, default=str).encode())
     read = cell_of_document(document, source, published=True)
     parts: dict[str, Any] = {name: getattr(read, name) for name in tables}
     return replace(cell, document=document, **parts)
-
-
-def _plain(value: Any) -> Any:
-    """Returns a value as a cell file has it: arrays and tuples as lists."""
-    if isinstance(value, Mapping):
-        return {key: _plain(each) for key, each in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    return [_plain(each) for each in value] if isinstance(value, list | tuple) else value
