@@ -18,7 +18,7 @@ from learning import cell_with_profile
 from planner.answer import aim_shift, plan_from_document
 from planner.calibration import DhTable, ImplausibleChain, calibrated, transforms_of_table
 from planner.cell import Cell
-from planner.certificate import certify
+from planner.certificate import Examination
 from planner.errors import PlannerError
 from planner.kinematics import ChainDifference, chain_difference
 from planner.problem import ThrowProblem
@@ -109,9 +109,8 @@ def verify_plan(
         raise ExecutionRefused(f"the plan cannot be read: it has no {error}") from error
     except (PlannerError, TypeError, orjson.JSONDecodeError) as error:
         raise ExecutionRefused(f"the plan cannot be read: {error}") from error
-    certificate = certify(problem, trajectory)
-    if not certificate.valid:
-        names = ", ".join(f"{c.name} ({c.value:.4g} against {c.limit:.4g} {c.unit})" for c in certificate.failures)
+    if failures := Examination(problem, trajectory).failures:
+        names = ", ".join(f"{c.name} ({c.value:.4g} against {c.limit:.4g} {c.unit})" for c in failures)
         raise ExecutionRefused(f"the plan fails the certificate that the executor made: {names}")
     return problem, trajectory, shift
 

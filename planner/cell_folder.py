@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from planner.cell import Cell, cell_faults, cell_of, load_cell, read_source
-from planner.certificate import certify
+from planner.certificate import Examination
 from planner.errors import CellError
 from planner.geometry import SELF_CLEARANCE_M, NeverClear, never_clear
 from planner.problem import JointRelease, ThrowProblem
@@ -53,7 +53,7 @@ def home_faults(cell: Cell) -> list[CellError]:
     problem = ThrowProblem(cell, cell.home, JointRelease(cell.home, np.zeros(6)), cell.limits)
     standing = Trajectory(cell.robot.sample_rate_hz, rest, zero, zero, release_index=1)
     found = []
-    for check in certify(problem, standing).failures:
+    for check in Examination(problem, standing).failures:
         what = f" ({check.detail})" if check.detail else ""
         reason = f"violates {check.name}: {check.value:.4g} against {check.limit:.4g} {check.unit}{what}"
         found.append(CellError("home_rad", cell.home.tolist(), reason))
