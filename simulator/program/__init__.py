@@ -5,7 +5,7 @@ Arm, registers and timeline are handed in; nothing here knows a socket.
 
 from simulator.program import messages, motions
 from simulator.program.commands import load_control_program
-from simulator.program.context import Installation, ProgramContext, Registers
+from simulator.program.context import Installation, MotionState, ProgramContext, Registers
 from simulator.program.control_program import HEADER as CONTROL_HEADER
 from simulator.program.runner import PAUSED, PLAYING, STOPPED, ProgramRunner
 from simulator.program.safety import SafetyLimits, SafetyState
@@ -19,6 +19,7 @@ __all__ = [
     "PROGRAM_FATES",
     "STOPPED",
     "Installation",
+    "MotionState",
     "Program",
     "ProgramContext",
     "ProgramError",
