@@ -11,6 +11,7 @@ from simulator.physics import Transform, Workcell, kinematics
 from simulator.program import (
     CONTROL_HEADER,
     Installation,
+    InterpreterQueue,
     MotionState,
     Program,
     ProgramContext,
@@ -66,6 +67,7 @@ class Controller:
             robot=cell.robot,
             arm=self.arm,
             motion=MotionState(),
+            interpreter=InterpreterQueue(),
             registers=self.registers,
             installation=self.installation,
             limits=self.limits,

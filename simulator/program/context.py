@@ -11,6 +11,7 @@ import numpy as np
 from planner.kinematics import inverse
 from planner.robots import Robot
 from simulator.physics import Arm, Transform, kinematics
+from simulator.program.interpreter_queue import InterpreterQueue
 from simulator.program.messages import Message
 from simulator.program.progress import Progress
 from simulator.program.safety import SafetyLimits
@@ -127,6 +128,7 @@ class ProgramContext:
         robot: constants of the arm, for the closed-form inverse kinematics and for what its joints can do.
         arm: the arm the program moves.
         motion: what one motion command leaves for the next.
+        interpreter: statements that clients send to a program in interpreter mode.
         registers: registers shared with the client.
         installation: tool, payload and mounting.
         limits: safety limits.
@@ -143,6 +145,7 @@ class ProgramContext:
     robot: Robot
     arm: Arm
     motion: MotionState
+    interpreter: InterpreterQueue
     registers: Registers
     installation: Installation
     limits: SafetyLimits

@@ -97,6 +97,11 @@ MESSAGE_FUNCTIONS: dict[str, Signature] = {
     "str_sub": signature("src index len=-1", _part),
     "str_find": signature("src target start_from=0", lambda c, text, target, at: str(text).find(str(target), int(at))),
 }
+INTERPRETER_FUNCTIONS: dict[str, Signature] = {  # `interpreter_mode` itself is run by the script
+    "interpreter_mode": signature("clearQueueOnEnter=1 clearOnEnd=1", lambda c, queue, end: None, waits=True),
+    "end_interpreter": signature("", lambda c: c.interpreter.end()),
+    "clear_interpreter": signature("", lambda c: c.interpreter.clear()),
+}
 MATHEMATICS: dict[str, Signature] = {
     "pose_trans": signature("p_from p_from_to", _product),
     "pose_add": signature("p_1 p_2", _sum),
@@ -121,13 +126,15 @@ MATHEMATICS: dict[str, Signature] = {
     "r2d": _plain(math.degrees, "r"),
 }
 FUNCTIONS: dict[str, Signature] = (
-    MOTION_FUNCTIONS | STATE_FUNCTIONS | SOCKET_FUNCTIONS | MESSAGE_FUNCTIONS | MATHEMATICS
+    MOTION_FUNCTIONS | STATE_FUNCTIONS | SOCKET_FUNCTIONS | MESSAGE_FUNCTIONS | INTERPRETER_FUNCTIONS | MATHEMATICS
 )
 SINCE = {  # function -> generation -> first version that has it; source: URScript manuals
     "optimovej": {5: (5, 21), 10: (10, 8)},
     "optimovel": {5: (5, 21), 10: (10, 8)},
     "force_mode_set_gain_scaling": {5: (5, 0), 10: (10, 0)},
     "set_target_payload": {5: (5, 10), 10: (10, 0)},
+    "direct_torque": {5: (5, 23), 10: (10, 11)},
+    **{name: {5: (5, 0), 10: (10, 0)} for name in INTERPRETER_FUNCTIONS},
 }
 NEVER = (99, 0)
 

@@ -9,6 +9,7 @@ from simulator.program import Program, ProgramContext, ProgramError
 from simulator.urscript.context import ScriptContext
 from simulator.urscript.expressions import Expressions, Frame, applied, called, collected, element, error_at
 from simulator.urscript.functions import functions_of
+from simulator.urscript.interpreter_mode import interpret
 from simulator.urscript.nodes import (
     Assignment,
     Branches,
@@ -64,7 +65,8 @@ class Script(Program):
         self.handles = self.spent = self.calls = 0
         self.critical: set[str] = set()  # threads between enter_critical and exit_critical
         self.interrupted = ""  # the one of them that had to wait for this cycle
-        check_names(nodes, self.functions, self.built_in)
+        self.variables = set(_assigned(nodes))
+        check_names(nodes, self.functions, self.built_in, self.variables)
         immediate = {name: f for name, f in self.built_in.items() if not f.waits and name not in self.functions}
         self.expressions = Expressions(self.context, immediate, self.globals)
         self.direct: dict[int, tuple[Node, Callable[[Frame], Any] | None]] = {}
@@ -79,8 +81,9 @@ class Script(Program):
         return super().step()
 
     def close(self) -> None:
-        """Closes the sockets that the program left open."""
+        """Closes the sockets that the program left open, and ends interpreter mode."""
         self.context.sockets.close_all()
+        self.context.interpreter.close(self.compiled)
 
     def _main(self, body: Sequence[Node]) -> Iterator[None]:
         yield from self.block(body, self.globals)
@@ -277,7 +280,24 @@ class Script(Program):
             self.calls -= 1
         return jump[1] if jump is not None else None
 
+    def compiled(self, text: str) -> Interpreted:
+        """Returns a line of interpreter mode, whose functions and variables are the script's from now on.
+
+        Raises:
+            ProgramError: it is no statement, or names something that does not exist.
+        """
+        body = _parsed(text, one_line=True)
+        nodes = walk(body)
+        functions = {node.name: node for node in nodes if isinstance(node, Function)}
+        variables = self.variables | set(_assigned(nodes))
+        check_names(nodes, self.functions | functions, self.built_in, variables)
+        self.functions |= functions
+        self.variables = variables
+        return Interpreted(self, body, [] if functions else nodes)
+
     def _built_in(self, node: Call, arguments: list[Any], named: dict[str, Any]) -> Evaluation:
+        if node.name == "interpreter_mode":
+            return (yield from interpret(self.context, self.compiled))
         answer = called(node, self.built_in[node.name], self.context, arguments, named)
         if not isinstance(answer, Generator):
             return answer
@@ -287,6 +307,26 @@ class Script(Program):
             raise error_at(node, str(error)) from error
         except (TypeError, ValueError, ArithmeticError, LookupError) as error:
             raise error_at(node, f"{node.name}: {error}") from error
+
+
+class Interpreted:
+    """One line of interpreter mode."""
+
+    def __init__(self, script: Script, body: Sequence[Node], nodes: Sequence[Node]) -> None:
+        """`nodes` are those that nothing refers to once the line has run."""
+        self.script = script
+        self.body = body
+        self.nodes = nodes
+
+    def run(self) -> Generator[None, None, Any]:
+        """Runs the line."""
+        return self.script.block(self.body, self.script.globals)
+
+    def forget(self) -> None:
+        """Gives back what was compiled for the line."""
+        for node in self.nodes:
+            self.script.direct.pop(id(node), None)
+            self.script.expressions.compiled.pop(id(node), None)
 
 
 def holds(condition: Node, value: Any) -> bool:
@@ -301,25 +341,27 @@ def holds(condition: Node, value: Any) -> bool:
         raise error_at(condition, f"the condition: {error}") from error
 
 
-def _parsed(text: str) -> tuple[Node, ...]:
+def _parsed(text: str, one_line: bool = False) -> tuple[Node, ...]:
     try:
-        return parse(text)
+        return parse(text, one_line)
     except (ValueError, RecursionError) as error:  # a number of thousands of digits, brackets without an end
         raise ProgramError(f"syntax_error_on_line:1:{error}:", 1, 1) from error
 
 
-def check_names(nodes: Sequence[Node], functions: Mapping[str, Function], built_in: Mapping[str, Signature]) -> None:
+def check_names(
+    nodes: Sequence[Node], functions: Mapping[str, Function], built_in: Mapping[str, Signature], variables: set[str]
+) -> None:
     """Checks that every function that is called and every variable that is read exists.
 
     Args:
         nodes: every node of the script.
         functions: the script's own, by name.
         built_in: those of the controller.
+        variables: those that are assigned somewhere.
 
     Raises:
         ProgramError: one does not; in the controller's words.
     """
-    variables = set(_assigned(nodes))
     for node in nodes:
         missing = isinstance(node, Call) and node.name not in functions and node.name not in built_in
         missing = missing or (isinstance(node, Name) and node.name not in variables)

@@ -97,6 +97,11 @@ def _servo_joints(c: ProgramContext, q: Any, a: Any, v: Any, t: Any, lookahead: 
     return motions.servo_joints(c, six(q), number(t), number(lookahead), number(gain))
 
 
+def _torque_joints(c: ProgramContext, torque: Any, *friction: Any) -> Thread:
+    """The joints here have no friction to compensate."""
+    return motions.torque_joints(c, six(torque))
+
+
 def _sleep(c: ProgramContext, t: float) -> Thread:
     for _ in range(motions.cycles(number(t), c.arm.dt)):
         yield
@@ -116,6 +121,7 @@ MOTION_FUNCTIONS: dict[str, Signature] = {
     "speedj": signature("qd a=1.4 t=0", _speed_joints, waits=True),
     "speedl": signature("xd a=1.2 t=0 aRot=0", _speed_tool, waits=True),
     "servoj": signature("q a=0 v=0 t=0.002 lookahead_time=0.1 gain=300", _servo_joints, waits=True),
+    "direct_torque": signature("torque friction_comp=1 viscous_scale=0 coulomb_scale=0", _torque_joints, waits=True),
     "stopj": signature("a", lambda c, a: motions.stop_joints(c, number(a)), waits=True),
     "stopl": signature("a aRot=0", lambda c, a, aRot: motions.stop_tool(c, number(a)), waits=True),
     "sleep": signature("t", _sleep, waits=True),

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from planner import kinematics
+from planner.dynamics import Payload, joint_torques
 from simulator.output_values import OutputValues
 from simulator.program import messages
 from simulator.program.runner import STOPPED
@@ -284,3 +285,23 @@ def test_analog_outputs_and_tool_voltage_are_told(arm: Recorded):
     values = OutputValues(arm.controller).values
     assert (values["standard_analog_output0"], values["standard_analog_output1"]) == ([1.0], [0.25])
     assert values["tool_output_voltage"] == [12]
+
+
+def test_a_torque_accelerates_the_arm_as_its_dynamics_say():
+    torque = [5.0, 8.0, 4.0, 0.05, 0.01, 0.0]
+    arm = Recorded(polyscope="5.23.0")
+    loop = f"  while i < 20:\n    direct_torque({torque}, friction_comp=False)\n    i = i + 1\n  end\n"
+    arm.run(f"def go():\n  i = 0\n{loop}end\n")
+    cell = arm.controller.cell
+    load = Payload(1.0, np.array([0.0, 0.0, 0.085]), np.zeros((3, 3)))
+    k = 10
+    at = [HOME, *arm.q]
+    rate = [[0.0] * 6, *arm.qd]
+    found = joint_torques(cell.robot, np.array(at[k]), np.array(rate[k]), np.array(arm.qdd[k]), [0.0] * 3, load)
+    np.testing.assert_allclose(found, torque, atol=1e-6)
+    assert arm.codes == []
+
+
+def test_torques_are_of_later_versions(arm: Recorded):
+    arm.run("direct_torque([0, 0, 0, 0, 0, 0])\n")
+    assert any(isinstance(m, messages.RuntimeException) and "name_not_found" in m.text for m in arm.said)
