@@ -305,7 +305,7 @@ def torque_joints(c: ProgramContext, torque: Vector) -> Thread:
     def torques(qd: Vector, qdd: Vector) -> np.ndarray:
         return joint_torques(c.robot, np.array(arm.q), np.array(qd), np.array(qdd), WEIGHTLESS, payload)
 
-    inertia = np.array([torques(AT_REST, unit) for unit in np.eye(6)]).T
+    inertia = np.array([torques(AT_REST, unit) for unit in np.eye(6).tolist()]).T
     acceleration = np.linalg.solve(inertia, np.array(torque) - torques(arm.qd, AT_REST))
     qd = (np.array(arm.qd) + arm.dt * acceleration).tolist()
     c.motion.blended = None
