@@ -111,6 +111,7 @@ class Controller:
             motions.coast(self.context)
         else:
             self.context.motion.blended = None
+            self.context.motion.leads_out = False
         self.arm.brake(self.safety.deceleration)
         self._check_limits()
         self.workcell.cycle(self.timeline.t)
@@ -127,7 +128,8 @@ class Controller:
         _, (vx, vy, vz, *_) = self.commanded_motion()
         violation = self.limits.violation(arm.q, arm.qd, arm.qdd, (vx * vx + vy * vy + vz * vz) ** 0.5)
         if violation:
-            self.stops.protective(violation, deceleration=self.limits.stopping(arm.q, arm.qd))
+            fate = "stopped" if self.context.motion.leads_out else None  # its program could only do the same again
+            self.stops.protective(violation, fate, self.limits.stopping(arm.q, arm.qd))
 
     def commanded_motion(self) -> tuple[Transform, list[float]]:
         """Returns the commanded pose and twist of the TCP in the base; computed once per cycle."""

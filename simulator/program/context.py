@@ -113,10 +113,12 @@ class MotionState:
     Attributes:
         blended: the rest of a move that blends into the next; None without.
         servo_goal: joint positions (6,) [rad] of the last servoj; empty before the first.
+        leads_out: whether the last move has a goal beyond a joint's limit.
     """
 
     blended: Progress | None = None
     servo_goal: list[float] = field(default_factory=list)
+    leads_out: bool = False
 
 
 @dataclass(frozen=True)

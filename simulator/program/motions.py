@@ -165,6 +165,7 @@ def _follow(c: ProgramContext, moving: Progress, before: Progress | None, blend_
     """
     arm = c.arm
     c.motion.blended = None
+    c.motion.leads_out = not c.limits.allows(moving.path.goal)
     while not moving.ended or (before is not None and not before.ended):
         own, qd = moving.step()
         q = own

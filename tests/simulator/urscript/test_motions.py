@@ -12,7 +12,7 @@ from planner import kinematics
 from planner.dynamics import Payload, joint_torques
 from simulator.output_values import OutputValues
 from simulator.program import messages
-from simulator.program.runner import STOPPED
+from simulator.program.runner import PAUSED, STOPPED
 from tests.simulator.conftest import Driven, make_cell
 
 HOME = [0.0, -1.57, 1.57, -1.57, -1.57, 0.0]
@@ -112,16 +112,22 @@ def test_a_move_beyond_a_joints_limit_stops_at_it_and_there_is_a_way_back(arm: R
     far[joint] = direction * 7.0
     arm.run(f"def go():\n  movej({near}, a=10, v=3)\n  movej({far}, a=10, v=3)\nend\n")
     assert arm.codes == [150]
+    assert arm.controller.runner.runtime == STOPPED  # the program could only do the same again
     arm.unlock()
     assert abs(arm.arm.q[joint]) == pytest.approx(2.0 * math.pi, abs=0.01)
     assert abs(arm.arm.q[joint]) <= 2.0 * math.pi + 1e-4
-    assert arm.controller.runner.resume()  # the same way again: it stops where it stands
-    arm.cycle(100)
+    arm.run(f"movej({far}, a=10, v=3)\n")  # the same way again: it stops where it stands
     arm.unlock()
     assert abs(arm.arm.q[joint]) <= 2.0 * math.pi + 1e-3
     arm.run(f"movej({HOME}, a=10, v=3)\n")
     assert arm.codes == [150, 150]
     np.testing.assert_allclose(arm.arm.q, HOME, atol=1e-9)
+
+
+def test_a_streamed_speed_into_a_limit_leaves_the_program_paused(arm: Recorded):
+    arm.run("def go():\n  movej([0, -1.57, 1.57, -1.57, -1.57, 6])\n  speedj([0, 0, 0, 0, 0, 1], 10, 5)\nend\n")
+    assert arm.codes == [150]
+    assert arm.controller.runner.runtime == PAUSED
 
 
 def test_a_stop_by_the_program_has_its_own_code(arm: Recorded):
