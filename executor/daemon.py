@@ -97,8 +97,8 @@ class Daemon:
     def recover(self) -> None:
         """Delivers the results of an earlier daemon and closes its executions; latches a fault if one was claimed.
 
-        Results come first: what the database could not take yet is no lost execution. Executions are closed last: after a
-        kill before that the next daemon finds them open. What the database cannot take now is done before the next
+        Results come first: what the database could not take yet is no lost execution. Executions are closed last: after
+        a kill before that the next daemon finds them open. What the database cannot take now is done before the next
         claim.
         """
         self._deliver_kept()

@@ -19,12 +19,12 @@ FAULT = {"outcome": "late", "reason": "ticks were lost", "execution_id": "one", 
 LATER = {"outcome": "tracking", "reason": "too far from the plan", "execution_id": "two", "at": 2.5}
 
 
-class Killed(BaseException):
+class Gone(BaseException):
     """The process ends here."""
 
 
 def kill(*_: object, **__: object) -> None:
-    raise Killed
+    raise Gone
 
 
 def lose(*_: object, **__: object) -> None:
@@ -80,7 +80,7 @@ def test_what_a_lost_execution_implies_is_latched_before_it_is_closed(
         patch.setattr(store, "close_open_executions", end_after)
         second = start()
         if end is kill:
-            with pytest.raises(Killed):
+            with pytest.raises(Gone):
                 second.recover()
         else:
             second.recover()
@@ -91,9 +91,7 @@ def test_what_a_lost_execution_implies_is_latched_before_it_is_closed(
     assert store.cell_status(CELL).fault == third.journal.fault()  # who reads that it is finished reads this, too
 
 
-def test_an_execution_that_nobody_claimed_is_closed_without_a_fault(
-    store: Store, start: Callable[[], Daemon]
-) -> None:
+def test_an_execution_that_nobody_claimed_is_closed_without_a_fault(store: Store, start: Callable[[], Daemon]) -> None:
     plan = PlanRow(new_id(), 0.0, CELL, "0" * 64, "ruckig", b"{}")
     store.add_plan(plan)
     id = store.queue_execution(plan.id, CELL).id
@@ -125,7 +123,7 @@ def test_an_acknowledgement_clears_no_later_fault(
     with monkeypatch.context() as patch:
         patch.setattr(store, "clear_acknowledge", end)
         if end is kill:
-            with pytest.raises(Killed):
+            with pytest.raises(Gone):
                 daemon.heartbeat.report()
         else:
             daemon.heartbeat.report()
