@@ -19,6 +19,7 @@ from starlette.middleware.gzip import GZipMiddleware
 from starlette.types import ASGIApp
 
 from api import fling_version
+from api.allocator import give_memory_back
 from api.cell_repository import CellRepository
 from api.dependencies import Service, known_query
 from api.execution_feed import ExecutionFeeds
@@ -143,6 +144,7 @@ def serve(settings: ServiceSettings) -> int:
     """Serves until SIGINT or SIGTERM, then drains. Returns the exit status of the process."""
     from api.server import DrainingServer, server_config
 
+    give_memory_back()
     try:
         Store.open(settings.database_url).close()
         app = create_app(settings)
