@@ -12,7 +12,7 @@ from planner.arrays import Array, read_only
 from planner.calibration import CalibrationFile
 from planner.cell.content import content_sha256
 from planner.errors import CellError
-from planner.robots import Robot
+from planner.robots import Robot, capsule_rows
 
 # [m] from an arm: none throws as far, and most places in a cell are farther if they are taken in millimetres
 FARTHEST_M = 100.0
@@ -313,7 +313,8 @@ class Cell:
         if length <= CONTACT_M:
             return replace(self.tool, capsules=(), is_assumed=False)
         to_object = p_FT * max(0.0, 1.0 - self.object.radius_m / length)
-        assumed = ToolCapsule(read_only(np.zeros(3)), read_only(to_object), self.robot.shape.wrist_radius)
+        wrist_radius_m = capsule_rows(self.robot.name)["wrist_3"]["radius_m"]
+        assumed = ToolCapsule(read_only(np.zeros(3)), read_only(to_object), wrist_radius_m)
         return replace(self.tool, capsules=(assumed,), is_assumed=True)
 
     def _refuse_overweight(self) -> None:

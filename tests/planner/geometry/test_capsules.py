@@ -1,0 +1,62 @@
+"""The capsules contain the arm: against what was measured on its meshes, and by coal where plans once went wrong."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks.arm_capsules import measured
+from benchmarks.arm_capsules.truth import tool_gaps
+from planner.cell import ToolCapsule
+from planner.geometry import arm_capsules, barriers, body_model, point_segment_distance
+from planner.robots import ROBOT_NAMES, robot
+from tests.planner.problems import cell as shipped
+
+TOOL = (ToolCapsule(np.zeros(3), np.array([0.0, 0.0, 0.15]), 0.05),)
+
+# Postures of joint releases that were certified with 5.7 and 6.1 mm between capsules, the tool's capsule being 2.9 and
+# 8.4 mm inside the upper arm's mesh.
+TOOL_IN_UPPER_ARM = {
+    "ur5e-sim": [-0.047, -1.553, 2.63, -0.583, -0.58, -1.651],
+    "ur10e-sim": [-0.04, -0.689, -2.579, -2.393, 1.04, 1.45],
+}
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_the_capsules_contain_every_part_of_the_arm(name):
+    capsules = arm_capsules(robot(name))
+    assert len(measured(name)) >= len(capsules)
+    for part in measured(name):
+        outside = [
+            float((point_segment_distance(part.corners(), c.p0, c.p1) - c.radius_m).max())
+            for c in capsules
+            if c.frame == part.frame
+        ]
+        assert min(outside) <= 0.0, part.name
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_the_parts_reach_from_the_table_to_the_flange(name):
+    """What is measured is the whole arm: its extent along the axes, by the published lengths."""
+    arm = robot(name)
+    parts = {part.name: part.corners() for part in measured(name)}
+    assert abs(parts["foot"][:, 2].min()) < 0.001
+    assert abs(parts["wrist_3"][:, 2].max() - arm.d[5]) < 0.002
+    for tube, start in (("upper_arm", -arm.a[1]), ("forearm", -arm.a[2])):
+        assert parts[f"{tube}_start"][:, 0].max() > start - 0.06
+        assert parts[tube][:, 0].min() < 0.3 * start
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_the_capsules_are_no_wider_than_a_free_arm_allows(name):
+    """Only what folds the arm or its tool onto itself is barred, and on short arms the elbow beside the foot."""
+    barred = [barrier for barrier in barriers(robot(name), TOOL) if "elbow" not in barrier.names]
+    assert {barrier.joint for barrier in barred} <= {2, 4}
+    for barrier in barred:
+        assert np.abs(barrier.q).min() > np.radians(140.0), barrier.names
+
+
+@pytest.mark.parametrize("name", TOOL_IN_UPPER_ARM)
+def test_a_posture_with_the_tool_in_the_upper_arm_collides(name):
+    cell = shipped(name)
+    q = np.array(TOOL_IN_UPPER_ARM[name])
+    assert min(tool_gaps(cell, q).values()) < 0.0
+    assert body_model(cell).clearances(q[None]).self_collision[0] < 0.0
