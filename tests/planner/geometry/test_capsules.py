@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from benchmarks.arm_capsules.truth import tool_gaps
 from planner.cell import ToolCapsule
 from planner.geometry import arm_capsules, barriers, body_model, point_segment_distance
 from planner.robots import ROBOT_NAMES, robot
+from planner.rotations import pose, rotation_vector_to_matrix
 from tests.planner.problems import cell as shipped
 
 TOOL = (ToolCapsule(np.zeros(3), np.array([0.0, 0.0, 0.15]), 0.05),)
@@ -52,6 +55,17 @@ def test_the_capsules_are_no_wider_than_a_free_arm_allows(name):
     assert {barrier.joint for barrier in barred} <= {2, 4}
     for barrier in barred:
         assert np.abs(barrier.q).min() > np.radians(140.0), barrier.names
+
+
+def test_the_shoulder_of_an_upright_arm_is_near_the_floor_only_where_that_is_too_high():
+    """That of a UR5 is 22 mm above its table, wherever the arm goes."""
+    here = shipped("ur5-sim")
+    raised = replace(here, surroundings=replace(here.surroundings, floor_z_m=0.005))
+    leaning = replace(here, X_WB=pose(np.zeros(3), rotation_vector_to_matrix(np.array([0.01, 0.0, 0.0]))))
+    floors = [float(body_model(each).clearances(here.home[None]).floor[0]) for each in (here, raised, leaning)]
+    assert floors[0] > 0.05
+    assert floors[1] == pytest.approx(-0.003, abs=1e-3)
+    assert 0.0 < floors[2] < 0.005
 
 
 @pytest.mark.parametrize("name", TOOL_IN_UPPER_ARM)
