@@ -14,7 +14,17 @@ from planner.arrays import Array, Mask
 from planner.cell import STANDING_RAD, Box, Cell, Limits
 from planner.errors import FieldError, InvalidProblem
 from planner.flight import drag_constant
-from planner.geometry import LEVEL_M, Misfit, Surface, landing_surfaces, misfit, passable
+from planner.geometry import (
+    LEVEL_M,
+    Misfit,
+    Surface,
+    body_model,
+    landing_surfaces,
+    misfit,
+    passable,
+    point_segment_distance,
+    segment_box_distance,
+)
 from planner.releases import JointRelease, Opening, PointRelease, PoseRelease, Release, Target, TargetRelease
 from planner.rotations import unit_hint
 
@@ -152,6 +162,39 @@ class ThrowProblem:
         """By how much the object does not fit at the target, beside what; None where it does, or without a target."""
         target = self.target
         return None if target is None else misfit(self.cell, target.p_W - self.aim_shift)
+
+    @cached_property
+    def carriers(self) -> Mask:
+        """Which keep-out boxes (b,) carry a surface on which the object lands, or lie below one."""
+        boxes = self.cell.surroundings.keep_out
+        lower, upper = (np.array([getattr(box, side) for box in boxes]).reshape(-1, 3) for side in ("lower", "upper"))
+        carriers = np.zeros(len(boxes), np.bool_)
+        for surface in self.surfaces:
+            meets = ((lower[:, :2] <= surface.upper) & (upper[:, :2] >= surface.lower)).all(axis=1)
+            within = ((lower[:, :2] >= surface.lower) & (upper[:, :2] <= surface.upper)).all(axis=1)
+            above_m = upper[:, 2] - surface.height_m
+            carriers |= (above_m <= LEVEL_M) & (within | (meets & (above_m >= -LEVEL_M)))
+        return carriers
+
+    @cached_property
+    def flight_clearances(self) -> tuple[Array, Array]:
+        """The distances [m] that the object in flight keeps from keep-out boxes (b,) and what the base carries (k,).
+
+        That is the cell's, but 0 for what it lands on. Beside its target the object comes as near as it lies there:
+        half of that distance, less the landing tolerance, is enough.
+        """
+        around = self.cell.surroundings
+        usual = around.flight_clearance_m
+        base = body_model(self.cell).base_shapes
+        if self.target is None:
+            return np.where(self.carriers, 0.0, usual), np.full(len(base[2]), usual)
+        p = self.target.p_W - self.aim_shift
+        centre = p + np.array([0.0, 0.0, self.landing_radius_m])
+        boxes = [float(segment_box_distance(centre, centre, box.lower, box.upper)) for box in around.keep_out]
+        shapes = [float(point_segment_distance(p, p0, p1)) - radius for p0, p1, radius in zip(*base, strict=True)]
+        spare = self.cell.object.radius_m + (self.landing_tolerance_m if self.is_robust else 0.0)
+        beside = [0.5 * np.maximum(np.array(gaps) - spare, 0.0) for gaps in (boxes, shapes)]
+        return np.where(self.carriers, 0.0, np.minimum(beside[0], usual)), np.minimum(beside[1], usual)
 
     @cached_property
     def landing_radius_m(self) -> float:

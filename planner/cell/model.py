@@ -132,6 +132,7 @@ class Surroundings:
     Attributes:
         floor_z_m: height of the floor, a horizontal plane [m].
         clearance_m: least distance to the floor and to every keep-out box [m].
+        flight_clearance_m: least distance of the object in flight to the arm and every keep-out box [m].
         gravity_m_s2: gravity along -z [m/s^2].
         keep_in: boxes that contain the tool centre point at all times.
         keep_out: boxes that arm, tool and held object stay out of.
@@ -139,6 +140,7 @@ class Surroundings:
 
     floor_z_m: float
     clearance_m: float
+    flight_clearance_m: float
     gravity_m_s2: float
     keep_in: tuple[Box, ...]
     keep_out: tuple[Box, ...]

@@ -18,7 +18,7 @@ from planner.planning import Plan, plan
 from planner.problem import Opening, ThrowProblem
 from planner.request import problem_from_request
 from planner.trajectory import Trajectory
-from tests.planner.problems import cell
+from tests.planner.problems import contact_cell as cell
 
 TARGET = [1.3, 0.2, 0.0]
 DRAG_COEFFICIENT = 0.4

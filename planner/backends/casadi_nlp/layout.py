@@ -145,7 +145,7 @@ OBJECT_PATH = VectorLayout(
         "ground": 1,  # height of the object's centre where that flight ends [m]
         "gravity": 1,  # [m/s^2]
         "fall": 1,  # acceleration with which the path bends, at most [m/s^2]
-        "reach": 1,  # distance that its centre keeps from the surface of a link [m]
+        "reach": FIRST_TOOL - 1,  # distance that its centre keeps from the surface of each link but the base [m]
         "share": 1,  # of the tool's speed that the object has at the release [-]
     }
 )
@@ -153,7 +153,7 @@ STANDING_CAPSULES = 2  # [-] that never move: the arm's foot, and its base
 STANDING = VectorLayout(
     {
         "capsules": 7 * STANDING_CAPSULES,  # end points in the world (3 + 3), radius [m]
-        "reach": 1,  # distance that the object's centre keeps from their surface [m]
+        "reach": STANDING_CAPSULES,  # distance that the object's centre keeps from the surface of each [m]
         "ground": 1,  # height of the object's centre where its flight ends [m]
         "gravity": 1,  # [m/s^2]
         "share": 1,  # of the tool's speed that the object has at the release [-]

@@ -70,11 +70,12 @@ class Grid:
 
 
 def flight_clearance(motion: MotionSamples) -> Check | None:
-    """Checks that the object meets nothing from any release in the window until it lands: see `Flights.lowest`.
+    """Checks that the object keeps its clearance from any release in the window until it lands: see `Flights.lowest`.
 
-    The value is a proven lower bound on the distance of the object's surface; below 3 cm it is at most 1 cm too small.
-    The landing plane, what lies below it, what the object lands on, and what does not let go of it at once do not count
-    in it, only whether the object meets them before. None for a move that ends at rest.
+    The value is a proven lower bound on the distance of the object's surface from the obstacle that leaves it least
+    beyond what is required, and the limit is what that one requires; up to 3 cm beyond it the value is at most 1 cm too
+    small. The landing plane, what lies below it, what the object lands on, and what does not let go of it at once do
+    not count in it, only whether the object meets them before. None for a move that ends at rest.
     """
     name = "flight_clearance"
     problem = motion.problem
@@ -87,12 +88,13 @@ def flight_clearance(motion: MotionSamples) -> Check | None:
         return at_least(name, -problem.misfit.lacking_m, 0.0, "m", flights.end[1], problem.misfit.name)
     found = _released_under_bin(flights) or _least_gap(flights)
     value = max(found.value, 0.0) if found.proven else found.value
-    return at_least(name, value, 0.0, "m", found.at_s, found.obstacle).provided(found.proven)
+    required = flights.required_of(found.obstacle)
+    return at_least(name, required + value, required, "m", found.at_s, found.obstacle).provided(found.proven)
 
 
 @dataclass(frozen=True)
 class LeastGap:
-    """The least gap: a proven lower bound or a violation [m], its time [s], its obstacle, and whether it is proven."""
+    """The least gap beyond the clearance: bound or violation [m], its time [s], its obstacle, whether it is proven."""
 
     value: float
     at_s: float

@@ -27,7 +27,8 @@ from planner.refusal.proofs import (
 )
 from planner.request import problem_from_request
 from planner.seeds import candidates
-from tests.planner.problems import cell, feasible_states, joint_problem, with_boxes
+from tests.planner.problems import contact_cell as cell
+from tests.planner.problems import feasible_states, joint_problem, with_boxes
 
 ARMS = ("ur5e-sim", "ur3e-sim", "ur10e-sim", "ur5-sim", "sdu-table")
 RANDOM_STATES = 4000

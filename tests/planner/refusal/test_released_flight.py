@@ -13,7 +13,8 @@ from planner.flight import fly
 from planner.planning import plan
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
 from planner.refusal.released_flight import released_flight_blocked
-from tests.planner.problems import cell, feasible_states, pose_problem
+from tests.planner.problems import contact_cell as cell
+from tests.planner.problems import feasible_states, pose_problem
 
 WALL = Box(np.array([0.8, -0.6, 0.0]), np.array([0.85, 0.6, 0.7]))
 

@@ -19,7 +19,7 @@ from planner.request import problem_from_request
 from planner.search import PlanningSearch, search_candidates
 from planner.search.search import CANDIDATES, MOTIONS
 from planner.seeds import aspects, candidates, first_rows, least_times_to_aspects
-from tests.planner.problems import cell, joint_problem, pose_problem
+from tests.planner.problems import cell, contact_cell, joint_problem, pose_problem
 
 
 def target_problem(**changes):
@@ -176,6 +176,7 @@ def test_a_given_state_whose_soonest_arrival_is_not_certified_is_reached_with_le
 
 
 BESIDE_THE_OPENING = joint_problem(
+    cell=contact_cell(),
     start=np.array([-1.148, -1.156, 0.301, -2.138, -0.279, -0.129]),
     release=TargetRelease(np.array([0.362, -0.627, 0.0])),
     time_limit_s=60.0,

@@ -16,7 +16,7 @@ from planner.problem import Opening, TargetRelease, ThrowProblem
 from planner.seeds import candidates
 from planner.seeds.flight_filter import clear_flights, least_room, no_clear_flight
 from planner.seeds.sampling import blocked_flights
-from tests.planner.problems import cell
+from tests.planner.problems import contact_cell as cell
 
 WALL = Box(np.array([0.8, -0.6, 0.0]), np.array([0.85, 0.6, 0.7]))
 
