@@ -48,7 +48,6 @@ MOTION_CHECKS: tuple[CheckFunction, ...] = (
     stopping.stopping_time,
     stopping.stopping_distance,
     release.landing_window,
-    release.release_jitter,
     release.release_position,
     release.release_velocity,
     release.landing,
