@@ -180,7 +180,7 @@ def test_the_time_for_an_offer_is_bounded(monkeypatch):
 
     def slow(search, found, at_most):
         deadlines.append(search.deadline_s)
-        clock[0] += 3.0
+        clock[0] += 0.6 * nearest.LATE_S
 
     monkeypatch.setattr(time, "perf_counter", lambda: clock[0])
     monkeypatch.setattr(nearest, "search_candidates", slow)
