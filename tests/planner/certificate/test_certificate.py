@@ -416,6 +416,22 @@ def test_windows_are_rounded_outwards_to_whole_ticks(rate_hz, ticks):
     assert ticks_around_release(still, 10.0) == (0, 199)
 
 
+def test_a_certificate_makes_every_check_once(monkeypatch):
+    """Each was made twice: to decide, and to tell a bound."""
+    problem = joint_problem()
+    trajectory = ruckig_otg.solve(problem, candidates(problem)[0]).trajectory
+    whole = certify(problem, trajectory)
+    assert whole.valid
+    made = []
+
+    def counted(check):
+        return lambda motion: [made.append(check.__name__), check(motion)][1]
+
+    monkeypatch.setattr(checks, "MOTION_CHECKS", tuple(counted(check) for check in checks.MOTION_CHECKS))
+    assert {check.name for check in certify(problem, trajectory).checks} == {check.name for check in whole.checks}
+    assert sorted(made) == sorted(set(made))
+
+
 def test_what_nobody_gave_or_asked_for_is_named():
     problem = joint_problem()
     trajectory = ruckig_otg.solve(problem, candidates(problem)[0]).trajectory
