@@ -132,8 +132,9 @@ class Examination:
         if not isinstance(bound, Check) or bound.ok:
             return bound
         result = self._result(check)
-        is_ok = isinstance(result, Check) and result.ok
-        return replace(result, value=result.limit, margin=0.0) if is_ok else result
+        if not isinstance(result, Check) or not result.ok:
+            return result
+        return replace(result, value=result.limit, margin=0.0)
 
 
 def _turn(check: CheckFunction) -> int:
