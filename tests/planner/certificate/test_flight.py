@@ -17,19 +17,11 @@ from planner.planning import plan
 from planner.problem import Opening, TargetRelease, ThrowProblem
 from planner.seeds import candidates
 from tests.planner.problems import cell as shipped_cell
-from tests.planner.problems import joint_problem, with_boxes
+from tests.planner.problems import joint_problem, with_boxes, with_jitter
+from tests.planner.problems import steady_cell as cell  # with windows as they are asked for
 
 STEP_S = 0.001  # of the dense samples
 SAMPLED_M = 0.004  # half a step at 8 m/s: how much closer a flight may come between dense samples
-
-
-def cell(name="ur5e-sim"):
-    """A shipped cell with a gripper that opens in time: the windows of these tests are all that there is."""
-    return with_jitter(shipped_cell(name), 0.0)
-
-
-def with_jitter(here, jitter_s):
-    return replace(here, gripper=replace(here.gripper, jitter_s=jitter_s))
 
 
 def throw(here, target, opening=None, **changes):

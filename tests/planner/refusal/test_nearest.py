@@ -15,7 +15,7 @@ from planner.problem import TIME_LIMIT_S, JointRelease, Opening, PointRelease, T
 from planner.refusal import nearest, nearest_problem
 from planner.request import problem_from_request, request_document
 from planner.search import PlanningSearch
-from tests.planner.problems import cell, joint_problem, with_boxes
+from tests.planner.problems import cell, joint_problem, steady_cell, with_boxes
 
 TARGET = joint_problem(
     release=TargetRelease(np.array([1.2, 0.3, 0.0])), release_window_s=0.01, landing_tolerance_m=0.02
@@ -72,9 +72,7 @@ def test_the_nearest_target_of_one_just_behind_a_wall_is_farther_behind_it():
 )
 def test_the_nearest_target_is_beside_below_or_on_top_of_what_is_in_the_way(box, asked, direction, at_most_m):
     """Of a gripper that opens in time: what opens late needs more room beside a box."""
-    here = cell()
-    here = with_boxes(replace(here, gripper=replace(here.gripper, jitter_s=0.0)), box)
-    found = offered(joint_problem(cell=here, release=TargetRelease(np.array(asked))))
+    found = offered(joint_problem(cell=with_boxes(steady_cell(), box), release=TargetRelease(np.array(asked))))
     apart = found.release.p_W - asked
     assert 0.0 < np.linalg.norm(apart) <= at_most_m + 1e-9
     assert apart / np.linalg.norm(apart) == pytest.approx(direction)
