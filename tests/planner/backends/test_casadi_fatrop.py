@@ -202,7 +202,7 @@ def test_a_start_that_is_not_finite_is_not_solved(instance: Instance) -> None:
         spoilt = arguments[name].copy()
         spoilt[5] = np.nan
         x, *outcome = launch.solve({**arguments, name: spoilt}, solver.FATROP)
-        assert outcome == [0, False, False]
+        assert outcome == [0, False, False, False]
         assert np.isnan(x).all()  # so that nothing takes it for a solution
 
 
@@ -223,7 +223,7 @@ def test_derivatives_that_are_not_finite_end_a_solve(instance: Instance, calls: 
 
     kept = signature(spoilt)
     motion.slope = ctypes.cast(kept, ctypes.c_void_p)
-    x, iterations, is_solved, _ = launch.solve(instance.arguments, solver.FATROP)
+    x, iterations, is_solved, *_ = launch.solve(instance.arguments, solver.FATROP)
     assert not is_solved
     assert np.isnan(x).all()
     assert iterations <= solver.FATROP["max_iter"] + 1
@@ -232,7 +232,7 @@ def test_derivatives_that_are_not_finite_end_a_solve(instance: Instance, calls: 
 
 def test_options_reach_fatrop(instance: Instance) -> None:
     launch = fatrop.launch_of(instance.stages)
-    _, iterations, is_solved, _ = launch.solve(instance.arguments, {**solver.FATROP, "max_iter": 3})
+    _, iterations, is_solved, *_ = launch.solve(instance.arguments, {**solver.FATROP, "max_iter": 3})
     assert not is_solved
     assert iterations == 3 + 1  # of which fatrop counts the last
 
@@ -360,7 +360,7 @@ def test_a_solve_from_which_fatrop_does_not_return_is_left() -> None:
     launch = fatrop.launch_of(StageLayout(launch=8, brake=3, groups=("clearance", "flight")))
     before = launch.solve(arguments, {**options, "max_iter": 20})
     for _ in range(3):
-        variables, iterations, is_solved, _ = launch.solve(arguments, options)
+        variables, iterations, is_solved, *_ = launch.solve(arguments, options)
         assert not is_solved
         assert 0 < iterations < options["max_iter"]
         assert np.isnan(variables).all()

@@ -19,7 +19,7 @@ from planner.request import problem_from_request
 from planner.search import PlanningSearch, search_candidates
 from planner.search.search import CANDIDATES, MOTIONS
 from planner.seeds import aspects, candidates, first_rows, least_times_to_aspects
-from tests.planner.problems import cell, joint_problem, pose_problem
+from tests.planner.problems import cell, joint_problem, pose_problem, steady_cell
 
 
 def target_problem(**changes):
@@ -176,6 +176,7 @@ def test_a_given_state_whose_soonest_arrival_is_not_certified_is_reached_with_le
 
 
 BESIDE_THE_OPENING = joint_problem(
+    cell=steady_cell(),
     start=np.array([-1.148, -1.156, 0.301, -2.138, -0.279, -0.129]),
     release=TargetRelease(np.array([0.362, -0.627, 0.0])),
     time_limit_s=60.0,
@@ -212,7 +213,7 @@ BESIDE_THE_FOOT = {"ur5-sim": [0.0181, -0.0847, 0.0], "ur10e-sim": [0.0875, 0.06
 @pytest.mark.parametrize("window_s", [0.0, 0.02])
 def test_a_throw_to_a_place_beside_the_foot_passes_it(name, window_s):
     """The optimiser's motion, not a slower one that misses the foot by chance."""
-    here = cell(name)
+    here = cell(name) if window_s else steady_cell(name)
     window = {"release_window_s": window_s, "landing_tolerance_m": 0.005} if window_s else {}
     release = TargetRelease(np.array(BESIDE_THE_FOOT[name]))
     answer = plan(ThrowProblem(here, here.home, release, here.limits, time_limit_s=60.0, **window))
