@@ -10,6 +10,7 @@ from typing import Any
 from planner.answer import Plan
 from planner.errors import Infeasible, SolverFailed
 from planner.problem import TIME_LIMIT_S, ThrowProblem
+from planner.progress import SILENT, ProgressMeter
 from planner.refusal import nearest_problem, of_candidates, refuse_impossible
 from planner.request import request_document
 from planner.search import (
@@ -30,10 +31,12 @@ class SearchHints:
         releases: release states of plans for other targets: a short search starts from these alone. Empty: an ordinary
             search from candidates of its own.
         offers_nearest: whether a refusal carries the nearest feasible request, the larger part of most refusals' time.
+        meter: tells an observer of the progress, in all searches that it is given to.
     """
 
     releases: tuple[ReleaseState, ...] = ()
     offers_nearest: bool = True
+    meter: ProgressMeter = SILENT
 
 
 ORDINARY = SearchHints()
@@ -57,7 +60,8 @@ def plan(problem: ThrowProblem, hints: SearchHints = ORDINARY) -> Plan:
     """
     load_libraries(problem.backend)
     begun_s = time.perf_counter()
-    search = PlanningSearch(problem, begun_s + problem.time_limit_s)
+    search = PlanningSearch(problem, begun_s + problem.time_limit_s, tell=hints.meter.step)
+    hints.meter.begin("search")
     try:
         refuse_impossible(problem)
         found = _candidates(search, hints.releases)
@@ -68,6 +72,7 @@ def plan(problem: ThrowProblem, hints: SearchHints = ORDINARY) -> Plan:
         best, way_home = best_with_way_home(search)
     except (Infeasible, SolverFailed) as refusal:
         if hints.offers_nearest:
+            hints.meter.begin("nearest")
             refusal.nearest = _nearest(search)
         raise
     return Plan(
