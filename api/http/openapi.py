@@ -13,7 +13,7 @@ from pydantic.json_schema import models_json_schema
 
 from api.http.errors import MEDIA_TYPE
 from api.problems import PROBLEM_TYPES
-from api.schemas import StateEvent, TelemetryEvent
+from api.schemas import PlanProgress, StateEvent, TelemetryEvent
 
 Responses = dict[int | str, dict[str, Any]]
 REF_TEMPLATE = "#/components/schemas/{model}"
@@ -77,7 +77,7 @@ LINKS = {  # operation: the operations that take the id of what it made
     "estimate_profile_of_cell": ("read_profile", "adopt_profile"),
 }  # fmt: skip
 MADE = "$response.body#/id"
-UNROUTED = (ProblemAnswer, StateEvent, TelemetryEvent)  # models of media types that FastAPI does not know
+UNROUTED = (ProblemAnswer, PlanProgress, StateEvent, TelemetryEvent)  # models of media types that FastAPI does not know
 
 
 def operation_id(route: APIRoute) -> str:
