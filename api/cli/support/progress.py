@@ -6,17 +6,19 @@ from typing import Any
 
 import click
 
+from api.cli.support.search_line import SearchLine
 from api.cli.support.summary import plan_text
 from api.cli.support.terminal import say_step
 
 
 def make_plan(client: Any, request: dict[str, Any], progress: bool = True) -> dict[str, Any]:
     """Plans and prints what was planned. Returns the plan, without its trajectory."""
-    if progress:
-        say_step("planning …")
-    plan = client.post("/plan?trajectory=false", request)
-    if progress:
-        say_step(plan_text(plan))
+    if not progress:
+        return client.planned(request, trajectory=False)
+    say_step("planning …")
+    with SearchLine() as line:
+        plan = client.planned(request, trajectory=False, progress=line)
+    say_step(plan_text(plan))
     return plan
 
 

@@ -149,8 +149,11 @@ def test_no_service_says_how_to_start_one():
     assert "fling up" in result.output
 
 
-@pytest.mark.parametrize("content", ['{"release": ', "[" * 900, '{"a": 1, "a": 2}'])
-def test_a_file_that_is_no_json_is_refused_without_loading_the_service(request_file: Path, content: str):
+WRONG_FIELDS = '{"release": {"kind": "target", "position": [1.0, 2.0]}, "frob": 1}'
+
+
+@pytest.mark.parametrize("content", ['{"release": ', "[" * 900, '{"a": 1, "a": 2}', "{}", WRONG_FIELDS])
+def test_a_slip_in_a_file_is_refused_without_loading_the_service(request_file: Path, content: str):
     request_file.write_text(content)
     script = f"""
 import sys
