@@ -19,7 +19,9 @@ EVENTS = [
 ]
 
 
-PROGRESS = 'id: 1\nevent: progress\ndata: {"stage": "search", "candidates": 2, "best_release_time_s": 0.5, "elapsed_s": 1.0}\n\n'
+TOLD = {"stage": "search", "candidates": 2, "best_release_time_s": 0.5, "elapsed_s": 1.0}
+PROGRESS = f"id: 1\nevent: progress\ndata: {json.dumps(TOLD)}\n\n"
+PLANNED = 'plan\ndata: {"id": 7}'
 
 
 class EchoingService(BaseHTTPRequestHandler):
@@ -47,9 +49,7 @@ class EchoingService(BaseHTTPRequestHandler):
             return self.answer(502, "text/html", "<p>a proxy")
         asked = json.loads(body) if body else None
         if self.headers["Accept"] == "text/event-stream":
-            end = {"far": f"problem\ndata: {json.dumps(PROBLEM)}", "cut": ""}.get(
-                asked["frame"], 'plan\ndata: {"id": 7}'
-            )
+            end = {"far": f"problem\ndata: {json.dumps(PROBLEM)}", "cut": ""}.get(asked["frame"], PLANNED)
             return self.answer(200, "text/event-stream", PROGRESS + (end and f"id: 2\nevent: {end}\n\n"))
         sent = {"path": self.path, "body": asked, "token": self.headers.get("Authorization")}
         return self.answer(201, "application/json", json.dumps(sent))

@@ -88,7 +88,7 @@ def test_a_refusal_says_each_constraint_once_and_what_to_try():
         "The arm cannot do this:",
         "  tcp_speed: 5.134 m/s against a limit of 4 m/s; proven: no motion avoids it",
         "  keep_out: -0.01 m against a limit of 0.02 m (forearm and box 0); not proven: no other motion was found",
-        "  the nearest feasible target: 0.88938 0 -0.1",
+        "  a target near it that works: 0.88938 0 -0.1",
     ]
     for window_s, as_request, said in (
         (0.0, False, ", without a release window (--soonest)"),
@@ -97,11 +97,11 @@ def test_a_refusal_says_each_constraint_once_and_what_to_try():
         (0.0012, True, ', with a release window of 1.2 ms ("release_window_s": 0.0012)'),
     ):
         text = describe({"violations": rows, "nearest": {**nearest, "release_window_s": window_s}}, as_request)
-        assert text.splitlines()[-1] == f"  the nearest feasible target: 0.88938 0 -0.1{said}"
+        assert text.splitlines()[-1] == f"  a target near it that works: 0.88938 0 -0.1{said}"
     point = {"release": {"kind": "point"}, "release_window_s": 0.0375, "landing_tolerance_m": 0.001}
     for near, said in ((point, ", with a release window of 37.5 ms (--window 0.0375)"), ({**point, **NO_WINDOW}, "")):
         text = describe({"violations": rows, "nearest": near})
-        assert text.splitlines()[-1] == f'  the nearest feasible release: {{"kind": "point"}}{said}'
+        assert text.splitlines()[-1] == f'  a release near it that works: {{"kind": "point"}}{said}'
     odds = {"release": nearest["release"], "min_hit_probability": 0.631}
     text = describe({"title": "The arm cannot do this", "violations": rows, "nearest": odds})
     assert text.splitlines()[-1] == "  the best odds found: 0.631"
