@@ -70,7 +70,7 @@ def plan(
     Raises:
         CellError: there is no such cell, or its file is refused.
         InvalidProblem: every refused field with its reason.
-        Infeasible: there is no such motion, or none was found; says what stands in the way, and what is nearest.
+        Infeasible: there is no such motion, or none was found; says what stands in the way, and what near it works.
         SolverFailed: the request's time limit ended the search before that.
     """
     hints = SearchHints(meter=ProgressMeter(progress))

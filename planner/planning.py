@@ -30,7 +30,7 @@ class SearchHints:
     Attributes:
         releases: release states of plans for other targets: a short search starts from these alone. Empty: an ordinary
             search from candidates of its own.
-        offers_nearest: whether a refusal carries the nearest feasible request, the larger part of most refusals' time.
+        offers_nearest: whether a refusal carries a feasible request near it, the larger part of most refusals' time.
         meter: tells an observer of the progress, in all searches that it is given to.
     """
 
@@ -54,7 +54,7 @@ def plan(problem: ThrowProblem, hints: SearchHints = ORDINARY) -> Plan:
 
     Raises:
         Infeasible: the search for a certified motion ran to its end in vain, or none exists; carries the constraints
-            in the way, each proven or not, and the nearest feasible request.
+            in the way, each proven or not, and a feasible request near it.
         SolverFailed: the time limit ended the search before that; carries the same.
         BackendUnavailable: the requested back end is not installed.
     """
@@ -109,7 +109,7 @@ def _candidates(search: PlanningSearch, releases: Sequence[ReleaseState]) -> lis
 
 
 def _nearest(search: PlanningSearch) -> dict[str, Any] | None:
-    """Returns the nearest feasible request, None where none was found.
+    """Returns a feasible request near the refused one, None where none was found.
 
     It has the usual time limit where the request's own passed before that was found: it can be posted as it is.
     """

@@ -59,7 +59,7 @@ class ProblemAnswer(BaseModel):
     instance: str
     errors: list[FieldReason] | None = Field(None, description="invalid-request: the first refused fields, 20 at most.")
     violations: list[ViolationAnswer] | None = Field(None, description="infeasible, solver-failed.")
-    nearest: dict[str, Any] | None = Field(None, description="The closest feasible request, ready to be posted.")
+    nearest: dict[str, Any] | None = Field(None, description="A feasible request near it, ready to be posted.")
     attempts: list[dict[str, Any]] | None = Field(None, description="infeasible, solver-failed: what was tried.")
     solver: SolverEnd | None = Field(None, description="solver-failed.")
     cell: str | None = Field(None, description="The cell concerned.")
