@@ -276,7 +276,7 @@ async def _solve(asked: _Asked, observer: Observer | None, is_stored: bool = Tru
             service.metrics.plans.labels(name).inc()
             span.set(fling__problem=name)
             raise
-        except ClientGone:
+        except (ClientGone, asyncio.CancelledError):
             service.metrics.plans.labels("abandoned").inc()
             raise
         finally:

@@ -22,7 +22,7 @@ from planner.errors import PlannerError, SolverFailed
 from planner.progress import Observer
 
 GRACE_S = 20.0  # [s] beyond a request's time limit: solver calls under way, the search for the nearest, a busy machine
-CANCEL_S = 0.5  # [s] after which a worker that was asked to end its job is replaced: steps take some tenths
+CANCEL_S = 5.0  # [s] after which a worker that was asked to end its job is replaced: to load another takes as long
 CANCEL_POLL_S = 0.1  # [s] between two looks at whether it has ended
 POLL_S = 1.0  # [s] between two looks at who has been at one job for too long
 START_FAILURES_MAX = 3  # workers in a row that end before they are ready: none ever will be

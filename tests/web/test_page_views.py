@@ -125,7 +125,7 @@ def test_a_field_that_the_service_refuses_is_marked(guest: Visit) -> None:
     expect(guest.field("Time limit [s]")).to_be_visible()  # its options were opened
 
 
-def test_a_search_is_told_while_it_goes_on_and_can_be_cancelled(guest: Visit) -> None:
+def test_a_search_is_told_while_it_goes_on_and_can_be_cancelled(guest: Visit, desk: Desk) -> None:
     guest.field("x [m]").fill("2.3")
     guest.field("z [m]").fill("0")
     guest.button("Plan").click()
@@ -135,6 +135,8 @@ def test_a_search_is_told_while_it_goes_on_and_can_be_cancelled(guest: Visit) ->
     expect(guest.page.locator(".search")).to_have_count(0)
     assert guest.page.locator(".problem").count() == 0
     planned(guest)  # by the one planner of the service: it is free again
+    counted = guest.page.request.get(f"{desk.url}/metrics").text()
+    assert re.search(r'^fling_plans_total{.*"abandoned".*} 1', counted, re.MULTILINE)
 
 
 def test_nothing_jumps_when_something_is_said(guest: Visit, desk: Desk) -> None:
