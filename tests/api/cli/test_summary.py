@@ -10,9 +10,11 @@ from click.testing import CliRunner
 
 from api.cli import main
 from api.cli.support.client import describe
-from api.cli.support.progress import execute_plan
+from api.cli.support.exit_status import Interrupted
+from api.cli.support.progress import execute_plan, make_plan
 from api.cli.support.summary import landing_text, plan_text
 from planner.errors import CUT_SHORT
+from planner.progress import Progress
 
 SOLVER = {"solve_time_s": 0.02, "status": "fatrop: solved in 31 iterations"}
 
@@ -160,6 +162,22 @@ def test_an_interrupted_throw_is_braked_and_waited_for(capsys: pytest.CaptureFix
     said = capsys.readouterr()
     assert "asked to brake" in said.err
     assert said.out.count("approaching") == 1
+
+
+class InterruptedSearch:
+    """A service whose client is interrupted while it searches."""
+
+    def planned(self, request: dict[str, Any], trajectory: bool, progress: Callable[[Progress], object]) -> Any:
+        progress(Progress("search", 3, 0.512, 2.0))
+        raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("is_told", [True, False])
+def test_an_interrupted_search_says_what_it_had_come_to(is_told: bool, capsys: pytest.CaptureFixture[str]):
+    with pytest.raises(Interrupted, match=r"after 2\.0 s and 3 candidates: so far best release at 0\.512 s") as ended:
+        make_plan(InterruptedSearch(), {}, progress=is_told)
+    assert ended.value.exit_code == 130
+    assert "searching" not in capsys.readouterr().err
 
 
 def test_a_dry_run_says_that_nothing_moved():
