@@ -3075,7 +3075,7 @@ export interface components {
             instance: string;
             /**
              * Nearest
-             * @description The closest feasible request, ready to be posted.
+             * @description A feasible request near it, ready to be posted.
              * @default null
              */
             nearest: {
