@@ -67,7 +67,7 @@ from store import IdempotencyKey, KeyTaken, PlanRow, new_id
 router = APIRouter(route_class=StrictJsonRoute, tags=["plans"])
 
 TOKEN_PROBLEMS = ("unauthenticated", "forbidden")
-POST_PROBLEMS = (*TOKEN_PROBLEMS, "invalid-request", "idempotency-conflict", "too-large", "unsupported-media-type")
+POST_PROBLEMS = (*TOKEN_PROBLEMS, "invalid-request", "too-large", "unsupported-media-type")
 PLAN_PROBLEMS = ("not-found", "robot-not-ready", "infeasible", "overloaded", "solver-failed", "not-acceptable")
 PlanId = Annotated[str, id_in_path("plan")]
 PageLimit = Annotated[int, Query(ge=1, le=200, description="Maximum length of the page.")]
