@@ -1,4 +1,4 @@
-"""Nearest feasible problem: what could be done instead of what was refused.
+"""A feasible problem near one that was refused. There may be a nearer one: a few lines of relaxation are searched.
 
 A release kind has relaxations (`relaxations`): functions of a share from 0, which is easy, to 1, which is as requested.
 The first of them whose easy end has an answer is bisected, for the largest share that has one. An answer is what the
@@ -35,7 +35,7 @@ ROUNDING = 1e-9  # [-] of a number of steps
 
 
 def nearest_problem(search: PlanningSearch) -> ThrowProblem | None:
-    """Returns the closest problem that has a certified motion with a way home; None if none was found.
+    """Returns a problem near it that has a certified motion with a way home; None if none was found.
 
     Args:
         search: that found no answer.
@@ -83,7 +83,7 @@ class _Answers:
         except (Infeasible, SolverFailed):
             return False
         self.searches += 1
-        search = PlanningSearch(problem, self.deadline_s, is_for_any=True)
+        search = PlanningSearch(problem, self.deadline_s, is_for_any=True, tell=self.refused.tell_inner)
         search_candidates(search, found, CANDIDATES)
         self.refused.extend_deadline(search.loading_s)
         self.deadline_s += search.loading_s

@@ -75,7 +75,7 @@ def _from(search: PlanningSearch, stop: Array, candidate: Candidate | None) -> C
     if search.out_of_time or body_model(search.problem.cell_with_bin).clearances(stop[None]).least[0] < 0.0:
         return None
     try:
-        inner = PlanningSearch(replace(search.problem, start=stop), search.deadline_s)
+        inner = PlanningSearch(replace(search.problem, start=stop), search.deadline_s, tell=search.tell_inner)
         if candidate is None:
             search_candidates(inner, candidates(inner.problem, search.deadline_s))
         else:
