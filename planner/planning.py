@@ -96,16 +96,21 @@ def _candidates(search: PlanningSearch, releases: Sequence[ReleaseState]) -> lis
 
     Raises:
         Infeasible: there are none.
+        SolverFailed: the deadline passed before one was found.
     """
     problem = search.problem
     begun_s = time.perf_counter()
     try:
-        return neighbour_candidates(problem, releases) if releases else candidates(problem)
+        return neighbour_candidates(problem, releases) if releases else candidates(problem, search.deadline_s)
     except Infeasible as refusal:
         tried = refusal.tried if isinstance(refusal, NoCandidates) else NO_RELEASE_STATE
         search.log_attempt("candidates", tried, begun_s)
         log = [attempt.__dict__ for attempt in search.attempts]
         raise Infeasible(of_candidates(problem, refusal.violations), attempts=log) from None
+    except SolverFailed as cut_short:
+        search.log_attempt("candidates", NO_RELEASE_STATE, begun_s)
+        log = [attempt.__dict__ for attempt in search.attempts]
+        raise SolverFailed(cut_short.status, attempts=log, violations=cut_short.violations) from None
 
 
 def _nearest(search: PlanningSearch) -> dict[str, Any] | None:

@@ -805,52 +805,6 @@ export interface components {
             shift_m: number[];
         };
         /**
-         * ArmShapeAnswer
-         * @description Outer dimensions of the arm model.
-         */
-        ArmShapeAnswer: {
-            /**
-             * Base Radius M
-             * @description Of the foot [m].
-             */
-            base_radius_m: number;
-            /**
-             * Elbow Offset M
-             * @description Offset of the forearm's tube along the same axis [m].
-             */
-            elbow_offset_m: number;
-            /**
-             * Elbow Radius M
-             * @description Of the housing [m].
-             */
-            elbow_radius_m: number;
-            /**
-             * Forearm Radius M
-             * @description Of the tube [m].
-             */
-            forearm_radius_m: number;
-            /**
-             * Shoulder Offset M
-             * @description Offset of the upper arm's tube along the axis of joint 2 [m].
-             */
-            shoulder_offset_m: number;
-            /**
-             * Shoulder Radius M
-             * @description Of the housing [m].
-             */
-            shoulder_radius_m: number;
-            /**
-             * Upper Arm Radius M
-             * @description Of the tube [m].
-             */
-            upper_arm_radius_m: number;
-            /**
-             * Wrist Radius M
-             * @description Of the housings [m].
-             */
-            wrist_radius_m: number;
-        };
-        /**
          * AxisValues
          * @description The values of one field of a grid, each as in a request.
          */
@@ -1272,7 +1226,6 @@ export interface components {
              * @description Hash of the cell file and its calibration.
              */
             sha256: string;
-            shape: components["schemas"]["ArmShapeAnswer"];
             surroundings: components["schemas"]["SurroundingsAnswer"];
             /**
              * Tool In Flange
@@ -4256,7 +4209,6 @@ export interface components {
 export type Acknowledged = components['schemas']['Acknowledged'];
 export type Adoption = components['schemas']['Adoption'];
 export type AimAnswer = components['schemas']['AimAnswer'];
-export type ArmShapeAnswer = components['schemas']['ArmShapeAnswer'];
 export type AxisValues = components['schemas']['AxisValues'];
 export type BatchAnswer = components['schemas']['BatchAnswer'];
 export type BatchList = components['schemas']['BatchList'];
