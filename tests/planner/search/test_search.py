@@ -1,6 +1,7 @@
 """The search: bounds exclude, counts end it and clocks do not, and every back end is asked as it was requested."""
 
 import itertools
+import math
 import time
 from dataclasses import replace
 
@@ -17,6 +18,7 @@ from planner.planning import plan
 from planner.problem import JointRelease, TargetRelease, ThrowProblem
 from planner.request import problem_from_request
 from planner.search import PlanningSearch, search_candidates
+from planner.search.optimise import optimise
 from planner.search.search import CANDIDATES, MOTIONS
 from planner.seeds import aspects, candidates, first_rows, least_times_to_aspects
 from tests.planner.problems import cell, joint_problem, pose_problem
@@ -155,13 +157,39 @@ def test_casadi_requested_by_name_uses_the_optimiser_alone():
 
 def test_ruckig_answers_where_the_optimiser_gives_nothing(monkeypatch):
     def fails(*_):
-        raise casadi_nlp.SeedFailed("made to fail", 1, False)
+        raise casadi_nlp.SeedFailed("made to fail", 1, False, frozenset())
 
     monkeypatch.setattr(casadi_nlp, "solve", fails)
     answer = plan(target_problem())
     assert answer.backend == "ruckig"
     assert answer.certificate.valid
     assert "made to fail" in {attempt.result.split(": ")[-1] for attempt in answer.attempts}
+
+
+def test_the_second_guess_has_the_rows_from_the_beginning_that_the_first_one_came_to_need(monkeypatch):
+    given = []
+
+    def fails(problem, seed, options):
+        given.append(options.groups)
+        raise casadi_nlp.SeedFailed("made to fail", 1, False, options.groups | {"effort", "standing"})
+
+    monkeypatch.setattr(casadi_nlp, "solve", fails)
+    problem = target_problem()
+    optimise(PlanningSearch(problem, math.inf), candidates(problem)[0])
+    assert given == [frozenset(), {"effort", "standing"}]
+
+
+def test_a_throw_to_a_place_beside_the_foot_is_found_by_the_optimiser():
+    """A first solution without the rows of foot and base flies through them; from there none with them is found."""
+    problem = joint_problem(
+        "ur5-sim",
+        start=np.array([-1.142766225, -0.862043666, 1.010899005, -0.375453395, -0.236162646, -1.170259227]),
+        release=TargetRelease(np.array([-0.029392673, -0.071290177, 0.0])),
+        time_limit_s=60.0,
+    )
+    answer = plan(problem)
+    assert answer.backend == "casadi"
+    assert answer.trajectory.release_time_s < 0.6
 
 
 def test_a_given_state_whose_soonest_arrival_is_not_certified_is_reached_with_less_jerk_or_optimised():
