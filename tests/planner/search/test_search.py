@@ -21,7 +21,7 @@ from planner.search import PlanningSearch, search_candidates
 from planner.search.optimise import optimise
 from planner.search.search import CANDIDATES, MOTIONS
 from planner.seeds import aspects, candidates, first_rows, least_times_to_aspects
-from tests.planner.problems import cell, joint_problem, pose_problem
+from tests.planner.problems import cell, joint_problem, pose_problem, with_boxes
 
 
 def target_problem(**changes):
@@ -126,18 +126,28 @@ def test_nothing_is_optimised_after_a_motion_that_reaches_the_lower_bound(solves
     assert solves == []
 
 
-def test_candidates_are_tried_by_the_bound_of_their_aspect_and_none_that_is_excluded(solves):
+def test_the_soonest_candidate_of_every_aspect_is_tried_first_and_none_that_is_excluded(solves):
     """From other aspects the arm releases later than from its own here: their bounds exclude them."""
     problem = target_problem()
     search = searched(problem)
-    tried = list(dict.fromkeys(id(seed.candidate) for seed, _ in solves))
-    by_id = {id(seed.candidate): seed.candidate for seed, _ in solves}
-    q = np.array([by_id[each].q for each in tried])
-    of = aspects(problem.cell.robot, q)
-    bounds = least_times_to_aspects(problem)[of]
-    assert np.all(np.diff(bounds[first_rows(of)]) >= 0.0)
-    assert bounds.max() < search.release_time_s
+    tried = list({id(seed.candidate): seed.candidate for seed, _ in solves}.values())
+    of = aspects(problem.cell.robot, np.array([each.q for each in tried]))
+    first = [tried[row].bound_s for row in first_rows(of)]
+    assert first == sorted(first)
+    assert least_times_to_aspects(problem)[of].max() < search.release_time_s
     assert len(tried) <= CANDIDATES
+
+
+@pytest.mark.parametrize("keep_out", [False, True])
+def test_an_aspect_is_left_once_a_candidate_of_it_led_to_a_motion(solves, keep_out):
+    here = cell()
+    if keep_out:
+        here = with_boxes(here, ([0.8, 0.1, -0.1], [0.9, 0.3, 0.1]))
+    problem = replace(target_problem(), cell=here)
+    searched(problem)
+    tried = {id(seed.candidate): seed.candidate for seed, _ in solves}.values()
+    of = aspects(here.robot, np.array([each.q for each in tried]))
+    assert len(np.unique(of)) == len(of)
 
 
 def test_no_answer_releases_before_the_bound_of_its_aspect():
