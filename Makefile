@@ -21,7 +21,7 @@ test: $(VENV)/dev.stamp
 	$(BIN)/python -m pytest -n 2 --dist loadfile --ignore tests/system --ignore tests/verify
 	$(BIN)/python -m pytest tests/system  # in real time: nothing beside it
 
-verify: $(VENV)/docs.stamp $(VENV)/verify.stamp $(VENV)/ray.stamp   ## what takes minutes: wheels, both databases, generated clients, notebooks; LONG=1: an hour of soak, too
+verify: $(VENV)/docs.stamp $(VENV)/verify.stamp $(VENV)/ray.stamp   ## what takes minutes: wheels, both databases, generated clients, notebooks, more of the fault matrix; LONG=1: an hour of soak, too
 	$(if $(LONG),FLING_SOAK_MINUTES=60) $(BIN)/python -m pytest tests/verify
 
 soak: $(VENV)/dev.stamp         ## MINUTES (10) of load, kills and hostile requests: nothing may grow, nothing be lost

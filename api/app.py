@@ -19,6 +19,7 @@ from starlette.middleware.gzip import GZipMiddleware
 from starlette.types import ASGIApp
 
 from api import fling_version
+from api.allocator import give_memory_back
 from api.cell_repository import CellRepository
 from api.dependencies import Service, known_query
 from api.execution_feed import ExecutionFeeds
@@ -39,10 +40,10 @@ from api.logs import REQUESTS, configure_logs
 from api.metrics import Metrics
 from api.planning import BatchDrivers, DriverCommand, MapDrivers, PlanningLine
 from api.routes import ROUTERS
-from api.settings import ServiceSettings, is_loopback_host
+from api.settings import ServiceSettings
 from api.stopping import Stopping
 from api.store_probe import StoreProbe
-from fling import tracing
+from fling import this_machine, tracing
 from jobs.pool import PLANNING, open_pool, warm_up_job
 from store import Retention, Store, StoreError
 
@@ -88,7 +89,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
         ValueError: The tokens file cannot be read, or names no token.
     """
     tokens = TokenRegistry(settings.tokens_file)
-    if not tokens.is_guarded and not is_loopback_host(settings.host):
+    if not tokens.is_guarded and not this_machine.is_loopback_host(settings.host):
         raise UnsafeSettings(
             f"{settings.host} can be reached from other machines: create a token ('fling token create') and set "
             "FLING_TOKENS_FILE"
@@ -143,6 +144,7 @@ def serve(settings: ServiceSettings) -> int:
     """Serves until SIGINT or SIGTERM, then drains. Returns the exit status of the process."""
     from api.server import DrainingServer, server_config
 
+    give_memory_back()
     try:
         Store.open(settings.database_url).close()
         app = create_app(settings)

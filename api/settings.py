@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from ipaddress import ip_address, ip_network
+from ipaddress import ip_network
 from pathlib import Path
 
 from pydantic import Field, ValidationError, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from api.field_errors import reason
-from fling import stop_socket
+from fling import this_machine
 from planner.cell_folder import default_cells_folder
-from store import Retention, default_database_url
+from store import Retention
 
 
 class ServiceSettings(BaseSettings):
@@ -42,9 +42,9 @@ class ServiceSettings(BaseSettings):
 
     model_config = SettingsConfigDict(env_prefix="FLING_", frozen=True)
 
-    database_url: str = Field(default_factory=default_database_url)
+    database_url: str = Field(default_factory=lambda: this_machine.database_url(os.environ))
     cells: Path = Field(default_factory=default_cells_folder)
-    data: Path = Field(default_factory=lambda: stop_socket.default_data_folder(os.environ))
+    data: Path = Field(default_factory=lambda: this_machine.executors_folder(os.environ))
     default_cell: str = "ur5e-sim"
     tokens_file: Path | None = None
     host: str = "127.0.0.1"
@@ -137,13 +137,3 @@ def _source(location: tuple[int | str, ...], given: Mapping[str, object]) -> str
     name = str(location[0]).lower()
     flag = "cell" if name == "default_cell" else name.replace("_", "-")
     return f"--{flag}" if name in given else f"FLING_{name.upper()}"
-
-
-def is_loopback_host(host: str) -> bool:
-    """Returns whether `host` is a loopback name or address."""
-    if host.lower() == "localhost":
-        return True
-    try:
-        return ip_address(host.strip("[]")).is_loopback
-    except ValueError:
-        return False

@@ -97,23 +97,25 @@ class Daemon:
     def recover(self) -> None:
         """Delivers the results of an earlier daemon and closes its executions; latches a fault if one was claimed.
 
-        Results come first: what the database could not take yet is no lost execution. What it cannot take now is done
-        before the next claim.
+        Results come first: what the database could not take yet is no lost execution. Executions are closed last: after
+        a kill before that the next daemon finds them open. What the database cannot take now is done before the next
+        claim.
         """
         self._deliver_kept()
         if self.journal.has_undelivered():
             return
-        left = self._try_store(lambda: self.store.close_open_executions(self.cell, reason=self._restart_words()))
+        left = self._try_store(self.store.open_executions)
         if left is None:
             return
-        self._is_recovered = True
-        rows = [self._try_store(lambda id=id: self.store.execution(id)) for id in left]
-        claimed = [row for row in rows if row and row.claimed_at]
-        if not claimed:
-            return
-        self._latch("executor_lost", "the executor was lost during an execution", claimed[0].id)
-        with contextlib.suppress(OSError):  # no controller: nothing moves
-            self.session.dashboard.ask("stop")
+        reason = self._restart_words()
+        claimed = [row for row in left if row.cell == self.cell and row.claimed_at]
+        if claimed:
+            self._latch("executor_lost", "the executor was lost during an execution", claimed[0].id)
+            with contextlib.suppress(OSError):  # no controller: nothing moves
+                self.session.dashboard.ask("stop")
+            self.heartbeat.report()
+        closed = self._try_store(lambda: self.store.close_open_executions(self.cell, reason))
+        self._is_recovered = closed is not None
 
     def _restart_words(self) -> str:
         """Returns why an execution was lost, with the controller's safety state where that is not the normal one."""
@@ -289,7 +291,7 @@ class Daemon:
         """Delivers what was kept, after what is still to be published of its run."""
         if publisher is not None:
             publisher.stop()
-        self.heartbeat.beat()
+        self.heartbeat.report()
         self._deliver_kept()
 
     def _deliver_kept(self) -> None:

@@ -61,15 +61,18 @@ class Heartbeat(Worker):
         self.session.dashboard.close()
 
     def beat(self) -> None:
+        """Looks at the robot where nothing moves, and reports."""
+        if self.idle:
+            self._ready = readiness(self.session)
+        self.report()
+
+    def report(self) -> None:
         """Reports once, and clears an acknowledged fault; an unavailable database is tried again at the next beat."""
         cell = self.session.cell
         session = self.session
-        if self.idle:
-            self._ready = readiness(session)
         try:
             if self.store.acknowledge_requested(cell.name):
-                self.journal.clear_fault()
-                self.store.clear_acknowledge(cell.name)
+                self._acknowledge()
             ready = self._ready
             refusals = [*self.unfit(), *ready.refusals]
             findings = robot_document(session.monitor.fresh(), refusals, ready.warnings, ready.serial)
@@ -80,6 +83,16 @@ class Heartbeat(Worker):
             self.is_replaced = not (self.store.record_heartbeat(*given) or self._take_again())
         except StoreUnavailable:
             return
+
+    def _acknowledge(self) -> None:
+        """Clears the fault that a person acknowledged: the one that the cell showed, and none that was latched since.
+
+        The request is taken back first: whatever ends this in between, it never clears a later fault.
+        """
+        row = self.store.cell_status(self.session.cell.name)
+        self.store.clear_acknowledge(self.session.cell.name)
+        if row is not None and row.fault == self.journal.fault():
+            self.journal.clear_fault()
 
     def _take_again(self) -> bool:
         """Takes the cell again where nobody has it: the database was replaced."""

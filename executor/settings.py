@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from executor import realtime
-from fling import stop_socket
+from fling import stop_socket, this_machine
 from planner.cell_folder import default_cells_folder
-from store import default_database_url
 
 WATCHDOG_MIN_HZ = 10.0
 WATCHDOG_MAX_HZ = 50.0  # [Hz] the arm moves on for 100 ms; a delay of 20 ms trips it
@@ -71,8 +70,8 @@ class ExecutorSettings:
         return cls(
             cell=name,
             cells=Path(environment.get("FLING_CELLS") or default_cells_folder()),
-            database_url=environment.get("FLING_DATABASE_URL") or default_database_url(),
-            data=stop_socket.executor_folder(stop_socket.default_data_folder(environment), name),
+            database_url=this_machine.database_url(environment),
+            data=stop_socket.executor_folder(this_machine.executors_folder(environment), name),
             read_only=read_only,
             watchdog_hz=float(hz) if (hz := environment.get("FLING_WATCHDOG_HZ")) else None,
             core=realtime.default_core(environment),

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     __version__: str
-    from fling import stop_socket, tracing
+    from fling import stop_socket, this_machine, tracing
     from fling.cells import cell_names, open_cell
     from fling.client import Client, ServiceRefusal
     from fling.motion import Trajectory
@@ -75,6 +75,7 @@ __all__ = [
     "robot",
     "rotations",
     "stop_socket",
+    "this_machine",
     "timing",
     "tracing",
 ]
@@ -105,7 +106,7 @@ def __getattr__(name: str) -> Any:
     """Loads a public name when it is first used: `import fling` itself costs nothing."""
     if name == "__version__":
         return _version()
-    if name in ("stop_socket", "tracing"):
+    if name in ("stop_socket", "this_machine", "tracing"):
         return import_module(f"fling.{name}")
     if name not in _HOME_OF:
         raise AttributeError(f"module 'fling' has no attribute {name!r}")

@@ -13,6 +13,7 @@ import httpx2
 
 from fling import stop_socket
 from fling.requests import Options, Release, request_of
+from fling.this_machine import executors_folder, is_loopback_host
 from fling.tracing import trace_context
 
 if TYPE_CHECKING:
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
 
 TIMEOUT_S = 150.0  # [s] a plan may take its whole time limit
 ABORT_S = 10.0  # [s] an abort is answered within one, and within six where a locked database alone could note it
-LOOPBACK = ("127.0.0.1", "localhost", "::1")
 UNREACHABLE = 0  # status of the problem of a service that does not answer
 RETURN_S = 30.0  # [s] within which a service that is started again answers
 RETRY_S = 0.5  # [s] between two attempts to reach it
@@ -153,10 +153,10 @@ class Client:
 
     def _stop_here(self, execution_id: str) -> dict[str, Any] | None:
         """Asks the executors of this machine; None where none of them runs what is meant."""
-        data = stop_socket.default_data_folder(os.environ)
+        data = executors_folder(os.environ)
         if execution_id != "latest":
             return stop_socket.stop(data, execution_id, "a client on this machine")
-        is_here = self._http.base_url.host in LOOPBACK
+        is_here = is_loopback_host(self._http.base_url.host)
         return stop_socket.stop_newest(data, "a client on this machine") if is_here else None
 
     def landed(self, execution_id: str, position: Sequence[float], std_m: float) -> dict[str, Any]:

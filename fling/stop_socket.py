@@ -24,12 +24,6 @@ KIND = socket.SOCK_SEQPACKET  # a message arrives whole or not at all
 EVERYONE = 0o666  # stopping needs no permission (docs/decisions/0021-permissions.md)
 
 
-def default_data_folder(environment: Mapping[str, str]) -> Path:
-    """Returns the folder of the executors' files: FLING_DATA, or `fling` in the user's data folder."""
-    data = environment.get("XDG_DATA_HOME") or str(Path.home() / ".local" / "share")
-    return Path(environment.get("FLING_DATA") or Path(data) / "fling")
-
-
 def executor_folder(data: Path, cell: str) -> Path:
     """Returns the folder of a cell's executor."""
     return data / "executor" / cell

@@ -12,11 +12,12 @@ import signal
 import sys
 import threading
 
+from fling import this_machine
 from jobs import driver
 from jobs.batches import DrivenBatch, wait_and_claim
 from jobs.maps import DrivenMap, map_inputs
 from jobs.pool import PoolBroken, end_with_starter
-from store import BatchDriven, BatchLost, Store, StoreError, default_database_url
+from store import BatchDriven, BatchLost, Store, StoreError
 
 
 def main() -> int:
@@ -27,7 +28,7 @@ def main() -> int:
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())
     try:
-        store = Store.open(os.environ.get("FLING_DATABASE_URL") or default_database_url())
+        store = Store.open(this_machine.database_url(os.environ))
         driver.run(_driven(store, arguments), arguments.workers, arguments.ray, stop.is_set)
     except (BatchDriven, BatchLost) as error:  # another driver has it, or it is finished
         print(f"fling: {error}", file=sys.stderr)

@@ -4,7 +4,7 @@
 URL. Times are seconds since the epoch.
 """
 
-from store.database import StoreError, StoreUnavailable, UnknownRow, default_database_url
+from store.database import StoreError, StoreUnavailable, UnknownRow
 from store.executions import CellBusy
 from store.idempotency_and_audit import KeyTaken
 from store.many import BatchDriven, BatchLost
@@ -57,7 +57,6 @@ __all__ = [
     "StoreError",
     "StoreUnavailable",
     "UnknownRow",
-    "default_database_url",
     "derived_id",
     "join_plan",
     "new_id",

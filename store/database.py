@@ -8,7 +8,6 @@ a busy timeout.
 from __future__ import annotations
 
 import math
-import os
 import shutil
 import sqlite3
 import time
@@ -50,12 +49,6 @@ class StoreUnavailable(StoreError):
         self.kind = kind_of(cause)
         self.advice = WORDS[self.kind]
         super().__init__(f"{self.advice}: {getattr(cause, 'orig', None) or cause}")
-
-
-def default_database_url() -> str:
-    """Returns the URL of the SQLite file in the user's data folder (XDG base directories)."""
-    data = os.environ.get("XDG_DATA_HOME") or str(Path.home() / ".local" / "share")
-    return f"sqlite:///{Path(data) / 'fling' / 'fling.db'}"
 
 
 def open_engine(url: str) -> Engine:

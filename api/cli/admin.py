@@ -216,10 +216,11 @@ def db() -> None:
 @json_option
 def upgrade(database_url: str | None, as_json: bool) -> None:
     """Bring the database up to date."""
-    from store import Store, StoreError, default_database_url
+    from fling import this_machine
+    from store import Store, StoreError
 
     try:
-        before, after = Store.upgrade(database_url or default_database_url())
+        before, after = Store.upgrade(database_url or this_machine.database_url(os.environ))
     except (StoreError, RuntimeError) as error:
         raise click.ClickException(str(error)) from error
     if as_json:

@@ -17,7 +17,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from api.http.errors import BODY_LIMIT_BYTES, BODY_TOO_LARGE, problem_response
 from api.problems import ProblemDetails
-from api.settings import is_loopback_host
+from fling import this_machine
 
 BODY_S = 10.0  # [s] for a body of at most a megabyte, usually some hundred bytes
 PORTS = {"http": 80, "https": 443}  # of an origin that names none
@@ -55,7 +55,7 @@ class SecurityMiddleware:
 
     def _rejection(self, method: str, headers: Headers) -> ProblemDetails | None:
         host = _host_name(headers.get("host", ""))
-        if self.local_only and not is_loopback_host(host):
+        if self.local_only and not this_machine.is_loopback_host(host):
             return ProblemDetails("forbidden", "without tokens the service answers on loopback addresses only")
         origin = headers.get("origin")
         if origin is not None and method not in ("GET", "HEAD") and not _is_own(origin, headers.get("host", "")):

@@ -77,6 +77,7 @@ LINKS = {  # operation: the operations that take the id of what it made
     "estimate_profile_of_cell": ("read_profile", "adopt_profile"),
 }  # fmt: skip
 MADE = "$response.body#/id"
+KEY = "idempotency-key"  # a header: the same with another body is refused
 UNROUTED = (ProblemAnswer, StateEvent, TelemetryEvent)  # models of media types that FastAPI does not know
 
 
@@ -135,8 +136,9 @@ def _complete(operation: dict[str, Any], secured: bool) -> None:
     names = named | {"forbidden", "internal"}  # another host's page; a bug
     names |= {"not-ready"} if guarded else set()
     names = names | {"unauthenticated"} if guarded and secured else names - {"unauthenticated"}
-    places = {parameter["in"] for parameter in operation.get("parameters", ())}
-    names |= {"not-found"} if "path" in places else set()
+    parameters = operation.get("parameters", ())
+    names |= {"not-found"} if any(parameter["in"] == "path" for parameter in parameters) else set()
+    names |= {"idempotency-conflict"} if any(parameter["name"] == KEY for parameter in parameters) else set()
     names |= {"invalid-request"}  # a query parameter that there is not
     names |= OF_BODIES if "requestBody" in operation else set()
     successes = {code: answer for code, answer in operation["responses"].items() if code < "400"}

@@ -59,7 +59,7 @@ from store import IdempotencyKey, KeyTaken, PlanRow, new_id
 router = APIRouter(route_class=StrictJsonRoute, tags=["plans"])
 
 TOKEN_PROBLEMS = ("unauthenticated", "forbidden")
-POST_PROBLEMS = (*TOKEN_PROBLEMS, "invalid-request", "idempotency-conflict", "too-large", "unsupported-media-type")
+POST_PROBLEMS = (*TOKEN_PROBLEMS, "invalid-request", "too-large", "unsupported-media-type")
 PlanId = Annotated[str, id_in_path("plan")]
 PageLimit = Annotated[int, Query(ge=1, le=200, description="Maximum length of the page.")]
 PageCursor = Annotated[str | None, Query(description="`next_cursor` of the page before.", pattern=UUID_PATTERN)]

@@ -342,7 +342,30 @@ def test_media_types_are_those_that_are_answered(service: RunningService):
             if status.startswith("2"):
                 expected = MEDIA_TYPES.get(path if method == "get" else "", {"application/json"})
                 assert set(answer["content"]) == expected, (method, path)
-                assert all(content["schema"] for content in answer["content"].values()), (method, path)
+                for media, content in answer["content"].items():
+                    own = "itemSchema" if media == "text/event-stream" else "schema"
+                    assert content[own] and {"schema", "itemSchema"} & content.keys() == {own}, (method, path)
+
+
+def test_who_may_ask_for_a_media_type_is_told_of_406(service: RunningService):
+    found = {}
+    for _, path, operation in operations(service.client.get("/openapi.json").json()):
+        takes = any(parameter["name"] == "accept" for parameter in operation.get("parameters", ()))
+        found[path] = found.get(path, False) or takes
+        assert ("406" in operation["responses"]) is takes, path
+    assert sum(found.values()) == 5
+
+
+def test_every_422_of_a_body_in_order_is_told(service: RunningService):
+    """A key that was used with another body, and what no motion does, are 422 beside what the schema refuses."""
+    told = {}
+    for method, path, operation in operations(service.client.get("/openapi.json").json()):
+        answer = operation["responses"].get("422", {})
+        told[method, path] = set(answer.get("description", "").replace("`", "").split(", "))
+        keyed = any(parameter["name"] == "idempotency-key" for parameter in operation.get("parameters", ()))
+        assert ("idempotency-conflict" in told[method, path]) is keyed, path
+        assert "requestBody" not in operation or "invalid-request" in told[method, path], path
+    assert told["post", "/plan"] == {"invalid-request", "infeasible", "idempotency-conflict"}
 
 
 @pytest.mark.parametrize("path", EVENTS)

@@ -15,6 +15,7 @@ def test_defaults() -> None:
     settings = ExecutorSettings.from_environment(HOME, None, False)
     assert settings.cell == "ur5e-sim"
     assert settings.data == Path("/data/fling/executor/ur5e-sim")
+    assert settings.database_url == "sqlite:////data/fling/fling.db"
     assert settings.cell_path.is_file()
     assert settings.keep_awake
 

@@ -6,10 +6,12 @@ import json
 import threading
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, HTTPServer
+from pathlib import Path
 
 import pytest
 
 import fling
+from fling import stop_socket
 
 PROBLEM = {"type": "/problems/infeasible", "title": "Infeasible", "detail": "too far", "status": 422}
 EVENTS = [
@@ -76,6 +78,27 @@ def test_calls_and_their_bodies(url: str):
         assert client.execute("p", dry_run=True)["body"] == {"plan_id": "p", "mode": "speedj", "dry_run": True}
         assert client.landed("e", (1, 2, 3), 0.01)["body"] == {"position": [1, 2, 3], "std_m": 0.01}
         assert client.abort("e")["path"] == "/executions/e/abort"
+
+
+def test_latest_is_what_runs_here_where_the_service_is_here(url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Every address of the loopback network is this machine."""
+    monkeypatch.setenv("FLING_DATA", str(tmp_path))
+    folder = stop_socket.executor_folder(tmp_path, "a cell")
+    folder.mkdir(parents=True)
+    asked = []
+    with stop_socket.listen(folder) as listener:
+        listener.setblocking(True)
+
+        def answer() -> None:
+            for _ in range(2):  # which runs, and the stop
+                with listener.accept()[0] as connection:
+                    asked.append(json.loads(connection.recv(stop_socket.MESSAGE_BYTES))["ask"])
+                    connection.send(b'{"id": "e7"}')
+
+        threading.Thread(target=answer, daemon=True).start()
+        with fling.Client(url) as client:
+            assert client.abort("latest")["path"] == "/executions/e7/abort"
+    assert asked == ["running", "stop"]
 
 
 def test_events_until_the_end(url: str):

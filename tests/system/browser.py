@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import shutil
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -37,6 +38,8 @@ THROW_MS = 60_000
 SMALL = {"width": 1024, "height": 700}  # [px] drawn without a graphics processor
 TABS_MAX = 80  # controls on the page, and more
 STEP_PX = 12  # [px] a handle is taken within 14
+DRAWN_S = 30.0  # [s] until the scene is drawn, on a busy machine
+LOOK_MS = 200  # [ms] between two looks for something in it
 # Feels for it inside the page: a round trip for each of a thousand places takes minutes.
 FIND_POINTER = """(canvas, [step, pointer]) => {
   const { left, top, right, bottom } = canvas.getBoundingClientRect();
@@ -183,8 +186,10 @@ class Visit:
     def _where(self, pointer: str) -> tuple[float, float]:
         canvas = self.region("Scene").locator("canvas")
         canvas.scroll_into_view_if_needed()
-        found = canvas.evaluate(FIND_POINTER, [STEP_PX, pointer])
-        assert found is not None, f"the pointer becomes a {pointer} nowhere"
+        deadline = time.monotonic() + DRAWN_S
+        while (found := canvas.evaluate(FIND_POINTER, [STEP_PX, pointer])) is None:
+            assert time.monotonic() < deadline, f"the pointer becomes a {pointer} nowhere"
+            self.page.wait_for_timeout(LOOK_MS)
         return found[0], found[1]
 
     def barriers(self) -> list[str]:

@@ -2,7 +2,7 @@
 
 The arm rests within `REST_S` of the fault by the simulator's own account of its motion, or the execution is completed
 as planned; the object is kept, lands as planned, or is told lost, with where. `test_fault_matrix.py` runs a part of
-the table, `python -m benchmarks.fault_matrix` all of it.
+the table, that of `tests/verify` more, `python -m benchmarks.fault_matrix` all of it.
 """
 
 from __future__ import annotations
@@ -334,6 +334,8 @@ FAULTS = (
     Fault("power lost", _told("power_loss"), ("power_off",)),
     Fault("database locked", _database_locked, (), harmless=True),
 )
+PHASE = {phase.name: phase for phase in PHASES}
+FAULT = {fault.name: fault for fault in FAULTS}
 
 
 # Cells

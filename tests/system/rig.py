@@ -86,23 +86,30 @@ class Rig:
     # processes
 
     def start(self) -> None:
-        """Starts the simulated controller and the executor."""
-        self.start_simulator()
+        """Starts the simulated controller and the executor, which load at the same time."""
+        self.simulator = self._launched_simulator()
         self.start_executor()
+        _await_ready(self.simulator)
 
     def start_simulator(self, *options: str) -> None:
         """Starts the simulated controller alone."""
-        self.simulator = _start([*self.wrap, sys.executable, "-m", "simulator", "--cell", str(self.path),
-                                 "--protective-stop-lock-s", "0.1", *options], self.environment)  # fmt: skip
+        self.simulator = self._launched_simulator(*options)
+        _await_ready(self.simulator)
 
     def start_executor(self, *flags: str) -> None:
         """Starts the executor and waits for its first heartbeat."""
         began = time.time()
-        self.executor = _start(
-            [*self.wrap, sys.executable, "-m", "executor", "--cell", "rig", *flags], self.environment
-        )
+        self.executor = self._launched("executor", "--cell", "rig", *flags)
+        _await_ready(self.executor)
         self.until(lambda: (row := self.store.cell_status("rig")) is not None and row.heartbeat_at > began
                    and row.robot.get("connected") is True)  # fmt: skip
+
+    def _launched_simulator(self, *options: str) -> subprocess.Popen[bytes]:
+        return self._launched("simulator", "--cell", str(self.path), "--protective-stop-lock-s", "0.1", *options)
+
+    def _launched(self, module: str, *arguments: str) -> subprocess.Popen[bytes]:
+        command = [*self.wrap, sys.executable, "-m", module, *arguments]
+        return subprocess.Popen(command, cwd=ROOT, env=self.environment, stdout=subprocess.PIPE)
 
     def revive(self) -> None:
         """Starts the executor again where it was killed, and lets it run where it was frozen."""
@@ -342,13 +349,12 @@ class Rig:
             time.sleep(period)
 
 
-def _start(command: list[str], environment: Mapping[str, str]) -> subprocess.Popen[bytes]:
-    process = subprocess.Popen(command, cwd=ROOT, env=dict(environment), stdout=subprocess.PIPE)
+def _await_ready(process: subprocess.Popen[bytes]) -> None:
+    """Waits until a process says that it serves."""
     assert process.stdout is not None
     line = process.stdout.readline()
     process.stdout.close()
     assert line.startswith(b"ready"), line
-    return process
 
 
 def rows_of(csv: bytes) -> tuple[list[str], np.ndarray]:

@@ -5,20 +5,18 @@ Another client switches it as any client may: by a secondary program, which runs
 
 from __future__ import annotations
 
-import re
-import signal
 import socket
 from collections.abc import Callable
+from itertools import cycle
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from store import ExecutionRow
+from tests.system.lost_objects import MOMENTS_S, STOPS, agrees_with_the_truth, stop_between_command_and_release
 from tests.system.rig import FAST_RAD_S, LOB, LONG_LOB, NUDGE, Rig
 
 REST_S = 0.150  # [s] of the controller's time from the edge to rest
-PREDICTED_M = 0.12  # [m] of a landing that is read from the states of an arm that brakes hard
 FUNCTIONS = {
     "tool_digital": "set_tool_digital_out",
     "standard_digital": "set_standard_digital_out",
@@ -34,24 +32,6 @@ def switch(rig: Rig, level: bool) -> None:
         other.sendall(f"sec other():\n  {function}({gripper.index}, {level})\nend\n".encode())
         seen = level == gripper.open_level
         rig.until(lambda: rig.state()["gripper_open"] == seen, period=0.001)
-
-
-def told_landing(row: ExecutionRow) -> np.ndarray:
-    """Returns the landing that the reason tells."""
-    found = re.search(r"lands about at \(([-\d.]+), ([-\d.]+), ([-\d.]+)\) m", row.reason)
-    assert found, row.reason
-    return np.array([float(number) for number in found.groups()])
-
-
-def agrees_with_the_truth(rig: Rig, row: ExecutionRow, released: int) -> None:
-    """What the reason says of the object is what happened to it."""
-    if len(rig.world()["releases"]) == released:
-        assert "the object is held" in row.reason or "may have left" in row.reason
-        assert rig.state()["gripper_holds"] is not None
-        return
-    rig.until(lambda: len(rig.world()["in_flight"]) == 0)
-    landed = np.array(rig.world()["landings"][-1]["position_m"])
-    assert np.linalg.norm(told_landing(row) - landed) < PREDICTED_M, (row.reason, landed)
 
 
 def latched(rig: Rig, row: ExecutionRow, outcome: str) -> None:
@@ -147,28 +127,7 @@ def test_an_output_that_does_not_change_when_told_is_not_released(rig: Rig) -> N
     agrees_with_the_truth(rig, row, released)
 
 
-STOPS = ["protective_stop", "emergency_stop", "stop_program", "speed_slider", "stream killed", "stream frozen", "abort"]
-
-
-@pytest.mark.parametrize("after_s", [0.0, 0.02, 0.035])
-@pytest.mark.parametrize("stop", STOPS)
+@pytest.mark.parametrize(("stop", "after_s"), [*zip(STOPS, cycle(MOMENTS_S), strict=False)])
 def test_a_stop_between_command_and_release_says_where_the_object_is(rig: Rig, stop: str, after_s: float) -> None:
-    """Counted from when the output has changed; the object leaves 40 ms after that."""
-    id = launching(rig)
-    released = len(rig.world()["releases"])
-    rig.until(lambda: rig.state()["gripper_open"], period=0.0005)
-    at = rig.state()["t"]
-    rig.until(lambda: rig.state()["t"] >= at + after_s, period=0.0005)
-    if stop.startswith("stream"):
-        rig.streamer().send_signal(signal.SIGKILL if stop.endswith("killed") else signal.SIGSTOP)
-    elif stop == "abort":
-        rig.store.request_abort(id)
-    else:
-        rig.fault(stop)
-    row = rig.end(id)
-    rig.recover()
-    if rig.is_latched():
-        rig.acknowledge()
-    assert row.outcome != "completed" or row.reason == "" or stop == "abort", row.reason
-    if row.outcome != "completed":
-        agrees_with_the_truth(rig, row, released)
+    """Each stop at one moment; `tests/verify` has each at every one."""
+    stop_between_command_and_release(rig, stop, after_s)

@@ -85,6 +85,7 @@ def test_with_a_dead_service_nothing_is_thrown(guest: Visit) -> None:
 def test_a_real_arm_without_tokens_is_refused_before_anyone_is_asked(desk: Desk, browser: Browser) -> None:
     with visit(browser, desk.url) as guest:
         guest.page.get_by_label("Cell", exact=True).select_option("real")
+        expect(guest.page.get_by_role("banner").get_by_text("Real arm", exact=True)).to_be_visible()
         planned(guest)
         expect(guest.button("Throw on real")).to_be_disabled()
         expect(guest.page.locator(".why")).to_contain_text("without tokens executes on simulated cells only")

@@ -18,9 +18,9 @@ def warnings_of(cell: Cell) -> list[str]:
 
 def _elsewhere(cell: Cell) -> list[str]:
     """Returns a warning of a simulation that is not on this machine: it may be an arm."""
-    from api.settings import is_loopback_host
+    from fling import this_machine
 
-    if cell.link.kind != "sim" or is_loopback_host(cell.link.host):
+    if cell.link.kind != "sim" or this_machine.is_loopback_host(cell.link.host):
         return []
     says = f"link.kind is 'sim', and {cell.link.host} (link.host) is not this machine"
     return [f"{says}: if an arm stands there, it moves without the questions of a real one; kind = 'ur' is for those"]

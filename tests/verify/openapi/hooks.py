@@ -35,18 +35,6 @@ def before_call(context: Any, case: Any, kwargs: Any) -> None:
             case.body["time_limit_s"] = PLAN_S
 
 
-@schemathesis.hook
-def before_load_schema(context: Any, raw_schema: dict[str, Any]) -> None:
-    """Has every event of a stream checked by its own schema.
-
-    Beside `itemSchema` schemathesis takes `schema` for that of a list of events, as in OpenAPI 3.2; the document is
-    3.1, where it is that of the text.
-    """
-    for operation in (op for methods in raw_schema["paths"].values() for op in methods.values()):
-        for answer in operation["responses"].values():
-            answer.get("content", {}).get("text/event-stream", {}).pop("schema", None)
-
-
 @schemathesis.check
 def schema_and_models_agree(context: Any, response: Any, case: Any) -> None:
     """What the schema allows, the model of the body allows too, but for rules over several fields."""

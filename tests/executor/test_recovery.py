@@ -1,0 +1,142 @@
+"""Latched faults, whatever ends the executor or its database in between: no fault is lost, none is cleared unseen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from executor.daemon import Daemon
+from executor.records import Journal
+from executor.robot import RobotSession
+from planner.cell import load_cell
+from store import PlanRow, Store, StoreUnavailable, new_id
+from tests.executor.conftest import CELLS, settings
+
+CELL = "ur5e-sim"
+FAULT = {"outcome": "late", "reason": "ticks were lost", "execution_id": "one", "at": 1.5}
+LATER = {"outcome": "tracking", "reason": "too far from the plan", "execution_id": "two", "at": 2.5}
+
+
+class Gone(BaseException):
+    """The process ends here."""
+
+
+def kill(*_: object, **__: object) -> None:
+    raise Gone
+
+
+def lose(*_: object, **__: object) -> None:
+    raise StoreUnavailable("gone")
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[Store]:
+    found = Store.open(f"sqlite:///{tmp_path / 'fling.db'}")
+    yield found
+    found.close()
+
+
+@pytest.fixture
+def start(store: Store, tmp_path: Path) -> Iterator[Callable[[], Daemon]]:
+    """Returns the next daemon of the cell; the one before has been killed. No controller answers."""
+    journals: list[Journal] = []
+
+    def next_daemon() -> Daemon:
+        if journals:
+            journals.pop().close()
+        journals.append(Journal(tmp_path / "journal"))
+        session = RobotSession.open(load_cell(CELLS / f"{CELL}.toml"), settings(data=tmp_path))
+        daemon = Daemon(session, store, journals[0])
+        store.take_cell(CELL, daemon.executor_id, "sim", "a test", store.cell_status(CELL))
+        return daemon
+
+    yield next_daemon
+    journals.pop().close()
+
+
+def run_and_lose_an_execution(store: Store, daemon: Daemon) -> str:
+    """Queues and claims an execution, whose daemon then is killed; returns its id."""
+    plan = PlanRow(new_id(), 0.0, CELL, "0" * 64, "ruckig", b"{}")
+    store.add_plan(plan)
+    id = store.queue_execution(plan.id, CELL).id
+    assert store.claim_execution(CELL, daemon.executor_id) is not None
+    return id
+
+
+@pytest.mark.parametrize("end", [kill, lose])
+def test_what_a_lost_execution_implies_is_latched_before_it_is_closed(
+    store: Store, start: Callable[[], Daemon], monkeypatch: pytest.MonkeyPatch, end: Callable[..., None]
+) -> None:
+    id = run_and_lose_an_execution(store, start())
+    with monkeypatch.context() as patch:
+        close = store.close_open_executions
+
+        def end_after(*given: str) -> None:
+            close(*given)
+            end()
+
+        patch.setattr(store, "close_open_executions", end_after)
+        second = start()
+        if end is kill:
+            with pytest.raises(Gone):
+                second.recover()
+        else:
+            second.recover()
+    assert store.execution(id).outcome == "executor_lost"
+    third = start()
+    third.recover()
+    assert third.journal.fault()["execution_id"] == id
+    assert store.cell_status(CELL).fault == third.journal.fault()  # who reads that it is finished reads this, too
+
+
+def test_an_execution_that_nobody_claimed_is_closed_without_a_fault(store: Store, start: Callable[[], Daemon]) -> None:
+    plan = PlanRow(new_id(), 0.0, CELL, "0" * 64, "ruckig", b"{}")
+    store.add_plan(plan)
+    id = store.queue_execution(plan.id, CELL).id
+    daemon = start()
+    daemon.recover()
+    assert store.execution(id).outcome == "executor_lost"
+    assert daemon.journal.fault() is None
+
+
+def test_an_acknowledgement_clears_the_fault_that_was_shown(store: Store, start: Callable[[], Daemon]) -> None:
+    daemon = start()
+    daemon.journal.latch(FAULT)
+    daemon.heartbeat.report()
+    store.request_acknowledge(CELL, "a person")
+    following = start()  # finds it in the store
+    following.heartbeat.report()
+    assert following.journal.fault() is None
+    assert store.cell_status(CELL).fault is None
+
+
+@pytest.mark.parametrize("end", [kill, lose])
+def test_an_acknowledgement_clears_no_later_fault(
+    store: Store, start: Callable[[], Daemon], monkeypatch: pytest.MonkeyPatch, end: Callable[..., None]
+) -> None:
+    daemon = start()
+    daemon.journal.latch(FAULT)
+    daemon.heartbeat.report()
+    store.request_acknowledge(CELL, "a person")
+    with monkeypatch.context() as patch:
+        patch.setattr(store, "clear_acknowledge", end)
+        if end is kill:
+            with pytest.raises(Gone):
+                daemon.heartbeat.report()
+        else:
+            daemon.heartbeat.report()
+    after = start()
+    after.journal.latch(LATER)
+    after.heartbeat.report()
+    assert after.journal.fault() == LATER
+
+
+def test_an_acknowledgement_of_nothing_clears_nothing(store: Store, start: Callable[[], Daemon]) -> None:
+    daemon = start()
+    daemon.heartbeat.report()
+    store.request_acknowledge(CELL, "a person who saw no fault")
+    daemon.journal.latch(FAULT)
+    daemon.heartbeat.report()
+    assert store.cell_status(CELL).fault == FAULT
