@@ -77,6 +77,7 @@ bench: $(VENV)/bench.stamp  ## writes docs/benchmarks, about ten minutes; SLOW=1
 	$(BIN)/python -m benchmarks $(if $(SLOW),--slow)
 	$(BIN)/python -m benchmarks.conditions --count $(if $(SLOW),100,5) --out docs/benchmarks
 	$(BIN)/python -m benchmarks.maps $(if $(SLOW),,--resolution 0.3 --sample 30) --out docs/benchmarks
+	$(BIN)/python -m benchmarks.arm_capsules.report --throws $(if $(SLOW),60,6)
 	$(BIN)/python -m benchmarks.page
 	$(BIN)/python -m benchmarks.throwbench --count $(if $(SLOW),20,4) --out docs/benchmarks/throwbench.md
 

@@ -14,7 +14,17 @@ from planner.arrays import Array, Mask
 from planner.cell import STANDING_RAD, Box, Cell, Limits
 from planner.errors import FieldError, InvalidProblem
 from planner.flight import drag_constant
-from planner.geometry import LEVEL_M, Misfit, Surface, landing_surfaces, misfit, passable
+from planner.geometry import (
+    LEVEL_M,
+    Misfit,
+    Surface,
+    body_model,
+    landing_surfaces,
+    misfit,
+    passable,
+    point_segment_distance,
+    segment_box_distance,
+)
 from planner.releases import JointRelease, Opening, PointRelease, PoseRelease, Release, Target, TargetRelease
 from planner.rotations import unit_hint
 
@@ -37,7 +47,6 @@ BACKENDS = ("auto", "casadi", "ruckig", "toppra", "cubic", "trapezoid", "ramp")
 TIME_LIMIT_S = 120.0
 TIME_LIMIT_MAX_S = 120.0  # [s] longest time that one request may occupy a planner
 JITTER_DEVIATIONS = 3.0  # [-] of the gripper's opening that a throw should stand: 99.7 % of normal delays
-JITTER_ROUNDING_S = 1e-9  # [s] by which three standard deviations may exceed a window in floating point
 BINS_KEPT = 32  # [-] cells with a bin of late
 
 
@@ -154,6 +163,39 @@ class ThrowProblem:
         return None if target is None else misfit(self.cell, target.p_W - self.aim_shift)
 
     @cached_property
+    def carriers(self) -> Mask:
+        """Which keep-out boxes (b,) carry a surface on which the object lands, or lie below one."""
+        boxes = self.cell.surroundings.keep_out
+        lower, upper = (np.array([getattr(box, side) for box in boxes]).reshape(-1, 3) for side in ("lower", "upper"))
+        carriers = np.zeros(len(boxes), np.bool_)
+        for surface in self.surfaces:
+            meets = ((lower[:, :2] <= surface.upper) & (upper[:, :2] >= surface.lower)).all(axis=1)
+            within = ((lower[:, :2] >= surface.lower) & (upper[:, :2] <= surface.upper)).all(axis=1)
+            above_m = upper[:, 2] - surface.height_m
+            carriers |= (above_m <= LEVEL_M) & (within | (meets & (above_m >= -LEVEL_M)))
+        return carriers
+
+    @cached_property
+    def flight_clearances(self) -> tuple[Array, Array]:
+        """The distances [m] that the object in flight keeps from keep-out boxes (b,) and what the base carries (k,).
+
+        That is the cell's, but 0 for what it lands on. Beside its target the object comes as near as it lies there:
+        half of that distance, less the landing tolerance, is enough.
+        """
+        around = self.cell.surroundings
+        usual = around.flight_clearance_m
+        base = body_model(self.cell).base_shapes
+        if self.target is None:
+            return np.where(self.carriers, 0.0, usual), np.full(len(base[2]), usual)
+        p = self.target.p_W - self.aim_shift
+        centre = p + np.array([0.0, 0.0, self.landing_radius_m])
+        boxes = [float(segment_box_distance(centre, centre, box.lower, box.upper)) for box in around.keep_out]
+        shapes = [float(point_segment_distance(p, p0, p1)) - radius for p0, p1, radius in zip(*base, strict=True)]
+        spare = self.cell.object.radius_m + (self.landing_tolerance_m if self.is_robust else 0.0)
+        beside = [0.5 * np.maximum(np.array(gaps) - spare, 0.0) for gaps in (boxes, shapes)]
+        return np.where(self.carriers, 0.0, np.minimum(beside[0], usual)), np.minimum(beside[1], usual)
+
+    @cached_property
     def landing_radius_m(self) -> float:
         """Height of the centre above the landing plane at which a flight to the target is over [m].
 
@@ -202,16 +244,20 @@ class ThrowProblem:
         return self.release_window_s > 0.0 and self.landing_tolerance_m > 0.0 and not self.ends_at_rest
 
     @property
-    def covers_jitter(self) -> bool:
-        """Whether the window holds three standard deviations of the gripper's opening, or nothing is released."""
-        if self.ends_at_rest or not self.holds_object:
-            return True
-        return JITTER_DEVIATIONS * self.cell.gripper.jitter_s <= self.planned_window_s + JITTER_ROUNDING_S
-
-    @property
     def planned_window_s(self) -> float:
         """The release window that the landing tolerance must hold for [s]: 0 without a tolerance, or for a move."""
         return self.release_window_s if self.is_robust else 0.0
+
+    @property
+    def opening_spread_s(self) -> float:
+        """How early or late the gripper may open [s]: the window, or three standard deviations if that is longer.
+
+        The object has to leave and fly clear of everything after a release at any of these times; where it lands counts
+        in the window alone. 0 for a move, or without the object.
+        """
+        if self.ends_at_rest or not self.holds_object:
+            return 0.0
+        return max(self.planned_window_s, JITTER_DEVIATIONS * self.cell.gripper.jitter_s)
 
 
 @lru_cache(maxsize=BINS_KEPT)

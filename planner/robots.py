@@ -1,4 +1,4 @@
-"""Arm models: published kinematics, limits, masses and dimensions, read from `planner/robot_data/<name>.toml`.
+"""Arm models: published kinematics, limits and masses, read from `planner/robot_data/<name>.toml`.
 
 Frames are the Denavit-Hartenberg frames of Universal Robots: frame 0 is the controller's "base", frame i moves with
 link i, frame 6 is the flange.
@@ -54,28 +54,6 @@ class Link:
     inertia: Array
 
 
-@dataclass(frozen=True)
-class ArmShape:
-    """Outer dimensions of an arm [m].
-
-    Attributes:
-        shoulder_offset: offset of the upper arm's tube from joint 2, along its axis.
-        elbow_offset: offset of the forearm's tube along the same axis.
-        base_radius: radius of the foot.
-        shoulder_radius, elbow_radius, wrist_radius: radii of the joint housings.
-        upper_arm_radius, forearm_radius: radii of the tubes.
-    """
-
-    shoulder_offset: float
-    elbow_offset: float
-    base_radius: float
-    shoulder_radius: float
-    upper_arm_radius: float
-    elbow_radius: float
-    forearm_radius: float
-    wrist_radius: float
-
-
 @dataclass(frozen=True, eq=False)
 class Robot:
     """One arm model. Compared and hashed by identity: `robot(name)` returns the same object every time.
@@ -93,7 +71,6 @@ class Robot:
         qdd_max: limits on joint acceleration (6,) [rad/s^2].
         tau_max: rated joint torques (6,) [N m].
         links: from base to flange.
-        shape: outer dimensions.
         fixed: transforms (6, 4, 4) between the joints' rotations, of an arm whose chain was measured; None for the
             published table. See `planner.calibration`.
     """
@@ -112,7 +89,6 @@ class Robot:
     qdd_max: Array
     tau_max: Array
     links: tuple[Link, ...]
-    shape: ArmShape
     fixed: Array | None = None
 
     def __repr__(self) -> str:
@@ -137,6 +113,13 @@ def robot(name: str) -> Robot:
     return _from_document(tomllib.loads(text))
 
 
+@cache
+def capsule_rows(name: str) -> Mapping[str, Mapping[str, Any]]:
+    """Returns the capsules around the links of an arm by their names, each with frame, ends and radius [m]."""
+    text = (files("planner") / "robot_data" / "capsules.toml").read_text(encoding="utf-8")
+    return tomllib.loads(text)[name]
+
+
 def _from_document(document: Mapping[str, Any]) -> Robot:
     limits = document["limits"]
     return Robot(
@@ -154,7 +137,6 @@ def _from_document(document: Mapping[str, Any]) -> Robot:
         qdd_max=read_only(np.full(6, ACCELERATION_MAX)),
         tau_max=read_only(limits["torque_n_m"]),
         links=tuple(_link(link) for link in document["links"]),
-        shape=ArmShape(**{key.removesuffix("_m"): value for key, value in document["shape"].items()}),
     )
 
 

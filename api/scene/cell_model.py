@@ -30,7 +30,6 @@ def cell_model(cell: Cell) -> dict[str, Any]:
         "chain": fixed_transforms(robot).tolist(),
         "a_m": robot.a.tolist(),
         "d_m": robot.d.tolist(),
-        "shape": {f"{name}_m": length for name, length in vars(robot.shape).items()},
         "tool_in_flange": cell.tool.X_FT.tolist(),
         "home": cell.home.tolist(),
         **_body(cell),

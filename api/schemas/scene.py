@@ -23,19 +23,6 @@ class CapsuleAnswer(BaseModel):
     radius_m: float = Field(description="[m]")
 
 
-class ArmShapeAnswer(BaseModel):
-    """Outer dimensions of the arm model."""
-
-    shoulder_offset_m: float = Field(description="Offset of the upper arm's tube along the axis of joint 2 [m].")
-    elbow_offset_m: float = Field(description="Offset of the forearm's tube along the same axis [m].")
-    base_radius_m: float = Field(description="Of the foot [m].")
-    shoulder_radius_m: float = Field(description="Of the housing [m].")
-    upper_arm_radius_m: float = Field(description="Of the tube [m].")
-    elbow_radius_m: float = Field(description="Of the housing [m].")
-    forearm_radius_m: float = Field(description="Of the tube [m].")
-    wrist_radius_m: float = Field(description="Of the housings [m].")
-
-
 class CellLimits(BaseModel):
     """Limits of the cell; a request may tighten them."""
 
@@ -118,7 +105,6 @@ class CellModel(BaseModel):
     )
     a_m: Joints = Field(description="Denavit-Hartenberg a, or the distance between measured axes with its sign [m].")
     d_m: Joints = Field(description="Denavit-Hartenberg d, or the offset along the measured axis [m].")
-    shape: ArmShapeAnswer
     tool_in_flange: Transform = Field(description="Pose of the tool centre point in the flange; rows [m].")
     home: Joints = Field(description="[rad]")
     capsules: list[CapsuleAnswer] = Field(description="Of arm, tool and held object; the object is last.")

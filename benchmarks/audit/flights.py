@@ -29,6 +29,7 @@ ANGLE_SLACK = 1e-3  # [rad] of the way out: quarter turns rounded in the URDF
 CLEAR_S = 0.01  # [s] for which the object must have been clear of what gripped it before that counts as an obstacle
 CARRIES_M = 1e-6  # [m] a box that rises above the plane by less may carry the target
 LEVEL_M = 0.001  # [m] another box that is as high may be part of the same table
+KEPT_OFF_FRAMES = (1, 2, 3)  # from shoulder to wrist 1: what the object keeps the whole flight clearance from
 GRIPPED_FRAMES = (4, 5, 6)  # wrist 2, wrist 3 and tool: the object may begin inside their capsules
 
 
@@ -167,7 +168,8 @@ def _obstacles(problem: ThrowProblem, arm: _Arm, delay: float, paths: Paths, i: 
         gaps.append((f"box {k}", float(_from_box(path, box).min()) - radius))
     for name, frame, apart in arm.gaps(through, delay):
         counted = _since_clear(apart - radius) if frame in GRIPPED_FRAMES else np.ones(len(apart), bool)
-        gaps.append((name, float((apart[counted] - radius).min(initial=np.inf))))
+        required = around.flight_clearance_m if frame in KEPT_OFF_FRAMES else 0.0
+        gaps.append((name, float((apart[counted] - radius).min(initial=np.inf)) - required))
     slack = LENGTH_SLACK_M
     found = [f for name, gap in gaps for f in under("flight_clearance", f"flight through {name}", gap, 0.0, slack, "m")]
     return found + _bin(problem, through, slack)

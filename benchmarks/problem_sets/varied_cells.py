@@ -30,7 +30,7 @@ SPEED_MIN = 0.4
 RANGE_MIN = 0.2  # [m/s], [m] of a throw
 WINDOW_S = 0.01
 TOLERANCE_M = 0.01  # [s], [m] of the robust targets
-HOME_CLEARANCE_M = 0.01  # [m] beyond the required clearances, at home
+HOME_CLEARANCE_M = 0.005  # [m] beyond the required clearances, at home: the wrist of a UR5 has 8 mm there
 BOXES = 2  # keep-out boxes per cell
 KINDS = ("joint", "pose", "point", "target", "robust", "rest")
 

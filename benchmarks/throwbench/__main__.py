@@ -2,7 +2,7 @@
 
     python -m benchmarks.throwbench --count 6                         # every built-in entry, 6 problems of each set
     python -m benchmarks.throwbench --entries mine.py:plan fling      # a function beside Fling
-    python -m benchmarks.throwbench --entries mine=http://127.0.0.1:9000/plan --sets random-1
+    python -m benchmarks.throwbench --entries mine=http://127.0.0.1:9000/plan --sets random-2
     python -m benchmarks.throwbench --export problems --seed 7        # the problems as files
 
 docs/throwbench.md describes problems, answers, rules and entries.

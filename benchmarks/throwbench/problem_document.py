@@ -174,7 +174,7 @@ def _cell(document: Problem) -> Cell:
             capsules=tuple(ToolCapsule(read_only(c["from_m"]), read_only(c["to_m"]), c["radius_m"]) for c in capsules),
         ),
         limits=_limits(document["limits"]),
-        surroundings=replace(bare.surroundings, **numbers, **boxes),
+        surroundings=replace(bare.surroundings, flight_clearance_m=0.0, **numbers, **boxes),
         object=replace(bare.object, **document["object"]),
     )
 

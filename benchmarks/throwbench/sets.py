@@ -19,18 +19,18 @@ from planner.problem import TargetRelease
 FOLDER = Path(__file__).parent / "sets"
 SHARED = ("throwbench", "cell", "sample_rate_hz", "arm", "base", "tool", "object", "limits", "surroundings")
 SEED = 1717  # of the sets that are kept
-HIDDEN = "hidden-cells-1"  # the set that is drawn from a seed; its version is that of the drawing
+HIDDEN = "hidden-cells-2"  # the set that is drawn from a seed; its version is that of the drawing
 HIDDEN_CELLS = 12  # random cells; problems take turns among them
 HIDDEN_COUNT = 24  # problems, unless another number is asked for
 
 # Hashes of the problems. A set never changes: what is to be better gets the next number.
 HASHES = {
-    "sdu-near-1": "372f5187fe555d8fcd520b9d2466290e5f936b1fdc7e69c72d13d8a9d96e9a32",
-    "sdu-far-1": "108b700409a735ed88024438dbffe13864a03f2ffe4532cf22a4ad12c04bbe4b",
-    "random-1": "c14d0f7778280ffe3b316b5d04c026b0f35041c4ee9e310875652a56d7afac68",
-    "window-1": "fa48afa34798d30470c6b2a6d0159157774f680c0f46c273eb8f554b2d45a5f4",
-    "walls-1": "a59c1f44f2b2aad7228df65fc4a910e6cf0372a45027f0fc82b34e67cae7dd15",
-    "bins-1": "df1348772b26e8c4bbaaf1816dfb4a6dc0e1dc5de00c9c6cbe6197bf374f8ab1",
+    "sdu-near-2": "b2dc37afec025b3eab3ca9cc07a67bf5cfff316e76d019e394697fd3f2bfdd78",
+    "sdu-far-2": "bef5a3058e135e8e7347ec03048c9e6a3a9723cf5707ca5d5d40878c5102f19c",
+    "random-2": "8d0c1a01a91fa737885a60a55a596b12dfac3183bae453e88d20fead10539e26",
+    "window-2": "5319cfd03dd3d338fda168109aec9513ab0bd5d8b411953d9582aea8cd7ba3e8",
+    "walls-2": "4cc44e2aff364b1d6cfa3ddc7ec65745fc49361e5cf9bdbf3b7a3dc3150cf5a2",
+    "bins-2": "df42b49d6d8711d4dbe77e02b497bfe9f697e4102bf18b10851a1783b865c1fb",
 }
 
 
@@ -97,13 +97,13 @@ def export(folder: Path, count: int, seed: int) -> list[Path]:
 def _drawn(name: str) -> list[Task]:
     """Returns the tasks of a set that is kept."""
     match name:
-        case "sdu-near-1" | "sdu-far-1":
-            return build(name.removesuffix("-1"), 0, SEED)
-        case "random-1":
+        case "sdu-near-2" | "sdu-far-2":
+            return build(name.removesuffix("-2"), 0, SEED)
+        case "random-2":
             return build("target-anywhere", 40, SEED)
-        case "window-1":
+        case "window-2":
             return build("robust-anywhere", 24, SEED)
-    groups = {"walls-1": ("wall",), "bins-1": ("bin", "wall-bin")}[name]
+    groups = {"walls-2": ("wall",), "bins-2": ("bin", "wall-bin")}[name]
     tasks = obstructed_tasks(cell("ur5e-sim"), 48, SEED)
     return [task for task in tasks if task.group in groups][:24]
 

@@ -41,7 +41,7 @@ def outline(end, other, radius):
 
 def draw_view(axis, title, plane, capsules, ends):
     """Draws one orthographic view of all capsules."""
-    colours = plt.get_cmap("tab10").colors
+    colours = plt.get_cmap("tab20").colors
     for i, (capsule, (p0, p1)) in enumerate(zip(capsules, ends, strict=True)):
         shape = outline(p0[list(plane)], p1[list(plane)], capsule.radius_m)
         axis.add_patch(Polygon(shape, facecolor=(*colours[i], 0.45), edgecolor=colours[i], label=capsule.name))

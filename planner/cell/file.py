@@ -64,7 +64,14 @@ DEFAULTS: dict[str, Any] = {
         "tcp_speed_m_s": 4.0,
         "singularity_distance_min": 0.05,
     },
-    "surroundings": {"floor_z_m": 0.0, "clearance_m": 0.02, "gravity_m_s2": 9.81, "keep_in": [], "keep_out": []},
+    "surroundings": {
+        "floor_z_m": 0.0,
+        "clearance_m": 0.02,
+        "flight_clearance_m": None,
+        "gravity_m_s2": 9.81,
+        "keep_in": [],
+        "keep_out": [],
+    },
     "object": {"mass_kg": 0.05, "radius_m": 0.02, "drag_coefficient": 0.0},
     "gripper": {
         "output": "tool_digital",
@@ -99,6 +106,7 @@ DEFAULTS: dict[str, Any] = {
 # Number of outputs of each kind on a UR controller.
 GRIPPER_OUTPUTS = {"tool_digital": 2, "standard_digital": 8, "configurable_digital": 8}
 POLYSCOPE = {"CB3": "3.15", "e-Series": "5.11.1"}  # default versions of the simulated controller
+FLIGHT_CLEARANCE_MIN_M = 0.001  # [m] least flight clearance: meshes, calibration and flight are no better than that
 JERK_MAX = 1e5  # [rad/s^3] far above any arm; catches typing errors
 LIMIT_MIN = 1e-6  # [any unit] smallest limit that is accepted: a limit of zero forbids every motion
 # [m/s^2] a grip that withstands less holds nothing, and one that withstands a thousand times gravity is not limited
@@ -272,7 +280,7 @@ def _limits(table: dict[str, Any], arm: Robot) -> Limits:
     )
 
 
-def _surroundings(table: Mapping[str, Any], base: Array) -> Surroundings:
+def _surroundings(table: dict[str, Any], base: Array) -> Surroundings:
     where = "surroundings."
     keep_in = _boxes(table, "keep_in")
     for i, box in enumerate(keep_in):
@@ -282,9 +290,13 @@ def _surroundings(table: Mapping[str, Any], base: Array) -> Surroundings:
                 field = f"{where}keep_in[{i}].{side}_m[{int(away_m.argmax())}]"
                 value = float(getattr(box, side)[away_m.argmax()])
                 raise CellError(field, value, f"is {away_m.max():.6g} m from the arm, more than {FARTHEST_M:g} m")
+    clearance_m = number(table, "clearance_m", where, 0.0, 1.0)
+    if table["flight_clearance_m"] is None:
+        table["flight_clearance_m"] = max(clearance_m, FLIGHT_CLEARANCE_MIN_M)
     return Surroundings(
         floor_z_m=number(table, "floor_z_m", where),
-        clearance_m=number(table, "clearance_m", where, 0.0, 1.0),
+        clearance_m=clearance_m,
+        flight_clearance_m=number(table, "flight_clearance_m", where, FLIGHT_CLEARANCE_MIN_M, 1.0),
         gravity_m_s2=number(table, "gravity_m_s2", where, *GRAVITY_RANGE),
         keep_in=keep_in,
         keep_out=_boxes(table, "keep_out"),

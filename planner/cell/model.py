@@ -12,7 +12,7 @@ from planner.arrays import Array, read_only
 from planner.calibration import CalibrationFile
 from planner.cell.content import content_sha256
 from planner.errors import CellError
-from planner.robots import Robot
+from planner.robots import Robot, capsule_rows
 
 # [m] from an arm: none throws as far, and most places in a cell are farther if they are taken in millimetres
 FARTHEST_M = 100.0
@@ -132,6 +132,7 @@ class Surroundings:
     Attributes:
         floor_z_m: height of the floor, a horizontal plane [m].
         clearance_m: least distance to the floor and to every keep-out box [m].
+        flight_clearance_m: least distance of the object in flight to the arm and every keep-out box [m].
         gravity_m_s2: gravity along -z [m/s^2].
         keep_in: boxes that contain the tool centre point at all times.
         keep_out: boxes that arm, tool and held object stay out of.
@@ -139,6 +140,7 @@ class Surroundings:
 
     floor_z_m: float
     clearance_m: float
+    flight_clearance_m: float
     gravity_m_s2: float
     keep_in: tuple[Box, ...]
     keep_out: tuple[Box, ...]
@@ -313,7 +315,8 @@ class Cell:
         if length <= CONTACT_M:
             return replace(self.tool, capsules=(), is_assumed=False)
         to_object = p_FT * max(0.0, 1.0 - self.object.radius_m / length)
-        assumed = ToolCapsule(read_only(np.zeros(3)), read_only(to_object), self.robot.shape.wrist_radius)
+        wrist_radius_m = capsule_rows(self.robot.name)["wrist_3"]["radius_m"]
+        assumed = ToolCapsule(read_only(np.zeros(3)), read_only(to_object), wrist_radius_m)
         return replace(self.tool, capsules=(assumed,), is_assumed=True)
 
     def _refuse_overweight(self) -> None:

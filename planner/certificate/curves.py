@@ -221,11 +221,12 @@ def _flight(shown: ShownMotion) -> list[Curve]:
     begin = flights.released_s
     end = flights.end[1]
     t = np.linspace(begin, end, 1 + max(1, math.ceil((end - begin) / FLIGHT_STEP_S)))
-    return [Curve("flight_clearance", "m", t, (Series("object", _least_gaps(flights, t), 0.0),))]
+    required = flights.clearance_m
+    return [Curve("flight_clearance", "m", t, (Series("object", required + _least_gaps(flights, t), required),))]
 
 
 def _least_gaps(flights: Flights, t: Array) -> Array:
-    """Returns the least gaps (k,) [m] at `t` (k,).
+    """Returns the least gaps (k,) [m] at `t` (k,), beyond the clearance.
 
     As in the check, what does not let go of the object at once is left out, and what it lands on, unless that is met.
     """

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from planner import native
-from planner.arrays import Array, Index
+from planner.arrays import Array, Index, Mask
 from planner.cell import Cell
 from planner.errors import Violation
 from planner.geometry.capsules import Capsule, body_capsules, levers
@@ -18,6 +18,7 @@ from planner.geometry.self_collision import SELF_CLEARANCE_M, object_pairs, self
 from planner.kinematics import forward, jacobian, link_poses
 
 CELLS_KEPT = 32  # cells whose models are cached
+LEVEL_RAD = 1e-6  # [rad] rounding: the first axis of an upright arm is that near to vertical
 
 
 class ToolState(NamedTuple):
@@ -119,6 +120,11 @@ class BodyModel:
         return len(self.names) - 1
 
     @cached_property
+    def _stays_level(self) -> Mask:
+        """Which of the moving capsules (j,) the first joint alone moves, about a vertical axis."""
+        return (self.frames[self.moving] == 1) & bool(np.abs(self.cell.X_WB[:2, 2]).max() < LEVEL_RAD)
+
+    @cached_property
     def base_shapes(self) -> tuple[Array, Array, Array]:
         """Ends (k, 3) in the world and radii (k,) of the capsules that the base carries, which never move [m]."""
         fixed = np.flatnonzero(self.frames == 0)
@@ -163,13 +169,18 @@ class BodyModel:
         return np.array(inside).reshape(len(boxes), len(p_WT))
 
     def clearances(self, q: Array, with_object: bool = True) -> Clearances:
-        """Returns the clearances of postures `q` (n, 6) [rad], with the object in the tool or without."""
+        """Returns the clearances of postures `q` (n, 6) [rad], with the object in the tool or without.
+
+        The shoulder of an upright arm is always as high above the floor, so that counts only where it is too low.
+        """
         ends = self.end_points(self.link_poses(q))
         clearance = self.cell.surroundings.clearance_m
         bodies = slice(None) if with_object else slice(-1)  # the object is the last of them
         pairs = slice(None) if with_object else (self.pairs != self.object).all(axis=1)
+        above = self.heights(ends)[bodies] - clearance
+        above[self._stays_level[bodies, None] & (above >= 0.0)] = np.inf
         return Clearances(
-            floor=self.heights(ends)[bodies].min(axis=0) - clearance,
+            floor=above.min(axis=0),
             keep_in=self.wall_distances(ends).min(axis=0, initial=np.inf),
             keep_out=self.box_distances(ends)[:, bodies].min(axis=(0, 1), initial=np.inf) - clearance,
             self_collision=self.pair_distances(ends)[pairs].min(axis=0, initial=np.inf) - SELF_CLEARANCE_M,

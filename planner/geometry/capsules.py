@@ -1,8 +1,8 @@
 """Arm and tool as capsules: all points within a radius of a segment.
 
-The arm has nine: the foot, a housing around each joint axis, and the two tubes. A housing is round about its joint's
-axis, so the joint turns it into itself: it is given in the frame before the joint, which fewer joints move. Picture
-and sources of the dimensions: docs/collision-geometry.md.
+The arm has twelve: the foot, a housing around each joint axis, the two tubes, and the tubes' collars. A housing is
+round about its joint's axis, so the joint turns it into itself: it is given in the frame before the joint, which fewer
+joints move. They contain the arm's meshes, from which a program makes them; picture: docs/collision-geometry.md.
 """
 
 from __future__ import annotations
@@ -17,9 +17,8 @@ from numpy.typing import ArrayLike
 from planner.arrays import Array, read_only
 from planner.cell import ToolCapsule
 from planner.kinematics import link_poses
-from planner.robots import Robot
+from planner.robots import Robot, capsule_rows
 
-FOOT_HEIGHT_M = 0.02  # source: base plates of the arms, 10 to 20 mm thick in the manuals' drawings
 AXIS_TOLERANCE_M = 1e-9  # [m] rounding: a capsule this close to an axis is round about it
 
 
@@ -53,32 +52,11 @@ class Capsule:
 
 @cache
 def arm_capsules(robot: Robot) -> tuple[Capsule, ...]:
-    """Returns the nine capsules of an arm, from the base outwards."""
-    # A housing extends a third (shoulder, elbow) or half (wrists) of its radius beyond the crossing of two tubes.
-    # source: MuJoCo Menagerie's capsules of UR5e and UR10e, 0.02 m at radii of 0.06 m and 0.04 m
-    s = robot.shape
-    upper = -robot.a[1]
-    fore = -robot.a[2]
-    d1 = robot.d[0]
-    d4 = robot.d[3]
-    d5 = robot.d[4]
-    d6 = robot.d[5]
-    shoulder_cap = s.shoulder_radius / 3.0
-    elbow_cap = s.elbow_radius / 3.0
-    wrist_cap = s.wrist_radius / 2.0
-    elbow_start = s.elbow_offset + s.elbow_radius - s.forearm_radius  # its round end is flush with the forearm
-    rows = (
-        ("foot", 0, (0, 0, 0), (0, 0, FOOT_HEIGHT_M), s.base_radius),
-        ("base", 0, (0, 0, 0), (0, 0, d1 + shoulder_cap), s.shoulder_radius),
-        ("shoulder", 1, (0, 0, 0), (0, 0, s.shoulder_offset + shoulder_cap), s.shoulder_radius),
-        ("upper_arm", 2, (upper, 0, s.shoulder_offset), (0, 0, s.shoulder_offset), s.upper_arm_radius),
-        ("elbow", 2, (0, 0, elbow_start), (0, 0, s.shoulder_offset + elbow_cap), s.elbow_radius),
-        ("forearm", 3, (fore, 0, s.elbow_offset), (0, 0, s.elbow_offset), s.forearm_radius),
-        ("wrist_1", 3, (0, 0, s.elbow_offset - wrist_cap), (0, 0, d4), s.wrist_radius),
-        ("wrist_2", 4, (0, 0, -wrist_cap), (0, 0, d5), s.wrist_radius),
-        ("wrist_3", 5, (0, 0, -wrist_cap), (0, 0, d6 - wrist_cap), s.wrist_radius),
+    """Returns the capsules of an arm, from the base outwards; in the frames of a calibrated arm they are the same."""
+    return tuple(
+        Capsule(row["frame"], read_only(row["from_m"]), read_only(row["to_m"]), row["radius_m"], name)
+        for name, row in capsule_rows(robot.name).items()
     )
-    return tuple(Capsule(frame, read_only(p0), read_only(p1), radius, name) for name, frame, p0, p1, radius in rows)
 
 
 def body_capsules(robot: Robot, tool: Sequence[ToolCapsule]) -> tuple[Capsule, ...]:

@@ -36,7 +36,8 @@ def released_flight_blocked(problem: ThrowProblem) -> Violation | None:
     detail = f"{name}, {t[deepest]:.3f} s after the release, on any flight with this place and velocity"
     if name.startswith("box") and _comes_from_above(problem, int(name.split()[1]), x, gaps[name]):
         detail += "; to land on a box, ask for a target on it"
-    return Violation("flight_clearance", float(gaps[name][deepest]), 0.0, "m", detail=detail, proven=True)
+    limit = problem.cell.surroundings.flight_clearance_m
+    return Violation("flight_clearance", float(gaps[name][deepest]), limit, "m", detail=detail, proven=True)
 
 
 def _comes_from_above(problem: ThrowProblem, box: int, x: Array, gaps: Array) -> bool:

@@ -54,7 +54,7 @@ def clear_flights(problem: ThrowProblem, target: Target, p: Array, v: Array) -> 
 
 
 def _rooms(problem: ThrowProblem, target: Target, p: Array, v: Array) -> Iterator[tuple[str, Array]]:
-    """Yields what a flight may meet, and the room (...,) [m] that the flights leave it; negative where it lacks."""
+    """Yields what a flight may meet, and the room (...,) [m] beyond the flight clearance; negative where it lacks."""
     around = problem.cell.surroundings
     beside_base = _lands_beside_base(problem, target)
     if not beside_base and not has_flight_obstacles(problem):
@@ -62,14 +62,16 @@ def _rooms(problem: ThrowProblem, target: Target, p: Array, v: Array) -> Iterato
     p = np.broadcast_to(p, v.shape)
     arcs = Arcs.onto(p, v, problem.plane_z, problem.gravity_at_tool_speed, problem.cell.object.radius_m)
     whole = arcs.until_landed(problem.plane_z, problem.surfaces)
-    for name, box in zip(around.keep_out_names, around.keep_out, strict=True):
+    required, _ = problem.flight_clearances
+    for name, box, gap_m in zip(around.keep_out_names, around.keep_out, required.tolist(), strict=True):
         if box.upper[2] <= problem.plane_z + CONTACT_M:
-            rising = arcs.room_beside_box(box.lower, box.upper, 0.0, around.floor_z_m)
-            room = np.minimum(rising, _room_beside_lower_box(box, arcs, whole))
+            rising = arcs.room_beside_box(box.lower, box.upper, gap_m, around.floor_z_m)
+            room = np.minimum(rising, _room_beside_lower_box(box, arcs, whole) - gap_m)
         else:
-            room = arcs.room_beside_box(box.lower, box.upper, _flight_gap(problem, target, box), around.floor_z_m)
-            room = np.minimum(room, whole.room_beside_box(box.lower, box.upper, 0.0, around.floor_z_m))
-        yield name, np.minimum(room, _room_lying(problem, target, box, whole))
+            wider_m = gap_m + _spare_gap(problem, target, box, gap_m)
+            room = arcs.room_beside_box(box.lower, box.upper, wider_m, around.floor_z_m)
+            room = np.minimum(room, whole.room_beside_box(box.lower, box.upper, gap_m, around.floor_z_m))
+        yield name, np.minimum(room, _room_lying(problem, target, box, whole) - gap_m)
     if target.opening is not None:
         mouth = target.opening
         yield RIM, arcs.room_in_mouth(target.p_W, mouth.radius_m, mouth.rim_height_m)
@@ -77,11 +79,11 @@ def _rooms(problem: ThrowProblem, target: Target, p: Array, v: Array) -> Iterato
         yield "the arm's base", _room_beside_base(problem, whole)
 
 
-def _flight_gap(problem: ThrowProblem, target: Target, box: Box) -> float:
-    """Returns the room [m] that flights are to keep from a box: no more than there is at the target."""
+def _spare_gap(problem: ThrowProblem, target: Target, box: Box, gap_m: float) -> float:
+    """Returns the room [m] that flights are to keep from a box beyond `gap_m`: no more than there is at the target."""
     centre = target.p_W + np.array([0.0, 0.0, problem.landing_radius_m])
     there = float(segment_box_distance(centre, centre, box.lower, box.upper)) - problem.cell.object.radius_m
-    return min(max(there - CONTACT_M, 0.0), FLIGHT_GAP_M)
+    return min(max(there - gap_m - CONTACT_M, 0.0), FLIGHT_GAP_M)
 
 
 def _room_beside_lower_box(box: Box, arcs: Arcs, whole: Arcs) -> Array:
@@ -145,7 +147,10 @@ def no_clear_flight(problem: ThrowProblem, target: Target, p: Array, v: Array, t
     others = [each for each, room in rooms.items() if each != name and (room < 0.0).any()]
     detail = f"{name}: of {tried} flights tried to the target the best lacks so much room there"
     detail += f"; others meet {', '.join(others)}" if others else ""
-    return Violation("flight_clearance", float(rooms[name][best]), 0.0, "m", detail=detail)
+    of_boxes, of_base = problem.flight_clearances
+    limits = dict(zip(problem.cell.surroundings.keep_out_names, of_boxes.tolist(), strict=True))
+    limit = limits.get(name, 0.0 if name == RIM else float(of_base.max()))
+    return Violation("flight_clearance", limit + float(rooms[name][best]), limit, "m", detail=detail)
 
 
 def _lands_beside_base(problem: ThrowProblem, target: Target) -> bool:
@@ -161,7 +166,9 @@ def gap_to_base(problem: ThrowProblem, p: Array) -> float:
 def _room_beside_base(problem: ThrowProblem, arcs: Arcs) -> Array:
     """Returns the room (...,) [m] between the last part of flights and the shapes that the base carries."""
     x = arcs.at((2.0 + INSTANTS.reshape(-1, *[1] * arcs.until_s.ndim)) / 3.0 * arcs.until_s)
-    return _gaps_to_base(problem, x).min(axis=(0, 1)) - problem.cell.object.radius_m
+    _, required = problem.flight_clearances
+    gaps = _gaps_to_base(problem, x) - required.reshape(-1, *[1] * (x.ndim - 1))
+    return gaps.min(axis=(0, 1)) - problem.cell.object.radius_m
 
 
 def _gaps_to_base(problem: ThrowProblem, x: Array) -> Array:

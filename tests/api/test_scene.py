@@ -37,7 +37,7 @@ def test_the_chain_of_the_model_gives_the_planners_link_poses(service: RunningSe
 
 def test_the_capsules_of_the_model_cover_arm_tool_and_object(service: RunningService):
     model = service.client.get("/cells/ur5e-sim/model").json()
-    assert [c["part"] for c in model["capsules"]] == ["arm"] * 9 + ["tool", "object"]
+    assert [c["part"] for c in model["capsules"]] == ["arm"] * 12 + ["tool", "object"]
     thing = model["capsules"][-1]
     tool = np.array(model["tool_in_flange"])
     assert thing["from_m"] == thing["to_m"] == tool[:3, 3].tolist()

@@ -53,7 +53,7 @@ def end(problem):
 @pytest.fixture(scope="module")
 def problem() -> dict[str, Any]:
     """The fifteenth of the SDU table's near targets: ticks of 8 ms make it quick to judge."""
-    return load_set("sdu-near-1")[14]
+    return load_set("sdu-near-2")[14]
 
 
 @pytest.fixture(scope="module")
@@ -188,7 +188,7 @@ def test_samples_at_other_times_are_put_on_ticks(problem, answer):
 
 def test_the_document_is_enough_for_kinematics_and_torques():
     """The peers' arm, from the document's numbers, agrees with Pinocchio's from the published files."""
-    problems = [load_set("random-1")[1], *hidden_problems(1, 3)]
+    problems = [load_set("random-2")[1], *hidden_problems(1, 3)]
     q, qd, qdd = np.random.default_rng(0).uniform(-1.5, 1.5, (3, 4, 6))
     for problem in problems:
         arm = PeerArm(problem)
@@ -212,11 +212,11 @@ def test_every_set_is_that_of_its_hash(name):
 
 
 def test_a_changed_set_is_refused(tmp_path, monkeypatch):
-    text = (sets.FOLDER / "random-1.json").read_text()
-    (tmp_path / "random-1.json").write_text(text.replace("0.01", "0.02", 1))
+    text = (sets.FOLDER / "random-2.json").read_text()
+    (tmp_path / "random-2.json").write_text(text.replace("0.01", "0.02", 1))
     monkeypatch.setattr(sets, "FOLDER", tmp_path)
-    with pytest.raises(sets.SetChanged, match="random-1: the problems' sha256 is"):
-        load_set("random-1")
+    with pytest.raises(sets.SetChanged, match="random-2: the problems' sha256 is"):
+        load_set("random-2")
 
 
 def test_exported_files_carry_their_hash(tmp_path, capsys):
@@ -255,7 +255,7 @@ def test_the_code_of_the_page_works(root, problem, tmp_path, monkeypatch, capsys
     """Its kinematics agree with Pinocchio's; its smallest entry refuses, and is judged."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "problems").mkdir()
-    (tmp_path / "problems" / "random-1.json").write_text(json.dumps({"problems": [problem]}))
+    (tmp_path / "problems" / "random-2.json").write_text(json.dumps({"problems": [problem]}))
     page = (root / "docs" / "throwbench.md").read_text()
     code: dict[str, Any] = {}
     exec("\n".join(re.findall(r"```python\n(.*?)```", page, flags=re.S)), code)
@@ -315,7 +315,7 @@ def test_an_entry_that_cannot_be_loaded_is_named(module):
 def test_an_entry_whose_package_is_missing_is_left_out(tmp_path, monkeypatch):
     monkeypatch.setitem(BUILT_IN, "drake", (BUILT_IN["drake"][0], "no_such_package"))
     page = tmp_path / "page.md"
-    arguments = ["--entries", "drake", "--sets", "random-1", "--count", "1", "--out", str(page)]
+    arguments = ["--entries", "drake", "--sets", "random-2", "--count", "1", "--out", str(page)]
     assert main([*arguments, "--rows", str(tmp_path / "rows.jsonl")]) == 0
     assert "Left out: `drake` (no_such_package is not installed)." in page.read_text()
 
@@ -323,13 +323,13 @@ def test_an_entry_whose_package_is_missing_is_left_out(tmp_path, monkeypatch):
 def test_a_named_entry_that_cannot_be_loaded_ends_the_run(tmp_path, capsys):
     for entry in ("nowhere.py:plan", f"mine=http://{ADDRESS}:9/plan"):
         page = tmp_path / "page.md"
-        assert main(["--entries", entry, "--sets", "random-1", "--count", "1", "--out", str(page)]) == 2
+        assert main(["--entries", entry, "--sets", "random-2", "--count", "1", "--out", str(page)]) == 2
         assert entry.split("=")[-1] in capsys.readouterr().err and not page.exists()
 
 
 def test_crashes_are_asked_again_and_the_rest_is_kept(tmp_path, module, capsys):
     page = tmp_path / "page.md"
-    arguments = ["--entries", f"mine={module}:answer", "--sets", "random-1", "--count", "2", "--out", str(page)]
+    arguments = ["--entries", f"mine={module}:answer", "--sets", "random-2", "--count", "2", "--out", str(page)]
     assert main(arguments) == 0
     rows = [json.loads(line) for line in (tmp_path / "page.jsonl").read_text().splitlines()]
     rows[0]["verdict"]["outcome"] = "crashed"
@@ -390,7 +390,7 @@ def test_an_http_entry_answers_times_out_and_fails(address):
 
 
 def test_flings_service_gets_the_same_problem():
-    problem = load_set("bins-1")[0]
+    problem = load_set("bins-2")[0]
     request = service_request(problem)
     asked = problem_from_document(problem)
     posted = problem_from_request(request, cell("ur5e-sim"))
@@ -398,12 +398,12 @@ def test_flings_service_gets_the_same_problem():
     assert posted.release.opening == asked.release.opening
     assert posted.release_window_s == 0.0
     with pytest.raises(ValueError, match="keep-out boxes"):
-        service_request(load_set("walls-1")[0])
+        service_request(load_set("walls-2")[0])
 
 
 def test_one_command_writes_page_and_json(tmp_path, module):
     page = tmp_path / "page.md"
-    arguments = ["--entries", f"mine={module}:answer", "--sets", "random-1", "--count", "2", "--out", str(page)]
+    arguments = ["--entries", f"mine={module}:answer", "--sets", "random-2", "--count", "2", "--out", str(page)]
     assert main([*arguments, "--rows", str(tmp_path / "rows.jsonl")]) == 0
     assert "| mine | 0 % | 0 % | 100 % | 0 % |" in page.read_text()
     document = json.loads(page.with_suffix(".json").read_text())

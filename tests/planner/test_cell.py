@@ -44,6 +44,22 @@ def test_defaults_are_filled_in_and_numbers_kept_as_written():
     np.testing.assert_allclose(cell.limits.tau_max, 0.9 * cell.robot.tau_max)
 
 
+@pytest.mark.parametrize(
+    ("keys", "expected"),
+    [
+        ("", 0.02),
+        ("clearance_m = 0.03", 0.03),
+        ("clearance_m = 0.03\nflight_clearance_m = 0.005", 0.005),
+        ("clearance_m = 0.0", 0.001),
+    ],
+)
+def test_the_object_in_flight_keeps_the_cells_clearance_or_one_of_its_own(keys, expected):
+    cell = parse_cell(f"{LEAST}[surroundings]\n{keys}\n", "c")
+    assert cell.surroundings.flight_clearance_m == expected
+    assert cell.as_document()["surroundings"]["flight_clearance_m"] == expected
+    assert parse_cell(LEAST, "c").surroundings.flight_clearance_m == 0.02
+
+
 def test_the_table_of_the_project_is_its_published_frame():
     """The report's transform takes a world point into the base frame; ours is its inverse, made orthonormal."""
     published = np.array(
@@ -163,6 +179,7 @@ def test_what_is_no_file_is_not_waited_for(tmp_path, make):
         (LEAST + 'serial = ""\n', "link.serial"),
         (LEAST + 'serial = "2024 5500815"\n', "link.serial"),
         ("robot = \n", "file"),
+        (LEAST + "[surroundings]\nflight_clearance_m = 0.0\n", "surroundings.flight_clearance_m"),
     ],
 )
 def test_refusals_name_the_field(text, field):
@@ -436,7 +453,7 @@ def test_a_tool_without_a_shape_is_given_one():
     (assumed,) = here.tool.capsules
     assert here.tool.is_assumed
     np.testing.assert_allclose(assumed.to_m, [0.0, 0.27, 0.36])  # to the object, half a metre away
-    assert assumed.radius_m == here.robot.shape.wrist_radius
+    assert assumed.radius_m == pytest.approx(0.0467, abs=1e-3)  # source: UR5e, mesh of wrist 3
     longer = replace(here, tool=replace(here.tool, X_FT=pose([0.0, 0.0, 0.2], np.eye(3))))
     np.testing.assert_allclose(longer.tool.capsules[0].to_m, [0.0, 0.0, 0.15])
     assert parse_cell(LEAST, "c").tool.capsules == ()

@@ -79,10 +79,12 @@ def _box_edges(problem: ThrowProblem, arcs: Arcs, room_m: float) -> list[FlightE
     passed = []
     around = problem.cell.surroundings
     lowest = max(problem.plane_z - arcs.radius_m, around.floor_z_m + CONTACT_M)
-    for box in around.keep_out:
+    required, _ = problem.flight_clearances
+    for box, gap_m in zip(around.keep_out, required.tolist(), strict=True):
         if box.upper[2] > lowest:  # the object comes down above the others
-            onto = list(_way_onto(box, arcs, room_m)) if box.upper[2] <= problem.plane_z + CONTACT_M else []
-            passed += [max(onto or _ways_past(box, arcs, room_m), key=lambda way: way[0], default=(math.inf, []))]
+            onto = list(_way_onto(box, arcs, room_m + gap_m)) if box.upper[2] <= problem.plane_z + CONTACT_M else []
+            ways = onto or _ways_past(box, arcs, room_m + gap_m)
+            passed += [max(ways, key=lambda way: way[0], default=(math.inf, []))]
     return [edge for _, edges in sorted(passed, key=lambda way: way[0]) for edge in edges]
 
 

@@ -21,7 +21,20 @@ BOX_SLOTS = (1, 2, 4)  # [-] numbers of keep-out boxes that there are functions 
 KEEP_OUT_BOXES = BOX_SLOTS[-1]  # [-] further boxes are left to the certificate
 FLIGHT_EDGES = 8  # [-] slots for edges that the object's flight passes: two for each of four boxes
 # DH frame of each capsule slot: `geometry.arm_capsules` without the foot, which the floor covers; the tool; the object.
-ARM_CAPSULE_FRAMES = (0, 1, 2, 2, 3, 3, 4, 5)  # base, shoulder, upper arm, elbow, forearm, wrists 1, 2, 3
+ARM_CAPSULES = {
+    "base": 0,
+    "shoulder": 1,
+    "upper_arm": 2,
+    "upper_arm_start": 2,
+    "upper_arm_end": 2,
+    "elbow": 2,
+    "forearm": 3,
+    "forearm_start": 3,
+    "wrist_1": 3,
+    "wrist_2": 4,
+    "wrist_3": 5,
+}
+ARM_CAPSULE_FRAMES = tuple(ARM_CAPSULES.values())
 CAPSULE_FRAMES = ARM_CAPSULE_FRAMES + (6,) * (TOOL_CAPSULES + 1)
 FIRST_TOOL = len(ARM_CAPSULE_FRAMES)
 OBJECT = len(CAPSULE_FRAMES) - 1
@@ -29,11 +42,15 @@ BASE = 0  # the slot that no joint moves
 PATH_TERMS = 5  # [-] of the polynomial that the object's path is; exact without drag, where the last two are zero
 CHORDS = 10  # [-] that the path past the resting arm is taken for
 # Pairs of slots that can collide on some arm with some tool; `ARM`'s "pairs" rules out those that cannot on this one.
+MEETS = {
+    ("base", "shoulder"): ("forearm", "forearm_start", "wrist_1", "wrist_2", "wrist_3"),
+    ("upper_arm", "upper_arm_start", "upper_arm_end"): ("wrist_1", "wrist_2", "wrist_3"),
+    ("forearm",): ("wrist_3",),
+}
+_SLOTS = {name: slot for slot, name in enumerate(ARM_CAPSULES)}
 PAIRS = (
-    *((i, j) for i in (0, 1) for j in (4, 5, 6, 7)),
-    *((2, j) for j in (5, 6, 7)),
-    (4, 7),
-    *((i, FIRST_TOOL + j) for i in range(6) for j in range(TOOL_CAPSULES)),
+    *((_SLOTS[i], _SLOTS[j]) for near, far in MEETS.items() for i in near for j in far),
+    *((i, FIRST_TOOL + j) for i in range(_SLOTS["wrist_2"]) for j in range(TOOL_CAPSULES)),
 )
 
 NX = 19  # state: q, qd, qdd of six joints, and the time
@@ -128,7 +145,7 @@ OBJECT_PATH = VectorLayout(
         "ground": 1,  # height of the object's centre where that flight ends [m]
         "gravity": 1,  # [m/s^2]
         "fall": 1,  # acceleration with which the path bends, at most [m/s^2]
-        "reach": 1,  # distance that its centre keeps from the surface of a link [m]
+        "reach": FIRST_TOOL - 1,  # distance that its centre keeps from the surface of each link but the base [m]
         "share": 1,  # of the tool's speed that the object has at the release [-]
     }
 )
@@ -136,7 +153,7 @@ STANDING_CAPSULES = 2  # [-] that never move: the arm's foot, and its base
 STANDING = VectorLayout(
     {
         "capsules": 7 * STANDING_CAPSULES,  # end points in the world (3 + 3), radius [m]
-        "reach": 1,  # distance that the object's centre keeps from their surface [m]
+        "reach": STANDING_CAPSULES,  # distance that the object's centre keeps from the surface of each [m]
         "ground": 1,  # height of the object's centre where its flight ends [m]
         "gravity": 1,  # [m/s^2]
         "share": 1,  # of the tool's speed that the object has at the release [-]

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Protocol
 
+from planner.backends.casadi_nlp.layout import ARM_CAPSULES
 from planner.backends.casadi_nlp.tuning import (
     OPENING_RAD,
     OVER,
@@ -49,7 +50,7 @@ GROUPS = {
 }
 # Checks that no rows bound: the power of limit over value by which the tool has to be slower at the worst time.
 SLOWED = {"stopping_time": 1.0, "stopping_distance": 0.5, "elbow_speed": 1.0, "momentum": 1.0, "power": 1.0}
-LINKS = {"shoulder", "upper_arm", "elbow", "forearm", "wrist_1", "wrist_2", "wrist_3"}  # of block "passing"
+LINKS = ARM_CAPSULES.keys() - {"base"}  # of block "passing"
 STANDING = {"foot", "base"}  # of block "standing"
 
 

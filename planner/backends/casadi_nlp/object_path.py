@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from planner.backends.casadi_nlp.layout import OBJECT_PATH, PATH_TERMS, STANDING, Vector
+from planner.backends.casadi_nlp.layout import ARM_CAPSULES, OBJECT_PATH, PATH_TERMS, STANDING, Vector
 from planner.backends.casadi_nlp.tuning import LEAVING
 from planner.flight import fly, path, touchdown_s
 from planner.geometry import body_model, tool_state
@@ -38,13 +38,12 @@ def path_parameters(problem: ThrowProblem, q: Vector, qd: Vector, room_m: float,
     Args:
         problem: the problem.
         q, qd: joint positions and velocities (6,) at the release.
-        room_m: between object and arm.
+        room_m: between object and arm, beyond the flight clearance.
         carried: whether position and velocity of the object are variables, so that they are not part of the path.
     """
     if problem.ends_at_rest:
         return np.zeros(OBJECT_PATH.size)
     p, v = thrown_state(problem, q, qd)
-    radius = problem.cell.object.radius_m
     landing_s = touchdown_s(p, v, problem.plane_z, problem.landing_radius_m, problem.gravity, problem.drag)
     until_s = max(landing_s or 0.0, SHORTEST_S)
     places = path(p, v, until_s * NODES, problem.gravity, problem.drag)
@@ -62,24 +61,34 @@ def path_parameters(problem: ThrowProblem, q: Vector, qd: Vector, room_m: float,
             "ground": ground,
             "gravity": problem.gravity,
             "fall": problem.gravity + problem.drag * float(v @ v),
-            "reach": radius + room_m,
+            "reach": problem.cell.object.radius_m + _clearances(problem) + room_m,
             "share": problem.release_speed_factor,
         }
     )
 
 
 def standing_parameters(problem: ThrowProblem, room_m: float) -> Vector:
-    """Returns the `STANDING` vector, with `room_m` [m] between the object and what never moves of the arm."""
+    """Returns the `STANDING` vector, with `room_m` [m] between the object and what never moves of the arm.
+
+    The room is beyond the flight clearance.
+    """
     first, last, radii = body_model(problem.cell).base_shapes
     return STANDING.pack(
         {
             "capsules": np.column_stack([first, last, radii]),
-            "reach": problem.cell.object.radius_m + room_m,
+            "reach": problem.cell.object.radius_m + problem.flight_clearances[1] + room_m,
             "ground": problem.plane_z + problem.landing_radius_m,
             "gravity": problem.gravity,
             "share": problem.release_speed_factor,
         }
     )
+
+
+def _clearances(problem: ThrowProblem) -> Vector:
+    """Returns the flight clearance of each link but the base [m]: none where the object is gripped beside it."""
+    beside = {body_model(problem.cell).names[i] for i in body_model(problem.cell).beside_object}
+    usual = problem.cell.surroundings.flight_clearance_m
+    return np.array([0.0 if name in beside else usual for name in ARM_CAPSULES if name != "base"])
 
 
 def _landing_without_drag(problem: ThrowProblem, p: Vector, v: Vector) -> tuple[float, float | None]:

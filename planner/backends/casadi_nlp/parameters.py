@@ -120,7 +120,7 @@ def _about_origin(mass: float, com: Vector, inertia: Vector) -> Vector:
 
 
 def capsule_parameters(cell: Cell) -> Vector:
-    """Returns end points and radius of every slot of `CAPSULE_FRAMES` (77,)."""
+    """Returns end points and radius of every slot of `CAPSULE_FRAMES` (98,)."""
     table = np.zeros((len(layout.CAPSULE_FRAMES), 7))
     table[:, 6] = layout.ABSENT_RADIUS
     for slot, c in enumerate(arm_capsules(cell.robot)[1:]):

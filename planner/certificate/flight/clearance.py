@@ -36,7 +36,7 @@ CLOSE_M = 0.03  # [m] a bound below it is refined until it is within `ACCURACY_M
 ACCURACY_M = 0.01  # [m]
 FEW = 16  # [-] parts that are parted once more before they are looked at, which takes less time than another round
 RESTING_S = 0.02  # [s] step of the grid when the arm rests: then the path alone bends, by 0.5 mm
-RELEASES_S = 0.005  # [s] step of the grid in the release window
+RELEASES_S = 0.005  # [s] step of the grid of releases
 # [s] Two releases of an interval are clear of the tool so soon after each other, or in neighbouring patches: their
 # instants are 8 to 16 ms apart, 20 ms at rest, and a tick beside the release.
 TOGETHER_S = 0.016
@@ -70,11 +70,12 @@ class Grid:
 
 
 def flight_clearance(motion: MotionSamples) -> Check | None:
-    """Checks that the object meets nothing from any release in the window until it lands: see `Flights.lowest`.
+    """Checks that the object keeps its clearance from any release in the spread until it lands: see `Flights.lowest`.
 
-    The value is a proven lower bound on the distance of the object's surface; below 3 cm it is at most 1 cm too small.
-    The landing plane, what lies below it, what the object lands on, and what does not let go of it at once do not count
-    in it, only whether the object meets them before. None for a move that ends at rest.
+    The value is a proven lower bound on the distance of the object's surface from the obstacle that leaves it least
+    beyond what is required, and the limit is what that one requires; up to 3 cm beyond it the value is at most 1 cm too
+    small. The landing plane, what lies below it, what the object lands on, and what does not let go of it at once do
+    not count in it, only whether the object meets them before. None for a move that ends at rest.
     """
     name = "flight_clearance"
     problem = motion.problem
@@ -87,12 +88,13 @@ def flight_clearance(motion: MotionSamples) -> Check | None:
         return at_least(name, -problem.misfit.lacking_m, 0.0, "m", flights.end[1], problem.misfit.name)
     found = _released_under_bin(flights) or _least_gap(flights)
     value = max(found.value, 0.0) if found.proven else found.value
-    return at_least(name, value, 0.0, "m", found.at_s, found.obstacle).provided(found.proven)
+    required = flights.required_of(found.obstacle)
+    return at_least(name, required + value, required, "m", found.at_s, found.obstacle).provided(found.proven)
 
 
 @dataclass(frozen=True)
 class LeastGap:
-    """The least gap: a proven lower bound or a violation [m], its time [s], its obstacle, and whether it is proven."""
+    """The least gap beyond the clearance: bound or violation [m], its time [s], its obstacle, whether it is proven."""
 
     value: float
     at_s: float
@@ -205,11 +207,11 @@ def _releases(flights: Flights, closely: Sequence[tuple[float, float]]) -> tuple
         flights: the flights.
         closely: intervals in which all releases belong to it that the other checks have evaluated, a millisecond apart.
     """
-    if flights.window_s == 0.0:
+    if flights.spread_s == 0.0:
         p, v = flights.nominal
         return np.array([flights.released_s]), p[:, None], v[:, None]
-    arm = flights.motion.in_window
-    count = 1 + math.ceil(2.0 * flights.window_s / RELEASES_S)
+    arm = flights.motion.in_spread
+    count = 1 + math.ceil(2.0 * flights.spread_s / RELEASES_S)
     rows = np.linspace(0, len(arm.t) - 1, count).round().astype(int)
     within = [np.flatnonzero((arm.t > begin) & (arm.t < end)) for begin, end in closely]
     rows = np.unique(np.concatenate([rows, *within]))
@@ -221,8 +223,8 @@ def _latest_end(flights: Flights, r: Array, p: Array, v: Array) -> float:
     assert flights.end is not None
     (height, nominal) = flights.end
     problem = flights.motion.problem
-    if flights.window_s == 0.0 or problem.drag > 0.0:
-        return nominal + flights.window_s
+    if flights.spread_s == 0.0 or problem.drag > 0.0:
+        return nominal + flights.spread_s
     times = time_of_flight(p[2] - height, v[2], problem.gravity)
     return max(nominal, float(np.nan_to_num(r + times).max()))
 
@@ -305,9 +307,9 @@ def _starts_clear(flights: Flights, grid: Grid, held: Mask) -> Mask:
     """
     starts = np.zeros((2, *held.shape), np.bool_)
     (item, row, column) = np.nonzero(held)
-    in_window = grid.released.shape[2] > 1
+    several = grid.released.shape[2] > 1
     body = flights.motion.body
-    release = np.array([row, row + 1] if in_window else [row])  # without one, both ends are the same release
+    release = np.array([row, row + 1] if several else [row])  # without one, both ends are the same release
     r = np.append(grid.r0, grid.r1[-1])
     X_WL = grid.X_WL
     is_later = grid.t[column] >= r[release]
@@ -342,9 +344,9 @@ def _refined(found: LeastGap, flights: Flights, bounds: PatchBounds, patches: Pa
     spent = 0
     nearest = math.inf
     for _ in range(ROUNDS):
-        patches = patches.parts(flights.window_s > 0.0)
+        patches = patches.parts(flights.spread_s > 0.0)
         if len(patches.item) <= FEW:
-            patches = patches.parts(flights.window_s > 0.0)
+            patches = patches.parts(flights.spread_s > 0.0)
         spent += len(patches.item)
         if spent > EVALUATIONS_MAX:
             break

@@ -1,4 +1,4 @@
-"""The object's flights, one for each instant of the release window, and what they can meet.
+"""The object's flights, one for each instant at which the gripper may open, and what they can meet.
 
 A flight that begins at the time r is at x(r, t) at the time t, both on the trajectory's clock: p(r) + f v(r) s + g
 s^2/2 with s = t - r, and the release speed factor f. The object is a sphere: it keeps clear of a box, of a capsule's
@@ -18,7 +18,7 @@ import numpy as np
 from planner.arrays import Array, Index, Mask
 from planner.certificate.samples import MotionSamples
 from planner.flight import fly, paths, positions_after
-from planner.geometry import LEVEL_M, Surface
+from planner.geometry import Surface
 from planner.kinematics import dot
 from planner.releases import Opening
 
@@ -35,19 +35,23 @@ class Flights:
 
     Attributes:
         motion: the motion.
-        window_s: largest deviation of the release time [s].
+        spread_s: largest deviation of the release time [s]: how early or late the gripper may open.
         released_s: time of the nominal release [s].
         radius_m: of the object, at least `LEAST_RADIUS_M` [m].
         boxes: lower and upper corners of the b boxes (b, 3) [m].
         names: of the obstacles.
-        thickness: distance of the object's centre from each obstacle's core at which the two touch [m].
+        clearance_m: distance that the object keeps from most obstacles [m].
+        required: distance that it keeps from each obstacle [m]: none for what it is gripped beside and lands on, and
+            for a bin's wall; less beside the target, see `ThrowProblem.flight_clearances`.
+        thickness: distance of the object's centre from each obstacle's core at which the two are as near as they may be
+            [m]: radii and what is required. "Gaps" are what is left beyond it.
     """
 
     def __init__(self, motion: MotionSamples) -> None:
         problem = motion.problem
         body = motion.body
         self.motion = motion
-        self.window_s = problem.planned_window_s
+        self.spread_s = problem.opening_spread_s
         self.released_s = motion.trajectory.release_time_s
         around = problem.cell.surroundings.keep_out
         radius = max(problem.cell.object.radius_m, LEAST_RADIUS_M)
@@ -55,7 +59,29 @@ class Flights:
         self.boxes = tuple(np.array([getattr(b, side) for b in around]).reshape(-1, 3) for side in ("lower", "upper"))
         capsules = slice(0, body.object)
         self.names = (*(f"box {i}" for i in range(len(around))), *body.names[capsules], "rim")
-        self.thickness = radius + np.concatenate([np.zeros(len(around)), body.radii[capsules], [0.0]])
+        self.clearance_m = problem.cell.surroundings.flight_clearance_m
+        of_boxes, of_base = problem.flight_clearances
+        of_links = np.full(body.object, self.clearance_m)
+        of_links[body.frames[capsules] == 0] = of_base
+        of_links[self._beside_release()] = 0.0
+        self.required = np.concatenate([of_boxes, of_links, [0.0]])
+        radii = np.concatenate([np.zeros(len(around)), body.radii[capsules], [0.0]])
+        self.thickness = radius + radii + self.required
+
+    def _beside_release(self) -> Index:
+        """Returns the capsules that the object is gripped by or beside, nearer than the clearance when released."""
+        body = self.motion.body
+        X_WL = self.motion.at_knots.X_WL[self.motion.release_knot : self.motion.release_knot + 1]
+        ends = body.end_points(X_WL)[..., 0]
+        beside = body.beside_object
+        near = nearest_on_segments(ends[body.object, 0][:, None], ends[beside, 0].T, ends[beside, 1].T)
+        apart = ends[body.object, 0][:, None] - near
+        gaps = np.sqrt(dot(apart, apart)) - body.radii[beside] - self.radius_m
+        return beside[gaps < self.clearance_m]
+
+    def required_of(self, obstacle: str) -> float:
+        """Returns the distance that the object keeps from an obstacle [m]; 0 for a name that is none."""
+        return float(self.required[self.names.index(obstacle)]) if obstacle in self.names else 0.0
 
     @property
     def rim(self) -> int:
@@ -118,13 +144,8 @@ class Flights:
     @cached_property
     def carriers(self) -> Mask:
         """Which obstacles (items,) are boxes that carry a surface on which the object lands, or lie below one."""
-        lower, upper = self.boxes
         carriers = np.zeros(len(self.names), np.bool_)
-        for surface in self.motion.problem.surfaces:
-            meets = ((lower[:, :2] <= surface.upper) & (upper[:, :2] >= surface.lower)).all(axis=1)
-            within = ((lower[:, :2] >= surface.lower) & (upper[:, :2] <= surface.upper)).all(axis=1)
-            above_m = upper[:, 2] - surface.height_m
-            carriers[: len(lower)] |= (above_m <= LEVEL_M) & (within | (meets & (above_m >= -LEVEL_M)))
+        carriers[: len(self.boxes[0])] = self.motion.problem.carriers
         return carriers
 
     @cached_property
@@ -192,11 +213,11 @@ class Flights:
         return depth if self.opening is None else np.minimum(depth, self.from_mouth(x)[0])
 
     def releases(self, r: Array) -> tuple[Array, Array]:
-        """Returns positions and velocities (3, k) of the object at release times `r` (k,) [s] of the window.
+        """Returns positions and velocities (3, k) of the object at release times `r` (k,) [s] of the spread.
 
-        Without a window there is one release, the nominal one.
+        Without a spread there is one release, the nominal one.
         """
-        if self.window_s == 0.0:
+        if self.spread_s == 0.0:
             arm = self.motion.at_knots
             where = np.full(len(r), self.motion.release_knot)
         else:
@@ -314,7 +335,10 @@ class Flights:
         return gaps
 
     def gaps_at(self, item: Index, x: Array, t: Array) -> Array:
-        """Returns the distances (k,) [m] of a sphere's surface at `x` (3, k) from obstacle `item[i]` at `t[i]`."""
+        """Returns the distances (k,) [m] of a sphere's surface at `x` (3, k) from obstacle `item[i]` at `t[i]`.
+
+        Beyond the clearance required of each.
+        """
         apart = x - self.nearest(item, x, t)
         return np.sqrt(dot(apart, apart)) - self.thickness[item]
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.arm_capsules.truth import flight_gaps
 from planner.backends import ruckig_otg
 from planner.certificate import certify
 from planner.certificate.curves import motion_curves
@@ -13,9 +14,12 @@ from planner.errors import Infeasible, SolverFailed
 from planner.flight import fly, path
 from planner.geometry import body_capsules, capsule_endpoints, tool_pose, tool_state
 from planner.kinematics import tcp_acceleration
+from planner.planning import plan
 from planner.problem import Opening, TargetRelease, ThrowProblem
 from planner.seeds import candidates
-from tests.planner.problems import cell, with_boxes
+from tests.planner.problems import cell as shipped
+from tests.planner.problems import ideal_cell as cell
+from tests.planner.problems import joint_problem, with_boxes, with_clearance, with_jitter
 
 STEP_S = 0.001  # of the dense samples
 SAMPLED_M = 0.004  # half a step at 8 m/s: how much closer a flight may come between dense samples
@@ -66,6 +70,45 @@ def random_throws(count, seed, window_s=0.0, drag=0.0, factor=1.0, here=None):
             continue
         found += 1
         yield asked
+
+
+def test_without_a_window_three_deviations_of_the_gripper_count_as_one():
+    """As in a window as long, but for the landing: the object may leave early or late, and must get away."""
+    refused = 0
+    for problem, trajectory in random_throws(12, 31):
+        windowed = certify(replace(problem, release_window_s=0.015, landing_tolerance_m=5.0), trajectory)
+        jittery = certify(replace(problem, cell=with_jitter(problem.cell, 0.005)), trajectory)
+        alike = [check for check in windowed.checks if check.name != "landing_window"]
+        assert list(jittery.checks) == alike
+        refused += certify(problem, trajectory).valid and not jittery.valid
+    assert refused > 0
+
+
+def test_a_box_that_only_a_late_release_meets_is_in_the_way_unless_the_gripper_opens_in_time():
+    problem = joint_problem(cell=with_jitter(cell(), 0.002))
+    trajectory = ruckig_otg.solve(problem, candidates(problem)[0]).trajectory
+    here = problem.cell
+    late = trajectory.release_time_s + 0.006
+    q, qd, _ = trajectory.at(np.array([trajectory.release_time_s, late]))
+    places = []
+    for joints, speeds in zip(q, qd, strict=True):
+        tool = tool_state(here, joints, speeds)
+        flight = fly(tool.p_WT, tool.v_WT, problem.plane_z, problem.gravity)
+        s = 0.5 * flight.time_of_flight_s
+        places.append(tool.p_WT + tool.v_WT * s - [0.0, 0.0, 0.5 * problem.gravity * s * s])
+        aside = np.array([-tool.v_WT[1], tool.v_WT[0]]) / np.hypot(*tool.v_WT[:2])
+    aside *= np.sign((places[1] - places[0])[:2] @ aside)
+    edge = places[1][:2] + aside * (here.object.radius_m - 1e-4)
+    away = edge + 0.05 * np.sign(aside)
+    height = places[1][2] + np.array([-0.02, 0.02])
+    box = [*np.minimum(edge, away), height[0]], [*np.maximum(edge, away), height[1]]
+    walled = replace(problem, cell=with_boxes(here, box))
+    check = certify(walled, trajectory).check("flight_clearance")
+    assert (check.ok, check.detail) == (False, "box 0")
+    assert check.value == pytest.approx(-1e-4, abs=5e-5)
+    in_time = replace(walled, cell=with_jitter(walled.cell, 0.0))
+    assert certify(in_time, trajectory).check("flight_clearance").ok
+    assert plan(walled).certificate.check("flight_clearance").ok  # the same release, accelerated otherwise
 
 
 def flown(problem, trajectory, delay):
@@ -187,6 +230,52 @@ def test_a_throw_through_a_wall_is_refused():
     check = certify(blocked, trajectory).check("flight_clearance")
     assert not check.ok
     assert check.detail == "box 0"
+
+
+@pytest.mark.parametrize("clearance_m", [0.02, 0.05])
+def test_the_object_keeps_the_cells_flight_clearance_from_a_post(clearance_m):
+    here = with_clearance(shipped(), clearance_m)
+    problem, trajectory = throw(here, [1.3, 0.2, 0.0])
+    _, x, _ = flown(problem, trajectory, 0.0)
+    near = x[len(x) // 2]
+    aside = here.object.radius_m + clearance_m
+    for gap, ok in ((0.004, True), (-0.004, False)):
+        side = near[1] + aside + gap
+        post = with_boxes(here, ([near[0] - 0.005, side, 0.0], [near[0] + 0.005, side + 0.01, near[2] + 0.2]))
+        check = certify(replace(problem, cell=post), trajectory).check("flight_clearance")
+        assert (check.ok, check.limit) == (ok, clearance_m)
+        assert ok or (check.detail == "box 0" and check.value < clearance_m)
+
+
+def test_the_object_keeps_the_clearance_from_the_links_themselves():
+    near = 0
+    certified = 0
+    for problem, trajectory in random_throws(24, 11):
+        touches_nothing = certify(problem, trajectory).check("flight_clearance").ok
+        kept = replace(problem, cell=with_clearance(problem.cell, 0.1))
+        if certify(kept, trajectory).check("flight_clearance").ok:
+            gaps = flight_gaps(kept, trajectory, 0.0)
+            assert min(gap for part, gap in gaps.items() if part not in ("foot", "base")) > 0.1 - 1e-6
+            certified += 1
+        else:
+            near += touches_nothing
+    assert certified > 3
+    assert near > 0
+
+
+def test_beside_its_target_the_object_comes_as_near_to_a_box_as_it_lies_there():
+    here = with_clearance(shipped(), 0.02)
+    radius = here.object.radius_m
+    wall = with_boxes(here, ([1.0, 0.2 + radius + 0.01, 0.0], [1.6, 0.5, 0.4]))
+    problem, trajectory = throw(wall, [1.3, 0.2, 0.0])
+    (of_wall,), _ = problem.flight_clearances
+    assert of_wall == pytest.approx(0.005)
+    check = certify(problem, trajectory).check("flight_clearance")
+    near = dense_gap(problem, trajectory)
+    assert check.detail == "box 0"
+    assert check.limit == of_wall
+    assert check.ok == (near >= of_wall)
+    assert check.value <= near + SAMPLED_M
 
 
 @pytest.mark.parametrize("radius_m", [0.02, 0.0])

@@ -112,12 +112,16 @@ def test_boxes_in_closed_form(p0, p1, expected):
     assert segment_box_distance(np.array(p0), np.array(p1), LOWER, UPPER) == pytest.approx(expected, abs=1e-12)
 
 
+def solid(capsule):
+    """MuJoCo refuses a capsule that is a sphere."""
+    if (capsule.p0 == capsule.p1).all():
+        return f'type="sphere" pos="{text(capsule.p0)}"'
+    return f'type="capsule" fromto="{text(capsule.p0)} {text(capsule.p1)}"'
+
+
 def mujoco_distances(robot_, capsules, pairs, q):
     """Surface distances by MuJoCo, of capsules placed one by one (m, len(pairs))."""
-    bodies = "".join(
-        f'<body mocap="true"><geom type="capsule" size="{c.radius_m}" fromto="{text(c.p0)} {text(c.p1)}"/></body>'
-        for c in capsules
-    )
+    bodies = "".join(f'<body mocap="true"><geom size="{c.radius_m}" {solid(c)}/></body>' for c in capsules)
     model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
     data = mujoco.MjData(model)
     out = []
@@ -165,19 +169,19 @@ def test_pairs_left_out_never_meet_or_always_do(name):
     assert np.all(near.all(axis=0) | ~near.any(axis=0))
 
 
-@pytest.mark.parametrize("radius_m", [0.1, 0.12, 0.15])
-def test_a_thick_tool_loses_no_pair_and_is_named(radius_m):
+@pytest.mark.parametrize(("radius_m", "is_ever_clear"), [(0.1, True), (0.12, True), (0.13, False), (0.15, False)])
+def test_a_thick_tool_loses_no_pair_and_is_named(radius_m, is_ever_clear):
     arm = robot("ur5e")
     thick = (ToolCapsule(np.zeros(3), np.array([0.0, 0.0, 0.15]), radius_m),)
     capsules = body_capsules(arm, thick)
     pairs = self_collision_pairs(arm, thick)
-    assert ("wrist_1", "tool_0") in {(capsules[i].name, capsules[j].name) for i, j in pairs}
-    (pair,) = never_clear(arm, thick)
-    assert pair.names == ("wrist_1", "tool_0")
+    beside = [(i, j) for i, j in pairs if (capsules[i].name, capsules[j].name) == ("wrist_1", "tool_0")]
+    assert len(beside) == 1
     q = RNG.uniform(arm.q_lower, arm.q_upper, (4000, 6))
-    distances = surface_distances(capsules, pairs, capsule_endpoints(arm, capsules, q))
-    assert distances.min(axis=1).max() <= pair.most_m + 1e-9 < SELF_CLEARANCE_M
-    assert never_clear(arm, TOOL) == []
+    most = surface_distances(capsules, beside, capsule_endpoints(arm, capsules, q)).max()
+    assert (most > SELF_CLEARANCE_M) == is_ever_clear
+    named = [(pair.names, most <= pair.most_m + 1e-9 < SELF_CLEARANCE_M) for pair in never_clear(arm, thick)]
+    assert named == ([] if is_ever_clear else [(("wrist_1", "tool_0"), True)])
 
 
 def test_a_large_object_loses_no_pair():
@@ -201,7 +205,7 @@ def test_the_usual_home_is_free_and_the_folded_arm_is_not(name):
     pairs = self_collision_pairs(arm, TOOL)
     folded = np.array([0.0, -1.57, 3.1, 0.0, -1.57, 0.0])
     distances = surface_distances(capsules, pairs, capsule_endpoints(arm, capsules, np.array([HOME, folded])))
-    assert distances[0].min() > 0.02
+    assert distances[0].min() > 0.01
     assert distances[1].min() < 0.0
 
 

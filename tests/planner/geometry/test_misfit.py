@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planner.geometry import misfit
+from planner.geometry import arm_capsules, misfit, point_segment_distance
 from tests.planner.problems import cell, with_boxes
 
 RADIUS_M = 0.05
@@ -105,5 +105,9 @@ def test_what_is_lacking_is_the_way_to_where_it_fits() -> None:
 def test_no_target_is_within_the_base() -> None:
     found = misfit(cell(), np.array([0.05, 0.0, 0.0]))
     assert found is not None
-    assert (found.name, found.lacking_m) == ("the arm's base", pytest.approx(0.025))
+    foot = arm_capsules(cell().robot)[0]
+    assert (found.name, foot.name) == ("the arm's base", "foot")
+    lacking = foot.radius_m - point_segment_distance(np.array([0.05, 0.0, 0.0]), foot.p0, foot.p1)
+    assert found.lacking_m == pytest.approx(float(lacking))
+    assert found.lacking_m == pytest.approx(0.0755 - 0.05, abs=0.003)  # source: UR5e, mesh of the base
     assert misfit(cell(), np.array([0.08, 0.0, 0.0])) is None

@@ -60,7 +60,7 @@ class TwoViews implements DrawnScene {
     this.cell = geometryOf(model as CellDocument);
     const tool = this.cell.capsules.filter((capsule) => capsule.name.startsWith("tool_"));
     const fingers = fingersOf(tool, positionOf(this.cell.chain.tool), this.cell.objectRadius);
-    this.parts = [...armParts(this.cell.capsules), ...toolParts(tool, fingers)];
+    this.parts = [...armParts(this.cell), ...toolParts(tool, fingers)];
     this.motion = null;
     this.draw();
   }

@@ -49,10 +49,10 @@ def _beside_path(s: StageState, z: SX, scales: SX, p: SX, share: float, terms: T
     times = terms.through(ca.vertcat(*around))
     first, last = (place(z, f["path"], times[i]) for i in range(2))
     gaps = [
-        distances.segment_distance_at_moving_points(*ends, first, last, terms) - radius
-        for ends, radius in _links_in_world(a, s)
+        distances.segment_distance_at_moving_points(*ends, first, last, terms) - radius - f["reach"][i]
+        for i, (ends, radius) in enumerate(_links_in_world(a, s))
     ]
-    return distances.soft_minimum(gaps, terms) - f["reach"] - f["fall"] * step**2 / 32
+    return distances.soft_minimum(gaps, terms) - f["fall"] * step**2 / 32
 
 
 def passing_at_rest(z: SX, p: SX, terms: Terms) -> SX:
@@ -70,8 +70,11 @@ def passing_at_rest(z: SX, p: SX, terms: Terms) -> SX:
     step = (landing - begin) / layout.CHORDS
     points = [place(z, f["path"], begin + i * step) for i in range(layout.CHORDS + 1)]
     links = _links_in_world(a, state(z, scales))
-    gaps = [distances.chords_distance(*ends, points, terms) - radius for ends, radius in links]
-    return distances.soft_minimum(gaps, terms) - f["reach"] - f["fall"] * step**2 / 8
+    gaps = [
+        distances.chords_distance(*ends, points, terms) - radius - f["reach"][i]
+        for i, (ends, radius) in enumerate(links)
+    ]
+    return distances.soft_minimum(gaps, terms) - f["fall"] * step**2 / 8
 
 
 def standing(s: StageState, p: SX, terms: Terms) -> SX:
@@ -90,8 +93,10 @@ def standing(s: StageState, p: SX, terms: Terms) -> SX:
     times = [i * landing / layout.CHORDS for i in range(layout.CHORDS + 1)]
     points = [place + time * speed - ca.vertcat(0, 0, f["gravity"] * time**2 / 2) for time in times]
     capsules = ca.horzsplit(ca.reshape(f["capsules"], 7, layout.STANDING_CAPSULES))
-    gaps = [distances.chords_distance(c[:3], c[3:6], points, terms) - c[6] for c in capsules]
-    return distances.soft_minimum(gaps, terms) - f["reach"]
+    gaps = [
+        distances.chords_distance(c[:3], c[3:6], points, terms) - c[6] - f["reach"][i] for i, c in enumerate(capsules)
+    ]
+    return distances.soft_minimum(gaps, terms)
 
 
 def _landing(z: SX, f: dict[str, SX], terms: Terms) -> SX:

@@ -21,7 +21,7 @@ export interface ArmGeometry {
 export function armGeometry(cell: CellGeometry, palette: Palette): ArmGeometry {
   const tool = cell.capsules.filter((capsule) => capsule.name.startsWith("tool_"));
   const fingers = fingersOf(tool, positionOf(cell.chain.tool), cell.objectRadius);
-  const parts = [...armParts(cell.capsules), ...toolParts(tool, fingers)];
+  const parts = [...armParts(cell), ...toolParts(tool, fingers)];
   const links = Array.from({ length: JOINTS + 1 }, (_, link) => {
     const builder = new MeshBuilder(palette.arm);
     parts.filter((part) => part.link === link).forEach((part) => builder.add(part, visibleStrips(part, parts)));

@@ -1,25 +1,27 @@
 /**
  * What an arm looks like: turned parts made from the capsules of its cell, in the look of Universal Robots' arms.
  *
- * Every joint has a housing about its axis, closed by a lid, and a dark seal where the next link begins. The dimensions
- * are those of the capsules that the planner certifies with, so nothing is drawn far outside of what it checks (tested).
+ * Every joint has a housing about its axis, closed by a lid, and a dark seal where the next link begins. Lengths are those
+ * of the chain, widths those of the capsules that the planner certifies with, less what these are wider than the arm: so
+ * nothing is drawn far outside of what it checks (tested).
  */
 
-import type { Capsule } from "../../model/cell";
-import type { Vector } from "../../model/poses";
+import type { Capsule, CellGeometry } from "../../model/cell";
+import { positionOf, type Vector } from "../../model/poses";
 import type { ProfilePoint, Turned } from "./turned";
 
 const Y: Vector = [0, 1, 0];
 const Z: Vector = [0, 0, 1];
 const SEAL = 0.08; // width of a seal as a share of the housing's radius
 const SEAM = 1.04; // where a housing ends towards the next link, in radii from the middle of its tube
-const TUBE = 0.8; // visible radius of the upper arm's tube, as a share of its capsule's
-const FORE_TUBE = 0.9; // and of the forearm's
+const HOUSING = 0.86; // visible radius of a housing, as a share of its capsule's: benchmarks/arm_capsules makes it wider
+const ELBOW = 0.83; // of the elbow's
+const TUBE = 0.93; // and of a tube
 const NECK = 0.8; // radius of what enters a housing from the side, as a share of the housing's
 const LID = 0.82; // where a lid begins, in radii beyond the middle of the tube: past the neck
 const FLANGE_M = 0.006; // [m] the tool flange's step
 
-/** Dimensions of an arm [m], read off its capsules. */
+/** Dimensions of an arm [m], read off its chain and capsules. */
 interface Dimensions {
   readonly foot: number;
   readonly shoulder: number;
@@ -37,9 +39,9 @@ interface Dimensions {
   readonly d6: number;
 }
 
-/** Returns the parts of the arm that these capsules (nine of the arm) describe. */
-export function armParts(capsules: readonly Capsule[]): Turned[] {
-  const dimensions = dimensionsOf(new Map(capsules.map((capsule) => [capsule.name, capsule])));
+/** Returns the parts of a cell's arm. */
+export function armParts(cell: Pick<CellGeometry, "chain" | "capsules">): Turned[] {
+  const dimensions = dimensionsOf(cell);
   return [
     ...baseParts(dimensions),
     ...shoulderParts(dimensions),
@@ -49,29 +51,30 @@ export function armParts(capsules: readonly Capsule[]): Turned[] {
   ];
 }
 
-function dimensionsOf(named: ReadonlyMap<string, Capsule>): Dimensions {
+function dimensionsOf({ chain, capsules }: Pick<CellGeometry, "chain" | "capsules">): Dimensions {
   const capsule = (name: string): Capsule => {
-    const found = named.get(name);
+    const found = capsules.find((item) => item.name === name);
     if (!found) throw new Error(`the cell's model has no capsule ${name}`);
     return found;
   };
-  const [base, upper, fore] = [capsule("base"), capsule("upper_arm"), capsule("forearm")];
-  const wrist = capsule("wrist_1").radius;
+  const [upper, fore] = [capsule("upper_arm"), capsule("forearm")];
+  const steps = chain.transforms.map(positionOf); // from joint to joint: a, 0, d of the Denavit-Hartenberg table
+  const [d1, d4, d5, d6] = [0, 3, 4, 5].map((joint) => steps[joint]![2]) as [number, number, number, number];
   return {
     foot: capsule("foot").radius,
-    shoulder: base.radius,
-    upperTube: upper.radius,
-    elbow: capsule("elbow").radius,
-    foreTube: fore.radius,
-    wrist,
-    upperLength: upper.from[0],
-    foreLength: fore.from[0],
+    shoulder: HOUSING * capsule("base").radius,
+    upperTube: TUBE * upper.radius,
+    elbow: ELBOW * capsule("elbow").radius,
+    foreTube: TUBE * fore.radius,
+    wrist: HOUSING * capsule("wrist_1").radius,
+    upperLength: -steps[1]![0],
+    foreLength: -steps[2]![0],
     upperOffset: upper.from[2],
     foreOffset: fore.from[2],
-    d1: base.to[2] - base.radius / 3, // the caps of planner/geometry/capsules.py: a third of the radius, or half
-    d4: capsule("wrist_1").to[2],
-    d5: capsule("wrist_2").to[2],
-    d6: capsule("wrist_3").to[2] + wrist / 2,
+    d1,
+    d4,
+    d5,
+    d6,
   };
 }
 
@@ -182,7 +185,7 @@ function upperArmParts({ shoulder, elbow, upperTube, upperLength, upperOffset, f
   const seam = Math.max(-SEAM * elbow, -(upperOffset - foreOffset) / 2);
   return [
     ...housing(2, "upper_arm_start", start, Z, shoulder, -(SEAM - 0.08) * shoulder),
-    ...tube(2, "upper_arm", start, [-1, 0, 0], upperLength, TUBE * upperTube, [shoulder, elbow]),
+    ...tube(2, "upper_arm", start, [-1, 0, 0], upperLength, upperTube, [shoulder, elbow]),
     ...housing(2, "elbow", [0, 0, upperOffset], Z, elbow, seam),
     seal(2, [0, 0, upperOffset], Z, elbow, seam - 0.04 * elbow),
   ];
@@ -197,7 +200,7 @@ function forearmParts({ elbow, foreTube, wrist, foreLength, upperOffset, foreOff
   const bottom = -(elbow - foreTube) + 0.05 * elbow;
   return [
     { link: 3, name: "forearm_start", origin: start, axis: down, colour: "shell", profile: [...half, [elbow, bottom], ...dome(elbow, bottom, 0.93)] },
-    ...tube(3, "forearm", start, [-1, 0, 0], foreLength, FORE_TUBE * foreTube, [elbow, wrist]),
+    ...tube(3, "forearm", start, [-1, 0, 0], foreLength, foreTube, [elbow, wrist]),
     ...housing(3, "wrist_1", [0, 0, foreOffset], down, wrist, -SEAM * wrist),
     seal(3, [0, 0, foreOffset], Z, wrist, (SEAM + 0.04) * wrist),
   ];
