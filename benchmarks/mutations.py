@@ -382,7 +382,7 @@ def _peaks(values: Callable[[Vector], Vector], t: Vector) -> Vector:
 
 
 @dataclass(eq=False)
-class Tally:
+class MutationTally:
     """What was tried: plans by their arm and by their kind of release, limits, and which limits did not refuse."""
 
     arms: Counter[str] = field(default_factory=Counter)
@@ -400,9 +400,9 @@ class Tally:
         return "\n".join([head, *counts, f"{len(self.certified)} certified all the same", *self.certified])
 
 
-def tried(count: int, seed: int) -> Tally:
+def tried(count: int, seed: int) -> MutationTally:
     """Returns what became of every limit of certified plans."""
-    tally = Tally()
+    tally = MutationTally()
     for name, problem, trajectory in certified_plans(count, seed):
         arm, kind, _ = name.split("/")
         tally.arms[f"{arm} at {trajectory.sample_rate_hz:g} Hz"] += 1

@@ -13,7 +13,7 @@ from planner.robots import Robot
 from simulator.physics import Arm, Transform, kinematics
 from simulator.program.interpreter_queue import InterpreterQueue
 from simulator.program.messages import Message
-from simulator.program.progress import Progress
+from simulator.program.progress import PathProgress
 from simulator.program.safety import SafetyLimits
 from simulator.settings import BIT_REGISTERS, REGISTERS
 
@@ -116,7 +116,7 @@ class MotionState:
         leads_out: whether the last move has a goal beyond a joint's limit.
     """
 
-    blended: Progress | None = None
+    blended: PathProgress | None = None
     servo_goal: list[float] = field(default_factory=list)
     leads_out: bool = False
 

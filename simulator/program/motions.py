@@ -16,7 +16,7 @@ from planner.dynamics import Payload, joint_torques
 from simulator.physics import Transform
 from simulator.program.context import ProgramContext
 from simulator.program.paths import Arc, JointPath, Path, StraightLine, joint_rates
-from simulator.program.progress import Progress, SpeedTrapezoid
+from simulator.program.progress import PathProgress, SpeedTrapezoid
 from simulator.program.threads import SuddenTargetChange, Thread
 
 WEIGHTLESS = (0.0, 0.0, 0.0)  # [m/s^2] gravity, which the controller compensates
@@ -116,7 +116,7 @@ def _move(c: ProgramContext, path_from: Callable[[Vector], Path], pace: Pace) ->
             break
         if pace.time_s > 0.0:
             pace = _timed(path.length, pace)
-        moving = Progress(path, _profile(c, path, pace), arm.dt, c.speed_scaling)
+        moving = PathProgress(path, _profile(c, path, pace), arm.dt, c.speed_scaling)
         if (yield from _follow(c, moving, before, pace.blend_m)):
             return
     if c.motion.blended is None:
@@ -151,7 +151,7 @@ def _profile(c: ProgramContext, path: Path, pace: Pace) -> SpeedTrapezoid:
     return SpeedTrapezoid(path.length, speed, acceleration)
 
 
-def _follow(c: ProgramContext, moving: Progress, before: Progress | None, blend_m: float) -> Waiting:
+def _follow(c: ProgramContext, moving: PathProgress, before: PathProgress | None, blend_m: float) -> Waiting:
     """Drives along a path until its end, or until something else has moved the arm.
 
     Args:
@@ -184,7 +184,7 @@ def _follow(c: ProgramContext, moving: Progress, before: Progress | None, blend_
     return False
 
 
-def _left(c: ProgramContext, q: Vector, moving: Progress) -> float:
+def _left(c: ProgramContext, q: Vector, moving: PathProgress) -> float:
     """Returns the distance that the tool at joint positions `q` has from the goal of a move [m]."""
     a, b = (c.arm.chain.forward(x, c.tcp) for x in (q, moving.path.goal))
     return math.dist((a[3], a[7], a[11]), (b[3], b[7], b[11]))

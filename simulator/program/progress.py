@@ -30,7 +30,7 @@ class SpeedTrapezoid:
         return self.speed * (t - 0.5 * self.ramp_s), self.speed
 
 
-class Progress:
+class PathProgress:
     """A move under way: how far along its path it is."""
 
     def __init__(self, path: Path, profile: SpeedTrapezoid, dt: float, scale: Callable[[], float]) -> None:

@@ -17,7 +17,7 @@ from planner.planning import plan
 from planner.problem import JointRelease, TargetRelease, ThrowProblem
 from planner.seeds import candidates
 from planner.trajectory import Trajectory
-from tests.planner.problems import cell, contact_cell, joint_problem
+from tests.planner.problems import cell, ideal_cell, joint_problem
 
 HOME = cell().home
 FAR_M = 5.0
@@ -123,7 +123,7 @@ CASES = {
     ),
     "self_collision": Case(
         joint_problem(
-            cell=contact_cell(),
+            cell=ideal_cell(),
             release=JointRelease(
                 np.array([-0.73, -2.0, 2.54, -1.51, -2.49, 0.05]), np.array([-0.73, 1.38, 1.76, 0.15, 0.91, -0.53])
             )

@@ -17,7 +17,6 @@ from planner.kinematics import tcp_acceleration
 from planner.planning import plan
 from planner.problem import Opening, TargetRelease, ThrowProblem
 from planner.seeds import candidates
-from tests.planner.problems import cell as shipped
 from tests.planner.problems import ideal_cell as cell
 from tests.planner.problems import joint_problem, with_boxes, with_clearance, with_jitter
 
@@ -234,7 +233,7 @@ def test_a_throw_through_a_wall_is_refused():
 
 @pytest.mark.parametrize("clearance_m", [0.02, 0.05])
 def test_the_object_keeps_the_cells_flight_clearance_from_a_post(clearance_m):
-    here = with_clearance(shipped(), clearance_m)
+    here = with_clearance(cell(), clearance_m)
     problem, trajectory = throw(here, [1.3, 0.2, 0.0])
     _, x, _ = flown(problem, trajectory, 0.0)
     near = x[len(x) // 2]
@@ -264,7 +263,7 @@ def test_the_object_keeps_the_clearance_from_the_links_themselves():
 
 
 def test_beside_its_target_the_object_comes_as_near_to_a_box_as_it_lies_there():
-    here = with_clearance(shipped(), 0.02)
+    here = with_clearance(cell(), 0.02)
     radius = here.object.radius_m
     wall = with_boxes(here, ([1.0, 0.2 + radius + 0.01, 0.0], [1.6, 0.5, 0.4]))
     problem, trajectory = throw(wall, [1.3, 0.2, 0.0])

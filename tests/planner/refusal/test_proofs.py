@@ -205,17 +205,18 @@ def test_a_bin_around_the_home_is_refused_with_proof_and_offered_farther_away():
 
 
 def test_a_start_as_close_as_the_rule_allows_is_no_proof():
-    room = float(body_model(cell()).clearances(cell().home[None]).floor[0])
-    home = cell().home
+    low = cell().home + np.array([0.0, 0.4, 0.0, -0.4, 0.0, 0.0])  # the tool is lower than the shoulder
+    turned_away = low + 1.2 * np.eye(6)[0]
+    room = float(body_model(cell()).clearances(low[None]).floor[0])
     for start, raised, names in (
-        (home, room - 1e-4, []),
-        (home, room + 1e-4, ["floor"]),
-        (home, room + 1e-2, ["floor"]),
-        (TURNED_AWAY, room + 1e-4, ["floor"]),
-        (TURNED_AWAY, room + 1e-2, ["floor", "way_home"]),
+        (low, room - 1e-4, []),
+        (low, room + 1e-4, ["floor"]),
+        (low, room + 1e-2, ["floor"]),
+        (turned_away, room + 1e-4, ["floor"]),
+        (turned_away, room + 1e-2, ["floor", "way_home"]),
     ):
         floor = replace(cell().surroundings, floor_z_m=cell().surroundings.floor_z_m + raised)
-        problem = joint_problem(cell=replace(cell(), surroundings=floor), start=start)
+        problem = joint_problem(cell=replace(cell(), surroundings=floor, home=low), start=start)
         assert [violation.constraint for violation in blocked_postures(problem)] == names
 
 
