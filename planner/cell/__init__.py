@@ -6,7 +6,7 @@ All facts about a site are in its cell file; the arm's own data are in `planner.
 from planner.cell.changes import cell_of_keys
 from planner.cell.faults import cell_faults
 from planner.cell.fields import choice, merge_defaults, number, vector
-from planner.cell.file import cell_of, load_cell, parse_cell
+from planner.cell.file import DEFAULTS, cell_of, load_cell, parse_cell
 from planner.cell.model import (
     CONTACT_M,
     FARTHEST_M,
@@ -22,6 +22,7 @@ from planner.cell.source import CellSource, calibration_path, read_source
 
 __all__ = [
     "CONTACT_M",
+    "DEFAULTS",
     "FARTHEST_M",
     "STANDING_RAD",
     "Box",

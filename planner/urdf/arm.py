@@ -293,5 +293,5 @@ def _notes_on_masses(name: str, masses: Mapping[str, Any], numbers: Mapping[str,
     if not masses:
         return [f"it does not give the mass of every link: those published of a {name} are used"]
     if "link_mass_kg" in numbers and name in ROBOT_NAMES:
-        return [f"its masses are not those published of a {name}: they are written to [arm_data]"]
+        return [f"its masses are not those published of a {name}, or not at the same places: [arm_data] has them"]
     return []

@@ -12,7 +12,7 @@ import numpy as np
 
 from planner.arrays import Array
 from planner.calibration import calibration_text, table_of
-from planner.cell import Cell, CellSource, cell_of
+from planner.cell import DEFAULTS, Cell, CellSource, cell_of
 from planner.documents import read_file
 from planner.errors import CellError, FileRefused
 from planner.robots import Robot
@@ -81,6 +81,7 @@ def _written(tree: UrdfTree, arm: DescribedArm, name: str, tcp: str | None, file
         "base_in_world": _pose(arm.X_RB, "position_m", "rotation_vector_rad"),
         "tool": tool,
         "limits": limits,
+        "timing": {"lag_s": DEFAULTS["sim"]["lag_s"]},
         "link": {"kind": "sim", "host": "127.0.0.1"},
     }
     lines = [f"# From the URDF file {_toml(file)}.", f'robot = "{arm.robot.name}"']
