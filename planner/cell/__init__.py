@@ -3,6 +3,7 @@
 All facts about a site are in its cell file; the arm's own data are in `planner.robots`.
 """
 
+from planner.cell.arm_data import completed_arm
 from planner.cell.changes import cell_of_keys
 from planner.cell.faults import cell_faults
 from planner.cell.fields import choice, merge_defaults, number, vector
@@ -37,6 +38,7 @@ __all__ = [
     "cell_of",
     "cell_of_keys",
     "choice",
+    "completed_arm",
     "load_cell",
     "merge_defaults",
     "number",

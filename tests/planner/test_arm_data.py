@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from planner.cell import CellSource, cell_faults, cell_of_keys, parse_cell
+from planner.cell import CellSource, cell_faults, cell_of_keys, completed_arm, parse_cell
 from planner.dynamics import joint_torques
 from planner.errors import CellError
 from planner.geometry import arm_capsules
@@ -83,6 +83,7 @@ def test_a_completed_arm_keeps_its_own_limits_in_code():
         cell.with_limits(joint_velocity_rad_s=2.7)
     again = cell_of_keys({"name": "c", **cell.document})
     assert again.robot is cell.robot
+    assert completed_arm(cell.as_document()) is cell.robot
 
 
 @pytest.mark.parametrize(
