@@ -194,30 +194,20 @@ def missing_numbers(name: str) -> tuple[str, ...]:
     Raises:
         UnknownRobot: there is no such arm.
     """
-    return tuple(key for key in ARM_NUMBERS if key not in OPTIONAL and not is_published(name, key))
+    return tuple(key for key in ARM_NUMBERS if key not in OPTIONAL and published_number(name, key) is None)
 
 
-def is_published(name: str, key: str) -> bool:
-    """Returns whether a number of an arm, by its key of `ARM_NUMBERS`, is published.
+def published_number(name: str, key: str) -> Any:
+    """Returns a number of an arm by its key of `ARM_NUMBERS`, in the unit of that; None where it is not published.
 
     Raises:
         UnknownRobot: there is no such arm.
     """
     table, own = ARM_NUMBERS[key]
     document = _document(name)
-    if not table:
-        return own in document
-    return table in document and (table == "links" or own in document[table])
-
-
-def published_lengths(name: str) -> tuple[Array, Array] | None:
-    """Returns the published DH lengths a and d (6,) [m] of an arm; None where they are not.
-
-    Raises:
-        UnknownRobot: there is no such arm.
-    """
-    table = _document(name).get("dh")
-    return None if table is None else (read_only(table["a_m"]), read_only(table["d_m"]))
+    if table == "links":
+        return [link[own] for link in document[table]] if table in document else None
+    return (document.get(table, {}) if table else document).get(own)
 
 
 def completed(name: str, numbers: Mapping[str, Any]) -> Robot:

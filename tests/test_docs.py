@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from api.cli import COMMANDS
-from planner.robots import INCOMPLETE_NAMES, ROBOT_NAMES, is_published, missing_numbers, robot
+from planner.robots import INCOMPLETE_NAMES, ROBOT_NAMES, missing_numbers, published_number, robot
 
 ROOT = Path(__file__).parent.parent
 PACKAGES = ("fling", "planner", "api", "store", "learning", "jobs", "executor", "simulator", "benchmarks")
@@ -110,7 +110,7 @@ def test_the_table_of_arms_is_what_the_data_say():
         missing = missing_numbers(name)
         for cell, key in ((kinematics, "dh_a_m"), (limits, "joint_velocity_deg_s"), (masses, "link_mass_kg")):
             assert (cell == "**missing**") == (key in missing), (name, key)
-        assert (payload == "missing") == (not is_published(name, "payload_kg")), name
+        assert (payload == "missing") == (published_number(name, "payload_kg") is None), name
         if name in ROBOT_NAMES:
             assert (capsules == "estimate") == robot(name).shape.is_estimate, name
             assert (capsules == "measured") == (robot(name).shape.of == name), name

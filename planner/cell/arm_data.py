@@ -1,15 +1,18 @@
-"""Numbers of an arm that its maker has not published, from the table `[arm_data]` of a cell file, with their source."""
+"""Numbers of an arm from the table `[arm_data]` of a cell file, with their source.
+
+Those that its maker has not published; lower limits than the published ones; and other masses of its links.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from planner.cell.fields import number, vector
 from planner.errors import CellError, IncompleteRobot, UnknownRobot
-from planner.robots import ARM_NUMBERS, INCOMPLETE_NAMES, ROBOT_NAMES, Robot, completed, is_published
+from planner.robots import ARM_NUMBERS, INCOMPLETE_NAMES, ROBOT_NAMES, Robot, completed, published_number
 
 WHERE = "arm_data."
 SOURCE_MAX = 500  # characters
@@ -60,14 +63,18 @@ def completed_arm(document: Mapping[str, Any]) -> Robot:
 
 
 def _read(table: Mapping[str, Any], key: str, name: str) -> Any:
-    if not key.startswith("link_") and is_published(name, key):
-        reason = f"is published for a {name}; [limits] takes lower limits, and [kinematics] a measured chain"
-        raise CellError(WHERE + key, table[key], reason)
+    published = published_number(name, key)
+    if key in LAYOUT and published is not None:
+        raise CellError(WHERE + key, table[key], f"is published for a {name}; [kinematics] takes a measured chain")
     if key == "payload_kg":
-        return number(table, key, WHERE, *BOUNDS[key])
+        mass_kg = number(table, key, WHERE, *BOUNDS[key])
+        _require_within([mass_kg], [published], WHERE + key)
+        return mass_kg
     if key not in PER_LINK:
         values = vector(table, key, WHERE, 6, *BOUNDS[key]).tolist()
         _require_layout(values, key)
+        if not key.startswith("link_"):
+            _require_within(values, published or [None] * 6, WHERE + key)
         return values
     rows = table[key]
     if not isinstance(rows, list | tuple) or len(rows) != 6:
@@ -79,6 +86,14 @@ def _read(table: Mapping[str, Any], key: str, name: str) -> Any:
     if key == "link_inertia_kg_m2":
         _require_inertias(read)
     return read
+
+
+def _require_within(values: Sequence[float], published: Sequence[float | None], field: str) -> None:
+    """Raises a `CellError` where a limit is beyond the published one, which can be lowered alone."""
+    for i, (value, own) in enumerate(zip(values, published, strict=True)):
+        if own is not None and abs(value) > abs(own):
+            place = field if len(values) == 1 else f"{field}[{i}]"
+            raise CellError(place, value, f"is beyond the published {own:g}")
 
 
 def _require_layout(values: list[float], key: str) -> None:

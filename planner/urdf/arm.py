@@ -25,8 +25,7 @@ from planner.robots import (
     ROBOT_NAMES,
     Robot,
     completed,
-    is_published,
-    published_lengths,
+    published_number,
     robot,
 )
 from planner.rotations import invert_pose, pose
@@ -85,7 +84,7 @@ def arm_in(tree: UrdfTree, model: str | None = None) -> DescribedArm:
     links = [frames[0], *(invert_pose(frames[i]) @ frames[i + 1] for i in range(5))]
     transforms = transforms_of_links(links, invert_pose(frames[5]) @ X_BF)
     try:
-        a, d = published_lengths(name) or (np.array(lengths["dh_a_m"]), np.array(lengths["dh_d_m"]))
+        a, d = (published_number(name, key) or lengths[key] for key in ("dh_a_m", "dh_d_m"))
     except UnknownRobot as error:
         raise UrdfRefused(str(error)) from error
     published = transforms_of_table(DhTable(read_only(np.zeros(6)), read_only(a), read_only(d), read_only(DH_TWISTS)))
@@ -206,11 +205,12 @@ def _model(tree: UrdfTree, lengths: Mapping[str, list[float]]) -> tuple[str, lis
     A file that is named like a model means that one, where others have the same lengths or its own are not published.
     """
     said = tree.name.lower().replace("-", "_")
-    if said in INCOMPLETE_NAMES and published_lengths(said) is None:
+    if said in INCOMPLETE_NAMES and published_number(said, "dh_a_m") is None:
         return said, []
     apart_m = {}
     for name in (*ROBOT_NAMES, *INCOMPLETE_NAMES):
-        if (known := published_lengths(name)) is not None:
+        known = [published_number(name, key) for key in ("dh_a_m", "dh_d_m")]
+        if None not in known:
             apart_m[name] = float(np.abs(np.subtract([lengths["dh_a_m"], lengths["dh_d_m"]], known)).max())
     nearest = min(apart_m, key=apart_m.__getitem__)
     if apart_m[nearest] > LIKE_M:
@@ -268,7 +268,9 @@ def _with_numbers(
     Raises:
         UrdfRefused: it lacks numbers that are not published.
     """
-    numbers = {key: value for key, value in given.items() if key.startswith("link_") or not is_published(name, key)}
+    numbers = {
+        key: value for key, value in given.items() if key.startswith("link_") or published_number(name, key) is None
+    }
     if name in ROBOT_NAMES and not _has_other_masses(robot(name), numbers):
         numbers = {key: value for key, value in numbers.items() if not key.startswith("link_")}
     try:

@@ -11,7 +11,7 @@ from planner.dynamics import joint_torques
 from planner.errors import CellError
 from planner.geometry import arm_capsules
 from planner.kinematics import forward
-from planner.robots import INCOMPLETE_NAMES, completed, is_published, missing_numbers, robot
+from planner.robots import INCOMPLETE_NAMES, completed, missing_numbers, published_number, robot
 from tests.planner.published_arms import pinocchio_arm
 
 LINK = '[link]\nkind = "sim"\n'
@@ -112,11 +112,27 @@ def test_a_wrong_number_is_refused_and_nothing_else(changes, field, words):
     assert words in faults[0].reason
 
 
-def test_what_is_published_is_not_given_again():
-    for key, value in (("joint_velocity_deg_s", [100.0] * 6), ("payload_kg", 4.0), ("dh_a_m", NUMBERS["dh_a_m"])):
-        with pytest.raises(CellError, match="is published for a ur5e"):
+def test_what_is_published_can_be_lowered_alone():
+    lower = parse_cell(file_of("ur15", joint_velocity_deg_s=[100.0] * 6, joint_torque_n_m=[70.0] * 6), "c").robot
+    np.testing.assert_allclose(lower.qd_max, np.radians(100.0))
+    np.testing.assert_array_equal(lower.tau_max, 70.0)
+    assert lower.published is lower
+    assert parse_cell(file_of("ur5e", payload_kg=4.0), "c").robot.payload_kg == 4.0
+    for key, value, field in (
+        ("joint_velocity_deg_s", [180.0] * 5 + [181.0], "joint_velocity_deg_s[5]"),
+        ("joint_position_lower_deg", [-361.0, *[-360.0] * 5], "joint_position_lower_deg[0]"),
+        ("payload_kg", 5.1, "payload_kg"),
+    ):
+        with pytest.raises(CellError, match="beyond the published") as refused:
             parse_cell(file_of("ur5e", **{key: value}), "c")
-    assert not is_published("ur15", "payload_kg")
+        assert refused.value.field == f"arm_data.{field}"
+    with pytest.raises(CellError, match=r"is published for a ur5e; .* measured chain"):
+        parse_cell(file_of("ur5e", dh_a_m=NUMBERS["dh_a_m"]), "c")
+
+
+def test_masses_can_be_others_than_the_published():
+    assert published_number("ur15", "payload_kg") is None
+    assert published_number("ur5e", "link_mass_kg")[1] == robot("ur5e").links[1].mass
     heavier = parse_cell(file_of("ur5e", link_mass_kg=[4.0, 9.0, 3.0, 1.4, 1.4, 0.4]), "c")
     assert heavier.robot.links[1].mass == 9.0
     np.testing.assert_array_equal(heavier.robot.links[1].com, robot("ur5e").links[1].com)
