@@ -89,8 +89,8 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         422,
         "The arm cannot do this",
         "'violations' lists the constraints in the way and by how much: 'proven' where no motion can avoid them, else "
-        "the search ran to its end without one that does; 'attempts' is what was tried, 'nearest' the closest feasible "
-        "request, or null.",
+        "the search ran to its end without one that does; 'attempts' is what was tried, 'nearest' a feasible request "
+        "near it, or null: there may be a nearer one.",
     ),
     "idempotency-conflict": ProblemType(
         422, "The idempotency key is taken", "An Idempotency-Key belongs to one request body. Use a new key."
@@ -104,7 +104,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         "Planning timed out",
         "'time_limit_s' passed before it was decided whether there is a motion ('solver.status' is 'time_limit'), or a "
         "planner process ended: allow more time. 'violations' are what stood in the way of the "
-        "best motion so far, 'nearest' is the closest feasible request found, or null.",
+        "best motion so far, 'nearest' is a feasible request near it, or null.",
     ),
     "shutting-down": ProblemType(
         503,

@@ -8,14 +8,15 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.cell import Cell, parse_cell
+from planner.cell import Box, Cell, parse_cell
 from planner.certificate import (
     SINGULARITY_WINDOW_S,
     ArmSamples,
@@ -34,7 +35,7 @@ from planner.certificate import (
 )
 from planner.errors import Infeasible, InvalidProblem, SolverFailed
 from planner.flight import fly
-from planner.geometry import tool_state
+from planner.geometry import SELF_CLEARANCE_M, tool_state
 from planner.kinematics import signed_singularity_distances
 from planner.planning import plan
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
@@ -49,6 +50,10 @@ A_TICK = 8  # [-] instants that are looked at first
 ZOOMS = 8  # [-] times that the surroundings of the worst one are looked at
 ZOOM = 33  # [-] instants of each: 16 times closer
 KINDS = ("joint", "pose", "point", "target", "soonest")
+STRONG_M_S2 = 1e6  # [m/s^2] a grip that holds anything
+PLAY_M = 0.001001  # [m] of the object in the grip, a little more than what the certificate ignores
+LEAVES_S = 0.3  # [s] after the release in which the object leaves the grip
+BOX_M = 0.02  # [m] size of a box beside a flight
 SPREAD_RAD = 0.8
 SPEED_SHARE = 0.6  # [rad] about home, [-] of the velocity limits: of the joint states that releases are taken from
 TIME_LIMIT_S = 30.0  # [s] of a plan
@@ -62,6 +67,7 @@ capsules = [{{ from_m = [0.0, 0.0, 0.0], to_m = [0.0, 0.0, 0.1], radius_m = 0.04
 keep_in = [{{ lower_m = [-2.0, -2.0, 0.05], upper_m = [2.0, 2.0, 2.5] }}]
 keep_out = [{{ lower_m = [-2.0, 1.0, 0.0], upper_m = [2.0, 1.2, 0.6] }}]
 [gripper]
+jitter_s = 0.0015
 opening_direction = [0.0, 0.0, 1.0]
 opening_cone_rad = 2.5
 hold_acceleration_m_s2 = 200.0
@@ -147,6 +153,8 @@ def mutations(problem: ThrowProblem, trajectory: Trajectory) -> Iterator[Mutatio
     yield from _of_tool(problem, motion)
     yield from _of_safety(problem, motion)
     yield from _of_surroundings(problem, motion)
+    if not problem.ends_at_rest:
+        yield from _of_object(problem, motion)
     if problem.is_robust:
         yield _of_landing(problem, trajectory)
 
@@ -216,8 +224,17 @@ def _of_safety(problem: ThrowProblem, motion: MotionSamples) -> Iterator[Mutatio
         yield Mutation(name, check, lambda tight=tight: replace(problem, cell=tight))
     held = t[t <= motion.held_until_s]
     (felt,) = _peaks(lambda t: felt_sizes(motion.at(t), False), held)
-    weak = replace(here, gripper=replace(here.gripper, hold_acceleration_m_s2=np.array([felt * (1.0 - INSIDE)])))
-    yield Mutation("hold_acceleration_m_s2", "grip_acceleration", lambda: replace(problem, cell=weak))
+    yield _holding_less(problem, "hold_acceleration_m_s2", np.array([felt]))
+    for axis, felt in enumerate(_peaks(lambda t: felt_sizes(motion.at(t), True), held)):
+        along = np.full(3, STRONG_M_S2)
+        along[axis] = felt
+        yield _holding_less(problem, f"hold_acceleration_m_s2[{axis}]", along)
+
+
+def _holding_less(problem: ThrowProblem, limit: str, felt: Vector) -> Mutation:
+    gripper = replace(problem.cell.gripper, hold_acceleration_m_s2=felt * (1.0 - INSIDE))
+    weak = replace(problem.cell, gripper=gripper)
+    return Mutation(limit, "grip_acceleration", lambda: replace(problem, cell=weak))
 
 
 def _of_surroundings(problem: ThrowProblem, motion: MotionSamples) -> Iterator[Mutation]:
@@ -249,6 +266,92 @@ def _of_surroundings(problem: ThrowProblem, motion: MotionSamples) -> Iterator[M
         yield Mutation(f"keep_in lower[{axis}]", "keep_in", standing(keep_in=(replace(room, lower=lower),)))
 
 
+def _of_object(problem: ThrowProblem, motion: MotionSamples) -> Iterator[Mutation]:
+    """Yields a larger object beside the arm, a narrower gripper, and a box that the flight touches."""
+    here = problem.cell
+    body = motion.body
+    t = _dense(motion.trajectory)
+    of_object = body.pairs[:, 1] == body.object
+    if of_object.any():
+        held = t[t <= motion.held_until_s]
+
+        def gaps(t: Vector) -> Vector:
+            return -body.pair_distances(body.end_points(motion.poses_at(t)))[of_object]
+
+        closest = -_peaks(gaps, held).max()
+        larger = replace(here.object, radius_m=here.object.radius_m + closest - SELF_CLEARANCE_M + INSIDE)
+        bulky = replace(here, object=larger)
+        yield Mutation("object.radius_m", "self_collision", lambda: replace(problem, cell=bulky))
+    spread = problem.opening_spread_s
+    for delay in (-spread, 0.0, spread):
+        arm = motion.at(np.array([motion.trajectory.release_time_s + delay]))
+        narrow = replace(here, gripper=replace(here.gripper, opening_cone_rad=_widest(motion, arm) - INSIDE))
+        yield Mutation(
+            f"opening_cone_rad, {1e3 * delay:+.0f} ms",
+            "opening_direction",
+            lambda narrow=narrow: replace(problem, cell=narrow),
+        )
+        around = here.surroundings
+        beside = replace(around, keep_out=(*around.keep_out, _box_beside(problem, arm)))
+        walled = replace(here, surroundings=beside)
+        yield Mutation(
+            f"keep_out beside the flight, {1e3 * delay:+.0f} ms",
+            "flight_clearance",
+            lambda walled=walled: replace(problem, cell=walled),
+        )
+
+
+def _widest(motion: MotionSamples, released: ArmSamples) -> float:
+    """Returns the widest angle from the opening direction of an object's way out of the grip [rad].
+
+    Args:
+        motion: the motion.
+        released: the arm at the one instant of the release.
+    """
+    cell = released.cell
+    direction = cell.gripper.opening_direction
+    assert direction is not None
+    p = released.p_WT
+    v = released.v_WT
+    g = np.array([[0.0], [0.0], [cell.surroundings.gravity_m_s2]])
+
+    def moved(s: Vector) -> Vector:
+        later = motion.at(released.t[0] + s)
+        R_WT = later.X_WL[:, 6, :3, :3] @ cell.tool.X_FT[:3, :3]
+        return np.einsum("kij,ik->jk", R_WT, p + v * s - 0.5 * g * s * s - later.p_WT)
+
+    def angles(s: Vector) -> Vector:
+        way = moved(s)
+        size = np.linalg.norm(way, axis=0)
+        cosine = direction @ way / np.maximum(size, PLAY_M)
+        return np.where(size >= PLAY_M, np.arccos(np.clip(cosine, -1.0, 1.0)), -np.inf)
+
+    s = np.arange(0.0, LEAVES_S, motion.trajectory.dt / A_TICK)
+    within = np.linalg.norm(moved(s), axis=0) < cell.object.way_out_m
+    return float(_peaks(angles, s[: len(s) if within.all() else int(within.argmin())])[0])
+
+
+def _box_beside(problem: ThrowProblem, released: ArmSamples) -> Box:
+    """Returns a box whose edge the object touches half-way to the ground: the flight's plane passes it by its radius.
+
+    Args:
+        problem: whose object flies without drag.
+        released: the arm at the one instant of the release.
+    """
+    p = released.p_WT[:, 0]
+    v = released.v_WT[:, 0]
+    flight = fly(p, v, problem.plane_z, problem.gravity, 0.0)
+    assert flight is not None
+    s = 0.5 * flight.time_of_flight_s
+    half_way = p + v * s - 0.5 * problem.gravity * s * s * np.array([0.0, 0.0, 1.0])
+    aside = np.array([-v[1], v[0]]) / np.hypot(v[0], v[1])
+    edge = half_way[:2] + aside * (problem.cell.object.radius_m - INSIDE)
+    corners = np.stack([edge, edge + np.copysign(BOX_M, aside)])
+    lower = np.append(corners.min(axis=0), half_way[2] - BOX_M)
+    upper = np.append(corners.max(axis=0), half_way[2] + BOX_M)
+    return Box(lower, upper)
+
+
 def _of_landing(problem: ThrowProblem, trajectory: Trajectory) -> Mutation:
     window = problem.release_window_s
     delays = np.linspace(-window, window, A_TICK * 2 * math.ceil(window / trajectory.dt) + 1)
@@ -278,16 +381,37 @@ def _peaks(values: Callable[[Vector], Vector], t: Vector) -> Vector:
     return peaks
 
 
-def survivors(count: int, seed: int) -> tuple[int, list[str]]:
-    """Returns how many limits were drawn in, and those whose plan was certified all the same."""
-    tried = 0
-    certified = []
+@dataclass(eq=False)
+class Tally:
+    """What was tried: plans by their arm and by their kind of release, limits, and which limits did not refuse."""
+
+    arms: Counter[str] = field(default_factory=Counter)
+    kinds: Counter[str] = field(default_factory=Counter)
+    limits: Counter[str] = field(default_factory=Counter)
+    certified: list[str] = field(default_factory=list)
+
+    def __str__(self) -> str:
+        """The counts in lines, then what was certified all the same."""
+        head = (
+            f"{self.limits.total()} limits of {self.arms.total()} plans, {1e6 * INSIDE:g} millionths inside their peaks"
+        )
+        by = (("arms", self.arms), ("kinds", self.kinds), ("limits", self.limits))
+        counts = [f"{name}: " + ", ".join(f"{each} {count[each]}" for each in sorted(count)) for name, count in by]
+        return "\n".join([head, *counts, f"{len(self.certified)} certified all the same", *self.certified])
+
+
+def tried(count: int, seed: int) -> Tally:
+    """Returns what became of every limit of certified plans."""
+    tally = Tally()
     for name, problem, trajectory in certified_plans(count, seed):
+        arm, kind, _ = name.split("/")
+        tally.arms[f"{arm} at {trajectory.sample_rate_hz:g} Hz"] += 1
+        tally.kinds[kind] += 1
         for mutation in mutations(problem, trajectory):
-            tried += 1
+            tally.limits[mutation.check] += 1
             if not mutation.is_refused(trajectory):
-                certified.append(f"{name}: {mutation.limit}")
-    return tried, certified
+                tally.certified.append(f"{name}: {mutation.limit}")
+    return tally
 
 
 def main() -> None:
@@ -296,10 +420,9 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=500, help="plans")
     parser.add_argument("--seed", type=int, default=1, help="of the plans")
     asked = parser.parse_args()
-    tried, certified = survivors(asked.count, asked.seed)
-    print(f"{tried} limits of {asked.count} plans, {1e6 * INSIDE:g} millionths inside their peaks")
-    print("\n".join([f"{len(certified)} certified all the same", *certified]))
-    raise SystemExit(bool(certified))
+    tally = tried(asked.count, asked.seed)
+    print(tally)
+    raise SystemExit(bool(tally.certified))
 
 
 if __name__ == "__main__":

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from planner.certificate import Certificate, Check, certify
     from planner.errors import CellError, Infeasible, InvalidProblem, PlannerError, SolverFailed, Violation
     from planner.problem import ThrowProblem
+    from planner.progress import Progress
     from planner.robots import Robot, robot
     from planner.trajectory import integrate
 
@@ -53,6 +54,7 @@ __all__ = [
     "PlannerError",
     "Point",
     "Pose",
+    "Progress",
     "Release",
     "Robot",
     "ServiceRefusal",
@@ -96,6 +98,7 @@ _HOMES = {  # module: the public names that it holds
     "planner.certificate": ("Certificate", "Check", "certify"),
     "planner.errors": ("CellError", "Infeasible", "InvalidProblem", "PlannerError", "SolverFailed", "Violation"),
     "planner.problem": ("ThrowProblem",),
+    "planner.progress": ("Progress",),
     "planner.robots": ("Robot", "robot"),
     "planner.trajectory": ("integrate",),
 }

@@ -15,10 +15,12 @@ from fling import stop_socket
 from fling.requests import Options, Release, request_of
 from fling.this_machine import executors_folder, is_loopback_host
 from fling.tracing import trace_context
+from planner.progress import Observer, Progress
 
 if TYPE_CHECKING:
     from fling.plans import Plan
 
+EVENTS = "text/event-stream"
 TIMEOUT_S = 150.0  # [s] a plan may take its whole time limit
 ABORT_S = 10.0  # [s] an abort is answered within one, and within six where a locked database alone could note it
 UNREACHABLE = 0  # status of the problem of a service that does not answer
@@ -79,21 +81,38 @@ class Client:
         request: Mapping[str, Any] | Release,
         cell: str | None = None,
         trajectory: bool = True,
+        progress: Observer | None = None,
         **options: Unpack[Options],
     ) -> Plan:
-        """Returns the stored plan of a request.
+        """Returns the stored plan of a request. An exception meanwhile, such as Ctrl-C, ends the search at the service.
 
         Args:
             request: a release such as `fling.Target`, or all of it as `POST /plan` takes it.
             cell: name of the cell; by default the one that the request names, or the service's.
             trajectory: whether the answer has the samples.
+            progress: called with a `Progress` several times a second; what it raises ends the search.
             options: what the request states beside the release, such as `release_window_s=0.01`.
         """
         asked = request_of(request, options)
         body = dict(asked) if cell is None else {**asked, "cell": cell}
         from fling.plans import Plan  # loads the planner, which other calls do without
 
-        return Plan(self.post(f"/plan?trajectory={str(trajectory).lower()}", body))
+        return Plan(self.planned(body, trajectory, progress))
+
+    def planned(
+        self, request: Mapping[str, Any], trajectory: bool = True, progress: Observer | None = None
+    ) -> dict[str, Any]:
+        """Returns the document of the stored plan of a request, as `POST /plan` takes it; see `plan`."""
+        path = f"/plan?trajectory={str(trajectory).lower()}"
+        if progress is None:
+            return self.post(path, request)
+        for _, kind, data in self._streamed("POST", path, {"Accept": EVENTS}, json=request):
+            if kind == "plan":
+                return data
+            if kind == "problem":
+                raise self.refusal(data)
+            progress(Progress(**data))
+        raise self._unreachable(ConnectionError("the answer has no end"))
 
     def execute(self, plan: Plan | str = "latest", mode: str = "speedj", dry_run: bool = False) -> dict[str, Any]:
         """Queues an execution of a plan, or of the plan with an id, and returns it; `finished` waits for its end."""
@@ -182,11 +201,16 @@ class Client:
 
     def _events(self, execution_id: str, after_id: int = 0) -> Iterator[tuple[int, str, dict[str, Any]]]:
         """Yields (id, kind, data) of every event after `after_id`."""
-        id = after_id
+        yield from self._streamed("GET", f"/executions/{execution_id}/events", {"Last-Event-ID": str(after_id)})
+
+    def _streamed(
+        self, method: str, path: str, headers: Mapping[str, str], **more: Any
+    ) -> Iterator[tuple[int, str, dict[str, Any]]]:
+        """Yields (id, kind, data) of the events of an answer; closing the iterator closes the connection."""
+        id = 0
         kind = "message"
-        headers = {"Last-Event-ID": str(after_id), **trace_context()}
         try:
-            with self._http.stream("GET", f"/executions/{execution_id}/events", headers=headers) as response:
+            with self._http.stream(method, path, headers={**headers, **trace_context()}, **more) as response:
                 self._check(response)
                 for line in response.iter_lines():
                     name, _, value = line.partition(": ")

@@ -15,7 +15,9 @@ from planner import planning
 from planner.answer import iso_time, plan_document
 from planner.cell import Cell
 from planner.errors import FieldError, InvalidProblem
+from planner.planning import SearchHints
 from planner.problem import ThrowProblem
+from planner.progress import Observer, ProgressMeter
 from planner.request import problem_from_request, request_document
 
 DEFAULT_CELL = "ur5e-sim"
@@ -51,6 +53,7 @@ def problem(
 def plan(
     request: Mapping[str, Any] | Release | ThrowProblem,
     cell: Cell | str | Path | None = None,
+    progress: Observer | None = None,
     **options: Unpack[Options],
 ) -> Plan:
     """Returns the best certified motion for a request.
@@ -60,20 +63,23 @@ def plan(
     Args:
         request: a release such as `fling.Target`, all of it as `POST /plan` takes it, or a problem.
         cell: a cell, or its name or file; by default the one that the request names, or `ur5e-sim`.
+        progress: called with a `Progress` at each step of the search, and decides nothing; what it raises ends the
+            search.
         options: what the request states beside the release, such as `release_window_s=0.01`; none for a problem.
 
     Raises:
         CellError: there is no such cell, or its file is refused.
         InvalidProblem: every refused field with its reason.
-        Infeasible: there is no such motion, or none was found; says what stands in the way, and what is nearest.
+        Infeasible: there is no such motion, or none was found; says what stands in the way, and what near it works.
         SolverFailed: the request's time limit ended the search before that.
     """
+    hints = SearchHints(meter=ProgressMeter(progress))
     if isinstance(request, ThrowProblem):
         if cell is not None or options:
             raise TypeError("a problem states its cell and options itself: dataclasses.replace(problem, ...)")
-        found = planning.plan(request)
+        found = planning.plan(request, hints)
         asked = request_document(request, request.release)
     else:
-        found = planning.plan(problem(request, cell, **options))
+        found = planning.plan(problem(request, cell, **options), hints)
         asked = {**request_of(request, options), "cell": found.problem.cell.name}
     return Plan(plan_document(found, asked, str(uuid4()), iso_time(time.time())), found)

@@ -8,7 +8,7 @@
     ├── CellError            a cell file is refused: field, value, reason
     ├── FileRefused          another file that a person handed over is refused: its path, and the reason
     ├── InvalidProblem       a request is refused: the first wrong fields, each with its reason
-    ├── Infeasible           no motion was found: the violated constraints, proven or not, and the nearest request
+    ├── Infeasible           no motion was found: the violated constraints, proven or not, and one near it that works
     ├── SolverFailed         a solver gave up, or the time limit ended the search: status, what was found so far
     └── BackendUnavailable   an optional back end is not installed: the extra to install
 """
@@ -188,7 +188,7 @@ class Infeasible(PlannerError):
 
     Attributes:
         violations: the constraints in the way, each proven or only not avoided by what was tried.
-        nearest: the closest request with a certified plan, in the shape of `POST /plan`, or None.
+        nearest: a request near it that has a certified plan, in the shape of `POST /plan`, or None.
         attempts: log of the search.
     """
 
@@ -212,7 +212,7 @@ class SolverFailed(PlannerError):
         iterations: of the solver.
         attempts: log of the search.
         violations: what stood in the way of the best motion so far; none is proven.
-        nearest: the closest request with a certified plan, in the shape of `POST /plan`, or None.
+        nearest: a request near it that has a certified plan, in the shape of `POST /plan`, or None.
     """
 
     def __init__(

@@ -10,6 +10,7 @@ from typing import Any
 from planner.answer import Plan
 from planner.errors import Infeasible, SolverFailed
 from planner.problem import TIME_LIMIT_S, ThrowProblem
+from planner.progress import SILENT, ProgressMeter
 from planner.refusal import nearest_problem, of_candidates, refuse_impossible
 from planner.request import request_document
 from planner.search import (
@@ -29,11 +30,13 @@ class SearchHints:
     Attributes:
         releases: release states of plans for other targets: a short search starts from these alone. Empty: an ordinary
             search from candidates of its own.
-        offers_nearest: whether a refusal carries the nearest feasible request, the larger part of most refusals' time.
+        offers_nearest: whether a refusal carries a feasible request near it, the larger part of most refusals' time.
+        meter: tells an observer of the progress, in all searches that it is given to.
     """
 
     releases: tuple[ReleaseState, ...] = ()
     offers_nearest: bool = True
+    meter: ProgressMeter = SILENT
 
 
 ORDINARY = SearchHints()
@@ -51,13 +54,14 @@ def plan(problem: ThrowProblem, hints: SearchHints = ORDINARY) -> Plan:
 
     Raises:
         Infeasible: the search for a certified motion ran to its end in vain, or none exists; carries the constraints
-            in the way, each proven or not, and the nearest feasible request.
+            in the way, each proven or not, and a feasible request near it.
         SolverFailed: the time limit ended the search before that; carries the same.
         BackendUnavailable: the requested back end is not installed.
     """
     load_libraries(problem.backend)
     begun_s = time.perf_counter()
-    search = PlanningSearch(problem, begun_s + problem.time_limit_s)
+    search = PlanningSearch(problem, begun_s + problem.time_limit_s, tell=hints.meter.step)
+    hints.meter.begin("search")
     try:
         refuse_impossible(problem)
         found = _candidates(search, hints.releases)
@@ -68,6 +72,7 @@ def plan(problem: ThrowProblem, hints: SearchHints = ORDINARY) -> Plan:
         best, way_home = best_with_way_home(search)
     except (Infeasible, SolverFailed) as refusal:
         if hints.offers_nearest:
+            hints.meter.begin("nearest")
             refusal.nearest = _nearest(search)
         raise
     return Plan(
@@ -91,20 +96,25 @@ def _candidates(search: PlanningSearch, releases: Sequence[ReleaseState]) -> lis
 
     Raises:
         Infeasible: there are none.
+        SolverFailed: the deadline passed before one was found.
     """
     problem = search.problem
     begun_s = time.perf_counter()
     try:
-        return neighbour_candidates(problem, releases) if releases else candidates(problem)
+        return neighbour_candidates(problem, releases) if releases else candidates(problem, search.deadline_s)
     except Infeasible as refusal:
         tried = refusal.tried if isinstance(refusal, NoCandidates) else NO_RELEASE_STATE
         search.log_attempt("candidates", tried, begun_s)
         log = [attempt.__dict__ for attempt in search.attempts]
         raise Infeasible(of_candidates(problem, refusal.violations), attempts=log) from None
+    except SolverFailed as cut_short:
+        search.log_attempt("candidates", NO_RELEASE_STATE, begun_s)
+        log = [attempt.__dict__ for attempt in search.attempts]
+        raise SolverFailed(cut_short.status, attempts=log, violations=cut_short.violations) from None
 
 
 def _nearest(search: PlanningSearch) -> dict[str, Any] | None:
-    """Returns the nearest feasible request, None where none was found.
+    """Returns a feasible request near the refused one, None where none was found.
 
     It has the usual time limit where the request's own passed before that was found: it can be posted as it is.
     """

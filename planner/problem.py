@@ -47,7 +47,6 @@ BACKENDS = ("auto", "casadi", "ruckig", "toppra", "cubic", "trapezoid", "ramp")
 TIME_LIMIT_S = 120.0
 TIME_LIMIT_MAX_S = 120.0  # [s] longest time that one request may occupy a planner
 JITTER_DEVIATIONS = 3.0  # [-] of the gripper's opening that a throw should stand: 99.7 % of normal delays
-JITTER_ROUNDING_S = 1e-9  # [s] by which three standard deviations may exceed a window in floating point
 BINS_KEPT = 32  # [-] cells with a bin of late
 
 
@@ -245,16 +244,20 @@ class ThrowProblem:
         return self.release_window_s > 0.0 and self.landing_tolerance_m > 0.0 and not self.ends_at_rest
 
     @property
-    def covers_jitter(self) -> bool:
-        """Whether the window holds three standard deviations of the gripper's opening, or nothing is released."""
-        if self.ends_at_rest or not self.holds_object:
-            return True
-        return JITTER_DEVIATIONS * self.cell.gripper.jitter_s <= self.planned_window_s + JITTER_ROUNDING_S
-
-    @property
     def planned_window_s(self) -> float:
         """The release window that the landing tolerance must hold for [s]: 0 without a tolerance, or for a move."""
         return self.release_window_s if self.is_robust else 0.0
+
+    @property
+    def opening_spread_s(self) -> float:
+        """How early or late the gripper may open [s]: the window, or three standard deviations if that is longer.
+
+        The object has to leave and fly clear of everything after a release at any of these times; where it lands counts
+        in the window alone. 0 for a move, or without the object.
+        """
+        if self.ends_at_rest or not self.holds_object:
+            return 0.0
+        return max(self.planned_window_s, JITTER_DEVIATIONS * self.cell.gripper.jitter_s)
 
 
 @lru_cache(maxsize=BINS_KEPT)

@@ -104,10 +104,12 @@ class ShapeSource:
         of: the arm whose capsules were measured on meshes.
         tubes_m: of an arm whose meshes were not measured, z of the axes of upper arm and forearm in their frames [m]:
             its capsules are those of the other arm at its own lengths; None: they are the other arm's.
+        foot_radius_m: of such an arm; None: that of the other.
     """
 
     of: str
     tubes_m: tuple[float, float] | None = None
+    foot_radius_m: float | None = None
 
     @property
     def is_estimate(self) -> bool:
@@ -263,7 +265,6 @@ def _document(name: str) -> dict[str, Any]:
 
 def _from_document(document: Mapping[str, Any], added: str = "") -> Robot:
     limits = document["limits"]
-    shape = document["capsules"]
     turn_deg = np.array(TURN_DEG)
     return Robot(
         name=document["name"],
@@ -281,11 +282,16 @@ def _from_document(document: Mapping[str, Any], added: str = "") -> Robot:
         qdd_max=read_only(np.full(6, ACCELERATION_MAX)),
         tau_max=read_only(limits["torque_n_m"]),
         links=tuple(_link(link) for link in document["links"]),
-        shape=ShapeSource(
-            shape["like"], (shape["upper_arm_z_m"], shape["forearm_z_m"]) if "upper_arm_z_m" in shape else None
-        ),
+        shape=_shape_source(document["capsules"]),
         added=added,
     )
+
+
+def _shape_source(document: Mapping[str, Any]) -> ShapeSource:
+    if "upper_arm_z_m" not in document:
+        return ShapeSource(document["like"])
+    tubes_m = document["upper_arm_z_m"], document["forearm_z_m"]
+    return ShapeSource(document["like"], tubes_m, document["foot_radius_m"])
 
 
 def _link(document: Mapping[str, Any]) -> Link:

@@ -9,7 +9,7 @@ import signal
 import sys
 from pathlib import Path
 
-from planner.cell import load_cell
+from planner.cell import Cell, load_cell
 from planner.errors import CellError
 from simulator import scheduling
 from simulator.loop import SimulatorLoop
@@ -23,14 +23,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parse(arguments)
     try:
         cell = load_cell(options.cell)
-        settings = SimulatorSettings(
-            restitution=options.restitution,
-            protective_stop_lock_s=options.protective_stop_lock_s,
-            stall_tolerant=not options.strict_clock,
-            remote_control_enabled=not options.no_remote_control,
-            programs=options.programs,
-            serial_number=options.serial_number or cell.link.serial or SimulatorSettings.serial_number,
-        )
+        settings = settings_of(options, cell)
         truth = load_truth(options.truth, cell, hidden=not options.reveal) if options.truth else truth_of(cell)
         simulation = Simulation(cell, settings, options.host or cell.link.host, truth)
         loop = SimulatorLoop(simulation)
@@ -48,6 +41,21 @@ def main(arguments: list[str] | None = None) -> int:
     print(f"ready: {cell.robot.name} {cell.sim.polyscope} on {simulation.network.host}, {granted}", flush=True)
     loop.run()
     return 0
+
+
+def settings_of(options: argparse.Namespace, cell: Cell) -> SimulatorSettings:
+    """Returns the settings that the command-line options ask for."""
+    usual = SimulatorSettings()
+    return SimulatorSettings(
+        restitution=options.restitution,
+        protective_stop_lock_s=options.protective_stop_lock_s,
+        stall_tolerant=not options.strict_clock,
+        remote_control_enabled=not options.no_remote_control,
+        programs=options.programs,
+        position_noise_rad=0.0 if options.no_noise else usual.position_noise_rad,
+        velocity_noise_rad_s=0.0 if options.no_noise else usual.velocity_noise_rad_s,
+        serial_number=options.serial_number or cell.link.serial or usual.serial_number,
+    )
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
@@ -70,6 +78,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     add("--serial-number", help="of the robot; the cell's link.serial by default, or a made-up one")
     remote_help = "remote control is not switched on in the settings, as on a new robot: no command is refused"
     add("--no-remote-control", action="store_true", help=remote_help)
+    add("--no-noise", action="store_true", help="measured joint positions and speeds are the true ones")
     strict_help = "keep the absolute grid of cycles where the machine stalls, instead of letting controller time slip"
     add("--strict-clock", action="store_true", help=strict_help)
     return parser.parse_args(arguments)

@@ -11,6 +11,8 @@ from simulator.physics import Transform, Workcell, kinematics
 from simulator.program import (
     CONTROL_HEADER,
     Installation,
+    InterpreterQueue,
+    MotionState,
     Program,
     ProgramContext,
     ProgramRunner,
@@ -18,6 +20,7 @@ from simulator.program import (
     Stops,
     SuddenTargetChange,
     load_control_program,
+    motions,
 )
 from simulator.settings import ControllerIdentity, SimulatorSettings
 from simulator.truth import Truth, truth_of
@@ -25,6 +28,7 @@ from simulator.urscript import Script
 
 SCALING_PER_S = 5.0  # [1/s] chosen: rate at which the speed scaling follows the slider, full range in 0.2 s
 ACCELERATION_SLACK = 1.001  # [-] a ramp exactly at the limit, rounded, is no violation
+TOOL_VOLTAGE_V = 24  # source: UR user manual, tool I/O: 0, 12 or 24 V
 COMMAND_REGISTERS = (0, 24)  # integer registers that may carry the command number; source: ur_rtde's two ranges
 
 
@@ -59,8 +63,11 @@ class Controller:
         self.stream = self.runner.stream
         self.stops = Stops(self.runner)
         self.context = ProgramContext(
+            version=self.identity.version,
             robot=cell.robot,
             arm=self.arm,
+            motion=MotionState(),
+            interpreter=InterpreterQueue(),
             registers=self.registers,
             installation=self.installation,
             limits=self.limits,
@@ -100,6 +107,11 @@ class Controller:
             self.runner.cycle()
         except SuddenTargetChange as change:
             self.stops.protective(str(change))
+        if self.runner.playing:
+            motions.coast(self.context)
+        else:
+            self.context.motion.blended = None
+            self.context.motion.leads_out = False
         self.arm.brake(self.safety.deceleration)
         self._check_limits()
         self.workcell.cycle(self.timeline.t)
@@ -116,7 +128,8 @@ class Controller:
         _, (vx, vy, vz, *_) = self.commanded_motion()
         violation = self.limits.violation(arm.q, arm.qd, arm.qdd, (vx * vx + vy * vy + vz * vz) ** 0.5)
         if violation:
-            self.stops.protective(violation)
+            fate = "stopped" if self.context.motion.leads_out else None  # its program could only do the same again
+            self.stops.protective(violation, fate, self.limits.stopping(arm.q, arm.qd))
 
     def commanded_motion(self) -> tuple[Transform, list[float]]:
         """Returns the commanded pose and twist of the TCP in the base; computed once per cycle."""
@@ -150,6 +163,8 @@ def installation_of(cell: Cell) -> Installation:
     up_W = np.array([0.0, 0.0, cell.surroundings.gravity_m_s2])
     installation = Installation(cell.tool.mass_kg, cog_m, (cell.X_WB[:3, :3].T @ up_W).tolist())
     installation.set_tcp(kinematics.from_matrix(cell.tool.X_FT))
+    if cell.gripper.output == "tool_digital":
+        installation.tool_voltage_v = TOOL_VOLTAGE_V
     return installation
 
 

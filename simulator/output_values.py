@@ -18,7 +18,6 @@ VOLTAGE_V = 48.0  # source: UR user manual, robot supply
 CURRENT_IDLE_A = 0.5  # chosen
 CURRENT_WINDOW_A = 6.0  # chosen: allowed deviation of a joint's current
 TOOL_RUNNING = 253  # tool_mode; source: UR client interfaces, "Tool Modes"
-TOOL_VOLTAGE_V = 24  # source: UR user manual, tool I/O: 0, 12 or 24 V
 VOLTAGE_TYPES = 3  # both of a pair of analog lines are voltages; source: RTDE guide, analog_io_types
 AMPERE_PER_NM = 0.1  # chosen: the joints' torque constants are not published
 
@@ -60,8 +59,6 @@ class OutputValues:
         values["tool_analog_input_types"] = [VOLTAGE_TYPES]
         values["analog_io_types"] = [VOLTAGE_TYPES | VOLTAGE_TYPES << 2]
         values["tool_digital_output0_mode"] = values["tool_digital_output1_mode"] = [1]  # sinking, the default
-        uses_tool_output = self.controller.cell.gripper.output == "tool_digital"
-        values["tool_output_voltage"] = [TOOL_VOLTAGE_V * uses_tool_output]
 
     def cycle(self) -> None:
         """Updates the values, except the joint torques."""
@@ -109,6 +106,7 @@ class OutputValues:
         values["payload_cog"] = installation.payload_cog_m
         values["payload_inertia"] = installation.payload_inertia
         values["tcp_offset"] = installation.tcp_pose
+        values["tool_output_voltage"] = [installation.tool_voltage_v]
         ux, uy, uz = installation.gravity_m_s2
         values["actual_tool_accelerometer"] = [-ux, -uy, -uz]
 

@@ -13,6 +13,7 @@ RTDE_PORT = 30004  # source: UR RTDE guide
 PRIMARY_PORT = 30001
 SECONDARY_PORT = 30002  # source: UR client interfaces
 SCRIPT_PORT = 30003  # source: UR client interfaces, the real-time interface; ur_rtde uploads its program here
+INTERPRETER_PORT = 30020  # source: UR, "Interpreter mode"; e-Series only
 READ_ONLY = 10  # added to a port's number: the same to read from only; source: UR client interfaces
 DASHBOARD_PORT = 29999  # source: UR dashboard manual
 CONTROL_PORT = 29900  # chosen: the simulator's own, not a port of UR

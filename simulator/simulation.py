@@ -9,11 +9,13 @@ from planner.cell import Cell
 from simulator.client_interfaces import ClientInterfaces
 from simulator.clock import CyclePacing, LatenessHistogram, SlipCounts
 from simulator.controller import Controller
-from simulator.interfaces import DashboardServer, Network, RobotFacts, RtdeServer, ServicePort
+from simulator.interfaces import DashboardServer, InterpreterServer, Network, RobotFacts, RtdeServer, ServicePort
 from simulator.output_values import OutputValues
 from simulator.physics import told_checksums
-from simulator.settings import DASHBOARD_PORT, RTDE_PORT, SimulatorSettings
+from simulator.settings import DASHBOARD_PORT, INTERPRETER_PORT, RTDE_PORT, SimulatorSettings
 from simulator.truth import Truth
+
+CB3_GENERATION = 3  # major version of its software
 
 
 class Simulation:
@@ -46,6 +48,9 @@ class Simulation:
             ServicePort("dashboard", DASHBOARD_PORT, dashboard),
             *self.client_interfaces.ports,
         )
+        if c.identity.version[0] > CB3_GENERATION:
+            server = InterpreterServer(c.context.interpreter)
+            self.network.add(ServicePort("interpreter", INTERPRETER_PORT, server))
 
     def tick(self) -> None:
         """Runs one controller cycle and sends its state."""

@@ -12,12 +12,14 @@ import click
 
 from api.cli.support.errors import Finite
 from api.cli.support.options import json_option
+from api.cli.support.search_line import SearchLine
 from api.cli.support.summary import plan_text
 
 if TYPE_CHECKING:
     from api.problems import ProblemDetails
-    from jobs.planning import PlanRecord
+    from jobs.planning import PlanningJob, PlanRecord
     from planner.errors import PlannerError
+    from planner.progress import Observer
 
 
 @click.command()
@@ -37,7 +39,9 @@ def plan(file: Path, cells: Path | None, cell: str | None, odds: float | None, a
     from planner.errors import PlannerError
 
     try:
-        planned = _plan(read_document(file), odds, cells, cell)
+        asked = _job(read_document(file), odds, cells, cell)
+        with SearchLine(as_json) as line:
+            planned = _solved(asked, line)
     except (ProblemDetails, PlannerError) as error:
         _refuse(error, file, as_json)
     plan_document = planned.row.document.decode()
@@ -64,15 +68,24 @@ def _refuse(error: ProblemDetails | PlannerError, file: Path, as_json: bool) -> 
     sys.exit(exit_status(problem.name))
 
 
-def _plan(document: Any, odds: float | None, cells: Path | None, cell: str | None) -> PlanRecord:
+def _solved(job: PlanningJob, observer: Observer) -> PlanRecord:
+    """Plans; loads all that this takes."""
+    from jobs.planning import solve
+
+    return solve(job, observer)
+
+
+def _job(document: Any, odds: float | None, cells: Path | None, cell: str | None) -> PlanningJob:
+    """Returns the job of a request, once its fields are checked."""
+    from planner.request import read_request
+
+    asked = read_request(document)  # a slip is answered before anything else is loaded
     from api.cell_repository import CellRepository, UnknownCell
     from api.problems import invalid_field
     from api.settings import parse_settings
-    from jobs.planning import PlanningJob, solve
-    from planner.request import read_request
+    from jobs.planning import PlanningJob
     from store import new_id
 
-    asked = read_request(document)
     if odds is not None:
         asked["min_hit_probability"] = odds
     settings = parse_settings()
@@ -81,4 +94,4 @@ def _plan(document: Any, odds: float | None, cells: Path | None, cell: str | Non
         source, _ = CellRepository(cells or settings.cells).required(name)
     except UnknownCell as error:
         raise invalid_field("cell", str(error)) from None
-    return solve(PlanningJob(new_id(), time.time(), source, {**asked, "cell": name}))
+    return PlanningJob(new_id(), time.time(), source, {**asked, "cell": name})

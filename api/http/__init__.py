@@ -2,12 +2,12 @@
 
 from api.http.draining import DrainingMiddleware
 from api.http.errors import RESTART_S, SOON_S, install_error_handlers, invalid_request, translate
-from api.http.event_stream import event_stream, event_stream_answer
+from api.http.event_stream import EVENTS, event_stream, event_stream_answer
 from api.http.head import HeadMiddleware
 from api.http.json_body import StrictJsonRoute
 from api.http.middleware import SecurityMiddleware
 from api.http.negotiation import has_current, preferred_media_type, unchanging
-from api.http.openapi import json_answer, openapi_schema, operation_id, problem_answers
+from api.http.openapi import ProblemAnswer, json_answer, openapi_schema, operation_id, problem_answers
 from api.http.request_log import RequestLogMiddleware, RequestRecord, client_address
 from api.http.tokens import (
     Caller,
@@ -30,12 +30,14 @@ from api.problems import (
 )
 
 __all__ = [
+    "EVENTS",
     "PROBLEM_TYPES",
     "RESTART_S",
     "SOON_S",
     "Caller",
     "DrainingMiddleware",
     "HeadMiddleware",
+    "ProblemAnswer",
     "ProblemDetails",
     "RequestLogMiddleware",
     "RequestRecord",

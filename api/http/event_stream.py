@@ -9,7 +9,7 @@ from typing import Any
 from fastapi.responses import StreamingResponse
 from pydantic import BaseModel
 
-MEDIA = "text/event-stream"
+EVENTS = "text/event-stream"
 REF = "#/components/schemas/"
 
 
@@ -21,7 +21,7 @@ def event_stream(chunks: AsyncGenerator[bytes], is_allowed: Callable[[], bool]) 
         is_allowed: asked before each is sent; false ends the stream.
     """
     headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-    return StreamingResponse(_while_allowed(chunks, is_allowed), 200, headers, MEDIA)
+    return StreamingResponse(_while_allowed(chunks, is_allowed), 200, headers, EVENTS)
 
 
 async def _while_allowed(chunks: AsyncGenerator[bytes], is_allowed: Callable[[], bool]) -> AsyncGenerator[bytes]:
@@ -43,7 +43,7 @@ def event_stream_answer(description: str, **events: type[BaseModel]) -> dict[str
         events: model of the data of each kind of event.
     """
     kinds = [_event(kind, model) for kind, model in events.items()]
-    return {"content": {MEDIA: {"itemSchema": {"oneOf": kinds}}}, "description": description}
+    return {"content": {EVENTS: {"itemSchema": {"oneOf": kinds}}}, "description": description}
 
 
 def _event(kind: str, model: type[BaseModel]) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from pydantic.json_schema import models_json_schema
 
 from api.http.errors import MEDIA_TYPE
 from api.problems import PROBLEM_TYPES
-from api.schemas import StateEvent, TelemetryEvent
+from api.schemas import PlanProgress, StateEvent, TelemetryEvent
 
 Responses = dict[int | str, dict[str, Any]]
 REF_TEMPLATE = "#/components/schemas/{model}"
@@ -59,7 +59,7 @@ class ProblemAnswer(BaseModel):
     instance: str
     errors: list[FieldReason] | None = Field(None, description="invalid-request: the first refused fields, 20 at most.")
     violations: list[ViolationAnswer] | None = Field(None, description="infeasible, solver-failed.")
-    nearest: dict[str, Any] | None = Field(None, description="The closest feasible request, ready to be posted.")
+    nearest: dict[str, Any] | None = Field(None, description="A feasible request near it, ready to be posted.")
     attempts: list[dict[str, Any]] | None = Field(None, description="infeasible, solver-failed: what was tried.")
     solver: SolverEnd | None = Field(None, description="solver-failed.")
     cell: str | None = Field(None, description="The cell concerned.")
@@ -78,7 +78,7 @@ LINKS = {  # operation: the operations that take the id of what it made
 }  # fmt: skip
 MADE = "$response.body#/id"
 KEY = "idempotency-key"  # a header: the same with another body is refused
-UNROUTED = (ProblemAnswer, StateEvent, TelemetryEvent)  # models of media types that FastAPI does not know
+UNROUTED = (ProblemAnswer, PlanProgress, StateEvent, TelemetryEvent)  # models of media types that FastAPI does not know
 
 
 def operation_id(route: APIRoute) -> str:

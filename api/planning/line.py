@@ -8,9 +8,11 @@ from __future__ import annotations
 import asyncio
 import math
 from concurrent.futures import Future
+from functools import partial
 
 from jobs.planning import PlanningJob, PlanRecord
 from jobs.pool import JobResult, PlannerPool
+from planner.progress import Observer
 
 TYPICAL_PLAN_S = 0.5  # [s] duration of a usual plan, for the advice in Retry-After
 RETRY_MAX_S = 60  # [s] longest advice: connections are kept for longer
@@ -33,7 +35,7 @@ class PlanningEnded(Exception):
 
 
 class ClientGone(Exception):
-    """The client left before its request was begun."""
+    """The client left before its request was answered."""
 
 
 class PlanningLine:
@@ -60,16 +62,18 @@ class PlanningLine:
         """Whether the processes have planned their warm-up job."""
         return self._pool.is_warm
 
-    async def solve(self, job: PlanningJob, gone: asyncio.Event | None = None) -> PlanRecord:
-        """Plans one request.
+    async def solve(
+        self, job: PlanningJob, gone: asyncio.Event | None = None, observer: Observer | None = None
+    ) -> PlanRecord:
+        """Plans one request. If the task is cancelled, the search ends.
 
         Args:
             job: the request.
-            gone: set when the client has left: a request in line is given up. One that was begun ends by its own limit:
-                to kill its process would cost seconds of loading, more than most plans take.
+            gone: set when the client has left: the request leaves the line, or its search ends.
+            observer: told of the progress of a job with `tells_progress`, in the event loop.
 
         Raises:
-            ClientGone: The client left while the request was in line.
+            ClientGone: The client left.
             PlanningQueueFull: Too many requests wait already.
             PlanningEnded: `drain` was called before this request was begun.
             PlannerError: The planner refused the request, or its process died or did not answer in time.
@@ -80,12 +84,14 @@ class PlanningLine:
         if self.waiting >= self._pool.workers + self._queue:
             advice = math.ceil(self.waiting * TYPICAL_PLAN_S / self._pool.workers)
             raise PlanningQueueFull(min(max(1, advice), RETRY_MAX_S))
-        future = self._pool.submit(job)
+        loop = asyncio.get_running_loop()
+        tell = None if observer is None else partial(loop.call_soon_threadsafe, observer)
+        future = self._pool.submit(job, tell)
         self._open.add(future)
         try:
             return await self._answer(future, gone or asyncio.Event())
         finally:
-            future.cancel()
+            self._pool.cancel(future)
             self._open.discard(future)
 
     async def drain(self) -> None:
@@ -105,9 +111,8 @@ class PlanningLine:
         left = asyncio.ensure_future(gone.wait())
         try:
             await asyncio.wait((answer, left), return_when=asyncio.FIRST_COMPLETED)
-            if gone.is_set() and future.cancel():
+            if not answer.done():
                 raise ClientGone
-            await asyncio.wait((answer,))
         finally:
             left.cancel()
         if answer.cancelled():

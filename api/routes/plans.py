@@ -7,11 +7,12 @@ import csv
 import io
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Annotated, Any
 
 import orjson
-from fastapi import APIRouter, Body, Header, Query, Response
+from fastapi import APIRouter, Body, Header, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 
 from api import fling_version
@@ -28,8 +29,12 @@ from api.dependencies import (
     id_in_path,
 )
 from api.http import (
+    EVENTS,
+    ProblemAnswer,
     ProblemDetails,
     StrictJsonRoute,
+    event_stream,
+    event_stream_answer,
     invalid_field,
     json_answer,
     preferred_media_type,
@@ -37,6 +42,7 @@ from api.http import (
     translate,
     unchanging,
 )
+from api.plan_events import plan_events
 from api.planning import ClientGone, PlanningEnded, PlanningQueueFull
 from api.scene import plan_curves
 from api.schemas import (
@@ -46,6 +52,7 @@ from api.schemas import (
     PlanCurves,
     PlanList,
     PlanPreview,
+    PlanProgress,
     PlanRequestBody,
     TrajectoryAnswer,
 )
@@ -54,12 +61,14 @@ from jobs.planning import PlanningJob, PlanRecord
 from jobs.pool import PoolBroken
 from planner.cell import Cell
 from planner.errors import CellError, PlannerError
+from planner.progress import Observer
 from store import IdempotencyKey, KeyTaken, PlanRow, new_id
 
 router = APIRouter(route_class=StrictJsonRoute, tags=["plans"])
 
 TOKEN_PROBLEMS = ("unauthenticated", "forbidden")
 POST_PROBLEMS = (*TOKEN_PROBLEMS, "invalid-request", "too-large", "unsupported-media-type")
+PLAN_PROBLEMS = ("not-found", "robot-not-ready", "infeasible", "overloaded", "solver-failed", "not-acceptable")
 PlanId = Annotated[str, id_in_path("plan")]
 PageLimit = Annotated[int, Query(ge=1, le=200, description="Maximum length of the page.")]
 PageCursor = Annotated[str | None, Query(description="`next_cursor` of the page before.", pattern=UUID_PATTERN)]
@@ -69,6 +78,12 @@ WithStore = Annotated[
 ]
 PlanBody = Annotated[PlanRequestBody, Body(openapi_examples=PLAN_EXAMPLES)]  # type: ignore[arg-type]
 UNCHANGED: dict[int | str, dict[str, Any]] = {304: {"description": "The client has it: `If-None-Match`."}}
+EVENTS_ANSWER = event_stream_answer(
+    "Solved and certified, not stored: `?store=false`. Or the events of a search, by `Accept`.",
+    progress=PlanProgress,
+    plan=PlanAnswer,
+    problem=ProblemAnswer,
+)
 TRAJECTORY_ANSWER = {
     "model": TrajectoryAnswer,
     "content": {"text/csv": {"schema": {"type": "string"}}},
@@ -81,9 +96,9 @@ TRAJECTORY_ANSWER = {
     status_code=201,
     summary="Plan a throw",
     responses={
-        **json_answer(200, PlanPreview, "Solved and certified, not stored: `?store=false`."),
+        200: {"model": PlanPreview, **EVENTS_ANSWER},
         **json_answer(201, PlanAnswer, "Solved, certified and stored."),
-        **problem_answers(*POST_PROBLEMS, "not-found", "robot-not-ready", "infeasible", "overloaded", "solver-failed"),
+        **problem_answers(*POST_PROBLEMS, *PLAN_PROBLEMS),
     },
 )
 async def make_plan(
@@ -93,21 +108,21 @@ async def make_plan(
     key: Key,
     origin: Origin,
     gone: Gone,
+    request: Request,
     trajectory: WithTrajectory = True,
     store: WithStore = True,
+    accept: Annotated[str | None, Header(description=f"application/json or {EVENTS}.")] = None,
 ) -> Response:
-    """Solves, certifies and stores one plan. A plan that fails its certificate is never stored and never returned."""
-    asked = _Asked(body, service, key, origin.request_id, gone)
-    if not store:
-        return await _preview(asked, trajectory)
-    id = None if key is None else await run_in_threadpool(service.store.resource_of_key, key)
-    if id is None:
-        await run_in_threadpool(service.store.require_room)  # before it is planned
-        id = await _solve_and_store(asked)
-    row = await run_in_threadpool(service.store.plan if trajectory else service.store.plan_summary, id)
-    assert row is not None  # retention deletes no young plan, and keys with their plans
-    content = row.document if trajectory else row.summary
-    return Response(content, 201, {"Location": f"/plans/{row.id}"}, "application/json")
+    """Solves, certifies and stores one plan. A plan that fails its certificate is never stored and never returned.
+
+    As `text/event-stream` the answer is 200: the progress of the search, several times a second, and at the end the
+    plan, or the problem. A client that leaves ends its search.
+    """
+    make = _preview if not store else _stored
+    asked = _Asked(body, service, key, origin.request_id, gone, trajectory)
+    if preferred_media_type(accept, ("application/json", EVENTS)) == EVENTS:
+        return event_stream(plan_events(request, partial(make, asked)), request.state.is_allowed)
+    return await make(asked)
 
 
 @router.get("/plans", summary="List plans", responses=json_answer(200, PlanList, "Newest first, without trajectories."))
@@ -211,9 +226,24 @@ class _Asked:
     key: IdempotencyKey | None
     request_id: str
     gone: asyncio.Event
+    trajectory: bool
 
 
-async def _preview(asked: _Asked, trajectory: bool) -> Response:
+async def _stored(asked: _Asked, observer: Observer | None = None) -> Response:
+    """Answers a plan that is stored: that of the request, or of an earlier one with its idempotency key."""
+    service = asked.service
+    id = None if asked.key is None else await run_in_threadpool(service.store.resource_of_key, asked.key)
+    if id is None:
+        await run_in_threadpool(service.store.require_room)  # before it is planned
+        planned = await _solve(asked, observer)
+        id = await run_in_threadpool(_store_plan, service, planned, asked.key)
+    row = await run_in_threadpool(service.store.plan if asked.trajectory else service.store.plan_summary, id)
+    assert row is not None  # retention deletes no young plan, and keys with their plans
+    content = row.document if asked.trajectory else row.summary
+    return Response(content, 201, {"Location": f"/plans/{row.id}"}, "application/json")
+
+
+async def _preview(asked: _Asked, observer: Observer | None = None) -> Response:
     """Answers a plan and forgets it: no id, no `Location`, nothing to execute.
 
     Raises:
@@ -221,29 +251,32 @@ async def _preview(asked: _Asked, trajectory: bool) -> Response:
     """
     if asked.key is not None:
         raise invalid_field("Idempotency-Key", "belongs to a plan that is stored, not to store=false")
-    job = await run_in_threadpool(_planning_job, asked.body, asked.service, asked.request_id, False)
-    planned = await _solve(job, asked)
-    return Response(planned.row.document if trajectory else planned.row.summary, 200, media_type="application/json")
+    planned = await _solve(asked, observer, is_stored=False)
+    content = planned.row.document if asked.trajectory else planned.row.summary
+    return Response(content, 200, media_type="application/json")
 
 
-async def _solve_and_store(asked: _Asked) -> str:
-    job = await run_in_threadpool(_planning_job, asked.body, asked.service, asked.request_id)
-    planned = await _solve(job, asked)
-    return await run_in_threadpool(_store_plan, asked.service, planned, asked.key)
+async def _solve(asked: _Asked, observer: Observer | None, is_stored: bool = True) -> PlanRecord:
+    """Returns the plan of a request, by a planner process.
 
-
-async def _solve(job: PlanningJob, asked: _Asked) -> PlanRecord:
+    Args:
+        asked: the request.
+        observer: told of the progress.
+        is_stored: whether the plan has an id.
+    """
+    job = await run_in_threadpool(_planning_job, asked.body, asked.service, asked.request_id, is_stored)
+    job = replace(job, tells_progress=observer is not None)
     service = asked.service
     started_at = time.perf_counter()
     with tracing.traced("plan", fling__cell=job.cell.name, fling__plan_id=job.plan_id) as span:
         try:
-            planned = await service.line.solve(job, asked.gone)
+            planned = await service.line.solve(job, asked.gone, observer)
         except (PlannerError, PlanningEnded, PlanningQueueFull, PoolBroken) as error:
             name = translate(error).name
             service.metrics.plans.labels(name).inc()
             span.set(fling__problem=name)
             raise
-        except ClientGone:
+        except (ClientGone, asyncio.CancelledError):
             service.metrics.plans.labels("abandoned").inc()
             raise
         finally:

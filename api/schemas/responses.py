@@ -188,6 +188,17 @@ class PlanAnswer(PlanSummary):
     trajectory: TrajectoryAnswer | None = Field(None, description="Left out by `?trajectory=false`.")
 
 
+class PlanProgress(BaseModel):
+    """Event `progress`: what the search for a plan has come to."""
+
+    stage: Literal["queued", "search", "nearest"] = Field(
+        description="In line; searching for what was asked; for something near it, after that was refused."
+    )
+    candidates: int = Field(description="Release states tried so far.")
+    best_release_time_s: float | None = Field(description="Soonest certified release so far [s]; null without any.")
+    elapsed_s: float = Field(description="Since the request [s].")
+
+
 class PlanList(BaseModel):
     """A page of plans, newest first."""
 

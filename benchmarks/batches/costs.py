@@ -12,6 +12,7 @@ from jobs.pool import JobResult, Work, open_pool, warm_up_job
 from jobs.writer import GROUP
 from planner.cell import read_source
 from planner.cell_folder import default_cells_folder
+from planner.progress import Observer
 from store import BatchResultRow, PlanRow, Store, new_id
 
 CELL = "ur5e-sim"
@@ -75,7 +76,7 @@ def _engine_alone_ms(job: PlanningJob, ray: str | None) -> float:
 def _load_nothing(_: PlanningJob | None) -> None: ...
 
 
-def _answer_bytes(_: PlanningJob) -> PlanRecord:
+def _answer_bytes(_: PlanningJob, observer: Observer | None) -> PlanRecord:
     return PlanRecord(PlanRow("", 0.0, CELL, "", "none", bytes(SUMMARY_BYTES), None, bytes(SAMPLES_BYTES)), 0.3, 0.6)
 
 

@@ -14,6 +14,7 @@ from planner.answer import iso_time
 from planner.cell import Cell, CellSource, cell_of
 from planner.errors import CUT_SHORT
 from planner.problem import TIME_LIMIT_S
+from planner.progress import Observer
 from store import PlanRow, pack_trajectory, plan_sha256
 
 
@@ -32,6 +33,7 @@ class PlanningJob:
         releases: Joint positions and velocities at the release of plans for other targets: a short search starts from
             these alone. Empty: an ordinary search.
         offers_nearest: Whether a refusal carries the nearest feasible request.
+        tells_progress: Whether its worker reports the progress of the search.
     """
 
     plan_id: str | None
@@ -43,6 +45,7 @@ class PlanningJob:
     cell_version: int | None = None
     releases: tuple[tuple[Sequence[float], Sequence[float]], ...] = ()
     offers_nearest: bool = True
+    tells_progress: bool = False
 
     @property
     def time_limit_s(self) -> float:
@@ -82,8 +85,12 @@ class PlanRecord:
         return hashlib.sha256(self.row.samples or b"").hexdigest()
 
 
-def solve(job: PlanningJob) -> PlanRecord:
+def solve(job: PlanningJob, observer: Observer | None = None) -> PlanRecord:
     """Plans one request.
+
+    Args:
+        job: the request.
+        observer: told of the progress; what it raises ends the search.
 
     Raises:
         PlannerError: The planner refused the request, found no plan, or gave up.
@@ -95,6 +102,7 @@ def solve(job: PlanningJob) -> PlanRecord:
     from learning import cell_with_profile, knowledge_of, prior_knowledge
     from planner.answer import plan_document
     from planner.planning import SearchHints
+    from planner.progress import ProgressMeter
     from planner.request import problem_from_request
 
     cell = _cell(job.cell)
@@ -104,10 +112,11 @@ def solve(job: PlanningJob) -> PlanRecord:
     known = prior_knowledge(cell) if learnt is None else knowledge_of(learnt)
     is_learnt = learnt is not None
     least = float(job.request.get("min_hit_probability") or 0.0)
+    meter = ProgressMeter(observer)
     if least > 0.0:
-        found = plan_for_odds(problem, least, known, is_learnt)
+        found = plan_for_odds(problem, least, known, is_learnt, meter)
     else:
-        hints = SearchHints(job.releases, job.offers_nearest)
+        hints = SearchHints(job.releases, job.offers_nearest, meter)
         found = plan_aimed(problem, known if is_learnt else None, hints)
     check_duration(problem, found.trajectory)
     document = plan_document(found, job.request, job.plan_id or "", iso_time(job.created_at))

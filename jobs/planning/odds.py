@@ -12,8 +12,9 @@ from jobs.planning.aiming import hit_probability, hit_radius_m, plan_aimed
 from learning import CellKnowledge
 from planner.certificate import release_flight
 from planner.errors import TIME_LIMIT, Infeasible, PlannerError, SolverFailed, Violation
-from planner.planning import Plan
+from planner.planning import Plan, SearchHints
 from planner.problem import TIME_LIMIT_S, ThrowProblem
+from planner.progress import SILENT, ProgressMeter
 from planner.request import WINDOW_MAX_S, request_document
 
 # [-] half widths of the windows in standard deviations of the release's timing. Measured on four targets of the default
@@ -35,7 +36,9 @@ class _Step:
     value: float
 
 
-def plan_for_odds(problem: ThrowProblem, least: float, known: CellKnowledge, is_learnt: bool) -> Plan:
+def plan_for_odds(
+    problem: ThrowProblem, least: float, known: CellKnowledge, is_learnt: bool, meter: ProgressMeter = SILENT
+) -> Plan:
     """Returns the soonest plan of those tried whose hit probability is at least `least`.
 
     The request's own window is tried first, then longer ones, then slower throws with the longest. Each keeps what
@@ -46,12 +49,13 @@ def plan_for_odds(problem: ThrowProblem, least: float, known: CellKnowledge, is_
         least: hit probability [-], above 0.
         known: what is known of the cell.
         is_learnt: whether that comes from a profile; then every plan is aimed with it.
+        meter: tells an observer of the progress.
 
     Raises:
         Infeasible: no motion, or none with these odds; then `nearest` asks for the best odds that were found.
         SolverFailed: the time limit ended the search before that.
     """
-    search = _OddsSearch(problem, least, known, is_learnt)
+    search = _OddsSearch(problem, least, known, is_learnt, meter)
     for step in _steps(problem, known):
         found = search.tried(step)
         if found is not None:
@@ -62,11 +66,14 @@ def plan_for_odds(problem: ThrowProblem, least: float, known: CellKnowledge, is_
 class _OddsSearch:
     """The plans that were tried for a hit probability: the best of them, the last one, and what ended their kind."""
 
-    def __init__(self, problem: ThrowProblem, least: float, known: CellKnowledge, is_learnt: bool) -> None:
+    def __init__(
+        self, problem: ThrowProblem, least: float, known: CellKnowledge, is_learnt: bool, meter: ProgressMeter
+    ) -> None:
         self.problem = problem
         self.least = least
         self.known = known
         self.aims_with = known if is_learnt else None
+        self.hints = SearchHints(meter=meter)
         self.until = time.perf_counter() + problem.time_limit_s
         self.is_late = False
         self.ended: set[str] = set()
@@ -85,7 +92,7 @@ class _OddsSearch:
             return None
         asked = self._stricter(step)
         try:
-            found = plan_aimed(replace(asked, time_limit_s=rest_s), self.aims_with)
+            found = plan_aimed(replace(asked, time_limit_s=rest_s), self.aims_with, self.hints)
         except PlannerError as error:
             return self._refused(step, error)
         self.is_late = found.was_cut_short

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from functools import partial
 from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 
 from jobs.planning import PlanningJob
 from jobs.pool.lifetime import end_with_parent
-from jobs.pool.worker import Report, Work
+from jobs.pool.worker import JobCancelled, Report, Work
+from planner.progress import Progress
 
 CONTEXT = get_context("spawn")  # never fork: this process has threads
 BUG_STATUS = 1  # of a process that an exception has ended; source: Python's multiprocessing
@@ -39,6 +41,11 @@ class LocalEngine:
         with suppress(OSError):  # it has died; the next reports say so
             self._pipes[worker].send(job)
 
+    def cancel(self, worker: int) -> None:
+        """Asks a worker to end its job; it looks for that at each step of its search."""
+        with suppress(OSError):  # it has died; the next reports say so
+            self._pipes[worker].send(None)
+
     def reports(self, timeout_s: float) -> list[Report]:
         """Returns what was reported since the last call; waits for the first report, or for `wake`."""
         workers = {pipe: worker for worker, pipe in self._pipes.items()}
@@ -65,13 +72,14 @@ class LocalEngine:
 
     def _report(self, worker: int, pipe: Connection) -> Report:
         try:
-            return Report(worker, pipe.recv())
+            said = pipe.recv()
         except (EOFError, OSError):
             process = self._processes[worker]
             process.join()  # its end of the pipe is closed: it has ended, or is about to
             pipe.close()
             self._pipes.pop(worker)
             return Report(worker, death=f"exit status {process.exitcode}", is_bug=process.exitcode == BUG_STATUS)
+        return Report(worker, progress=said) if isinstance(said, Progress) else Report(worker, result=said)
 
     def _start(self, worker: int) -> None:
         ours, theirs = CONTEXT.Pipe()
@@ -97,6 +105,20 @@ def _work(pipe: Connection, work: Work) -> None:
     try:
         pipe.send(None)
         while True:
-            pipe.send(work.answer(pipe.recv()))
+            job = pipe.recv()
+            if job is not None:  # that would be the end of a job which was answered before it came
+                pipe.send(work.answer(job, partial(_step, pipe, job)))
     except (EOFError, OSError):  # the pool is gone
         return
+
+
+def _step(pipe: Connection, job: PlanningJob, progress: Progress) -> None:
+    """Reports the progress of a job.
+
+    Raises:
+        JobCancelled: the pool has asked for its end: nothing else comes while a worker has a job.
+    """
+    if pipe.poll():
+        raise JobCancelled
+    if job.tells_progress:
+        pipe.send(progress)

@@ -17,10 +17,13 @@ from typing import Self
 from jobs.planning import PlanningJob
 from jobs.pool.local_engine import LocalEngine
 from jobs.pool.ray_engine import RayEngine
-from jobs.pool.worker import PLANNING, Engine, JobResult, PlannerBug, PoolBroken, Report, Work
+from jobs.pool.worker import CANCELLED, PLANNING, Engine, JobResult, PlannerBug, PoolBroken, Report, Work
 from planner.errors import PlannerError, SolverFailed
+from planner.progress import Observer
 
 GRACE_S = 20.0  # [s] beyond a request's time limit: solver calls under way, the search for the nearest, a busy machine
+CANCEL_S = 5.0  # [s] after which a worker that was asked to end its job is replaced: to load another takes as long
+CANCEL_POLL_S = 0.1  # [s] between two looks at whether it has ended
 POLL_S = 1.0  # [s] between two looks at who has been at one job for too long
 START_FAILURES_MAX = 3  # workers in a row that end before they are ready: none ever will be
 TRIES = 2  # a job whose worker died over it is tried once more
@@ -29,12 +32,25 @@ AHEAD = 2  # jobs a worker that `plan_all` submits ahead, so that no worker wait
 
 @dataclass(eq=False)
 class _Task:
-    """A submitted job, its answer to be, and what became of it so far."""
+    """A submitted job, its answer to be, and what became of it so far.
+
+    Attributes:
+        job: that was submitted.
+        observer: told of its progress.
+        future: what becomes its result.
+        deaths: workers that died over it.
+        limit_s: time that a worker may take [s].
+        ends_at: when its worker is replaced, on the monotonic clock [s].
+        is_cancelled: whether its worker was asked to end it.
+    """
 
     job: PlanningJob
+    observer: Observer | None = None
     future: Future[JobResult] = field(default_factory=Future)
     deaths: int = 0
-    given_at: float = 0.0
+    limit_s: float = 0.0
+    ends_at: float = 0.0
+    is_cancelled: bool = False
 
 
 def open_pool(
@@ -84,6 +100,7 @@ class PlannerPool:
         self._grace_s = grace_s
         self._line: deque[_Task] = deque()
         self._in_hand: dict[int, _Task] = {}
+        self._unwanted: deque[Future[JobResult]] = deque()
         self._ready: set[int] = set()
         self._dead: set[int] = set()
         self._start_failures = 0
@@ -115,18 +132,31 @@ class PlannerPool:
         self._thread.join()
         self._engine.close()
 
-    def submit(self, job: PlanningJob) -> Future[JobResult]:
+    def submit(self, job: PlanningJob, observer: Observer | None = None) -> Future[JobResult]:
         """Puts a job in line; returns what becomes its result.
+
+        Args:
+            job: to be planned.
+            observer: told of the progress of a job with `tells_progress`, in the thread of the pool; must not raise.
 
         A future that is cancelled while its job is in line leaves the line. It has the exception `PoolBroken` if no
         worker can be started.
         """
-        task = _Task(job)
+        task = _Task(job, observer)
         self._line.append(task)
         self._engine.wake()
         if self._has_ended:
             self._abandon()
         return task.future
+
+    def cancel(self, future: Future[JobResult]) -> None:
+        """Ends the job of a future, in line or in hand; nothing happens where it has been answered.
+
+        A worker ends its search at the next step; one that has not within `CANCEL_S` is replaced.
+        """
+        if not future.done() and not future.cancel():
+            self._unwanted.append(future)
+            self._engine.wake()
 
     def wait_until_warm(self) -> None:
         """Returns once all workers are warm; jobs can be given before.
@@ -183,8 +213,10 @@ class PlannerPool:
             while not self._is_closed:
                 self._raise_the_dead()
                 self._give_out()
-                for report in self._engine.reports(POLL_S):
+                is_ending = any(task.is_cancelled for task in self._in_hand.values())
+                for report in self._engine.reports(CANCEL_POLL_S if is_ending else POLL_S):
                     self._handle(report)
+                self._cancel_unwanted()
                 self._end_overdue()
         finally:  # of an error, too: nobody waits for an answer then
             self._has_ended = True
@@ -215,12 +247,18 @@ class PlannerPool:
                 continue
             worker = self._ready.pop()
             self._in_hand[worker] = task
-            task.given_at = time.monotonic()
+            task.limit_s = task.job.time_limit_s + self._grace_s
+            task.ends_at = time.monotonic() + task.limit_s
             self._engine.give(worker, task.job)
 
     def _handle(self, report: Report) -> None:
         if report.death is not None:
             self._bury(report)
+            return
+        if report.progress is not None:
+            task = self._in_hand[report.worker]
+            if task.observer is not None:
+                task.observer(report.progress)
             return
         self._ready.add(report.worker)
         if report.result is not None:
@@ -237,7 +275,9 @@ class PlannerPool:
         task = self._in_hand.pop(report.worker, None)
         if task is not None:
             task.deaths += 1
-            if report.is_bug:
+            if task.is_cancelled:
+                _refuse(task, SolverFailed(CANCELLED))
+            elif report.is_bug:
                 _refuse(task, PlannerBug(f"a bug ended the planner process: {report.death}"))
             elif task.deaths >= TRIES:
                 _refuse(task, SolverFailed(f"the planner process died twice over this request: {report.death}"))
@@ -259,15 +299,28 @@ class PlannerPool:
         with self._changed:
             self._changed.notify_all()
 
+    def _cancel_unwanted(self) -> None:
+        """Asks the workers whose answers nobody wants any more to end their jobs."""
+        while self._unwanted:
+            future = self._unwanted.popleft()
+            for worker, task in self._in_hand.items():
+                if task.future is future:
+                    task.is_cancelled = True
+                    task.ends_at = min(task.ends_at, time.monotonic() + CANCEL_S)
+                    self._engine.cancel(worker)
+            for task in [task for task in self._line if task.future is future]:  # again in line: its worker has died
+                self._line.remove(task)
+                _refuse(task, SolverFailed(CANCELLED))
+
     def _end_overdue(self) -> None:
         """Replaces the workers that are at one job for too long, and refuses these jobs."""
         now = time.monotonic()
         for worker, task in list(self._in_hand.items()):
-            limit_s = task.job.time_limit_s + self._grace_s
-            if now - task.given_at > limit_s:
+            if now > task.ends_at:
                 del self._in_hand[worker]
                 self._engine.replace(worker)
-                _refuse(task, SolverFailed(f"no answer within {limit_s:g} s; the planner process was ended"))
+                late = f"no answer within {task.limit_s:g} s; the planner process was ended"
+                _refuse(task, SolverFailed(CANCELLED if task.is_cancelled else late))
 
 
 def _refuse(task: _Task, error: PlannerError) -> None:

@@ -63,6 +63,9 @@ class RayEngine:
         """Gives a job to a worker that has none."""
         self._awaited[self._actors[worker].plan.remote(job)] = worker
 
+    def cancel(self, worker: int) -> None:
+        """Does nothing: an actor hears of nothing while it plans. It is replaced, as it does not answer."""
+
     def reports(self, timeout_s: float) -> list[Report]:
         """Returns what was reported since the last call; waits for the first report, or for `POLL_S`."""
         timeout_s = min(timeout_s, POLL_S)
@@ -91,7 +94,7 @@ class RayEngine:
 
     def _report(self, worker: int, awaited: Any) -> Report:
         try:
-            return Report(worker, self._ray.get(awaited))
+            return Report(worker, result=self._ray.get(awaited))
         except self._ray.exceptions.RayError as error:
             is_bug = isinstance(error, self._ray.exceptions.RayTaskError)
             return Report(worker, death=_words(error), is_bug=is_bug)

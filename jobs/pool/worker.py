@@ -13,13 +13,19 @@ from typing import Any, Protocol
 from jobs.planning import PlanningJob, PlanRecord, refusal_of, solve
 from planner.cell import CellSource
 from planner.errors import PlannerError, SolverFailed
+from planner.progress import Observer, Progress
 
 NICENESS = 5  # the stream to the arm comes first; more would starve planning until its time limit (docs/decisions/0021)
+CANCELLED = "cancelled"  # status of a job that was ended as nobody waits for its answer
 BATCH_NICENESS = 15  # a batch gives way to single plans
 
 
 class PoolBroken(Exception):
     """No planner process can be started; the message says why, as far as it is known."""
+
+
+class JobCancelled(Exception):
+    """Nobody waits for the answer to a job any more. No `PlannerError`: nobody takes it for a refusal."""
 
 
 class PlannerBug(SolverFailed):
@@ -68,13 +74,13 @@ class Work:
 
     Attributes:
         load: called once, with the job that warms the worker up.
-        solve: called for each job.
+        solve: called for each job, with the observer of its progress.
         warm_up: that job; None: there is none.
         niceness: priority of the worker below that of its pool's process.
     """
 
     load: Callable[[PlanningJob | None], None] = load_planner
-    solve: Callable[[PlanningJob], PlanRecord] = solve
+    solve: Callable[[PlanningJob, Observer | None], PlanRecord] = solve
     warm_up: PlanningJob | None = None
     niceness: int = NICENESS
 
@@ -83,11 +89,18 @@ class Work:
         os.nice(self.niceness)
         self.load(self.warm_up)
 
-    def answer(self, job: PlanningJob) -> JobResult:
-        """Returns the result of one job, in the process of a worker."""
+    def answer(self, job: PlanningJob, observer: Observer | None = None) -> JobResult:
+        """Returns the result of one job, in the process of a worker.
+
+        Args:
+            job: to be planned.
+            observer: told of the progress; it may raise `JobCancelled`.
+        """
         began = time.perf_counter()
         try:
-            planned = self.solve(job)
+            planned = self.solve(job, observer)
+        except JobCancelled:
+            return JobResult(None, SolverFailed(CANCELLED), time.perf_counter() - began)
         except PlannerError as error:
             return JobResult(None, error, time.perf_counter() - began)
         return JobResult(planned, None, time.perf_counter() - began)
@@ -98,16 +111,18 @@ PLANNING = Work()
 
 @dataclass(frozen=True)
 class Report:
-    """What an engine reports of a worker: that it is ready, the result of its job, or that it has died.
+    """What an engine reports of a worker: that it is ready, progress or result of its job, or that it has died.
 
     Attributes:
         worker: its number.
+        progress: of its job.
         result: of its job.
         death: why it died, in words.
         is_bug: whether it died of an exception that nobody caught.
     """
 
     worker: int
+    progress: Progress | None = None
     result: JobResult | None = None
     death: str | None = None
     is_bug: bool = False
@@ -128,6 +143,10 @@ class Engine(Protocol):
 
     def wake(self) -> None:
         """Ends a call of `reports` in another thread."""
+        ...
+
+    def cancel(self, worker: int) -> None:
+        """Asks a worker to end its job, which it reports soon, where it can: as the result, whatever that is."""
         ...
 
     def replace(self, worker: int) -> None:

@@ -6,6 +6,7 @@ coarse bound leaves a doubt, so a posture at which a certified plan ends is a st
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -63,6 +64,7 @@ def find_approach(
     pace: float = 1.0,
     with_object: bool = True,
     limits: Limits | None = None,
+    deadline_s: float = math.inf,
 ) -> tuple[Approach | None, tuple[Check, ...]]:
     """Returns the approach from one posture to another.
 
@@ -72,6 +74,7 @@ def find_approach(
         pace: share of the nominal pace [-].
         with_object: whether the object is in the tool.
         limits: of the motion; the cell's by default.
+        deadline_s: of the search for a path, on `time.perf_counter`; the straight move is always tried.
 
     Returns:
         The approach, None if none is found, and the checks that a straight joint move fails, empty if none.
@@ -88,7 +91,7 @@ def find_approach(
         q_lower=np.minimum(limits.q_lower, ends.min(axis=0)),
         q_upper=np.maximum(limits.q_upper, ends.max(axis=0)),
     )
-    return _Search(cell, limits, pace, with_object).approach(now, start)
+    return _Search(cell, limits, pace, with_object, deadline_s).approach(now, start)
 
 
 def _out_of_range(cell: Cell, limits: Limits, ends: Array, beyond: Array) -> Check:
@@ -110,6 +113,7 @@ class _Search:
     limits: Limits
     pace: float
     with_object: bool
+    deadline_s: float
 
     def approach(self, now: Array, start: Array) -> tuple[Approach | None, tuple[Check, ...]]:
         """Returns the approach, and the checks that the straight move fails."""
@@ -133,7 +137,7 @@ class _Search:
         upper = np.minimum(upper, limits.q_upper)
         for margin, effort in SEARCHES:
             clear = is_clear(self.cell, margin, np.array([now, start]), self.with_object)
-            path = find_path(clear, now, start, lower, upper, effort)
+            path = find_path(clear, now, start, lower, upper, effort, self.deadline_s)
             if path is not None:
                 yield np.concatenate([out[:-1], path])
 

@@ -11,6 +11,8 @@ certificate accepts is never excluded. The certificate proves the motion along t
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -66,7 +68,13 @@ def is_clear(cell: Cell, margin_m: float, ends: Array, with_object: bool = True)
 
 
 def find_path(
-    clear: Edge, start: Array, goal: Array, lower: Array, upper: Array, effort: Effort = FIRST_EFFORT
+    clear: Edge,
+    start: Array,
+    goal: Array,
+    lower: Array,
+    upper: Array,
+    effort: Effort = FIRST_EFFORT,
+    deadline_s: float = math.inf,
 ) -> Array | None:
     """Returns postures (K, n) [rad] from `start` to `goal` with clear straight pieces; None if none are found.
 
@@ -75,6 +83,7 @@ def find_path(
         start, goal: (n,) [rad].
         lower, upper: joint range (n,) [rad].
         effort: where to look, and how long.
+        deadline_s: on `time.perf_counter`; a search that has not met by then ends.
     """
     if clear(start, goal):
         return np.array([start, goal])
@@ -86,6 +95,8 @@ def find_path(
     here = _Tree(start)
     there = _Tree(goal)
     for growth in range(effort.growths):
+        if time.perf_counter() >= deadline_s:
+            return None
         new = here.grow(rng.uniform(low, high), clear)
         if new is not None and (met := there.reach(here.q[new], clear)) is not None:
             path = [*here.branch(new)[::-1], *there.branch(met)[1:]]

@@ -50,7 +50,6 @@ MOTION_CHECKS: tuple[CheckFunction, ...] = (
     stopping.stopping_time,
     stopping.stopping_distance,
     release.landing_window,
-    release.release_jitter,
     release.release_position,
     release.release_velocity,
     release.landing,
@@ -71,6 +70,8 @@ MOST_TELLING: tuple[CheckFunction, ...] = (
     flight_clearance,
 )
 LAST_CHECK: CheckFunction = release.landing_window
+# Checks whose value is a bound, or exact, wherever they are first evaluated.
+TOLD_BY_ITSELF: tuple[CheckFunction, ...] = (*JOINT_CHECKS, flight_clearance)
 
 
 class Examination:
@@ -122,13 +123,20 @@ class Examination:
         return self._found[check]
 
     def _told(self, check: CheckFunction, told: MotionSamples) -> Check | NotChecked | None:
-        """Returns the result of a check; of one that holds, with a bound as its value."""
-        result = self._result(check)
-        if check in JOINT_CHECKS or not isinstance(result, Check) or not result.ok:
-            return result
+        """Returns the result of a check; of one that holds, with a bound as its value.
+
+        What proves a bound decides, too: a check is decided apart only where no bound is proven.
+        """
+        found = self._found.get(check)
+        if check in TOLD_BY_ITSELF or (isinstance(found, Check) and not found.ok):
+            return self._result(check)
         bound = check(told)
-        proven = isinstance(bound, Check) and bound.ok
-        return bound if proven else replace(result, value=result.limit, margin=0.0)
+        if not isinstance(bound, Check) or bound.ok:
+            return bound
+        result = self._result(check)
+        if not isinstance(result, Check) or not result.ok:
+            return result
+        return replace(result, value=result.limit, margin=0.0)
 
 
 def _turn(check: CheckFunction) -> int:

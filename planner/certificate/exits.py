@@ -43,7 +43,7 @@ SPARE = 1.1  # [-] share of the time after which the object of the nominal relea
 MORE = 0.5  # [-] share of the time looked at that is looked at next, until the object is out
 SPACING_S = 0.008  # [s] of the instants after a release that are looked at first
 TICK_ROUNDING = 1e-6  # [ticks] by which whole ticks may exceed their number in floating point
-RELEASES_S = 0.004  # [s] of the releases in a window
+RELEASES_S = 0.004  # [s] between the releases of a spread
 NARROWER_RAD = (
     0.01,
     0.02,
@@ -233,9 +233,9 @@ class Exits:
         begin = 0.0
         length = self._first_length()
         blocks = []
-        window = self.flights.window_s
+        spread = self.flights.spread_s
         released = self.flights.released_s
-        r = released + np.linspace(-window, window, 1 + math.ceil(2.0 * window / RELEASES_S))
+        r = released + np.linspace(-spread, spread, 1 + math.ceil(2.0 * spread / RELEASES_S))
         while True:
             bounds = self._bounds(begin + length)
             cells = cells_between(r, np.linspace(begin, begin + length, 1 + round(length / SPACING_S)))
@@ -268,7 +268,7 @@ class Exits:
         return SPACING_S * (2 + math.ceil(SPARE * out_s / SPACING_S))
 
     def _bounds(self, until_s: float) -> WayBounds:
-        """Returns bounds from the beginning of the window until `until_s` after its end."""
+        """Returns bounds from the beginning of the spread until `until_s` after its end."""
         motion = self.flights.motion
         rate = motion.trajectory.sample_rate_hz
         trajectory = motion.trajectory
@@ -283,8 +283,8 @@ class Exits:
         speed += motion.problem.gravity * until_s
         snap += 2.0 * drag * ((most + drag * speed**2) ** 2 + speed * (jerk + 2.0 * drag * speed * most))
         w, a = rates.sums[:2, -1, 0].tolist()
-        # Along the releases of a window jumps count three times as much as along the time: there they are exact.
-        exact = self.flights.window_s > 0.0
+        # Along the releases of a spread jumps count three times as much as along the time: there they are exact.
+        exact = self.flights.spread_s > 0.0
         jumps = self._jumps(max(first, 1), end) if exact else self._most_jumps(max(first, 1), end)
         sums = np.concatenate([[0.0], np.cumsum(jumps)])
         return WayBounds(sums, rate, snap, jerk, most, w, a + w * w)
@@ -329,7 +329,7 @@ class Exits:
     def _releases(self, r: Array) -> tuple[ArmSamples, Index]:
         """Returns the arm at releases (k,), and which of its instants each is."""
         motion = self.flights.motion
-        if self.flights.window_s == 0.0:
+        if self.flights.spread_s == 0.0:
             return motion.at_knots, np.full(len(r), motion.release_knot)
         instants, where = np.unique(r, return_inverse=True)
         return motion.at(instants), where

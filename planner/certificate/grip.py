@@ -19,7 +19,7 @@ from planner.kinematics import dot
 
 
 def grip_acceleration(motion: MotionSamples) -> Check | NotChecked | None:
-    """Checks that the grip withstands the acceleration while the object is held, in the window too; None without it."""
+    """Checks that the grip withstands the acceleration while the object may be held; None without it."""
     name = "grip_acceleration"
     problem = motion.problem
     if not problem.holds_object:
@@ -70,7 +70,7 @@ def _acceleration_rates(motion: MotionSamples, in_tool: bool) -> tuple[Array, Ar
 
 
 def opening_direction(motion: MotionSamples) -> Check | NotChecked | None:
-    """Checks that the object leaves within the cone that the gripper opens, from any release in the window.
+    """Checks that the object leaves within the cone that the gripper opens, whenever that opens within its spread.
 
     It is out once it has moved by its radius against the tool, or by 1 cm; None for a move that ends at rest.
     """

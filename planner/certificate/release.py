@@ -10,7 +10,7 @@ import numpy as np
 
 from planner.arrays import Array, Index
 from planner.certificate.bounds import curvature_bound, joint_rates, prove_above
-from planner.certificate.certificate import ROUNDING, Check, NotChecked, at_least, at_most
+from planner.certificate.certificate import ROUNDING, Check, at_least, at_most
 from planner.certificate.samples import ArmSamples, MotionSamples
 from planner.flight import Flight, LandingStates, fly, landing_states
 from planner.geometry import ToolState, tool_state
@@ -132,11 +132,6 @@ def landing_window(motion: MotionSamples) -> Check | None:
         f"released {abs(delay_ms):.3g} ms {'late' if delay_ms > 0.0 else 'early'}" if delay_ms else "released in time"
     )
     return at_most("landing_window", error, tolerance, "m", proof.at_s, detail).provided(proof.proven)
-
-
-def release_jitter(motion: MotionSamples) -> NotChecked | None:
-    """Says that the gripper may open outside the window that is looked at; None where three deviations are in it."""
-    return None if motion.problem.covers_jitter else NotChecked("release_jitter")
 
 
 def landing_errors(problem: ThrowProblem, trajectory: Trajectory, delays: Array) -> Array:

@@ -147,7 +147,7 @@ class MotionSamples:
 
     @property
     def gone_from_s(self) -> float:
-        """Time from which the object may have left [s]: the release window's beginning, at a knot.
+        """Time from which the object may have left [s]: the first that the gripper may open at, a knot.
 
         Infinite for a move that ends at rest, -infinite for one without the object.
         """
@@ -155,7 +155,7 @@ class MotionSamples:
 
     @property
     def held_until_s(self) -> float:
-        """Time until which the object may still be held [s]: the release window's end, at a knot.
+        """Time until which the object may still be held [s]: the last that the gripper may open at, a knot.
 
         Infinite for a move that ends at rest, -infinite for one without the object.
         """
@@ -178,8 +178,8 @@ class MotionSamples:
 
     @cached_property
     def _object_changes(self) -> tuple[int, int]:
-        """Samples between which the object may be held or gone: the release window, rounded outwards."""
-        return ticks_around_release(self.trajectory, self.problem.planned_window_s)
+        """Samples between which the object may be held or gone: the opening's spread, rounded outwards."""
+        return ticks_around_release(self.trajectory, self.problem.opening_spread_s)
 
     @cached_property
     def at_knots(self) -> ArmSamples:
@@ -191,9 +191,17 @@ class MotionSamples:
     @cached_property
     def in_window(self) -> ArmSamples:
         """The arm at instants of the release window, every millisecond or less."""
-        window = self.problem.release_window_s
+        return self._around_release(self.problem.release_window_s)
+
+    @cached_property
+    def in_spread(self) -> ArmSamples:
+        """The arm at instants at which the gripper may open, likewise."""
+        spread = self.problem.opening_spread_s
+        return self.in_window if spread == self.problem.release_window_s else self._around_release(spread)
+
+    def _around_release(self, half_s: float) -> ArmSamples:
         released = self.trajectory.release_time_s
-        return self.at(released + np.linspace(-window, window, 2 * math.ceil(window / WINDOW_STEP_S) + 1))
+        return self.at(released + np.linspace(-half_s, half_s, 2 * math.ceil(half_s / WINDOW_STEP_S) + 1))
 
     @cached_property
     def ends(self) -> Array:

@@ -13,7 +13,7 @@ from planner.certificate.samples import ArmSamples, MotionSamples
 def joint_torque(motion: MotionSamples) -> Check:
     """Checks that no joint needs more torque than allowed, with the tool and the object while it may be held.
 
-    Within the release window the object may be held or gone: both are checked.
+    While the gripper may open the object may be held or gone: both are checked.
     """
     problem = motion.problem
     limit = motion.limits.tau_max

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from planner.arrays import Array, read_only
 from planner.cell import ToolCapsule
 from planner.kinematics import link_poses
-from planner.robots import Robot, capsule_rows
+from planner.robots import Robot, ShapeSource, capsule_rows
 from planner.robots import robot as known_robot
 
 AXIS_TOLERANCE_M = 1e-9  # [m] rounding: a capsule this close to an axis is round about it
@@ -59,14 +59,10 @@ def arm_capsules(robot: Robot) -> tuple[Capsule, ...]:
         Capsule(row["frame"], read_only(row["from_m"]), read_only(row["to_m"]), row["radius_m"], name)
         for name, row in capsule_rows(robot.shape.of).items()
     )
-    if robot.shape.tubes_m is None:
-        return measured
-    return _at_lengths(measured, known_robot(robot.shape.of), robot.published, robot.shape.tubes_m)
+    return _at_lengths(measured, robot.published, robot.shape) if robot.shape.is_estimate else measured
 
 
-def _at_lengths(
-    capsules: Sequence[Capsule], measured: Robot, robot: Robot, tubes_m: tuple[float, float]
-) -> tuple[Capsule, ...]:
+def _at_lengths(capsules: Sequence[Capsule], robot: Robot, shape: ShapeSource) -> tuple[Capsule, ...]:
     """Returns the capsules of one arm as an estimate of those of another: as thick, at the other's lengths.
 
     Each coordinate of an end moves with what it is nearest to: an axis, the end of a link, or a tube. Where a tube of
@@ -74,14 +70,16 @@ def _at_lengths(
 
     Args:
         capsules: of the measured arm.
-        measured: that arm.
-        robot: the other one.
-        tubes_m: z of the other's upper arm and forearm in their frames [m].
+        robot: the other arm.
+        shape: where its capsules are from.
     """
+    assert shape.tubes_m is not None
     z_of = {capsule.name: float(capsule.p0[2]) for capsule in capsules}
-    before = _landmarks(measured, (z_of["upper_arm"], z_of["forearm"]))
-    after = _landmarks(robot, tubes_m)
+    before = _landmarks(known_robot(shape.of), (z_of["upper_arm"], z_of["forearm"]))
+    after = _landmarks(robot, shape.tubes_m)
     thick_m = {tube: max(c.radius_m for c in capsules if c.name.startswith(tube)) for tube in TUBES}
+    if shape.foot_radius_m is not None:
+        thick_m["foot"] = shape.foot_radius_m
 
     def moved(frame: int, p: Array) -> Array:
         return read_only([_moved(x, *marks) for x, *marks in zip(p, before[frame], after[frame], strict=True)])

@@ -1,4 +1,4 @@
-"""What refuses a problem, and what is offered instead: proofs that need no search, and the nearest feasible problem."""
+"""What refuses a problem, and what is offered instead: proofs that need no search, and a feasible problem near it."""
 
 from planner.refusal.nearest import nearest_problem
 from planner.refusal.proofs import farthest_target_m, of_candidates, refuse_impossible

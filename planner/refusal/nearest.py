@@ -1,4 +1,4 @@
-"""Nearest feasible problem: what could be done instead of what was refused.
+"""A feasible problem near one that was refused. There may be a nearer one: a few lines of relaxation are searched.
 
 A release kind has relaxations (`relaxations`): functions of a share from 0, which is easy, to 1, which is as requested.
 The first of them whose easy end has an answer is bisected, for the largest share that has one. An answer is what the
@@ -16,7 +16,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
-from planner.errors import Infeasible
+from planner.errors import Infeasible, SolverFailed
 from planner.problem import ThrowProblem
 from planner.refusal.proofs import refuse_impossible
 from planner.refusal.relaxations import Relaxation, relaxations
@@ -28,14 +28,14 @@ BISECTIONS = 5  # [-] of a share, which is found to 1/32
 CANDIDATES = 2  # [-] tried in one search: the first leads to most answers
 SEARCHES_MAX = 12  # [-] in all; most refusals take three to six
 LATE_SEARCHES_MAX = 6  # [-] in all, once the request's deadline has passed
-LATE_S = 5.0  # [s] that a search for an offer may take beyond the request's deadline: on a busy machine six take longer
+LATE_S = 2.0  # [s] that a search for an offer may take beyond the request's deadline
 WINDOW_STEP_S = 1e-4  # [s] windows are whole steps of it: no gripper is timed more finely
 DECIMALS = 4  # [-] of windows in seconds
 ROUNDING = 1e-9  # [-] of a number of steps
 
 
 def nearest_problem(search: PlanningSearch) -> ThrowProblem | None:
-    """Returns the closest problem that has a certified motion with a way home; None if none was found.
+    """Returns a problem near it that has a certified motion with a way home; None if none was found.
 
     Args:
         search: that found no answer.
@@ -79,15 +79,15 @@ class _Answers:
             return False
         try:
             refuse_impossible(problem)
-            found = candidates(problem)
-        except Infeasible:
+            found = candidates(problem, self.deadline_s)
+        except (Infeasible, SolverFailed):
             return False
         self.searches += 1
-        search = PlanningSearch(problem, self.deadline_s, is_for_any=True)
+        search = PlanningSearch(problem, self.deadline_s, is_for_any=True, tell=self.refused.tell_inner)
         search_candidates(search, found, CANDIDATES)
         self.refused.extend_deadline(search.loading_s)
         self.deadline_s += search.loading_s
-        return search.best is not None and find_way_home(problem, search.best)[0] is not None
+        return search.best is not None and find_way_home(problem, search.best, self.deadline_s)[0] is not None
 
 
 def _closest(problem: ThrowProblem, answers: _Answers) -> ThrowProblem | None:

@@ -31,6 +31,7 @@ def optimise(search: PlanningSearch, candidate: Candidate) -> bool:
         search: updated in place.
         candidate: of its problem.
     """
+    search.begin_candidate()
     begun_s = time.perf_counter() + _load(search)
     result = ""
     is_settled = False
@@ -84,6 +85,7 @@ def _optimise_from(search: PlanningSearch, seed: Seed) -> str:
     options = SolveOptions(deadline_s=search.deadline_s, latest_s=search.latest_useful_s)
     failures = ""
     for _ in range(ROUNDS):
+        search.begin_solve()
         solution = casadi_nlp.solve(problem, seed, options)
         search.iterations += solution.iterations
         found = search.certify("casadi", solution)

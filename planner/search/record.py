@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from planner.answer import Attempt
@@ -12,6 +12,7 @@ from planner.backends.solution import Solution
 from planner.certificate import Certificate, Check, Examination
 from planner.errors import TIME_LIMIT, Infeasible, SolverFailed, Violation, nothing_found
 from planner.problem import ThrowProblem
+from planner.progress import SILENT
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +60,7 @@ class PlanningSearch:
         loading_s: spent on loading solvers [s]; the deadline is later by as much.
         was_cut_short: whether the deadline had passed at the end of the search, and the answer may not be the soonest.
         is_for_any: whether any valid motion will do: the first one ends the search.
+        tell: called at each step, with the number of candidates that it begins with and `release_time_s`.
     """
 
     problem: ThrowProblem
@@ -70,6 +72,7 @@ class PlanningSearch:
     loading_s: float = 0.0
     was_cut_short: bool = False
     is_for_any: bool = False
+    tell: Callable[[int, float], object] = SILENT.step
 
     @property
     def out_of_time(self) -> bool:
@@ -101,7 +104,20 @@ class PlanningSearch:
         """Returns a motion with its checks, and keeps it: as an answer, or for the refusal."""
         found = CertifiedSolution(backend, solution, Examination(self.problem, solution.trajectory))
         (self.certified if found.is_valid else self.rejected).append(found)
+        self.tell(0, self.release_time_s)
         return found
+
+    def begin_candidate(self) -> None:
+        """Tells that another candidate is tried."""
+        self.tell(1, self.release_time_s)
+
+    def begin_solve(self) -> None:
+        """Tells that the optimiser is called, which takes some tenths of a second."""
+        self.tell(0, self.release_time_s)
+
+    def tell_inner(self, candidates: int, _: float) -> None:
+        """Tells of a step of a search inside this one, whose motions are none of this one's."""
+        self.tell(candidates, self.release_time_s)
 
     def by_rank(self) -> list[CertifiedSolution]:
         """Returns the valid motions, the best first."""

@@ -104,6 +104,7 @@ def try_motions(search: PlanningSearch, backend: str, found: Sequence[Candidate]
     valid = 0
     failure = ""
     for candidate in found:
+        search.begin_candidate()
         for solve in solvers:
             if candidate.bound_s >= search.release_time_s or search.out_of_time:
                 break

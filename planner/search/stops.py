@@ -16,9 +16,8 @@ import numpy as np
 from planner.approach import find_approach
 from planner.arrays import Array
 from planner.backends.solution import Solution
-from planner.errors import Infeasible, InvalidProblem
+from planner.errors import Infeasible, InvalidProblem, SolverFailed
 from planner.geometry import body_model
-from planner.problem import ThrowProblem
 from planner.search.record import CertifiedSolution, PlanningSearch, counted
 from planner.search.search import CANDIDATES, MOTIONS, search_candidates, try_motions
 from planner.search.way_home import WAYS_MAX
@@ -41,7 +40,7 @@ def search_with_stop(search: PlanningSearch, found: Sequence[Candidate]) -> None
     ways = 0
     for stop, throw in _launches(search, found):
         launches += 1
-        way = _way(search.problem, stop)
+        way = _way(search, stop)
         if way is not None:
             ways += 1
             motion = way if throw is None else in_a_row(way, throw.solution.trajectory)
@@ -76,19 +75,23 @@ def _from(search: PlanningSearch, stop: Array, candidate: Candidate | None) -> C
     if search.out_of_time or body_model(search.problem.cell_with_bin).clearances(stop[None]).least[0] < 0.0:
         return None
     try:
-        inner = PlanningSearch(replace(search.problem, start=stop), search.deadline_s)
+        inner = PlanningSearch(replace(search.problem, start=stop), search.deadline_s, tell=search.tell_inner)
         if candidate is None:
-            search_candidates(inner, candidates(inner.problem))
+            search_candidates(inner, candidates(inner.problem, search.deadline_s))
         else:
             try_motions(inner, "ruckig", [candidate], MOTIONS["ruckig"])
-    except (InvalidProblem, Infeasible):
+    except (InvalidProblem, Infeasible, SolverFailed):
         return None
     search.iterations += inner.iterations
     search.extend_deadline(inner.loading_s)
     return inner.best
 
 
-def _way(problem: ThrowProblem, stop: Array) -> Trajectory | None:
+def _way(search: PlanningSearch, stop: Array) -> Trajectory | None:
     """Returns the motion from the start to a posture at rest, within the request's limits; None if none is found."""
-    way, _ = find_approach(problem.cell_with_bin, problem.start, stop, PACE, limits=problem.limits)
+    problem = search.problem
+    limits = problem.limits
+    way, _ = find_approach(
+        problem.cell_with_bin, problem.start, stop, PACE, limits=limits, deadline_s=search.deadline_s
+    )
     return None if way is None else way.trajectory

@@ -6,6 +6,7 @@ path. It is asked for once, for the best motion of a finished search; where ther
 
 from __future__ import annotations
 
+import math
 import time
 
 from planner.approach import Approach, find_approach, obstacle_words
@@ -14,6 +15,8 @@ from planner.errors import TIME_LIMIT, Infeasible, SolverFailed, Violation
 from planner.problem import ThrowProblem
 from planner.search.record import CertifiedSolution, PlanningSearch, counted
 
+# [s] of a path home, if the request's deadline leaves it less: a motion that was found is not lost for want of that
+LATE_S = 1.0
 WAYS_MAX = 3  # [-] postures to or from which a way is searched for: a search in vain takes some seconds
 
 
@@ -23,15 +26,16 @@ def best_with_way_home(search: PlanningSearch) -> tuple[CertifiedSolution, Appro
     Raises:
         Infeasible: there is no motion, or none with a way home: the violation `way_home` names what blocks the
             straight move from the best one.
-        SolverFailed: the same, of a search that the time limit ended, or that left motions untried for want of time.
+        SolverFailed: the same, of a search that the time limit ended, or that left ways untried for want of time.
     """
     if search.best is None:
         raise search.failure()
     begun_s = time.perf_counter()
+    deadline_s = max(search.deadline_s, begun_s + LATE_S)
     blocked = []
     motions = search.by_rank()[:WAYS_MAX]
     for motion in motions:
-        way, failures = find_way_home(search.problem, motion)
+        way, failures = find_way_home(search.problem, motion, deadline_s)
         if way is not None:
             if blocked:
                 search.log_attempt("approach", f"way home: none from {counted(len(blocked), 'sooner motion')}", begun_s)
@@ -42,19 +46,23 @@ def best_with_way_home(search: PlanningSearch) -> tuple[CertifiedSolution, Appro
     search.log_attempt("approach", f"way home: none from {counted(len(blocked), 'motion')}", begun_s)
     violations = [_violation(blocked[0], len(blocked))]
     log = [attempt.__dict__ for attempt in search.attempts]
-    if search.was_cut_short or len(blocked) < len(motions):
+    is_cut_short = search.was_cut_short or time.perf_counter() >= deadline_s
+    if is_cut_short or len(blocked) < len(motions):
         raise SolverFailed(TIME_LIMIT, search.iterations, log, violations)
     raise Infeasible(violations, attempts=log)
 
 
-def find_way_home(problem: ThrowProblem, motion: CertifiedSolution) -> tuple[Approach | None, tuple[Check, ...]]:
+def find_way_home(
+    problem: ThrowProblem, motion: CertifiedSolution, deadline_s: float = math.inf
+) -> tuple[Approach | None, tuple[Check, ...]]:
     """Returns the way home from the end of a motion: without the object after a throw, with it after a move to rest.
 
-    Without one, the checks that a straight move home fails.
+    Without one, the checks that a straight move home fails. After the deadline, on `time.perf_counter`, a straight move
+    alone is tried.
     """
     cell = problem.cell_with_bin
     end = motion.solution.trajectory.q[-1]
-    return find_approach(cell, end, cell.home, with_object=problem.ends_at_rest)
+    return find_approach(cell, end, cell.home, with_object=problem.ends_at_rest, deadline_s=deadline_s)
 
 
 def _violation(failures: tuple[Check, ...], tried: int) -> Violation:

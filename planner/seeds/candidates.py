@@ -7,6 +7,8 @@ quasi-random sequence, so the same request always has the same candidates.
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
@@ -14,7 +16,7 @@ from typing import Protocol
 import numpy as np
 
 from planner.arrays import Array
-from planner.errors import Infeasible, Violation, nothing_found
+from planner.errors import TIME_LIMIT, Infeasible, SolverFailed, Violation, nothing_found
 from planner.geometry import ToolState, body_model
 from planner.kinematics import (
     inverse,
@@ -92,11 +94,16 @@ class Seed:
     initial_guess: InitialGuess | None = None
 
 
-def candidates(problem: ThrowProblem) -> list[Candidate]:
+def candidates(problem: ThrowProblem, deadline_s: float = math.inf) -> list[Candidate]:
     """Returns the release states that keep every limit themselves, by ascending lower bound on the launch time.
+
+    Args:
+        problem: the problem.
+        deadline_s: on `time.perf_counter`; no further states are drawn after it.
 
     Raises:
         Infeasible: there is none; the violations give the reason.
+        SolverFailed: the deadline passed before one was found.
     """
     release = problem.release
     if release.joint_state is not None:
@@ -109,7 +116,7 @@ def candidates(problem: ThrowProblem) -> list[Candidate]:
         states = _distinct(*point_states(problem, release.point_state))
     else:
         assert release.target is not None
-        return _rounded(problem, _target_candidates(problem, release.target))
+        return _rounded(problem, _target_candidates(problem, release.target, deadline_s))
     return _usable(problem, states)
 
 
@@ -127,11 +134,12 @@ def usable_candidates(problem: ThrowProblem, q: Array, qd: Array) -> list[Candid
     return _usable(problem, _distinct(q, qd))
 
 
-def _target_candidates(problem: ThrowProblem, target: Target) -> list[Candidate]:
+def _target_candidates(problem: ThrowProblem, target: Target, deadline_s: float) -> list[Candidate]:
     """Returns the candidates for a target; where obstacles leave too few, from a thorough search.
 
     Raises:
         Infeasible: there are none.
+        SolverFailed: the deadline passed before the thorough search.
     """
     try:
         found = _usable(problem, _distinct(*target_states(problem, target)))
@@ -140,6 +148,10 @@ def _target_candidates(problem: ThrowProblem, target: Target) -> list[Candidate]
         found = []
         refusal = error
     if len(found) < FEW and target.release_position is None and has_flight_obstacles(problem):
+        if time.perf_counter() >= deadline_s:
+            if refusal is None:
+                return found
+            raise SolverFailed(TIME_LIMIT, violations=refusal.violations)
         try:
             return _usable(problem, _distinct(*target_states(problem, target, thorough=True)))
         except Infeasible as error:

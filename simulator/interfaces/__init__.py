@@ -3,6 +3,7 @@
 from simulator.interfaces.connections import Connection, ConnectionHandler
 from simulator.interfaces.control_server import BadRequest, ControlServer, Document
 from simulator.interfaces.dashboard_server import DashboardServer
+from simulator.interfaces.interpreter_server import InterpreterServer
 from simulator.interfaces.network import Network, ServicePort
 from simulator.interfaces.primary_server import PrimaryServer
 from simulator.interfaces.realtime_server import RealtimeServer
@@ -23,6 +24,7 @@ __all__ = [
     "DashboardServer",
     "Document",
     "InputValues",
+    "InterpreterServer",
     "Network",
     "PrimaryServer",
     "RealtimeServer",

@@ -67,6 +67,11 @@ class Arm:
         self.history: deque[list[float]] = deque(maxlen=HISTORY)  # measured positions, cycle by cycle
 
     @property
+    def driven(self) -> bool:
+        """Whether a motion was commanded in this cycle."""
+        return self.drives > 0
+
+    @property
     def at_rest(self) -> bool:
         """Whether no motion is commanded and none is left in the lag."""
         return max(map(abs, self.qd)) < AT_REST and max(map(abs, self.true_qd)) < TRUE_AT_REST
@@ -98,7 +103,7 @@ class Arm:
         self.before = self.q, self.qd, self.qdd
         self._set(q, qd)
 
-    def ramp(self, qd: Sequence[float], acceleration: float) -> bool:
+    def ramp(self, qd: Sequence[float], acceleration: float, change: float = 1.0) -> bool:
         """Ramps towards joint speeds for one cycle; the position advances with the mean of old and new speed.
 
         Here the gain takes effect: the arm moves by what it understood, and stands where it believes it does.
@@ -106,17 +111,19 @@ class Arm:
         Args:
             qd: target speeds (6,) [rad/s].
             acceleration: of the leading axis [rad/s^2]; the others keep in proportion.
+            change: factor on the present speed beforehand, by which the speed scaling has changed.
 
         Returns:
             Whether the target is reached.
         """
         qd = qd if self.gain is None else [g * v for g, v in zip(self.gain, qd, strict=True)]
-        change = [b - a for a, b in zip(self.qd, qd, strict=True)]
-        largest = max(map(abs, change))
+        begin = self.qd if change == 1.0 else [change * v for v in self.qd]
+        missing = [b - a for a, b in zip(begin, qd, strict=True)]
+        largest = max(map(abs, missing))
         most = acceleration * self.dt
         half = 0.5 * self.dt
         reached = largest <= most
-        now = list(qd) if reached else [a + c * most / largest for a, c in zip(self.qd, change, strict=True)]
+        now = list(qd) if reached else [a + c * most / largest for a, c in zip(begin, missing, strict=True)]
         self.drive([x + half * (a + b) for x, a, b in zip(self.q, self.qd, now, strict=True)], now)
         return reached
 

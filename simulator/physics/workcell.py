@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Sequence
 
 from planner.cell import Cell
 from simulator.physics import kinematics
@@ -78,9 +79,9 @@ class Workcell:
         clings = self._clings.random() < release.cling_share
         return release.speed_factor * (release.cling_speed_factor if clings else 1.0)
 
-    def in_contact(self) -> bool:
-        """Whether the tool centre point is in the floor or in a keep-out box."""
-        point = kinematics.product(self.base, self.arm.chain.forward(self.arm.true_q, self.tool))
+    def in_contact(self, q: Sequence[float] | None = None) -> bool:
+        """Whether the tool centre point is in the floor or in a keep-out box, at joint positions `q` or the true."""
+        point = kinematics.product(self.base, self.arm.chain.forward(self.arm.true_q if q is None else q, self.tool))
         return self.world.solid_at((point[3], point[7], point[11]))
 
 

@@ -5,8 +5,9 @@ Arm, registers and timeline are handed in; nothing here knows a socket.
 
 from simulator.program import messages, motions
 from simulator.program.commands import load_control_program
-from simulator.program.context import Installation, ProgramContext, Registers
+from simulator.program.context import Installation, MotionState, ProgramContext, Registers
 from simulator.program.control_program import HEADER as CONTROL_HEADER
+from simulator.program.interpreter_queue import InterpreterQueue
 from simulator.program.runner import PAUSED, PLAYING, STOPPED, ProgramRunner
 from simulator.program.safety import SafetyLimits, SafetyState
 from simulator.program.stops import PROGRAM_FATES, Stops
@@ -19,6 +20,8 @@ __all__ = [
     "PROGRAM_FATES",
     "STOPPED",
     "Installation",
+    "InterpreterQueue",
+    "MotionState",
     "Program",
     "ProgramContext",
     "ProgramError",

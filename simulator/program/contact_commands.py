@@ -23,15 +23,15 @@ def _move_until_contact(program: ControlProgram) -> Thread:
     twist = program.registers.doubles_in(0)
     acceleration = program.registers.double_in(12)
     while not c.in_contact():
-        yield from motions.speed_tool(program.arm, twist, acceleration, program.arm.dt, c.speed_scaling, c.tcp)
+        yield from motions.speed_tool(c, twist, acceleration, program.arm.dt)
     yield from _return_to_contact(program)
 
 
 def _return_to_contact(program: ControlProgram) -> Thread:
     c = program.context
     goal = program.arm.chain.forward(program.arm.true_q, c.tcp)
-    yield from motions.stop_tool(program.arm, CONTACT_DECELERATION, c.tcp)
-    yield from motions.move_tool(program.arm, goal, MOVEL_SPEED, MOVEL_ACCELERATION, c.speed_scaling, c.tcp)
+    yield from motions.stop_tool(c, CONTACT_DECELERATION)
+    yield from motions.move_tool(c, goal, motions.Pace(MOVEL_SPEED, MOVEL_ACCELERATION))
 
 
 def _start_contact_detection(program: ControlProgram) -> None:
@@ -75,7 +75,7 @@ def _jog_thread(program: ControlProgram) -> Thread:
     )
     while True:
         twist = _turned(frame, program.jog[:6]) if frame else program.jog[:6]
-        yield from motions.speed_tool(program.arm, twist, program.jog[7], JOG_TIME_S, c.speed_scaling, c.tcp)
+        yield from motions.speed_tool(c, twist, program.jog[7], JOG_TIME_S)
 
 
 def _turned(frame: Transform, twist: list[float]) -> list[float]:
@@ -85,7 +85,7 @@ def _turned(frame: Transform, twist: list[float]) -> list[float]:
 
 def _stop_jog(program: ControlProgram) -> Thread:
     program.kill("jog")
-    return motions.stop_tool(program.arm, JOG_STOP_DECELERATION, program.context.tcp)
+    return motions.stop_tool(program.context, JOG_STOP_DECELERATION)
 
 
 CONTACTS: dict[int, Callable[[ControlProgram], Thread | None]] = {

@@ -11,7 +11,9 @@ import numpy as np
 from planner.kinematics import inverse
 from planner.robots import Robot
 from simulator.physics import Arm, Transform, kinematics
+from simulator.program.interpreter_queue import InterpreterQueue
 from simulator.program.messages import Message
+from simulator.program.progress import Progress
 from simulator.program.safety import SafetyLimits
 from simulator.settings import BIT_REGISTERS, REGISTERS
 
@@ -86,6 +88,7 @@ class Installation:
         payload_cog_m: its centre of mass in the flange's frame [m].
         gravity_m_s2: against the fall, in the base (UR's sign) [m/s2].
         payload_inertia: inertia of the payload (6,) [kg m2].
+        tool_voltage_v: of the supply at the tool's connector [V].
         tcp: pose of the tool centre point in the flange.
         tcp_pose: the same as UR's pose (6,) [m, rad].
     """
@@ -94,6 +97,7 @@ class Installation:
     payload_cog_m: list[float]
     gravity_m_s2: list[float]
     payload_inertia: list[float] = field(default_factory=lambda: [0.0] * 6)
+    tool_voltage_v: int = 0
     tcp: Transform = kinematics.IDENTITY
     tcp_pose: list[float] = field(default_factory=lambda: [0.0] * 6)
 
@@ -102,18 +106,36 @@ class Installation:
         self.tcp, self.tcp_pose = tcp, kinematics.pose_of(tcp)
 
 
+@dataclass
+class MotionState:
+    """What one motion command leaves for the next.
+
+    Attributes:
+        blended: the rest of a move that blends into the next; None without.
+        servo_goal: joint positions (6,) [rad] of the last servoj; empty before the first.
+        leads_out: whether the last move has a goal beyond a joint's limit.
+    """
+
+    blended: Progress | None = None
+    servo_goal: list[float] = field(default_factory=list)
+    leads_out: bool = False
+
+
 @dataclass(frozen=True)
 class ProgramContext:
     """Parts of the controller that script functions read or act on.
 
     Attributes:
-        robot: constants of the arm, for the closed-form inverse kinematics.
+        version: of the controller's software.
+        robot: constants of the arm, for the closed-form inverse kinematics and for what its joints can do.
         arm: the arm the program moves.
+        motion: what one motion command leaves for the next.
+        interpreter: statements that clients send to a program in interpreter mode.
         registers: registers shared with the client.
         installation: tool, payload and mounting.
         limits: safety limits.
         speed_scaling: returns the present speed scaling, 0 to 1.
-        in_contact: returns whether the tool touches something.
+        in_contact: returns whether the tool touches something, at given joint positions (6,) [rad] or the true ones.
         set_watchdog: sets the RTDE watchdog: register, least frequency [Hz].
         protective_stop: triggers a protective stop with a reason.
         post: passes a message on to the clients.
@@ -121,13 +143,16 @@ class ProgramContext:
         output_bits: returns the physical levels of the digital outputs.
     """
 
+    version: tuple[int, int, int]
     robot: Robot
     arm: Arm
+    motion: MotionState
+    interpreter: InterpreterQueue
     registers: Registers
     installation: Installation
     limits: SafetyLimits
     speed_scaling: Callable[[], float]
-    in_contact: Callable[[], bool]
+    in_contact: Callable[..., bool]
     set_watchdog: Callable[[int, float], None]
     protective_stop: Callable[[str], None]
     post: Callable[[Message], None]

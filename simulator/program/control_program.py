@@ -32,13 +32,14 @@ Process = Callable[["ControlProgram", int], Thread | None]
 
 @dataclass(frozen=True)
 class Waypoint:
-    """One entry of an injected path: pose or joints, acceleration, speed. The blend radius is ignored."""
+    """One entry of an injected path: pose or joints, acceleration, speed, blend radius [m]."""
 
     joints_move: bool
     is_pose: bool
     target: Sequence[float]
     acceleration: float
     speed: float
+    blend_m: float = 0.0
 
 
 class ControlProgram(Program):
@@ -118,7 +119,7 @@ class ControlProgram(Program):
         self.progress(FINISHED)
 
     def follow_path(self) -> Thread:
-        """Follows the injected path, with a rest at each waypoint."""
+        """Follows the injected path."""
         for number, point in enumerate(self.path):
             self.progress(number)
             yield from self.move_to(point)
@@ -127,11 +128,12 @@ class ControlProgram(Program):
         """Returns the move to a waypoint: movej or movel."""
         c = self.context
         target = point.target
+        pace = motions.Pace(point.speed, point.acceleration, blend_m=point.blend_m)
         if point.joints_move:
             goal = self.solve(target) if point.is_pose else target
-            return motions.move_joints(self.arm, goal, point.speed, point.acceleration, c.speed_scaling)
+            return motions.move_joints(c, goal, pace)
         pose = kinematics.transform(target) if point.is_pose else self.arm.chain.forward(target, c.tcp)
-        return motions.move_tool(self.arm, pose, point.speed, point.acceleration, c.speed_scaling, c.tcp)
+        return motions.move_tool(c, pose, pace)
 
     def solve(self, pose: Sequence[float], near: list[float] | None = None) -> list[float]:
         """Returns the joint angles (6,) [rad] of a pose, nearest to `near` (default: the commanded ones).
@@ -159,10 +161,10 @@ def path_in(text: str) -> list[Waypoint]:
 
 
 def _waypoint(match: tuple[str, ...]) -> Waypoint:
-    move, pose, numbers, acceleration, speed, _ = match
+    move, pose, numbers, acceleration, speed, blend_m = match
     try:
         target = tuple(float(x) for x in numbers.split(","))
-        point = Waypoint(move == "movej", bool(pose), target, float(acceleration), float(speed))
+        point = Waypoint(move == "movej", bool(pose), target, float(acceleration), float(speed), float(blend_m))
     except ValueError as error:
         raise ProgramError(f"path: {error}") from error
     if len(target) != 6:

@@ -16,6 +16,7 @@ STARTED = "PROGRAM_XXX_STARTED"
 STOPPED_TITLE = "PROGRAM_XXX_STOPPED"
 READ_ONLY_CODE = 210  # a client whose scripts are not accepted: local control, or a port to read from only
 SUDDEN_TARGET_CODE = 204  # source: UR service manual, "Path sanity check failed"
+BY_PROGRAM_CODE = 209  # what URSim reports for protective_stop()
 JOINT_LIMIT_CODE = 150  # source: UR service manual, "Position close to joint limits"
 
 

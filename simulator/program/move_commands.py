@@ -42,9 +42,9 @@ def _speed_thread(program: ControlProgram) -> Thread:
         target = program.speed[:6]
         (acceleration, time_s) = program.speed[6:]
         if program.speeds_tool:
-            yield from motions.speed_tool(program.arm, target, acceleration, time_s, c.speed_scaling, c.tcp)
+            yield from motions.speed_tool(c, target, acceleration, time_s)
         else:
-            yield from motions.speed_joints(program.arm, target, acceleration, time_s, c.speed_scaling)
+            yield from motions.speed_joints(c, target, acceleration, time_s)
 
 
 def _servo(program: ControlProgram, to_pose: bool) -> None:
@@ -55,11 +55,10 @@ def _servo(program: ControlProgram, to_pose: bool) -> None:
 
 def _servo_thread(program: ControlProgram) -> Thread:
     """Repeats the last servo target for ever."""
-    speed_limit = program.context.limits.qd_max
     while True:
         target = program.servo[:6]
         (time_s, lookahead_s, gain) = program.servo[6:]
-        yield from motions.servo_joints(program.arm, target, time_s, lookahead_s, gain, speed_limit)
+        yield from motions.servo_joints(program.context, target, time_s, lookahead_s, gain)
 
 
 def _servo_circular(program: ControlProgram) -> None:
@@ -69,12 +68,11 @@ def _servo_circular(program: ControlProgram) -> None:
 
 def _circular_thread(program: ControlProgram) -> Thread:
     """servoc, as a straight move to each target; the blend radius is ignored."""
-    c = program.context
     while True:
         pose = program.circle[:6]
         (speed, acceleration) = program.circle[6:8]
         goal = kinematics.transform(pose)
-        yield from motions.move_tool(program.arm, goal, speed, acceleration, c.speed_scaling, c.tcp)
+        yield from motions.move_tool(program.context, goal, motions.Pace(speed, acceleration))
 
 
 # -- stops
@@ -105,8 +103,8 @@ def _stop_move(program: ControlProgram) -> Thread | None:
 
 def _stop(program: ControlProgram, deceleration: float, tool: bool) -> Thread:
     if tool:
-        return motions.stop_tool(program.arm, deceleration, program.context.tcp)
-    return motions.stop_joints(program.arm, deceleration)
+        return motions.stop_tool(program.context, deceleration)
+    return motions.stop_joints(program.context, deceleration)
 
 
 MOVES: dict[int, Callable[[ControlProgram], Thread | None]] = {

@@ -101,6 +101,7 @@ class ProgramRunner:
         ended = self.program or (self.due[1] if self.due else None)
         self.program = self.watchdog = self.due = None
         if ended is not None:
+            ended.close()
             self.timeline.note(f"program stopped: {reason}")
             self.board.post(messages.KeyMessage(messages.STOPPED_TITLE, ended.name))
         self._halt(STOPPED)
@@ -192,6 +193,7 @@ class ProgramRunner:
                 self._post_exception(ProgramError(f"SECONDARY_PROGRAM_EXCEPTION_XXX{error}", *_place_of(error)))
                 ended = True
             if ended:
+                program.close()
                 self.secondary.remove(program)
 
 

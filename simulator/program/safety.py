@@ -5,6 +5,7 @@ Source of modes and bits: Universal Robots, RTDE guide, `safety_mode`, `safety_s
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,6 +18,9 @@ MODE_NORMAL = 1
 MODE_PROTECTIVE_STOP = 3
 MODE_SAFEGUARD_STOP = 5
 MODE_ROBOT_EMERGENCY_STOP = 7
+
+AT_REST = 1e-9  # [rad/s] speed below which a joint stands
+HARDEST = 2.0  # [-] chosen: deceleration before a joint's limit over the greatest commanded one
 
 ROBOT_POWER_OFF = 3
 ROBOT_IDLE = 5
@@ -87,7 +91,7 @@ class SafetyLimits:
     def violation(self, q: Sequence[float], qd: Sequence[float], qdd: Sequence[float], tcp_speed: float) -> str | None:
         """Returns a description of the first violated limit, None if there is none."""
         for i in range(6):
-            if not self.q_lower[i] <= q[i] <= self.q_upper[i]:
+            if self._stopping(q[i], qd[i], i) > self.qdd_max[i]:
                 return f"joint position limit of joint {i}: {q[i]:.4g} rad"
             if not abs(qd[i]) <= self.qd_max[i]:
                 return f"joint speed limit of joint {i}: {qd[i]:.4g} rad/s"
@@ -96,6 +100,25 @@ class SafetyLimits:
         if not tcp_speed <= self.tcp_speed_max:
             return f"tool speed limit: {tcp_speed:.4g} m/s above {self.tcp_speed_max:.4g} m/s"
         return None
+
+    def _stopping(self, q: float, qd: float, joint: int) -> float:
+        """Returns the deceleration that brings a joint to rest at the limit that it moves to [rad/s^2].
+
+        A joint beyond its limit may move back. Rounding counts for nothing: a joint that stands moves to no limit.
+        """
+        left = self.q_upper[joint] - q if qd > 0.0 else q - self.q_lower[joint]
+        if abs(qd) < AT_REST:
+            return 0.0
+        return 0.5 * qd * qd / left if left > 0.0 else math.inf
+
+    def stopping(self, q: Sequence[float], qd: Sequence[float]) -> float:
+        """Returns the deceleration of the leading axis that stops every joint before its limit, within reason.
+
+        [rad/s^2]; twice what a joint may do on command at most, for one that is only just too late.
+        """
+        leading = max(map(abs, qd))
+        needed = [self._stopping(q[i], qd[i], i) * leading / abs(qd[i]) for i in range(6) if abs(qd[i]) > AT_REST]
+        return min(max(needed, default=0.0), HARDEST * max(self.qdd_max))
 
     def allows(self, q: Sequence[float]) -> bool:
         """Whether joint positions (6,) [rad] are within the limits."""

@@ -5,7 +5,11 @@ from __future__ import annotations
 from simulator.program import messages, safety
 from simulator.program.runner import ProgramRunner
 
-CODES = {"target": messages.SUDDEN_TARGET_CODE, "position limit": messages.JOINT_LIMIT_CODE}  # word of a reason -> code
+CODES = {  # words of a reason -> code
+    "target": messages.SUDDEN_TARGET_CODE,
+    "position limit": messages.JOINT_LIMIT_CODE,
+    "by the program": messages.BY_PROGRAM_CODE,
+}
 PROGRAM_FATES = ("paused", "stopped", "playing")  # state of the program after a protective stop
 
 
@@ -19,14 +23,25 @@ class Stops:
         self.runner = runner
         self.decelerations = self.settings.decelerations
 
-    def protective(self, reason: str, program: str | None = None) -> None:
-        """Category 2. The program is `paused`, `stopped`, or left `playing` as some versions leave it."""
+    def protective(self, reason: str, program: str | None = None, deceleration: float = 0.0) -> None:
+        """Category 2. The program is `paused`, `stopped`, or left `playing` as some versions leave it.
+
+        Args:
+            reason: what is told.
+            program: its fate; None: as the settings have it.
+            deceleration: what is needed at least [rad/s^2].
+        """
         if self.safety.stopped:
             return
         self.timeline.note(f"protective stop: {reason}")
         code = next((code for word, code in CODES.items() if word in reason), 0)
         self.runner.board.post(messages.ErrorCode(code, 0, messages.WARNING, f"Protective stop: {reason}"))
-        self._enter(safety.MODE_PROTECTIVE_STOP, safety.PROTECTIVE_STOPPED, reason, self.decelerations.protective_stop)
+        self._enter(
+            safety.MODE_PROTECTIVE_STOP,
+            safety.PROTECTIVE_STOPPED,
+            reason,
+            max(deceleration, self.decelerations.protective_stop),
+        )
         fate = program or self.settings.protective_stop_runtime
         if fate == "stopped":
             self.runner.stop(reason)

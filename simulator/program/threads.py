@@ -27,11 +27,19 @@ class SuddenTargetChange(Exception):
 
 
 class Program:
-    """A named program with its threads."""
+    """A named program with its threads.
+
+    Attributes:
+        running: name of the thread whose turn it is.
+    """
 
     def __init__(self, name: str, main: Thread) -> None:
         self.name = name
         self.threads: dict[str, Thread] = {MAIN: main}
+        self.running = MAIN
+
+    def close(self) -> None:
+        """Gives back what the program holds once it has ended."""
 
     def start(self, name: str, thread: Thread) -> None:
         """Starts a thread; its first turn is in this cycle, after that of the thread that started it."""
@@ -55,13 +63,15 @@ class Program:
         Raises:
             ProgramError: a thread met a runtime error.
         """
-        turn = 0
-        while turn < len(self.threads):  # a thread may start others, whose turn comes after its own
-            name = list(self.threads)[turn]
-            ended = next(self.threads[name], ENDED) is ENDED
-            if ended and name == MAIN:
+        done: set[str] = set()
+        while waiting := [name for name in self.threads if name not in done]:
+            self.running = waiting[0]  # a thread may start others, whose turn comes after its own, or end some
+            done.add(self.running)
+            thread = self.threads[self.running]
+            if next(thread, ENDED) is not ENDED:
+                continue
+            if self.running == MAIN:
                 return False
-            if ended:
-                self.threads.pop(name, None)
-            turn += not ended
+            if self.threads.get(self.running) is thread:
+                del self.threads[self.running]
         return True

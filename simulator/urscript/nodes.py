@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 
-@dataclass(frozen=True)
-class Place:
+class Place(NamedTuple):
     """Line and column of the text, both from 1."""
 
     line: int
@@ -110,26 +110,35 @@ class ThreadCommand(Node):
 
 
 @dataclass(frozen=True)
+class Critical(Node):
+    """`enter_critical` or `exit_critical`."""
+
+    enters: bool
+
+
+@dataclass(frozen=True)
 class Function(Node):
-    """`def`, `sec` or `thread`, with parameters and body."""
+    """`def`, `sec` or `thread`, with parameters and body; `defaults` are those of the last parameters."""
 
     kind: str
     name: str
     parameters: tuple[str, ...]
+    defaults: tuple[Node, ...]
     block: tuple[Node, ...] = field(repr=False)
 
 
-def children(node: Node) -> Sequence[Node]:
-    """Returns the nodes directly below a node."""
+def walk(nodes: Sequence[Node]) -> list[Node]:
+    """Returns nodes and everything below them."""
     found: list[Node] = []
-    for value in vars(node).values():
-        _collect(value, found)
+    _collect(tuple(nodes), found)
     return found
 
 
 def _collect(value: object, found: list[Node]) -> None:
     if isinstance(value, Node):
         found.append(value)
-    elif isinstance(value, tuple):
+        for part in vars(value).values():
+            _collect(part, found)
+    elif isinstance(value, tuple) and not isinstance(value, Place):
         for item in value:
             _collect(item, found)

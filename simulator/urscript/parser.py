@@ -7,13 +7,14 @@ docs/simulator.md. Errors have the form that the controller itself reports.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from simulator.program import ProgramError
 from simulator.urscript.nodes import (
     Assignment,
     Branches,
     Call,
+    Critical,
     Function,
     Index,
     Items,
@@ -40,15 +41,22 @@ CONSTANTS = {"True": True, "False": False, "true": True, "false": False}
 BLOCK_WORDS = frozenset({"def", "sec", "thread", "if", "while"})
 BLOCK_ENDS = frozenset({"end", "elif", "else"})
 JUMPS = frozenset({"return", "break", "continue", "halt", "pass"})
-WORDS = BLOCK_WORDS | BLOCK_ENDS | JUMPS | {"global", "local", "run", "kill", "join", "not", "and", "or", "xor"}
+CRITICAL = {"enter_critical": True, "exit_critical": False}
+CONTINUING = frozenset({"or", "and", "xor", "not"})  # a line that ends with one goes on in the next
+WORDS = (
+    BLOCK_WORDS
+    | BLOCK_ENDS
+    | JUMPS
+    | CRITICAL.keys()
+    | {"global", "local", "run", "kill", "join", "not", "and", "or", "xor"}
+)
 TOKEN = re.compile(
     r"(?P<space>[ \t\r]+|#[^\n]*)|(?P<newline>\n)|(?P<number>\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+(?:[eE][-+]?\d+)?)"
     r'|(?P<text>"[^"\n]*"|\'[^\'\n]*\')|(?P<word>[A-Za-z_]\w*)|(?P<sign>==|!=|<=|>=|[-+*/%<>=()\[\],:.])'
 )
 
 
-@dataclass(frozen=True)
-class Token:
+class Token(NamedTuple):
     """A token: its kind (number, text, word, sign, newline, end), its text and its place."""
 
     kind: str
@@ -57,7 +65,7 @@ class Token:
 
 
 def tokens_of(text: str) -> list[Token]:
-    """Returns the tokens of a text; a newline within brackets is none.
+    """Returns the tokens of a text; a newline within brackets, or after `or` and its like, is none.
 
     Raises:
         ProgramError: a character that no token begins with.
@@ -79,7 +87,8 @@ def tokens_of(text: str) -> list[Token]:
             line = line + 1
             begin = at
         depth += (word in "([") - (word in ")]") if kind == "sign" else 0
-        if kind != "space" and not (kind == "newline" and depth > 0):
+        continues = depth > 0 or (bool(found) and found[-1].kind == "word" and found[-1].text in CONTINUING)
+        if kind != "space" and not (kind == "newline" and continues):
             found.append(Token(kind, word, place))
     found.append(Token("end", "", Place(line, 1)))
     return found
@@ -92,13 +101,13 @@ def syntax_error(text: str, place: Place) -> ProgramError:
     return ProgramError(f"syntax_error_on_line:{place.line}:{line}:", place.line, place.column)
 
 
-def parse(text: str) -> tuple[Node, ...]:
-    """Returns the statements of a text.
+def parse(text: str, one_line: bool = False) -> tuple[Node, ...]:
+    """Returns the statements of a text, one a line; with `one_line` they may follow one another on a line.
 
     Raises:
         ProgramError: the text is no script; with the line.
     """
-    parser = _Parser(text)
+    parser = _Parser(text, one_line)
     block = parser.block(())
     if parser.now.kind != "end":
         raise syntax_error(text, parser.now.place)
@@ -108,8 +117,12 @@ def parse(text: str) -> tuple[Node, ...]:
 class _Parser:
     """Recursive descent over the tokens."""
 
-    def __init__(self, text: str) -> None:
-        self.text, self.tokens, self.at, self.depth = text, tokens_of(text), 0, 0
+    def __init__(self, text: str, one_line: bool) -> None:
+        self.text = text
+        self.tokens = tokens_of(text)
+        self.one_line = one_line
+        self.at = 0
+        self.depth = 0
 
     @property
     def now(self) -> Token:
@@ -150,7 +163,8 @@ class _Parser:
                 self.depth -= 1
                 return tuple(found)
             found.append(self.statement())
-            if self.now.kind not in ("newline", "end") and self.now.text not in BLOCK_ENDS:
+            ended = self.now.kind in ("newline", "end") or self.now.text in BLOCK_ENDS
+            if not ended and not self.one_line:
                 raise self.error()
 
     def statement(self) -> Node:
@@ -163,6 +177,9 @@ class _Parser:
             self.take()
             has_value = word == "return" and self.now.kind not in ("newline", "end")
             return Jump(place, word, self.expression() if has_value else None)
+        if word in CRITICAL:
+            self.take()
+            return Critical(place, CRITICAL[word])
         if word in ("kill", "join"):
             self.take()
             return ThreadCommand(place, word, self.expression())
@@ -189,14 +206,19 @@ class _Parser:
 
     def function(self, kind: str, place: Place) -> Node:
         name = self.identifier()
-        parameters = []
+        parameters: list[str] = []
+        defaults: list[Node] = []
         self.expect("(")
         while not self.accept(")"):
             parameters.append(self.identifier())
+            if self.accept("="):
+                defaults.append(self.expression())
+            elif defaults:  # one without a default follows one with
+                raise self.error()
             if self.now.text != ")":
                 self.expect(",")
         self.expect(":")
-        return Function(place, kind, name, tuple(parameters), self.ended_block())
+        return Function(place, kind, name, tuple(parameters), tuple(defaults), self.ended_block())
 
     def branches(self, place: Place) -> Node:
         found: list[tuple[Node | None, tuple[Node, ...]]] = [(self.condition(), self.block(("elif", "else", "end")))]

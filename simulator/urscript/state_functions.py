@@ -8,19 +8,32 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from simulator.physics import kinematics
+from simulator.physics import Transform, kinematics
 from simulator.program import ProgramContext
+from simulator.urscript.motion_functions import solved
 from simulator.urscript.signatures import Signature, signature
 from simulator.urscript.values import ScriptPose, number, six
 
+CONTACT_STEPS_MAX = 500  # chosen: cycles that tool_contact looks back
 STEADY_RAD_S = 1e-6  # [rad/s] commanded speed below which the arm is steady
 OUTPUT_FIRST = {"standard_digital": 0, "configurable_digital": 8, "tool_digital": 16}  # source: RTDE guide, output bits
+SOLVER = "maxPositionError=1e-10 maxOrientationError=1e-10 tcp=0"  # taken as they are: what is solved is exact
 TOOL_OUTPUTS = 8  # set_digital_out counts the tool's outputs from here on; source: URScript manual
+ANALOG_OUTPUTS = 2
+TOOL_VOLTAGES_V = (0, 12, 24)  # source: URScript manual, set_tool_voltage
 INPUT_REGISTER = "input_int_register_"
 
 
-def _tcp_pose(c: ProgramContext, q: list[float]) -> ScriptPose:
-    return ScriptPose(kinematics.pose_of(c.arm.chain.forward(q, c.tcp)))
+def _pose(c: ProgramContext, q: list[float], tool: Transform) -> ScriptPose:
+    return ScriptPose(kinematics.pose_of(c.arm.chain.forward(q, tool)))
+
+
+def _inverse(c: ProgramContext, x: Any, near: Any, *rest: Any) -> list[float]:
+    return solved(c, x, near)
+
+
+def _has_inverse(c: ProgramContext, x: Any, near: Any, *rest: Any) -> bool:
+    return c.solve(ScriptPose(x), six(near) if isinstance(near, list) else None) is not None
 
 
 def _forward(c: ProgramContext, q: Any, tcp: Any) -> ScriptPose:
@@ -44,6 +57,20 @@ def _set_any(c: ProgramContext, n: Any, b: Any) -> None:
         _set(c, "tool_digital", n - TOOL_OUTPUTS, b)
     else:
         _set(c, "standard_digital", n, b)
+
+
+def _set_analog(c: ProgramContext, n: Any, f: Any) -> None:
+    line = _index(n, ANALOG_OUTPUTS)
+    level = float(number(f))
+    if not 0.0 <= level <= 1.0:
+        raise ValueError("the level must be within 0 and 1")
+    c.set_outputs({"standard_analog_output_mask": 1 << line, f"standard_analog_output_{line}": level})
+
+
+def _set_tool_voltage(c: ProgramContext, voltage: Any) -> None:
+    if number(voltage) not in TOOL_VOLTAGES_V:
+        raise ValueError("the voltage must be 0, 12 or 24")
+    c.installation.tool_voltage_v = int(voltage)
 
 
 def _index(value: Any, count: int) -> int:
@@ -101,6 +128,25 @@ def _set_payload(c: ProgramContext, mass: Any, cog: Any) -> None:
         c.installation.payload_cog_m = [float(number(x)) for x in cog[:3]]
 
 
+def _set_target_payload(c: ProgramContext, mass: Any, cog: Any, inertia: Any, transition_time: Any) -> None:
+    _set_payload(c, mass, cog)
+    if isinstance(inertia, list):
+        c.installation.payload_inertia = six(inertia)
+
+
+# -- contact
+def _contact_steps(c: ProgramContext, direction: Any) -> int:
+    """Returns how many cycles ago the tool touched what it touches now; 0 where it touches nothing."""
+    steps = 0
+    while steps < CONTACT_STEPS_MAX and c.in_contact(c.arm.measured_before(steps)):
+        steps += 1
+    return steps
+
+
+def _nothing(c: ProgramContext, *arguments: Any) -> None:
+    """Accepted without effect: this arm feels no force and cannot be pushed."""
+
+
 def _set_gravity(c: ProgramContext, d: Any) -> None:
     x, y, z = d
     c.installation.gravity_m_s2 = [float(number(x)), float(number(y)), float(number(z))]
@@ -111,16 +157,37 @@ STATE_FUNCTIONS: dict[str, Signature] = {
     "get_target_joint_positions": signature("", lambda c: list(c.arm.q)),
     "get_actual_joint_speeds": signature("", lambda c: list(c.arm.measured_qd)),
     "get_target_joint_speeds": signature("", lambda c: list(c.arm.qd)),
-    "get_actual_tcp_pose": signature("", lambda c: _tcp_pose(c, c.arm.measured_q)),
-    "get_target_tcp_pose": signature("", lambda c: _tcp_pose(c, c.arm.q)),
+    "get_actual_tcp_pose": signature("", lambda c: _pose(c, c.arm.measured_q, c.tcp)),
+    "get_target_tcp_pose": signature("", lambda c: _pose(c, c.arm.q, c.tcp)),
     "get_actual_tcp_speed": signature("", _twist),
     "get_tcp_force": signature("", lambda c: [0.0] * 6),
     "get_tcp_offset": signature("", lambda c: ScriptPose(c.installation.tcp_pose)),
     "get_forward_kin": signature("q=0 tcp=0", _forward),
-    "get_inverse_kin_has_solution": signature("pose", lambda c, pose: c.solve(ScriptPose(pose)) is not None),
+    "get_inverse_kin": signature(f"x qnear=0 {SOLVER}", _inverse),
+    "get_inverse_kin_has_solution": signature(f"x qnear=0 {SOLVER}", _has_inverse),
+    "get_joint_positions": signature("", lambda c: list(c.arm.q)),
+    "get_actual_joint_positions_history": signature("steps=0", lambda c, n: list(c.arm.measured_before(int(n)))),
+    "get_actual_tool_flange_pose": signature("", lambda c: _pose(c, c.arm.measured_q, kinematics.IDENTITY)),
+    "get_target_tcp_speed": signature("", lambda c: list(c.arm.chain.motion(c.arm.q, c.arm.qd, c.tcp)[1])),
+    "get_steptime": signature("", lambda c: c.arm.dt),
+    "tool_contact": signature("direction=0", _contact_steps),
+    "zero_ftsensor": signature("", _nothing),
+    "force_mode": signature("task_frame selection_vector wrench type limits", _nothing),
+    "end_force_mode": signature("", _nothing),
+    "force_mode_set_damping": signature("damping", _nothing),
+    "force_mode_set_gain_scaling": signature("scaling", _nothing),
+    "freedrive_mode": signature("freeAxes=0 feature=0", _nothing),
+    "end_freedrive_mode": signature("", _nothing),
+    "teach_mode": signature("", _nothing),
+    "end_teach_mode": signature("", _nothing),
+    "ft_rtde_input_enable": signature("enable sensor_mass=0 sensor_measuring_offset=0 sensor_cog=0", _nothing),
+    "enable_external_ft_sensor": signature("enable sensor_mass=0 sensor_measuring_offset=0 sensor_cog=0", _nothing),
     "is_steady": signature("", lambda c: max(map(abs, c.arm.qd)) < STEADY_RAD_S),
     "is_within_safety_limits": signature("q", lambda c, q: c.limits.allows(six(q))),
     "set_digital_out": signature("n b", _set_any),
+    "set_analog_out": signature("n f", _set_analog),
+    "set_standard_analog_out": signature("n f", _set_analog),
+    "set_tool_voltage": signature("voltage", _set_tool_voltage),
     "set_standard_digital_out": _setter("standard_digital"),
     "set_configurable_digital_out": _setter("configurable_digital"),
     "set_tool_digital_out": _setter("tool_digital"),
@@ -140,6 +207,6 @@ STATE_FUNCTIONS: dict[str, Signature] = {
     "rtde_set_watchdog": signature("variable frequency action=0", _set_watchdog),
     "set_tcp": signature("pose tcp_name=0", lambda c, pose, tcp_name: _set_tcp(c, pose)),
     "set_payload": signature("m cog=0", _set_payload),
-    "set_target_payload": signature("m cog=0 inertia=0", lambda c, m, cog, inertia: _set_payload(c, m, cog)),
+    "set_target_payload": signature("m cog=0 inertia=0 transition_time=0", _set_target_payload),
     "set_gravity": signature("d", _set_gravity),
 }

@@ -7,6 +7,7 @@ import os
 import signal
 import struct
 from collections.abc import Callable, Coroutine
+from dataclasses import replace
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -17,6 +18,7 @@ from api.planning import ClientGone, PlanningEnded, PlanningLine, PlanningQueueF
 from jobs.planning import PlanningJob, PlanRecord
 from jobs.pool import NICENESS, Work, open_pool
 from planner.errors import SolverFailed
+from planner.progress import Observer, Progress
 from tests.jobs.fake_planner import FAKE, fake_job, fake_solve
 
 HANGS_S = 200.0  # [s] processes are started anew before, on a busy machine
@@ -65,14 +67,56 @@ def test_a_client_that_left_gives_up_its_place_in_line():
         await asyncio.sleep(0.05)
         assert line.waiting == 2
         gone.set()
-        with pytest.raises(ClientGone):
-            await second
-        assert line.waiting == 1
-        await first  # it was begun, and ends by itself
-        await asyncio.wait_for(line.solve(fake_job()), 30.0)  # the place is free again
+        for left in (first, second):
+            with pytest.raises(ClientGone):
+                await left
+        await asyncio.wait_for(line.solve(fake_job()), HANGS_S)  # the place is free again
         assert line.waiting == 0
 
     run(test, queue=2)
+
+
+def test_a_search_whose_client_has_left_ends_in_its_worker():
+    async def test(line: PlanningLine) -> None:
+        worker = process_of(await line.solve(fake_job()))
+        gone = asyncio.Event()
+        told: list[Progress] = []
+
+        def follow(progress: Progress) -> None:
+            told.append(progress)
+            if progress.candidates == 3:
+                gone.set()
+
+        with pytest.raises(ClientGone):
+            await line.solve(replace(fake_job(steps=1_000_000), tells_progress=True), gone, follow)
+        assert [progress.candidates for progress in told[:3]] == [1, 2, 3]
+        after = await asyncio.wait_for(line.solve(fake_job()), HANGS_S)
+        assert process_of(after) == worker  # which was asked, and not killed
+
+    run(test, grace_s=3600.0)
+
+
+def test_a_worker_that_hears_of_nothing_is_replaced_once_its_client_has_left():
+    async def test(line: PlanningLine) -> None:
+        worker = process_of(await line.solve(fake_job()))
+        solving = asyncio.create_task(line.solve(fake_job(sleep_s=3600.0)))
+        await asyncio.sleep(0.1)
+        solving.cancel()
+        after = await asyncio.wait_for(line.solve(fake_job()), HANGS_S)
+        assert process_of(after) != worker
+
+    run(test, queue=2, grace_s=3600.0)
+
+
+def test_progress_is_told_where_it_is_asked_for_alone():
+    async def test(line: PlanningLine) -> None:
+        told: list[Progress] = []
+        await line.solve(fake_job(steps=3), None, told.append)
+        assert told == []
+        await line.solve(replace(fake_job(steps=3), tells_progress=True), None, told.append)
+        assert [progress.candidates for progress in told] == [1, 2, 3]
+
+    run(test)
 
 
 def test_the_loop_is_free_while_a_worker_works():
@@ -141,7 +185,7 @@ def test_a_worker_killed_from_outside_costs_nothing_but_time():
     run(test)
 
 
-def half_an_answer(job: PlanningJob) -> PlanRecord:
+def half_an_answer(job: PlanningJob, observer: Observer | None) -> PlanRecord:
     """Answers; a job that says so has its process killed in the middle of that."""
 
     def half(connection: Connection, buffer: bytes) -> None:
@@ -150,7 +194,7 @@ def half_an_answer(job: PlanningJob) -> PlanRecord:
 
     if job.request.get("half"):
         Connection._send_bytes = half  # type: ignore[attr-defined]
-    return fake_solve(job)
+    return fake_solve(job, observer)
 
 
 def test_a_worker_killed_within_its_answer_concerns_its_own_job_alone():
@@ -192,8 +236,8 @@ def test_signals_to_the_group_leave_a_plan_to_its_end():
     run(test)
 
 
-def niceness(job: PlanningJob) -> PlanRecord:
-    planned = fake_solve(job)
+def niceness(job: PlanningJob, observer: Observer | None) -> PlanRecord:
+    planned = fake_solve(job, observer)
     return PlanRecord(planned.row, float(os.nice(0)), 1.0)
 
 

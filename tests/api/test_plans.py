@@ -2,12 +2,17 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 from concurrent.futures import ThreadPoolExecutor
 
+import httpx2
 import numpy as np
+import pytest
 
 from tests.api.conftest import REQUEST, RunningService
 from tests.api.test_bad_input import problem_of
+
+EVENTS = {"Accept": "text/event-stream"}
 
 
 def test_a_plan_is_answered_stored_and_listed(service: RunningService):
@@ -147,3 +152,38 @@ def test_a_plan_that_is_not_stored(service: RunningService):
     assert service.client.get("/plans", params={"limit": 1}).json()["plans"] == before
     keyed = service.client.post("/plan?store=false", json=REQUEST, headers={"Idempotency-Key": "none"})
     assert problem_of(keyed, 422, "invalid-request")["errors"][0]["field"] == "Idempotency-Key"
+
+
+def events_of(response: httpx2.Response) -> list[tuple[str, dict]]:
+    """Returns kind and data of each event of an answer."""
+    assert (response.status_code, response.headers["content-type"].split(";")[0]) == (200, "text/event-stream")
+    blocks = [dict(line.split(": ", 1) for line in block.splitlines()) for block in response.text.split("\n\n")[:-1]]
+    assert [int(block["id"]) for block in blocks] == list(range(1, len(blocks) + 1))
+    return [(block["event"], json.loads(block["data"])) for block in blocks]
+
+
+def test_a_plan_as_events_ends_with_the_plan(service: RunningService):
+    *progress, (kind, plan) = events_of(service.client.post("/plan", json=REQUEST, headers=EVENTS))
+    assert kind == "plan"
+    assert service.client.get(f"/plans/{plan['id']}").json() == plan
+    assert progress[0][1] | {"elapsed_s": 0.0} == {
+        "stage": "queued", "candidates": 0, "best_release_time_s": None, "elapsed_s": 0.0,
+    }  # fmt: skip
+    assert {kind for kind, _ in progress} == {"progress"}
+    preview = events_of(service.client.post("/plan?store=false&trajectory=false", json=REQUEST, headers=EVENTS))[-1][1]
+    assert not {"id", "trajectory"} & preview.keys()
+
+
+def test_a_search_as_events_tells_what_it_tries_and_ends_with_the_problem(service: RunningService):
+    asked = {"release": {"kind": "point", "position": [0.9, 0.0, 0.5], "velocity": [2.9, 0.0, 2.0]}}
+    *progress, (kind, problem) = events_of(service.client.post("/plan", json=asked, headers=EVENTS))
+    assert (kind, problem["type"], problem["status"]) == ("problem", "/problems/infeasible", 422)
+    assert progress[-1][1]["candidates"] > 0
+    unknown = events_of(service.client.post("/plan", json={**REQUEST, "cell": "nowhere"}, headers=EVENTS))[-1]
+    assert (unknown[0], unknown[1]["type"], unknown[1]["instance"]) == ("problem", "/problems/not-found", "/plan")
+
+
+@pytest.mark.parametrize(("accept", "answered"), [("*/*", 201), ("text/event-stream;q=0.5, application/json", 201)])
+def test_a_plan_is_json_unless_events_are_preferred(service: RunningService, accept: str, answered: int):
+    assert service.client.post("/plan", json=REQUEST, headers={"Accept": accept}).status_code == answered
+    problem_of(service.client.post("/plan", json=REQUEST, headers={"Accept": "text/csv"}), 406, "not-acceptable")

@@ -16,8 +16,10 @@ from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import Route
 
 from api.dependencies import client_gone
-from api.http import DrainingMiddleware, SecurityMiddleware, install_error_handlers, middleware
+from api.http import DrainingMiddleware, SecurityMiddleware, event_stream, install_error_handlers, middleware
+from api.plan_events import plan_events
 from api.server import DrainingServer, ImpatientProtocol, server_config
+from planner.progress import Observer
 
 HOST = "127.0.42.9"
 GET = b"GET /%s HTTP/1.1\r\nHost: 127.0.42.9\r\n\r\n"
@@ -46,6 +48,7 @@ class RunningServer:
             Route("/plan", self._body, methods=["POST"]),
             Route("/abort", self._body, methods=["POST"]),
             Route("/left", self._left, methods=["POST"]),
+            Route("/search", self._search, methods=["POST"]),
         ]
         self.app = Starlette(routes=routes)
         self.app.state.is_draining = False
@@ -87,6 +90,17 @@ class RunningServer:
             await gone.wait()
         self.left.set()
         return JSONResponse({})
+
+    async def _search(self, request: Request) -> Response:
+        async def endless(observer: Observer) -> Response:
+            try:
+                await asyncio.Event().wait()
+            finally:
+                self.left.set()
+            return Response()
+
+        await request.body()
+        return event_stream(plan_events(request, endless), lambda: True)
 
     async def _drain(self) -> None:
         self.app.state.is_draining = True
@@ -278,6 +292,18 @@ def test_a_client_that_does_not_read_is_cut():
                 received += len(chunk)
         assert received < HUGE
         writer.close()
+
+    run(test)
+
+
+def test_a_search_ends_whose_reader_has_left():
+    async def test(running: RunningServer) -> None:
+        reader, writer = await asyncio.open_connection(HOST, running.port)
+        writer.write(POST % (b"search", 2) + b"{}")
+        assert b"event: progress" in await reader.readuntil(b"progress")
+        assert not running.left.is_set()
+        writer.close()
+        await asyncio.wait_for(running.left.wait(), 30.0)
 
     run(test)
 

@@ -321,6 +321,7 @@ def test_with_tokens_every_guarded_operation_says_so(tmp_path: Path, cells: Path
 
 
 MEDIA_TYPES = {
+    "/plan 200": {"application/json", "text/event-stream"},
     "/plans/{id}/trajectory": {"application/json", "text/csv"},
     "/experiments/{id}": {"application/json", "text/csv", "application/vnd.apache.parquet"},
     "/cells/{name}/map": {"application/json", "application/zip", "image/png", "text/html"},
@@ -331,6 +332,7 @@ MEDIA_TYPES = {
     "/metrics": {"text/plain"},
 }
 EVENTS = {
+    "/plan": {"progress": "PlanProgress", "plan": "PlanAnswer", "problem": "ProblemAnswer"},
     "/batches/{id}/events": {"progress": "BatchAnswer"},
     "/executions/{id}/events": {"state": "StateEvent", "telemetry": "TelemetryEvent"},
 }
@@ -340,7 +342,7 @@ def test_media_types_are_those_that_are_answered(service: RunningService):
     for method, path, operation in operations(service.client.get("/openapi.json").json()):
         for status, answer in operation["responses"].items():
             if status.startswith("2"):
-                expected = MEDIA_TYPES.get(path if method == "get" else "", {"application/json"})
+                expected = MEDIA_TYPES.get(path if method == "get" else f"{path} {status}", {"application/json"})
                 assert set(answer["content"]) == expected, (method, path)
                 for media, content in answer["content"].items():
                     own = "itemSchema" if media == "text/event-stream" else "schema"
@@ -353,7 +355,7 @@ def test_who_may_ask_for_a_media_type_is_told_of_406(service: RunningService):
         takes = any(parameter["name"] == "accept" for parameter in operation.get("parameters", ()))
         found[path] = found.get(path, False) or takes
         assert ("406" in operation["responses"]) is takes, path
-    assert sum(found.values()) == 5
+    assert sum(found.values()) == 6
 
 
 def test_every_422_of_a_body_in_order_is_told(service: RunningService):
@@ -371,7 +373,8 @@ def test_every_422_of_a_body_in_order_is_told(service: RunningService):
 @pytest.mark.parametrize("path", EVENTS)
 def test_each_event_of_a_stream_is_described(service: RunningService, path: str):
     schema = service.client.get("/openapi.json").json()
-    stream = schema["paths"][path]["get"]["responses"]["200"]["content"]["text/event-stream"]
+    operation = schema["paths"][path]["post" if path == "/plan" else "get"]
+    stream = operation["responses"]["200"]["content"]["text/event-stream"]
     fields = [kind["properties"] for kind in stream["itemSchema"]["oneOf"]]
     models = {each["event"]["const"]: each["data"]["contentSchema"]["$ref"].rpartition("/")[2] for each in fields}
     assert models == EVENTS[path]

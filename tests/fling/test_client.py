@@ -21,6 +21,11 @@ EVENTS = [
 ]
 
 
+TOLD = {"stage": "search", "candidates": 2, "best_release_time_s": 0.5, "elapsed_s": 1.0}
+PROGRESS = f"id: 1\nevent: progress\ndata: {json.dumps(TOLD)}\n\n"
+PLANNED = 'plan\ndata: {"id": 7}'
+
+
 class EchoingService(BaseHTTPRequestHandler):
     """Answers what the paths of the client ask for, and echoes what was posted."""
 
@@ -40,11 +45,14 @@ class EchoingService(BaseHTTPRequestHandler):
 
     def do_POST(self) -> None:
         body = self.rfile.read(int(self.headers.get("Content-Length", 0)))
-        if b"far" in body:
+        if b"far" in body and b"frame" not in body:
             return self.answer(422, "application/problem+json", json.dumps(PROBLEM))
         if b"html" in body:
             return self.answer(502, "text/html", "<p>a proxy")
         asked = json.loads(body) if body else None
+        if self.headers["Accept"] == "text/event-stream":
+            end = {"far": f"problem\ndata: {json.dumps(PROBLEM)}", "cut": ""}.get(asked["frame"], PLANNED)
+            return self.answer(200, "text/event-stream", PROGRESS + (end and f"id: 2\nevent: {end}\n\n"))
         sent = {"path": self.path, "body": asked, "token": self.headers.get("Authorization")}
         return self.answer(201, "application/json", json.dumps(sent))
 
@@ -78,6 +86,17 @@ def test_calls_and_their_bodies(url: str):
         assert client.execute("p", dry_run=True)["body"] == {"plan_id": "p", "mode": "speedj", "dry_run": True}
         assert client.landed("e", (1, 2, 3), 0.01)["body"] == {"position": [1, 2, 3], "std_m": 0.01}
         assert client.abort("e")["path"] == "/executions/e/abort"
+
+
+def test_a_plan_whose_progress_is_followed(url: str):
+    told = []
+    with fling.Client(url) as client:
+        assert client.plan({"frame": "base"}, progress=told.append).document == {"id": 7}
+        assert told == [fling.Progress("search", 2, 0.5, 1.0)]
+        with pytest.raises(fling.ServiceRefusal, match="Infeasible: too far"):
+            client.plan({"frame": "far"}, progress=told.append)
+        with pytest.raises(fling.ServiceRefusal, match="no end"):
+            client.plan({"frame": "cut"}, progress=told.append)
 
 
 def test_latest_is_what_runs_here_where_the_service_is_here(url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

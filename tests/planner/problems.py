@@ -33,6 +33,21 @@ def contact_cell(name: str = "ur5e-sim") -> Cell:
     return with_clearance(cell(name), 0.0)
 
 
+def steady_cell(name: str = "ur5e-sim") -> Cell:
+    """The cell with a gripper that opens in time: without a window, one flight is all that counts."""
+    return with_jitter(cell(name), 0.0)
+
+
+def with_jitter(here: Cell, jitter_s: float) -> Cell:
+    """The cell with a gripper of another jitter [s]."""
+    return replace(here, gripper=replace(here.gripper, jitter_s=jitter_s))
+
+
+def ideal_cell(name: str = "ur5e-sim") -> Cell:
+    """The cell in which one flight is all that counts, and it may touch nothing."""
+    return with_jitter(contact_cell(name), 0.0)
+
+
 def with_boxes(here: Cell, *boxes: tuple[Sequence[float] | np.ndarray, Sequence[float] | np.ndarray]) -> Cell:
     """The cell with these keep-out boxes alone, each by its lower and its upper corner."""
     around = tuple(Box(np.array(lower), np.array(upper)) for lower, upper in boxes)

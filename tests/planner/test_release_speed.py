@@ -19,6 +19,7 @@ from planner.problem import Opening, ThrowProblem
 from planner.request import problem_from_request
 from planner.trajectory import Trajectory
 from tests.planner.problems import contact_cell as cell
+from tests.planner.problems import ideal_cell
 
 TARGET = [1.3, 0.2, 0.0]
 DRAG_COEFFICIENT = 0.4
@@ -27,7 +28,7 @@ SAME_M = 1e-4  # [m] of a landing; the certificate allows 0.5 mm
 
 def thrower(factor: float) -> Cell:
     """A cell whose objects leave `factor` times as fast as the tool, through air."""
-    here = cell()
+    here = ideal_cell()
     gripper = replace(here.gripper, release_speed_factor=factor)
     return replace(here, gripper=gripper, object=replace(here.object, drag_coefficient=DRAG_COEFFICIENT))
 

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from playwright.sync_api import Browser, expect
 
 from api.cli import main
-from tests.system.browser import CHROMIUM, MISSING, Visit, visit
+from tests.system.browser import CHROMIUM, MISSING, PLAN_MS, Visit, visit
 from tests.web.conftest import Desk, planned
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason=MISSING)
@@ -123,6 +123,22 @@ def test_a_field_that_the_service_refuses_is_marked(guest: Visit) -> None:
     guest.button("Plan").click()
     expect(guest.field("Time limit [s]")).to_have_attribute("aria-invalid", "true", timeout=SOON_MS)
     expect(guest.field("Time limit [s]")).to_be_visible()  # its options were opened
+
+
+ABANDONED = """async () => /plans_total.*"abandoned".* 1/.test(await (await fetch("/metrics")).text())"""
+
+
+def test_a_search_is_told_while_it_goes_on_and_can_be_cancelled(guest: Visit) -> None:
+    guest.field("x [m]").fill("2.3")
+    guest.field("z [m]").fill("0")
+    guest.button("Plan").click()
+    expect(guest.page.locator(".search")).to_contain_text(re.compile(r"candidates? tried"), timeout=PLAN_MS)
+    guest.button("Cancel").click()
+    expect(guest.page.get_by_text("Cancelled. ")).to_be_visible()
+    expect(guest.page.locator(".search")).to_have_count(0)
+    assert guest.page.locator(".problem").count() == 0
+    expect(guest.button("Plan")).to_have_attribute("aria-disabled", "false")
+    guest.page.wait_for_function(ABANDONED)
 
 
 def test_nothing_jumps_when_something_is_said(guest: Visit, desk: Desk) -> None:

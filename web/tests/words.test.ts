@@ -6,7 +6,7 @@ import type { Plan } from "../src/service/types";
 import { relationOf } from "../src/curves/quantities";
 import type { CellState, CellSummary, Check } from "../src/service/types";
 import { armKind, obstacleOf } from "../src/state/readiness";
-import { cellWords, figure, foundWords, keyNumbers, length, metricRows, outcomeWords, plainWords } from "../src/state/words";
+import { cellWords, figure, foundWords, keyNumbers, length, metricRows, outcomeWords, plainWords, progressWords } from "../src/state/words";
 
 function planWith(status: string): Plan {
   return { backend: "casadi", solver: { solve_time_s: 0.0234, status } } as Plan;
@@ -15,6 +15,14 @@ function planWith(status: string): Plan {
 describe("what the page says of a search", () => {
   it("names back end and time", () => {
     expect(foundWords(planWith("fatrop: solved in 31 iterations"))).toBe("Found by casadi in 0.023 s.");
+  });
+
+  it("says what it has come to", () => {
+    const begun = { stage: "queued", candidates: 0, best_release_time_s: null, elapsed_s: 0 } as const;
+    expect(progressWords(begun)).toBe("Waiting for a planner, 0.0 s");
+    expect(progressWords({ ...begun, stage: "search", candidates: 1, elapsed_s: 2.34 })).toBe("Searching: 1 candidate tried, nothing certified yet, 2.3 s");
+    expect(progressWords({ ...begun, stage: "search", candidates: 3, best_release_time_s: 0.512 })).toContain("3 candidates tried, best release at 0.512 s");
+    expect(progressWords({ ...begun, stage: "nearest", candidates: 5 })).toContain("Refused; looking for one that works: 5");
   });
 
   it("says that the time limit ended it", () => {

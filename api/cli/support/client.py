@@ -37,7 +37,7 @@ class ServiceClient(Client):
 
 
 def describe(problem: dict[str, Any], as_request: bool = False) -> str:
-    """Returns a problem as text: what stands in the way, a line each, and the nearest request that is feasible.
+    """Returns a problem as text: what stands in the way, a line each, and a request near it that works.
 
     Args:
         problem: its document.
@@ -116,9 +116,9 @@ def _nearest_text(nearest: dict[str, Any], as_request: bool) -> str:
     release = nearest["release"]
     window = _window_text(nearest, as_request)
     if release["kind"] != "target":
-        return f"the nearest feasible release: {json.dumps(release)}{window}"
+        return f"a release near it that works: {json.dumps(release)}{window}"
     place = " ".join(f"{x:.6g}" for x in release["position"])
-    return f"the nearest feasible target: {place}{window}"
+    return f"a target near it that works: {place}{window}"
 
 
 def _window_text(nearest: dict[str, Any], as_request: bool) -> str:

@@ -18,6 +18,12 @@ class NotCompleted(click.ClickException):
     exit_code = NOT_COMPLETED
 
 
+class Interrupted(click.ClickException):
+    """A person has ended the command, which says what it had come to."""
+
+    exit_code = INTERRUPTED
+
+
 def exit_status(problem: str) -> int:
     """Returns the exit status for a problem type, such as `infeasible`."""
     return {"infeasible": INFEASIBLE, "solver-failed": SOLVER_FAILED}.get(problem, INVALID)

@@ -6,18 +6,25 @@ from typing import Any
 
 import click
 
+from api.cli.support.search_line import SearchLine
 from api.cli.support.summary import plan_text
 from api.cli.support.terminal import say_step
 
 
 def make_plan(client: Any, request: dict[str, Any], progress: bool = True) -> dict[str, Any]:
     """Plans and prints what was planned. Returns the plan, without its trajectory."""
-    if progress:
-        say_step("planning …")
-    plan = client.post("/plan?trajectory=false", request)
-    if progress:
-        say_step(plan_text(plan))
+    if not progress:
+        return search_plan(client, request, is_quiet=True)
+    say_step("planning …")
+    plan = search_plan(client, request)
+    say_step(plan_text(plan))
     return plan
+
+
+def search_plan(client: Any, request: dict[str, Any], is_quiet: bool = False) -> dict[str, Any]:
+    """Plans with a line about the search, which Ctrl-C ends. Returns the plan, without its trajectory."""
+    with SearchLine(is_quiet) as line:
+        return client.planned(request, trajectory=False, progress=line)
 
 
 def execute_plan(

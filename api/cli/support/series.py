@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from api.cli.support.progress import execute_plan, make_plan
+from api.cli.support.progress import execute_plan, search_plan
 from planner.documents import read_text
 from planner.errors import quoted
 
@@ -76,7 +76,7 @@ def run_series(client: Any, load: LoadStep, settings: dict[str, Any]) -> dict[st
     Returns:
         The experiment, as `GET /experiments/{id}` answers it.
     """
-    plans = [make_plan(client, request, progress=False) for request in settings["requests"]]
+    plans = [search_plan(client, request) for request in settings["requests"]]
     experiment = client.post("/experiments", {"name": settings["name"], "settings": settings})
     click.echo(f"experiment {experiment['id']}", err=True)
     count = settings["repeat"] * len(plans)

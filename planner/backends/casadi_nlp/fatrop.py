@@ -31,7 +31,8 @@ from planner.native import OPTIMISER
 ROWS_MAX = 64
 OBJECTS_MAX = 2  # [-] of a block, and whose states there may be, as in launch.c
 SOLVED = 0
-LATE = -2  # status of a call, as in launch.c
+LATE = -2
+OUT_OF_TIME = -3  # status of a call, as in launch.c
 
 Options = dict[str, float]
 Arguments = Mapping[str, Vector]  # x0, p, lbx, ubx, lbg, ubg
@@ -71,12 +72,14 @@ class Outcome(NamedTuple):
         iterations: number of iterations.
         is_solved: whether they are an optimum.
         is_late: whether it was ended because it would come to no release that is soon enough.
+        is_out_of_time: whether it was ended because it took too long.
     """
 
     x: Array
     iterations: int
     is_solved: bool
     is_late: bool = False
+    is_out_of_time: bool = False
 
 
 class Launch:
@@ -96,13 +99,20 @@ class Launch:
         thrown = (ctypes.c_int * OBJECTS_MAX)(*stages.objects, *none)
         self._problem = _Problem(blocks, own, owned, len(names), names.index("cost"), stages.stages, index.size, thrown)
 
-    def solve(self, arguments: Mapping[str, Array], options: Mapping[str, float], latest: float = math.inf) -> Outcome:
+    def solve(
+        self,
+        arguments: Mapping[str, Array],
+        options: Mapping[str, float],
+        latest: float = math.inf,
+        seconds: float = math.inf,
+    ) -> Outcome:
         """Returns what a call came to.
 
         Args:
             arguments: as casadi's solvers take them: x0, p, lbx, ubx, lbg, ubg.
             options: of fatrop.
             latest: time of the release, scaled, beyond which a solution is of no use.
+            seconds: after which no iteration begins; it ends the call, and decides nothing else.
 
         Raises:
             ValueError: an argument has another size than the problem.
@@ -126,10 +136,11 @@ class Launch:
             values.ctypes.data,
             x.ctypes.data,
             ctypes.byref(iterations),
+            seconds,
         )
         if status < SOLVED:  # it could not begin, some derivative was not finite, it did not return, or was ended
             x[:] = np.nan
-        return Outcome(x, iterations.value, status == SOLVED, status == LATE)
+        return Outcome(x, iterations.value, status == SOLVED, status == LATE, status == OUT_OF_TIME)
 
     def rows(self, x: Array, p: Array) -> Array:
         """Returns the rows (m,) at variables x (n,) and parameters p.
@@ -227,7 +238,7 @@ def _library() -> ctypes.CDLL:
     library = ctypes.CDLL(str(OPTIMISER))
     pointer = ctypes.c_void_p
     numbers = [ctypes.c_double, ctypes.c_int]
-    library.solve_launch.argtypes = [pointer] * 5 + numbers + [pointer] * 4
+    library.solve_launch.argtypes = [pointer] * 5 + numbers + [pointer] * 4 + numbers[:1]
     library.launch_rows.argtypes = [pointer] * 4
     library.launch_rows.restype = None
     return library

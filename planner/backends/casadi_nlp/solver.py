@@ -6,6 +6,7 @@ fails less often. What is left out is evaluated afterwards and, where violated, 
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass
 from functools import cache
@@ -20,6 +21,7 @@ from planner.backends.casadi_nlp.transcription import ALL_SHARED, Indices, trans
 from planner.backends.casadi_nlp.tuning import MAX_ITERATIONS
 from planner.errors import SolverFailed
 
+OUT_OF_TIME = "out of time"
 TOLERANCE = 1e-4  # [-, m, rad]
 # A row left out is included when it is this far beyond its bound, and what fatrop gives up is a solution if none is.
 VIOLATED = 10.0 * TOLERANCE
@@ -47,7 +49,7 @@ class Solver:
     Attributes:
         iteration_budget: no further call begins when the iterations of all calls reach it, but for the short ones with
             times that are fixed.
-        deadline_s: on `time.perf_counter`; no further call begins after it. None for no deadline.
+        deadline_s: on `time.perf_counter`; no further call, and no iteration, begins after it. None for no deadline.
         groups: rows included so far: of `LAZY_GROUPS`, or `POSITIONS`.
         latest_s: a solution that releases later than this is of no use; infinite for no such time.
         iterations: spent so far.
@@ -91,14 +93,17 @@ class Solver:
         are_times_free = instance.fixed_times is None
         if self.iterations >= self.iteration_budget and are_times_free:
             raise SolverFailed(f"out of iterations: {self.iterations} of {self.iteration_budget}", self.iterations)
-        if self.deadline_s is not None and time.perf_counter() >= self.deadline_s:
-            raise SolverFailed("out of time", self.iterations)
+        seconds = math.inf if self.deadline_s is None else self.deadline_s - time.perf_counter()
+        if seconds <= 0.0:
+            raise SolverFailed(OUT_OF_TIME, self.iterations)
         part = instance.stages.with_groups(self.groups)
         reduced = self._reduced(instance, part, arguments)
         latest = self.latest_s / float(instance.scales[TIME]) if are_times_free else np.inf
         options = FATROP if are_times_free else FATROP | FIXED_TIMES
-        x, iterations, is_solved, is_late = launch_of(part).solve(reduced, options, latest)
+        x, iterations, is_solved, is_late, is_out_of_time = launch_of(part).solve(reduced, options, latest, seconds)
         self.iterations += iterations
+        if is_out_of_time:
+            raise SolverFailed(OUT_OF_TIME, self.iterations)
         release = -x[TIME]
         if is_late or (is_solved and release > latest):
             raise TooLate(f"would release after {self.latest_s:.3f} s, no sooner than another", self.iterations)

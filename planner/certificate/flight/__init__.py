@@ -1,4 +1,4 @@
-"""The object's flight after the release: what it comes close to, proven over the release window, and what it meets."""
+"""The object's flight after the release: what it comes close to whenever the gripper may open, and what it meets."""
 
 from planner.certificate.flight.clearance import flight_clearance
 from planner.certificate.flight.flights import Flights, flights_of

@@ -36,7 +36,7 @@ CLOSE_M = 0.03  # [m] a bound below it is refined until it is within `ACCURACY_M
 ACCURACY_M = 0.01  # [m]
 FEW = 16  # [-] parts that are parted once more before they are looked at, which takes less time than another round
 RESTING_S = 0.02  # [s] step of the grid when the arm rests: then the path alone bends, by 0.5 mm
-RELEASES_S = 0.005  # [s] step of the grid in the release window
+RELEASES_S = 0.005  # [s] step of the grid of releases
 # [s] Two releases of an interval are clear of the tool so soon after each other, or in neighbouring patches: their
 # instants are 8 to 16 ms apart, 20 ms at rest, and a tick beside the release.
 TOGETHER_S = 0.016
@@ -70,7 +70,7 @@ class Grid:
 
 
 def flight_clearance(motion: MotionSamples) -> Check | None:
-    """Checks that the object keeps its clearance from any release in the window until it lands: see `Flights.lowest`.
+    """Checks that the object keeps its clearance from any release in the spread until it lands: see `Flights.lowest`.
 
     The value is a proven lower bound on the distance of the object's surface from the obstacle that leaves it least
     beyond what is required, and the limit is what that one requires; up to 3 cm beyond it the value is at most 1 cm too
@@ -207,11 +207,11 @@ def _releases(flights: Flights, closely: Sequence[tuple[float, float]]) -> tuple
         flights: the flights.
         closely: intervals in which all releases belong to it that the other checks have evaluated, a millisecond apart.
     """
-    if flights.window_s == 0.0:
+    if flights.spread_s == 0.0:
         p, v = flights.nominal
         return np.array([flights.released_s]), p[:, None], v[:, None]
-    arm = flights.motion.in_window
-    count = 1 + math.ceil(2.0 * flights.window_s / RELEASES_S)
+    arm = flights.motion.in_spread
+    count = 1 + math.ceil(2.0 * flights.spread_s / RELEASES_S)
     rows = np.linspace(0, len(arm.t) - 1, count).round().astype(int)
     within = [np.flatnonzero((arm.t > begin) & (arm.t < end)) for begin, end in closely]
     rows = np.unique(np.concatenate([rows, *within]))
@@ -223,8 +223,8 @@ def _latest_end(flights: Flights, r: Array, p: Array, v: Array) -> float:
     assert flights.end is not None
     (height, nominal) = flights.end
     problem = flights.motion.problem
-    if flights.window_s == 0.0 or problem.drag > 0.0:
-        return nominal + flights.window_s
+    if flights.spread_s == 0.0 or problem.drag > 0.0:
+        return nominal + flights.spread_s
     times = time_of_flight(p[2] - height, v[2], problem.gravity)
     return max(nominal, float(np.nan_to_num(r + times).max()))
 
@@ -307,9 +307,9 @@ def _starts_clear(flights: Flights, grid: Grid, held: Mask) -> Mask:
     """
     starts = np.zeros((2, *held.shape), np.bool_)
     (item, row, column) = np.nonzero(held)
-    in_window = grid.released.shape[2] > 1
+    several = grid.released.shape[2] > 1
     body = flights.motion.body
-    release = np.array([row, row + 1] if in_window else [row])  # without one, both ends are the same release
+    release = np.array([row, row + 1] if several else [row])  # without one, both ends are the same release
     r = np.append(grid.r0, grid.r1[-1])
     X_WL = grid.X_WL
     is_later = grid.t[column] >= r[release]
@@ -344,9 +344,9 @@ def _refined(found: LeastGap, flights: Flights, bounds: PatchBounds, patches: Pa
     spent = 0
     nearest = math.inf
     for _ in range(ROUNDS):
-        patches = patches.parts(flights.window_s > 0.0)
+        patches = patches.parts(flights.spread_s > 0.0)
         if len(patches.item) <= FEW:
-            patches = patches.parts(flights.window_s > 0.0)
+            patches = patches.parts(flights.spread_s > 0.0)
         spent += len(patches.item)
         if spent > EVALUATIONS_MAX:
             break

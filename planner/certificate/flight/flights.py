@@ -1,4 +1,4 @@
-"""The object's flights, one for each instant of the release window, and what they can meet.
+"""The object's flights, one for each instant at which the gripper may open, and what they can meet.
 
 A flight that begins at the time r is at x(r, t) at the time t, both on the trajectory's clock: p(r) + f v(r) s + g
 s^2/2 with s = t - r, and the release speed factor f. The object is a sphere: it keeps clear of a box, of a capsule's
@@ -35,7 +35,7 @@ class Flights:
 
     Attributes:
         motion: the motion.
-        window_s: largest deviation of the release time [s].
+        spread_s: largest deviation of the release time [s]: how early or late the gripper may open.
         released_s: time of the nominal release [s].
         radius_m: of the object, at least `LEAST_RADIUS_M` [m].
         boxes: lower and upper corners of the b boxes (b, 3) [m].
@@ -51,7 +51,7 @@ class Flights:
         problem = motion.problem
         body = motion.body
         self.motion = motion
-        self.window_s = problem.planned_window_s
+        self.spread_s = problem.opening_spread_s
         self.released_s = motion.trajectory.release_time_s
         around = problem.cell.surroundings.keep_out
         radius = max(problem.cell.object.radius_m, LEAST_RADIUS_M)
@@ -213,11 +213,11 @@ class Flights:
         return depth if self.opening is None else np.minimum(depth, self.from_mouth(x)[0])
 
     def releases(self, r: Array) -> tuple[Array, Array]:
-        """Returns positions and velocities (3, k) of the object at release times `r` (k,) [s] of the window.
+        """Returns positions and velocities (3, k) of the object at release times `r` (k,) [s] of the spread.
 
-        Without a window there is one release, the nominal one.
+        Without a spread there is one release, the nominal one.
         """
-        if self.window_s == 0.0:
+        if self.spread_s == 0.0:
             arm = self.motion.at_knots
             where = np.full(len(r), self.motion.release_knot)
         else:

@@ -6,7 +6,7 @@ obstacle to the patch's centre, in the direction n to the centre, the distance o
 linear, so its least value over the interpolation is at a corner. For a link of the moving arm, x is taken in the frame
 of the link.
 
-With s = t - r, bounds A and J on the tool's acceleration and jerk over the release window, and V on the object's speed,
+With s = t - r, bounds A and J on the tool's acceleration and jerk over the releases, and V on the object's speed,
 
     x_tt = -g - k |x_t| x_t,  |x_tt| <= g + k V^2
     x_rr = j s - (a - x_tt)                                              without drag,
@@ -58,11 +58,11 @@ class Patches(NamedTuple):
         """Returns the `chosen` patches."""
         return Patches._make(values[chosen] for values in self)
 
-    def parts(self, with_window: bool) -> Patches:
-        """Returns the parts of every patch: both halves in time, and with a window both halves of each of them."""
+    def parts(self, with_spread: bool) -> Patches:
+        """Returns the parts of every patch: both halves in time, and with a spread both halves of each of them."""
         middle = 0.5 * (self.t0 + self.t1)
         parts = [self._replace(t1=middle), self._replace(t0=middle)]
-        if with_window:
+        if with_spread:
             middle = 0.5 * (self.r0 + self.r1)
             parts = [half for part in parts for half in (part._replace(r1=middle), part._replace(r0=middle))]
         return Patches._make(np.concatenate(values) for values in zip(*parts, strict=True))
@@ -91,7 +91,7 @@ class PatchBounds:
         flights: the flights.
         height: of the centre at which the flights end [m], as of `Flights.end`.
         first_speed: bound on the object's speed at the release [m/s].
-        tool: bounds on acceleration and jerk of the tool over the release window, as they count [m/s^2, m/s^3].
+        tool: bounds on acceleration and jerk of the tool over the releases, as they count [m/s^2, m/s^3].
         spacing_s: largest interval of release times [s].
     """
 
@@ -268,7 +268,7 @@ def patch_bounds(flights: Flights, height: float, spacing_s: float, v: Array) ->
     """Returns the bounds of flights with release velocities `v` (3, m) at releases at most `spacing_s` apart."""
     motion = flights.motion
     tool = (0.0, 0.0)
-    if flights.window_s > 0.0:
+    if flights.spread_s > 0.0:
         rate = motion.trajectory.sample_rate_hz
         ticks = np.array([round(t * rate) for t in (motion.gone_from_s, motion.held_until_s)])
         rates = joint_rates(motion.trajectory, ticks)

@@ -7,6 +7,7 @@
 
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 #include <fatrop/ocp/OCPCInterface.h>
 
@@ -25,6 +26,7 @@
 #define ENTRIES_MAX (ROWS_MAX * WITH_ONE)              /* of its derivatives */
 #define BROKEN (-1)                                    /* status of a call, beside fatrop's */
 #define LATE (-2)
+#define OUT_OF_TIME (-3)
 #define FREE 0x7fffffff                      /* column of a row without bounds */
 
 typedef struct blasfeo_dmat matrix;
@@ -59,6 +61,7 @@ struct call {
     const struct problem *of;
     const double *lower, *upper, *guess, *p; /* bounds of variables, then of rows */
     double latest;                           /* time of the release, scaled, beyond which it is of no use */
+    double until;                            /* on `now`: no iteration begins after it */
     struct FatropOcpCSolver *solver;
     double *z, *g, *multipliers, *gradient;
     int *columns, *inequality, *equality, *inequalities, *equalities; /* lists, and where each stage's begin */
@@ -305,6 +308,13 @@ static void read_multipliers(const struct call *call, const double *given, const
         call->multipliers[n + positions(b, k)[row]] = -given[s->dyn_eq_offs[k] + b->into + row];
 }
 
+/* A clock [s] that nobody sets. */
+static double now(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
 /* Lets an iteration be the last one. */
 static void end(struct call *call, int status) {
     if (!call->ended) call->ended = status;
@@ -379,6 +389,7 @@ static int hessian(double scale, const double *primal, const double *given, cons
         }
     }
     if (call->latest < INFINITY && least_release(call, scale) > call->latest) end(call, LATE);
+    if (call->until < INFINITY && now() >= call->until) end(call, OUT_OF_TIME);
     FOR_FOLLOWING(of, b, k, row) *followed(slope, b, k, row) += given[s->dyn_eq_offs[k] + b->into + row];
     for (int k = 0; k <= of->stages; k++) {
         const int free = controls(of, k);
@@ -497,17 +508,18 @@ static int begins_finite(struct call *call) {
 
 /* Solves a launch; sets the variables and the number of iterations. Returns fatrop's status: 0 for solved;
    BROKEN where it cannot begin, some derivative was not finite, or it does not return; LATE where it was ended as it
-   comes to no release by `latest`.
+   comes to no release by `latest`; OUT_OF_TIME where it took longer than `seconds`.
 
    `lower`, `upper`: of the variables, then of the rows; `p`: every block's parameters, then the costs'; `latest`: time
-   of the release, scaled, INFINITY for none; `names` and `values` of fatrop's options. */
+   of the release, scaled, INFINITY for none; `names` and `values` of fatrop's options; `seconds`: INFINITY for no end. */
 int solve_launch(const struct problem *of, const double *lower, const double *upper, const double *guess,
                  const double *p, double latest, int options, const char *const *names, const double *values,
-                 double *out, int *iterations) {
+                 double *out, int *iterations, double seconds) {
     const int n = variables(of), padded = WITH_THROWN * (of->stages + 1), all = n + of->rows;
     double *numbers = calloc((size_t)(2 * padded + of->rows + all), sizeof(double));
     int *counts = calloc((size_t)(3 * all + 2 * (of->stages + 2)), sizeof(int));
     struct call call = {.of = of, .lower = lower, .upper = upper, .guess = guess, .p = p, .latest = latest};
+    call.until = now() + seconds;
     int status = BROKEN;
     if (!numbers || !counts) goto end;
     call.z = numbers, call.gradient = call.z + padded, call.g = call.gradient + padded, call.multipliers = call.g + of->rows;

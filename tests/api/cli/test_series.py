@@ -54,9 +54,10 @@ class ScriptedService:
         whole = {**numbers, "mean_error_m": None, "outcomes": {outcome: done.count(outcome) for outcome in done}}
         return {"id": "e", "statistics": whole, "targets": [{**whole, "target": [1.2, 0.3, 0.0]}]}
 
+    def planned(self, request: Any, trajectory: bool, progress: Any) -> Any:
+        return {"id": str(request["release"]["position"][0]), "cell": "ur5e-sim"}
+
     def post(self, path: str, body: Any) -> Any:
-        if path.startswith("/plan"):
-            return {"id": str(body["release"]["position"][0]), "cell": "ur5e-sim"}
         if path == "/experiments":
             self.settings = body["settings"]
             return {"id": "e"}

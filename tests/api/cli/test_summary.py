@@ -10,9 +10,11 @@ from click.testing import CliRunner
 
 from api.cli import main
 from api.cli.support.client import describe
-from api.cli.support.progress import execute_plan
+from api.cli.support.exit_status import Interrupted
+from api.cli.support.progress import execute_plan, make_plan
 from api.cli.support.summary import landing_text, plan_text
 from planner.errors import CUT_SHORT
+from planner.progress import Progress
 
 SOLVER = {"solve_time_s": 0.02, "status": "fatrop: solved in 31 iterations"}
 
@@ -88,7 +90,7 @@ def test_a_refusal_says_each_constraint_once_and_what_to_try():
         "The arm cannot do this:",
         "  tcp_speed: 5.134 m/s against a limit of 4 m/s; proven: no motion avoids it",
         "  keep_out: -0.01 m against a limit of 0.02 m (forearm and box 0); not proven: no other motion was found",
-        "  the nearest feasible target: 0.88938 0 -0.1",
+        "  a target near it that works: 0.88938 0 -0.1",
     ]
     for window_s, as_request, said in (
         (0.0, False, ", without a release window (--soonest)"),
@@ -97,11 +99,11 @@ def test_a_refusal_says_each_constraint_once_and_what_to_try():
         (0.0012, True, ', with a release window of 1.2 ms ("release_window_s": 0.0012)'),
     ):
         text = describe({"violations": rows, "nearest": {**nearest, "release_window_s": window_s}}, as_request)
-        assert text.splitlines()[-1] == f"  the nearest feasible target: 0.88938 0 -0.1{said}"
+        assert text.splitlines()[-1] == f"  a target near it that works: 0.88938 0 -0.1{said}"
     point = {"release": {"kind": "point"}, "release_window_s": 0.0375, "landing_tolerance_m": 0.001}
     for near, said in ((point, ", with a release window of 37.5 ms (--window 0.0375)"), ({**point, **NO_WINDOW}, "")):
         text = describe({"violations": rows, "nearest": near})
-        assert text.splitlines()[-1] == f'  the nearest feasible release: {{"kind": "point"}}{said}'
+        assert text.splitlines()[-1] == f'  a release near it that works: {{"kind": "point"}}{said}'
     odds = {"release": nearest["release"], "min_hit_probability": 0.631}
     text = describe({"title": "The arm cannot do this", "violations": rows, "nearest": odds})
     assert text.splitlines()[-1] == "  the best odds found: 0.631"
@@ -160,6 +162,22 @@ def test_an_interrupted_throw_is_braked_and_waited_for(capsys: pytest.CaptureFix
     said = capsys.readouterr()
     assert "asked to brake" in said.err
     assert said.out.count("approaching") == 1
+
+
+class InterruptedSearch:
+    """A service whose client is interrupted while it searches."""
+
+    def planned(self, request: dict[str, Any], trajectory: bool, progress: Callable[[Progress], object]) -> Any:
+        progress(Progress("search", 3, 0.512, 2.0))
+        raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("is_told", [True, False])
+def test_an_interrupted_search_says_what_it_had_come_to(is_told: bool, capsys: pytest.CaptureFixture[str]):
+    with pytest.raises(Interrupted, match=r"after 2\.0 s and 3 candidates: so far best release at 0\.512 s") as ended:
+        make_plan(InterruptedSearch(), {}, progress=is_told)
+    assert ended.value.exit_code == 130
+    assert "searching" not in capsys.readouterr().err
 
 
 def test_a_dry_run_says_that_nothing_moved():

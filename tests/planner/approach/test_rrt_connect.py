@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import time
 from itertools import pairwise
 
 import numpy as np
@@ -51,6 +53,15 @@ def test_the_path_is_short():
 def test_the_same_question_has_the_same_answer():
     first, second = (find_path(wall(0.8), START, GOAL, LOWER, UPPER) for _ in range(2))
     assert np.array_equal(first, second)
+
+
+def test_a_search_ends_at_its_deadline(monkeypatch):
+    """In vain it looked a thousand times, for seconds beyond the time limit of a request."""
+    looks = itertools.count()
+    monkeypatch.setattr(time, "perf_counter", lambda: float(next(looks)))
+    assert find_path(wall(9.0), START, GOAL, LOWER, UPPER, deadline_s=20.0) is None
+    assert next(looks) == 21
+    assert find_path(lambda a, b: True, START, GOAL, LOWER, UPPER, deadline_s=0.0) is not None
 
 
 def test_a_closed_wall_and_a_blocked_goal_have_no_path():

@@ -39,7 +39,9 @@ class CasadiLaunch:
 
     stages: StageLayout
 
-    def solve(self, arguments: Arguments, options: Options, latest: float = math.inf) -> Outcome:
+    def solve(
+        self, arguments: Arguments, options: Options, latest: float = math.inf, seconds: float = math.inf
+    ) -> Outcome:
         """Returns what a call came to."""
         return solve_by_casadi(self.stages, arguments, options, latest)
 

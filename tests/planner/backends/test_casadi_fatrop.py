@@ -6,6 +6,7 @@ import ctypes
 import json
 import math
 import subprocess
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -97,6 +98,29 @@ def test_variables_and_iterations_of_a_solve_that_is_given_up_are_those_too(
     assert found[:2] == found[2:]
 
 
+def test_a_call_is_ended_after_its_time_and_not_changed_by_it(instance: Instance) -> None:
+    part = instance.stages.with_groups(frozenset())
+    reduced = solver.Solver(1000, None, frozenset(), math.inf)._reduced(instance, part, instance.arguments)
+    launch = fatrop.launch_of(part)
+    whole = launch.solve(reduced, solver.FATROP)
+    in_time = launch.solve(reduced, solver.FATROP, math.inf, 1e3)
+    assert in_time.x.tobytes() == whole.x.tobytes()
+    assert in_time[1:] == whole[1:]
+    ended = launch.solve(reduced, solver.FATROP, math.inf, 0.0)
+    assert ended.is_out_of_time
+    assert not ended.is_solved
+    assert ended.iterations == 1 < whole.iterations
+    assert np.isnan(ended.x).all()
+
+
+def test_a_solve_is_ended_in_the_middle_of_a_call(instance: Instance, monkeypatch: pytest.MonkeyPatch) -> None:
+    looks = iter([0.0])
+    monkeypatch.setattr(time, "perf_counter", lambda: next(looks))
+    with pytest.raises(SolverFailed, match=solver.OUT_OF_TIME) as failure:
+        solver.Solver(1000, 1e-9, frozenset(), math.inf)._with_groups(instance, instance.arguments)
+    assert failure.value.iterations == 1
+
+
 @pytest.mark.parametrize(("off", "is_solution"), [(0.0, True), (0.5, True), (2.0, False)])
 def test_where_fatrop_gives_up_what_breaks_no_row_is_a_solution(
     instance: Instance, off: float, is_solution: bool, monkeypatch: pytest.MonkeyPatch
@@ -126,7 +150,7 @@ def test_only_an_optimum_says_that_a_release_is_too_late(
 ) -> None:
     solve = fatrop.Launch.solve
 
-    def ended(launch: fatrop.Launch, arguments: object, options: object, _latest: float) -> fatrop.Outcome:
+    def ended(launch: fatrop.Launch, arguments: object, options: object, *_limits: float) -> fatrop.Outcome:
         outcome = solve(launch, arguments, options)  # pyright: ignore[reportArgumentType]
         return outcome._replace(is_solved=has_converged)
 
@@ -178,7 +202,7 @@ def test_a_start_that_is_not_finite_is_not_solved(instance: Instance) -> None:
         spoilt = arguments[name].copy()
         spoilt[5] = np.nan
         x, *outcome = launch.solve({**arguments, name: spoilt}, solver.FATROP)
-        assert outcome == [0, False, False]
+        assert outcome == [0, False, False, False]
         assert np.isnan(x).all()  # so that nothing takes it for a solution
 
 
@@ -199,7 +223,7 @@ def test_derivatives_that_are_not_finite_end_a_solve(instance: Instance, calls: 
 
     kept = signature(spoilt)
     motion.slope = ctypes.cast(kept, ctypes.c_void_p)
-    x, iterations, is_solved, _ = launch.solve(instance.arguments, solver.FATROP)
+    x, iterations, is_solved, *_ = launch.solve(instance.arguments, solver.FATROP)
     assert not is_solved
     assert np.isnan(x).all()
     assert iterations <= solver.FATROP["max_iter"] + 1
@@ -208,7 +232,7 @@ def test_derivatives_that_are_not_finite_end_a_solve(instance: Instance, calls: 
 
 def test_options_reach_fatrop(instance: Instance) -> None:
     launch = fatrop.launch_of(instance.stages)
-    _, iterations, is_solved, _ = launch.solve(instance.arguments, {**solver.FATROP, "max_iter": 3})
+    _, iterations, is_solved, *_ = launch.solve(instance.arguments, {**solver.FATROP, "max_iter": 3})
     assert not is_solved
     assert iterations == 3 + 1  # of which fatrop counts the last
 
@@ -336,7 +360,7 @@ def test_a_solve_from_which_fatrop_does_not_return_is_left() -> None:
     launch = fatrop.launch_of(StageLayout(launch=8, brake=3, groups=("clearance", "flight")))
     before = launch.solve(arguments, {**options, "max_iter": 20})
     for _ in range(3):
-        variables, iterations, is_solved, _ = launch.solve(arguments, options)
+        variables, iterations, is_solved, *_ = launch.solve(arguments, options)
         assert not is_solved
         assert 0 < iterations < options["max_iter"]
         assert np.isnan(variables).all()

@@ -14,11 +14,12 @@ from planner.errors import Infeasible, SolverFailed
 from planner.flight import fly, path
 from planner.geometry import body_capsules, capsule_endpoints, tool_pose, tool_state
 from planner.kinematics import tcp_acceleration
+from planner.planning import plan
 from planner.problem import Opening, TargetRelease, ThrowProblem
 from planner.seeds import candidates
 from tests.planner.problems import cell as shipped
-from tests.planner.problems import contact_cell as cell
-from tests.planner.problems import with_boxes, with_clearance
+from tests.planner.problems import ideal_cell as cell
+from tests.planner.problems import joint_problem, with_boxes, with_clearance, with_jitter
 
 STEP_S = 0.001  # of the dense samples
 SAMPLED_M = 0.004  # half a step at 8 m/s: how much closer a flight may come between dense samples
@@ -69,6 +70,45 @@ def random_throws(count, seed, window_s=0.0, drag=0.0, factor=1.0, here=None):
             continue
         found += 1
         yield asked
+
+
+def test_without_a_window_three_deviations_of_the_gripper_count_as_one():
+    """As in a window as long, but for the landing: the object may leave early or late, and must get away."""
+    refused = 0
+    for problem, trajectory in random_throws(12, 31):
+        windowed = certify(replace(problem, release_window_s=0.015, landing_tolerance_m=5.0), trajectory)
+        jittery = certify(replace(problem, cell=with_jitter(problem.cell, 0.005)), trajectory)
+        alike = [check for check in windowed.checks if check.name != "landing_window"]
+        assert list(jittery.checks) == alike
+        refused += certify(problem, trajectory).valid and not jittery.valid
+    assert refused > 0
+
+
+def test_a_box_that_only_a_late_release_meets_is_in_the_way_unless_the_gripper_opens_in_time():
+    problem = joint_problem(cell=with_jitter(cell(), 0.002))
+    trajectory = ruckig_otg.solve(problem, candidates(problem)[0]).trajectory
+    here = problem.cell
+    late = trajectory.release_time_s + 0.006
+    q, qd, _ = trajectory.at(np.array([trajectory.release_time_s, late]))
+    places = []
+    for joints, speeds in zip(q, qd, strict=True):
+        tool = tool_state(here, joints, speeds)
+        flight = fly(tool.p_WT, tool.v_WT, problem.plane_z, problem.gravity)
+        s = 0.5 * flight.time_of_flight_s
+        places.append(tool.p_WT + tool.v_WT * s - [0.0, 0.0, 0.5 * problem.gravity * s * s])
+        aside = np.array([-tool.v_WT[1], tool.v_WT[0]]) / np.hypot(*tool.v_WT[:2])
+    aside *= np.sign((places[1] - places[0])[:2] @ aside)
+    edge = places[1][:2] + aside * (here.object.radius_m - 1e-4)
+    away = edge + 0.05 * np.sign(aside)
+    height = places[1][2] + np.array([-0.02, 0.02])
+    box = [*np.minimum(edge, away), height[0]], [*np.maximum(edge, away), height[1]]
+    walled = replace(problem, cell=with_boxes(here, box))
+    check = certify(walled, trajectory).check("flight_clearance")
+    assert (check.ok, check.detail) == (False, "box 0")
+    assert check.value == pytest.approx(-1e-4, abs=5e-5)
+    in_time = replace(walled, cell=with_jitter(walled.cell, 0.0))
+    assert certify(in_time, trajectory).check("flight_clearance").ok
+    assert plan(walled).certificate.check("flight_clearance").ok  # the same release, accelerated otherwise
 
 
 def flown(problem, trajectory, delay):

@@ -65,13 +65,14 @@ def test_estimated_capsules_are_as_thick_as_the_larger_arms_at_their_own_lengths
     larger = {capsule.name: capsule for capsule in arm_capsules(robot("ur20"))}
     own = {capsule.name: capsule for capsule in arm_capsules(arm)}
     assert own.keys() == larger.keys()
-    assert all(capsule.radius_m >= larger[key].radius_m for key, capsule in own.items())
+    assert all(capsule.radius_m >= larger[key].radius_m for key, capsule in own.items() if key != "foot")
+    assert own["foot"].radius_m == 0.106  # 204 mm across, and what the UR20's has around its 245
     upper_m, fore_m = -arm.a[1:3]
     assert own["upper_arm_start"].p1[0] == pytest.approx(upper_m - (0.862 - larger["upper_arm_start"].p1[0]))
     assert own["forearm_start"].p1[0] == pytest.approx(fore_m - (0.7287 - larger["forearm_start"].p1[0]))
     assert own["wrist_3"].p1[2] == pytest.approx(arm.d[5] - (0.1543 - larger["wrist_3"].p1[2]))
-    assert own["upper_arm"].p0[2] == own["upper_arm"].p1[2] == arm.shape.tubes_m[0]
-    assert own["forearm"].p0[2] == own["forearm"].p1[2] == arm.shape.tubes_m[1]
+    for tube, z in zip(("upper_arm", "forearm"), arm.shape.tubes_m, strict=True):
+        assert own[tube].p0[2] == own[tube].p1[2] == pytest.approx(z)
     for capsule in own.values():  # no gap along the tubes, and none is turned round
         assert (capsule.p1 - capsule.p0) @ (larger[capsule.name].p1 - larger[capsule.name].p0) >= 0.0
 

@@ -28,7 +28,7 @@ from planner.refusal.proofs import (
 from planner.request import problem_from_request
 from planner.seeds import candidates
 from tests.planner.problems import contact_cell as cell
-from tests.planner.problems import feasible_states, joint_problem, with_boxes
+from tests.planner.problems import feasible_states, ideal_cell, joint_problem, with_boxes
 
 ARMS = ("ur5e-sim", "ur3e-sim", "ur10e-sim", "ur5-sim", "sdu-table")
 RANDOM_STATES = 4000
@@ -158,7 +158,7 @@ def test_an_object_is_dropped_close_behind_a_wall():
 
 
 def test_a_target_within_a_keep_out_box_is_refused_and_offered_on_its_nearer_side():
-    here = with_box([1.0, -0.5, 0.0], [1.3, 0.8, 0.4])
+    here = with_boxes(ideal_cell(), ([1.0, -0.5, 0.0], [1.3, 0.8, 0.4]))
     problem = joint_problem(cell=here, release=TargetRelease(np.array([1.2, 0.2, 0.0])))
     on_top = replace(problem, release=TargetRelease(np.array([1.2, 0.2, 0.4])))
     assert proven_violations(on_top) == []

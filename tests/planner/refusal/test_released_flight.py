@@ -14,13 +14,13 @@ from planner.planning import plan
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
 from planner.refusal.released_flight import released_flight_blocked
 from tests.planner.problems import contact_cell as cell
-from tests.planner.problems import feasible_states, pose_problem
+from tests.planner.problems import feasible_states, ideal_cell, pose_problem
 
 WALL = Box(np.array([0.8, -0.6, 0.0]), np.array([0.85, 0.6, 0.7]))
 
 
 def thrown(v: list[float], *boxes: Box, p: tuple[float, float, float] = (0.5, 0.1, 0.6)) -> ThrowProblem:
-    here = cell()
+    here = ideal_cell()
     here = replace(here, surroundings=replace(here.surroundings, keep_out=boxes))
     return ThrowProblem(here, here.home, PointRelease(np.array(p), np.array(v)), here.limits)
 

@@ -46,6 +46,15 @@ def test_a_throw_over_a_wall(window: dict[str, float]) -> None:
     assert made.backend == "casadi"
 
 
+def test_a_throw_over_a_high_wall_beside_the_arm_that_few_postures_allow() -> None:
+    """It was refused: of the postures in between from which it can be thrown, two of five lead to it."""
+    wall = Box(np.array([0.75, -1.5, 0.0]), np.array([0.8, 1.5, 0.9]))
+    release = TargetRelease(np.array([0.9589108997592303, -0.05489270218509734, 0.0]))
+    asked = replace(problem(wall), release=release, release_window_s=0.005, landing_tolerance_m=0.02)
+    for x in flights(plan(asked)):
+        assert np.linalg.norm(x - np.clip(x, wall.lower, wall.upper), axis=1).min() >= 0.02 - 1e-9
+
+
 def test_a_throw_into_a_bin_behind_a_wall() -> None:
     made = plan(problem(WALL, opening=BIN))
     (x,) = flights(made)

@@ -13,7 +13,7 @@ from planner.certificate import certify
 from planner.errors import TIME_LIMIT, Infeasible, SolverFailed
 from planner.planning import plan
 from planner.problem import JointRelease, TargetRelease, ThrowProblem
-from planner.search import PlanningSearch, best_with_way_home
+from planner.search import PlanningSearch, best_with_way_home, way_home
 from tests.planner.problems import cell, joint_problem
 
 THROW = joint_problem(release=TargetRelease(np.array([1.3, 0.2, 0.0])))
@@ -94,6 +94,28 @@ def test_a_finished_search_without_a_way_home_is_refused_after_its_time_limit_to
     search.deadline_s = 0.0
     with pytest.raises(Infeasible):
         best_with_way_home(search)
+
+
+def test_a_search_for_a_way_home_that_its_deadline_ended_has_not_proven_that_there_is_none(monkeypatch) -> None:
+    search = moves(0.7)
+    clock = [0.0]
+    deadlines = []
+    find = way_home.find_approach
+
+    def slow(*given, deadline_s, **named):
+        deadlines.append(deadline_s)
+        clock[0] = deadline_s
+        return find(*given, deadline_s=deadline_s, **named)
+
+    monkeypatch.setattr(time, "perf_counter", lambda: clock[0])
+    monkeypatch.setattr(way_home, "find_approach", slow)
+    for limit_s in (100.0, 0.1):
+        clock[0] = 0.0
+        search.deadline_s = limit_s
+        with pytest.raises(SolverFailed) as failure:
+            best_with_way_home(search)
+        assert failure.value.status == TIME_LIMIT
+    assert deadlines == [100.0, way_home.LATE_S]
 
 
 def test_a_plan_without_a_way_home_is_refused() -> None:

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from planner.cell import Box, Cell
-from planner.errors import Infeasible
+from planner.errors import TIME_LIMIT, Infeasible, SolverFailed, nothing_found
 from planner.flight import launch_velocity
 from planner.geometry import Arcs, tool_state
+from planner.planning import SearchHints, plan
 from planner.problem import Opening, TargetRelease, ThrowProblem
 from planner.seeds import candidates
 from planner.seeds.flight_filter import clear_flights, least_room, no_clear_flight
@@ -206,6 +207,33 @@ def test_few_candidates_are_kept_where_a_thorough_search_finds_none(monkeypatch:
     monkeypatch.setattr(module, "target_states", refused)
     monkeypatch.setattr(module, "FEW", len(found) + 1)
     assert len(candidates(problem)) == len(found)
+
+
+def test_after_the_deadline_no_thorough_search_begins(monkeypatch: pytest.MonkeyPatch) -> None:
+    here = walled(cell(), WALL)
+    problem = ThrowProblem(here, here.home, TargetRelease(np.array([1.15, 0.1, 0.1])), here.limits)
+    found = candidates(problem)
+    module = sys.modules["planner.seeds.candidates"]
+    states = module.target_states
+
+    def once(problem: ThrowProblem, target: object) -> object:
+        return states(problem, target)
+
+    monkeypatch.setattr(module, "target_states", once)
+    monkeypatch.setattr(module, "FEW", len(found) + 1)
+    assert len(candidates(problem, 0.0)) == len(found)
+
+    def none(problem: ThrowProblem, target: object) -> object:
+        raise Infeasible([nothing_found("joint_position", "none drawn")])
+
+    monkeypatch.setattr(module, "target_states", none)
+    with pytest.raises(SolverFailed) as cut_short:
+        candidates(problem, 0.0)
+    assert cut_short.value.status == TIME_LIMIT
+    with pytest.raises(SolverFailed) as refusal:
+        plan(replace(problem, time_limit_s=1e-9), SearchHints(offers_nearest=False))
+    assert refusal.value.status == TIME_LIMIT
+    assert [violation.detail for violation in refusal.value.violations] == ["none drawn"]
 
 
 def test_a_bin_that_no_flight_enters_says_what_the_best_one_lacks() -> None:

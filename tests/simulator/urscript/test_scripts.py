@@ -60,6 +60,19 @@ def controller() -> ScriptedController:
         ("pose_inv(p[1,2,3,0,0,0])[2]", -3.0),
         ("get_list_length([[1, 2], [3, 4]])", 2.0),
         ("2e3", 2000.0),
+        ("([1, 2] + [3, 4])[1]", 6.0),
+        ("([1, 2] - [3, 5])[1]", -3.0),
+        ("(2 * [1, 2] / 4)[1]", 1.0),
+        ("(-3 * [1, 2] + 1)[1]", -5.0),
+        ("(-[1, 2])[0]", -1.0),
+        ("([[1, 2], [3, 4]] * 2)[1][0]", 6.0),
+        ("get_inverse_kin(get_target_tcp_pose(), get_joint_positions())[2]", 1.57),
+        ("get_inverse_kin(get_target_tcp_pose(), qnear=[0, -1.6, 1.5, -1.5, -1.5, 6])[5]", 2.0 * math.pi),
+        ("get_actual_joint_positions_history(0)[1] * 0 + get_steptime()", 0.002),
+        ("tool_contact()", 0.0),
+        ('to_num("1.5") + to_num("2")', 3.5),
+        ('str_len(str_cat("ab", "c")) + str_find("abc", "c") + 10 * str_find("abc", "d")', -5.0),
+        ('to_num(str_sub("a12b", 1, 2)) + to_num(str_at("a7", 1))', 19.0),
     ],
 )
 def test_an_expression_has_its_value(controller: ScriptedController, expression: str, value: float):
@@ -69,12 +82,107 @@ def test_an_expression_has_its_value(controller: ScriptedController, expression:
 
 @pytest.mark.parametrize(
     ("condition", "holds"),
-    [("1 < 2 and not 2 <= 1", True), ("True xor True or False", False), ('"a" == "a"', True), ("[1] != [1]", False)],
+    [
+        ("1", True),
+        ("0.0 or not 2.5", False),
+        ("3 and 1 > 0", True),
+        ("1 > 2 or\n   3 > 2 and\n   not\n False", True),
+        ("1 < 2 and not 2 <= 1", True),
+        ("True xor True or False", False),
+        ('"a" == "a"', True),
+        ("[1] != [1]", False),
+    ],
 )
 def test_a_condition_decides(controller: ScriptedController, condition: str, holds: bool):
     one, two = (f"  write_output_integer_register(3, {value})\n" for value in (1, 2))
     controller.run(f"if {condition}:\n{one}else:\n{two}end\n")
     assert controller.out_int(3) == (1 if holds else 2)
+
+
+def test_a_function_of_the_script_has_defaults_and_named_arguments(controller: ScriptedController):
+    controller.run(
+        """def program():
+  def weighted(a, b=two(), c=100 * 4):
+    return a + 10 * b + c
+  end
+  def two():
+    return 2
+  end
+  write_output_integer_register(3, weighted(1))
+  write_output_integer_register(4, weighted(1, c=300))
+  write_output_integer_register(5, weighted(b=7, a=5))
+  write_output_integer_register(6, weighted(1, 3, 200))
+end
+"""
+    )
+    assert [controller.out_int(i) for i in (3, 4, 5, 6)] == [421, 321, 475, 231]
+
+
+def test_a_critical_section_is_not_divided_by_another_thread(controller: ScriptedController):
+    """Each thread raises both numbers, thousands of statements apart; the other must never see them differ."""
+    loop = """
+    while count < 20:
+      enter_critical
+      first = first + 1
+      i = 0
+      while i < 1500:
+        i = i + 1
+      end
+      second = second + 1
+      exit_critical
+      if first != second:
+        torn = torn + 1
+      end
+      count = count + 1
+      sync()
+    end
+"""
+    names = "  global first = 0\n  global second = 0\n  global torn = 0\n"
+    thread = f"  thread other():\n    local count = 0\n    local i = 0{loop}  end\n"
+    main = f"  handle = run other()\n  count = 0{loop}  join handle\n"
+    controller.run(
+        f"def program():\n{names}{thread}{main}  write_output_integer_register(3, 100 * torn + first)\nend\n"
+    )
+    assert controller.out_int(3) == 40
+
+
+def test_a_thousand_statements_fit_in_a_cycle(controller: ScriptedController):
+    controller.run("def program():\n  i = 0\n  while i < 450:\n    i = i + 1\n  end\n  sync()\nend\n", 27)
+    assert controller.controller.runner.runtime == STOPPED  # 25 cycles until it plays, one of work, one of sync
+
+
+def test_a_thread_that_is_ended_costs_no_other_its_turn(controller: ScriptedController):
+    """The thread that drives the arm stands behind one that the main thread ends."""
+    controller.run(
+        """def program():
+  thread waits():
+    while True:
+      sync()
+    end
+  end
+  thread drives():
+    while True:
+      speedj([0.4, 0, 0, 0, 0, 0], 10, 0.002)
+    end
+  end
+  thread ends():
+    sleep(0.2)
+    kill first
+    sleep(1)
+  end
+  global first = run waits()
+  run ends()
+  run drives()
+  sleep(0.4)
+end
+""",
+        30,
+    )
+    speeds = []
+    for _ in range(180):
+        controller.cycle()
+        speeds.append(controller.arm.qd[0])
+    assert min(speeds[50:]) == pytest.approx(0.4)
 
 
 def test_functions_loops_threads_and_scopes(controller: ScriptedController):
@@ -124,10 +232,12 @@ end
 
 
 def test_messages_go_out_in_order_with_the_names_of_the_program(controller: ScriptedController):
-    controller.run('def hello():\n  textmsg("x = ", 1.5)\n  popup("look", "title", True)\n  sleep(0.1)\nend\n')
+    said = 'textmsg("x = ", 1.5)\n  textmsg("none: ", 0)\n  popup("look", "title", True)\n  sleep(0.1)'
+    controller.run(f"def hello():\n  {said}\nend\n")
     stopped = messages.KeyMessage("PROGRAM_XXX_STOPPED", "rtde_control")
     ours = [messages.KeyMessage(f"PROGRAM_XXX_{word}", "hello") for word in ("STARTED", "STOPPED")]
-    said = [messages.TextMessage("x = 1.5"), messages.Popup("title", "look", True, False, False)]
+    texts = [messages.TextMessage("x = 1.5"), messages.TextMessage("none: 0")]
+    said = [*texts, messages.Popup("title", "look", True, False, False)]
     assert controller.said == [stopped, ours[0], *said, ours[1]]
 
 
@@ -184,10 +294,18 @@ end
         ("x = 1 $ 2\n", 1, 7, "syntax_error_on_line:1:x = 1 $ 2:"),
         ("movej(p[10, 0, 0, 0, 0, 0])\n", 1, 1, "unable to find an inverse kinematics solution"),
         ("def a():\n  x = 1 / 0\nend\n", 2, 9, "division by zero"),
-        ("def a():\n  if 1:\n  end\nend\n", 2, 6, "not a boolean"),
+        ("def a():\n  if [1]:\n  end\nend\n", 2, 6, "not a boolean"),
         ("x = [1, 2][2]\n", 1, 11, "index out of bounds"),
         ("movej([1, 2])\n", 1, 1, "six numbers"),
         ("movej()\n", 1, 1, "argument q is missing"),
+        ("def a():\n  def f(b=1, c):\n  end\nend\n", 2, 15, "syntax_error_on_line:2:"),
+        ("def a():\n  def f(b):\n  end\n  f(1, b=2, c=3)\nend\n", 4, 3, "f: takes b"),
+        ("def a():\n  def f(b):\n  end\n  f()\nend\n", 4, 3, "f: the argument b is missing"),
+        ("x = [1, 2] + [1, 2, 3]\n", 1, 12, "lists of 2 and 3 elements"),
+        ("x = [1, 2] * [1, 2]\n", 1, 12, "lists of 2 and 2 elements"),
+        ("x = p[1, 2, 3, 4, 5, 6] * 2\n", 1, 25, "poses"),
+        ("optimovej([0, 0, 0, 0, 0, 0])\n", 1, 1, "compile_error_name_not_found:optimovej:"),  # from 5.21 on
+        ("set_tool_voltage(13)\n", 1, 1, "0, 12 or 24"),
         ("def f():\n  def g(n):\n    return g(n)\n  end\n  g(1)\nend\n", 3, 12, "too many nested calls"),
     ],
 )

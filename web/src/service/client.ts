@@ -39,6 +39,7 @@ interface CallOptions {
   readonly accept?: string;
   readonly key?: string; // Idempotency-Key
   readonly patient?: boolean; // wait as long as it takes
+  readonly signal?: AbortSignal; // waits until a person has enough of it
 }
 
 /** Sends one request. Throws ProblemError for a refusal, ConnectionLost where nothing answers. */
@@ -49,7 +50,8 @@ export async function call(method: string, path: string, options: CallOptions = 
   if (options.key) headers["Idempotency-Key"] = options.key;
   const init: RequestInit = { method, headers, cache: "no-store" };
   if (options.body !== undefined) init.body = JSON.stringify(options.body);
-  if (!options.patient) init.signal = AbortSignal.timeout(PATIENCE_MS);
+  if (options.signal) init.signal = options.signal;
+  else if (!options.patient) init.signal = AbortSignal.timeout(PATIENCE_MS);
   let response: Response;
   try {
     response = await fetch(path, init);

@@ -1,10 +1,11 @@
-// Server-sent events of one execution. `fetch` instead of EventSource, which cannot send a token.
+// Server-sent events of executions and searches. `fetch` instead of EventSource, which can send neither token nor body.
 
-import { authorization } from "./client";
+import { authorization, call, ConnectionLost, ProblemError } from "./client";
+import type { Plan, PlanProgress, PlanRequest, ProblemDocument } from "./types";
 
 interface ServerEvent {
   readonly id: number;
-  readonly kind: string; // state, telemetry
+  readonly kind: string; // state, telemetry; progress, plan, problem
   readonly data: Record<string, unknown>;
 }
 
@@ -50,6 +51,21 @@ export async function* watchExecution(id: string, signal: AbortSignal): AsyncGen
     }
     await new Promise((resume) => setTimeout(resume, RETRY_MS));
   }
+}
+
+/** Returns the plan for a request; tells of its search, which ends with `signal`. */
+export async function planned(request: PlanRequest, onProgress: (progress: PlanProgress) => void, signal: AbortSignal): Promise<Plan> {
+  const response = await call("POST", "/plan", { body: request, accept: "text/event-stream", signal });
+  try {
+    for await (const { kind, data } of eventsOf(response.body!)) {
+      if (kind === "plan") return data as unknown as Plan;
+      if (kind === "problem") throw new ProblemError(data as unknown as ProblemDocument);
+      onProgress(data as unknown as PlanProgress);
+    }
+  } catch (error) {
+    if (error instanceof ProblemError) throw error;
+  }
+  throw new ConnectionLost();
 }
 
 async function* eventsOf(body: ReadableStream<Uint8Array>): AsyncGenerator<ServerEvent> {

@@ -606,6 +606,9 @@ export interface paths {
         /**
          * Plan a throw
          * @description Solves, certifies and stores one plan. A plan that fails its certificate is never stored and never returned.
+         *
+         *     As `text/event-stream` the answer is 200: the progress of the search, several times a second, and at the end the
+         *     plan, or the problem. A client that leaves ends its search.
          */
         post: operations["make_plan"];
         delete?: never;
@@ -2704,6 +2707,33 @@ export interface components {
             way_home?: components["schemas"]["WayHomeAnswer"] | null;
         };
         /**
+         * PlanProgress
+         * @description Event `progress`: what the search for a plan has come to.
+         */
+        PlanProgress: {
+            /**
+             * Best Release Time S
+             * @description Soonest certified release so far [s]; null without any.
+             */
+            best_release_time_s: number | null;
+            /**
+             * Candidates
+             * @description Release states tried so far.
+             */
+            candidates: number;
+            /**
+             * Elapsed S
+             * @description Since the request [s].
+             */
+            elapsed_s: number;
+            /**
+             * Stage
+             * @description In line; searching for what was asked; for something near it, after that was refused.
+             * @enum {string}
+             */
+            stage: "queued" | "search" | "nearest";
+        };
+        /**
          * PlanRequest
          * @description A throw, or any move that must pass a state at speed.
          */
@@ -2998,7 +3028,7 @@ export interface components {
             instance: string;
             /**
              * Nearest
-             * @description The closest feasible request, ready to be posted.
+             * @description A feasible request near it, ready to be posted.
              * @default null
              */
             nearest: {
@@ -4237,6 +4267,7 @@ export type PlanAnswer = components['schemas']['PlanAnswer'];
 export type PlanCurves = components['schemas']['PlanCurves'];
 export type PlanList = components['schemas']['PlanList'];
 export type PlanPreview = components['schemas']['PlanPreview'];
+export type PlanProgress = components['schemas']['PlanProgress'];
 export type PlanRequest = components['schemas']['PlanRequest'];
 export type PlanSummary = components['schemas']['PlanSummary'];
 export type PointReleaseRequest = components['schemas']['PointReleaseRequest'];
@@ -6757,6 +6788,8 @@ export interface operations {
                 store?: boolean;
             };
             header?: {
+                /** @description application/json or text/event-stream. */
+                accept?: string | null;
                 /** @description Same key and body: same resource. */
                 "idempotency-key"?: string | null;
             };
@@ -6769,13 +6802,14 @@ export interface operations {
             };
         };
         responses: {
-            /** @description Solved and certified, not stored: `?store=false`. */
+            /** @description Solved and certified, not stored: `?store=false`. Or the events of a search, by `Accept`. */
             200: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content: {
                     "application/json": components["schemas"]["PlanPreview"];
+                    "text/event-stream": unknown;
                 };
             };
             /** @description Solved, certified and stored. */
@@ -6798,6 +6832,15 @@ export interface operations {
             };
             /** @description `not-found` */
             404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-acceptable` */
+            406: {
                 headers: {
                     [name: string]: unknown;
                 };

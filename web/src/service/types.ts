@@ -14,6 +14,7 @@ export type {
   LandingRequest,
   MapBody as MapRequest,
   PlanCurves as Curves,
+  PlanProgress,
   PlanRequest,
   ProfileList,
   ProfileSummary,
@@ -32,7 +33,7 @@ interface Violation {
   readonly proven?: boolean;
 }
 
-/** The nearest feasible request: complete, ready to be posted. */
+/** A feasible request near the refused one: complete, ready to be posted. */
 export type Nearest = PlanRequest;
 
 export interface ProblemDocument {

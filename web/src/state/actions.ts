@@ -1,15 +1,16 @@
 // What a person does: edit, plan, drag, throw, stop, acknowledge, report a landing, adopt a profile.
 
 import { call, ConnectionLost, get, keepToken, post, ProblemError, token } from "../service/client";
+import { planned } from "../service/events";
 import type { CellState, Curves, Execution, LandingAnswer, LandingRequest, MapRequest, Plan, ProfileList, ThrowMap } from "../service/types";
 import { type Draft, InvalidDraft, previewOf, requestOf, withNearest } from "./draft";
 import { doubtfulDistance, placeReport } from "./landing-report";
 import { hashOf, type Link } from "./links";
 import { aimOf, placeWords } from "./machine";
 import {
-  access, armed, cellStates, curves, dispatch, doubt, failed, faults, floorZ, landings, landingStd, notice, picking, playing, profiles, reached, runPlan, shownId, state, throwMap, time, viewing,
+  access, armed, cellStates, curves, dispatch, doubt, failed, faults, floorZ, landings, landingStd, notice, picking, playing, profiles, progress, reached, runPlan, shownId, state, throwMap, time, viewing,
 } from "./store";
-import { dateWords, landingWords } from "./words";
+import { dateWords, landingWords, progressWords } from "./words";
 
 export function edit(fields: Partial<Draft>): void {
   faults.value = {};
@@ -31,7 +32,9 @@ export function nameInAddress(link: Link): void {
   history.replaceState(null, "", hashOf(link));
 }
 
-/** Asks for the full answer to the request as it is now. */
+let search: AbortController | null = null;
+
+/** Asks for the full answer to the request as it is now; a search that is under way ends. */
 export async function plan(): Promise<void> {
   const { cell, request, revision } = state.value;
   if (cell === null) return;
@@ -39,8 +42,11 @@ export async function plan(): Promise<void> {
   leavePast();
   stopPreview();
   dispatch({ type: "ask" });
+  search?.abort();
+  const mine = new AbortController();
+  search = mine;
   try {
-    const answer = await post<Plan>("/plan", requestOf(request, cell), { patient: true });
+    const answer = await planned(requestOf(request, cell), (told) => search === mine && (progress.value = told), mine.signal);
     reached();
     dispatch({ type: "planned", revision, plan: answer });
     nameInAddress({ kind: "plan", id: answer.id });
@@ -49,8 +55,21 @@ export async function plan(): Promise<void> {
       playing.value = 1;
     }
   } catch (error) {
-    refuse(revision, error);
+    if (!mine.signal.aborted) refuse(revision, error);
+  } finally {
+    if (search === mine) {
+      search = null;
+      progress.value = null;
+      dispatch({ type: "gave-up", revision });
+    }
   }
+}
+
+/** Ends the search for a plan: the service hears of it, and so does its planner process. */
+export function cancelPlan(): void {
+  const soFar = progress.value;
+  search?.abort();
+  notice.value = { kind: "good", text: soFar === null ? "Cancelled." : `Cancelled. ${progressWords(soFar)}.` };
 }
 
 function refuse(revision: number, error: unknown): void {

@@ -6,7 +6,7 @@ import { spanOf } from "../curves/zoom";
 import { endOf } from "../model/samples";
 import { type MapQuantity, pictureOfMap } from "../model/throw-map";
 import { ConnectionLost, ProblemError } from "../service/client";
-import type { CellModel, CellState, CellSummary, Curves, Execution, LandingAnswer, LandingRequest, Plan, ProfileList, ThrowMap } from "../service/types";
+import type { CellModel, CellState, CellSummary, Curves, Execution, LandingAnswer, LandingRequest, Plan, PlanProgress, ProfileList, ThrowMap } from "../service/types";
 import { armKind, obstacleOf } from "./readiness";
 import { type Change, change, FIRST_STATE, isArmed, isRunning, planStanding, type State } from "./machine";
 
@@ -50,6 +50,9 @@ interface Notice {
   readonly kind: "bad" | "good";
   readonly stopOf?: string | null; // execution whose stop did not get through; null: of one that was not known
 }
+
+/** What the search for a plan has come to; null where none is under way. */
+export const progress = signal<PlanProgress | null>(null);
 
 /** What is wrong with fields of the request, by their path in it. */
 export const faults = signal<Readonly<Record<string, string>>>({});

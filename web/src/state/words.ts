@@ -1,6 +1,6 @@
 // What the page says, in words: states, outcomes, stops and what to do after them, refusals. Pure.
 
-import type { CellState, CellSummary, Execution, LandingAnswer, Plan } from "../service/types";
+import type { CellState, CellSummary, Execution, LandingAnswer, Plan, PlanProgress } from "../service/types";
 import type { Run } from "./machine";
 import { armKind } from "./readiness";
 
@@ -310,6 +310,15 @@ export function planWords(plan: Plan): string {
     `${release} at ${flight.speed_m_s.toFixed(1)} m/s, ${flight.time_of_flight_s.toFixed(2)} s of flight, ` +
     `at rest after ${plan.duration_s.toFixed(2)} s.`
   );
+}
+
+/** What the search for a plan has come to. */
+export function progressWords({ stage, candidates, best_release_time_s: best_s, elapsed_s }: PlanProgress): string {
+  if (stage === "queued") return `Waiting for a planner, ${elapsed_s.toFixed(1)} s`;
+  const tried = `${candidates} candidate${candidates === 1 ? "" : "s"} tried`;
+  if (stage === "nearest") return `Refused; looking for one that works: ${tried}, ${elapsed_s.toFixed(1)} s`;
+  const best = best_s === null ? "nothing certified yet" : `best release at ${best_s.toFixed(3)} s`;
+  return `Searching: ${tried}, ${best}, ${elapsed_s.toFixed(1)} s`;
 }
 
 /** Which back end found the plan, how fast, and whether the time limit passed before the end of the search. */

@@ -8,7 +8,7 @@ import { answered, dark, preview, problem, running, shown, standing } from "../s
 /** Returns what is in the picture now, with its colour. */
 function entries(): (readonly [Tone, string])[] {
   const plan = shown.value;
-  const nearest: (readonly [Tone, string])[] = problem.value?.nearest ? [["nearest", "nearest"]] : [];
+  const nearest: (readonly [Tone, string])[] = problem.value?.nearest ? [["nearest", "one that works"]] : [];
   if (plan === null || (plan === answered.value && standing.value === "stale")) return nearest;
   const postures: (readonly [Tone, string])[] = [["ghostStart", "start"], ["ghostRelease", "release"], ["ghostRest", "at rest"]];
   const ghosts: (readonly [Tone, string])[] = running.value ? [["ghostPlan", "plan"]] : preview.value ? [] : postures;

@@ -4,13 +4,15 @@ import type { JSX, RefObject } from "preact";
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 
-import { execute, plan, takeNearest } from "../state/actions";
+import { cancelPlan, execute, plan, takeNearest } from "../state/actions";
 import { throwLabel } from "../state/machine";
 import {
-  answered, armed, cell, cellName, dryRun, faults, floorZ, isPlanning, isReal, mode, obstacle, preview, problem, running, standing,
+  answered, armed, cell, cellName, dryRun, faults, floorZ, isPlanning, isReal, mode, obstacle, preview, problem, progress, running, standing,
 } from "../state/store";
-import { against, constraintWords, figure, foundWords, plainWords, planWords, timingWords } from "../state/words";
+import { against, constraintWords, figure, foundWords, plainWords, planWords, progressWords, timingWords } from "../state/words";
 import { RequestFields } from "./request";
+
+const MOMENT_S = 0.4; // most plans are there before a line about them could be read
 
 export function ThrowPanel(): JSX.Element {
   const planning = isPlanning.value;
@@ -41,9 +43,24 @@ export function ThrowPanel(): JSX.Element {
         </button>
         <span class="sr-only" role="status">{planning ? "Planning" : ""}</span>
         <ThrowButton />
+        <Search />
         <WhyNot />
       </div>
     </form>
+  );
+}
+
+/** A search that takes longer than a moment: what it has come to, and its end. */
+function Search(): JSX.Element | null {
+  const told = progress.value;
+  if (told === null || told.elapsed_s < MOMENT_S) return null;
+  return (
+    <div class="search">
+      <span>{progressWords(told)}</span>
+      <button type="button" class="quiet" onClick={cancelPlan}>
+        Cancel
+      </button>
+    </div>
   );
 }
 
@@ -127,7 +144,7 @@ function ProblemCard(): JSX.Element | null {
 function nearestWords({ release, release_window_s: window_s }: { release: { kind: string; position?: number[] }; release_window_s?: number | null }): string {
   const place = release.position ? `: (${release.position.map((x) => x.toFixed(2)).join(", ")})` : "";
   const timing = window_s ? `, released up to ${figure(1000 * window_s, 2)} ms early or late` : window_s === 0 ? ", without a release window" : "";
-  return `the closest that this cell can do${place}${timing}`;
+  return `one that works${place}${timing}; there may be a nearer one`;
 }
 
 /** Why a plan that answers the request cannot be thrown now; null where it can, or where something runs. */
