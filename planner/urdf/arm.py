@@ -29,7 +29,7 @@ from planner.robots import (
     robot,
 )
 from planner.rotations import invert_pose, pose
-from planner.urdf.tree import MOVING, Joint, UrdfRefused, UrdfTree
+from planner.urdf.tree import MOVING, UrdfJoint, UrdfRefused, UrdfTree
 
 FLANGE = "tool0"  # link of UR's descriptions that is the controller's flange, whatever stands before its name
 SAME_M = 1e-8  # [m] a chain this close to the published one is that: descriptions round quarter turns to nine digits
@@ -58,7 +58,7 @@ class DescribedArm:
 
     robot: Robot
     numbers: Mapping[str, Any]
-    joints: Sequence[Joint]
+    joints: Sequence[UrdfJoint]
     X_RB: Array
     X_RF: Array
     notes: Sequence[str]
@@ -106,7 +106,7 @@ def arm_in(tree: UrdfTree, model: str | None = None) -> DescribedArm:
     return DescribedArm(measured, numbers, joints, X_RB, X_RF, notes)
 
 
-def six_joints(tree: UrdfTree) -> list[Joint]:
+def six_joints(tree: UrdfTree) -> list[UrdfJoint]:
     """Returns the joints of the arm, from base to flange: those with UR's names, or else all that move.
 
     Raises:
@@ -136,7 +136,7 @@ def six_joints(tree: UrdfTree) -> list[Joint]:
     return found
 
 
-def _joint_frames(tree: UrdfTree, joints: Sequence[Joint]) -> tuple[Array, list[Array]]:
+def _joint_frames(tree: UrdfTree, joints: Sequence[UrdfJoint]) -> tuple[Array, list[Array]]:
     """Returns the base in the root (4, 4), and the joints' frames in the base: z along the axis, at position 0."""
     X = [tree.pose(joint.child) @ _turned_to(joint.axis) for joint in joints]
     foot = tree.pose(joints[0].parent)
@@ -168,7 +168,7 @@ def _flange_link(tree: UrdfTree, last: str) -> str:
     return found[0] if found else last
 
 
-def _lengths(joints: Sequence[Joint], frames: Sequence[Array], flange: Array) -> dict[str, list[float]]:
+def _lengths(joints: Sequence[UrdfJoint], frames: Sequence[Array], flange: Array) -> dict[str, list[float]]:
     """Returns the lengths that the axes' places give.
 
     Raises:
@@ -223,7 +223,7 @@ def _model(tree: UrdfTree, lengths: Mapping[str, list[float]]) -> tuple[str, lis
     return nearest, [f"its kinematics are those of {' and '.join(alike)}: --robot says which it is"]
 
 
-def _limits(joints: Sequence[Joint]) -> dict[str, list[float]]:
+def _limits(joints: Sequence[UrdfJoint]) -> dict[str, list[float]]:
     """Returns the limits that the file gives of all six joints."""
     columns = {
         "joint_position_lower_deg": [joint.lower for joint in joints],
@@ -239,7 +239,7 @@ def _limits(joints: Sequence[Joint]) -> dict[str, list[float]]:
     return found
 
 
-def _masses(tree: UrdfTree, joints: Sequence[Joint], X_RB: Array, fixed: Array) -> dict[str, Any]:
+def _masses(tree: UrdfTree, joints: Sequence[UrdfJoint], X_RB: Array, fixed: Array) -> dict[str, Any]:
     """Returns the masses of the links in the frames of a chain (6, 4, 4); none where the file lacks one."""
     found: dict[str, list[Any]] = {"link_mass_kg": [], "link_com_m": [], "link_inertia_kg_m2": []}
     X_BL = np.eye(4)
@@ -261,7 +261,7 @@ def _rounded(x: Array) -> list[float]:
 
 
 def _with_numbers(
-    name: str, given: Mapping[str, Any], tree: UrdfTree, joints: Sequence[Joint]
+    name: str, given: Mapping[str, Any], tree: UrdfTree, joints: Sequence[UrdfJoint]
 ) -> tuple[Robot, dict[str, Any]]:
     """Returns the arm, and those numbers of the file that add to what is published of it.
 

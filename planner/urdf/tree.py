@@ -28,7 +28,7 @@ class UrdfRefused(ValueError):
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class UrdfBody:
     """Mass [kg], centre of mass (3,) [m] and inertia about it (3, 3) [kg m^2], in the frame of a link."""
 
     mass: float
@@ -37,7 +37,7 @@ class Body:
 
 
 @dataclass(frozen=True, eq=False)
-class Joint:
+class UrdfJoint:
     """A joint of a URDF file.
 
     Attributes:
@@ -80,11 +80,11 @@ class UrdfTree:
     """
 
     name: str
-    bodies: Mapping[str, Body | None]
-    joints: Mapping[str, Joint]
+    bodies: Mapping[str, UrdfBody | None]
+    joints: Mapping[str, UrdfJoint]
     root: str
 
-    def above(self, link: str) -> list[Joint]:
+    def above(self, link: str) -> list[UrdfJoint]:
         """Returns the joints from the root to a link."""
         found = []
         while link in self.joints:
@@ -120,7 +120,7 @@ def parse_urdf(text: bytes) -> UrdfTree:
     if any("xacro" in child.tag for child in root):
         raise UrdfRefused("is a xacro file, which has to be expanded first: xacro FILE > FILE.urdf")
     bodies = dict(_links(root))
-    joints: dict[str, Joint] = {}
+    joints: dict[str, UrdfJoint] = {}
     for element in root.iterfind("joint"):
         joint = _joint(element, bodies)
         if joint.child in joints:
@@ -129,7 +129,7 @@ def parse_urdf(text: bytes) -> UrdfTree:
     return UrdfTree(root.get("name", "")[:TEXT_MAX], bodies, joints, _root(bodies, joints))
 
 
-def _links(root: Element) -> Iterator[tuple[str, Body | None]]:
+def _links(root: Element) -> Iterator[tuple[str, UrdfBody | None]]:
     links = root.findall("link")
     if not links:
         raise UrdfRefused("has no links")
@@ -145,17 +145,17 @@ def _links(root: Element) -> Iterator[tuple[str, Body | None]]:
         yield name, None if inertial is None else _body(inertial, name)
 
 
-def _body(inertial: Element, link: str) -> Body:
+def _body(inertial: Element, link: str) -> UrdfBody:
     where = f"link {link}: inertial"
     mass = _float(_child(inertial, "mass", where), "value", where, 0.0)
     X = _origin(inertial, where)
     tensor = _child(inertial, "inertia", where)
     xx, xy, xz, yy, yz, zz = (_float(tensor, key, where) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
     inertia = X[:3, :3] @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ X[:3, :3].T
-    return Body(mass, X[:3, 3], inertia)
+    return UrdfBody(mass, X[:3, 3], inertia)
 
 
-def _joint(element: Element, links: Mapping[str, object]) -> Joint:
+def _joint(element: Element, links: Mapping[str, object]) -> UrdfJoint:
     name = _name(element, "name")
     where = f"joint {name}"
     kind = element.get("type", "")
@@ -172,7 +172,7 @@ def _joint(element: Element, links: Mapping[str, object]) -> Joint:
     }
     if kind == "continuous":
         numbers |= {"lower": None, "upper": None}
-    return Joint(name, kind, ends[0], ends[1], _origin(element, where), _axis(element, where), **numbers)
+    return UrdfJoint(name, kind, ends[0], ends[1], _origin(element, where), _axis(element, where), **numbers)
 
 
 def _axis(element: Element, where: str) -> Array:
@@ -184,7 +184,7 @@ def _axis(element: Element, where: str) -> Array:
     return axis / length
 
 
-def _root(links: Mapping[str, object], joints: Mapping[str, Joint]) -> str:
+def _root(links: Mapping[str, object], joints: Mapping[str, UrdfJoint]) -> str:
     roots = [link for link in links if link not in joints]
     if len(roots) != 1:
         listed = ", ".join(roots[:5]) or "none"
