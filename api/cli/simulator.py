@@ -38,6 +38,7 @@ def _controller_options(command: Any) -> Any:
     kind = click.Path(exists=True, file_okay=False, path_type=Path)
     for option in (
         click.option("--strict-clock", is_flag=True, help="The clock never slips, for machines that do not stall."),
+        click.option("--no-noise", is_flag=True, help="Measured joint positions and speeds are the true ones."),
         click.option("--no-remote-control", is_flag=True, help="Remote control is off in the settings."),
         click.option("--serial-number", help="Of the robot; default: the cell's link.serial, or a made-up one."),
         click.option("--programs", type=kind, help="Folder of stored programs (NAME.script) for the dashboard."),
@@ -81,6 +82,7 @@ def _behaviour(
     programs: Path | None,
     serial_number: str | None,
     no_remote_control: bool,
+    no_noise: bool,
     strict_clock: bool,
     url: str | None,
     token: str | None,
@@ -95,7 +97,7 @@ def _behaviour(
         truth = Path(twin_file(read_profile(profile, lambda: ServiceClient(service_url(url), token))))
     arguments = [*truth_arguments(truth, reveal), *(["--programs", str(programs)] if programs else [])]
     arguments += ["--serial-number", serial_number] if serial_number else []
-    flags = {"--no-remote-control": no_remote_control, "--strict-clock": strict_clock}
+    flags = {"--no-remote-control": no_remote_control, "--no-noise": no_noise, "--strict-clock": strict_clock}
     return arguments + [name for name, on in flags.items() if on]
 
 

@@ -32,7 +32,7 @@ class PlanningJob:
         cell_version: Version of the cell's files; None: not known to a store.
         releases: Joint positions and velocities at the release of plans for other targets: a short search starts from
             these alone. Empty: an ordinary search.
-        offers_nearest: Whether a refusal carries the nearest feasible request.
+        offers_nearest: Whether a refusal carries a feasible request near it.
         tells_progress: Whether its worker reports the progress of the search.
     """
 

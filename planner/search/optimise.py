@@ -27,6 +27,9 @@ GENTLE_RAMP_S = 0.1  # [s] that an acceleration takes to its limit in a gentle i
 def optimise(search: PlanningSearch, candidate: Candidate) -> bool:
     """Optimises from a candidate; returns whether a motion is certified, or known to be no sooner than the best.
 
+    The second initial guess has all rows from the beginning that the first one came to need: where it ended was far
+    from a motion that keeps them.
+
     Args:
         search: updated in place.
         candidate: of its problem.
@@ -35,14 +38,16 @@ def optimise(search: PlanningSearch, candidate: Candidate) -> bool:
     begun_s = time.perf_counter() + _load(search)
     result = ""
     is_settled = False
+    groups: frozenset[str] = frozenset()
     for guess in _guesses(search.problem, candidate):
         try:
-            result = _optimise_from(search, Seed(candidate, guess))
+            result = _optimise_from(search, Seed(candidate, guess), groups)
             is_settled = result == CERTIFIED
         except casadi_nlp.SeedFailed as failure:
             search.iterations += failure.iterations
             result = str(failure)
             is_settled = failure.is_late
+            groups = failure.groups
         if is_settled:
             break
     search.log_attempt("casadi", f"{candidate.label}: {result}", begun_s)
@@ -75,14 +80,19 @@ def _guesses(problem: ThrowProblem, candidate: Candidate) -> Iterator[InitialGue
             return
 
 
-def _optimise_from(search: PlanningSearch, seed: Seed) -> str:
+def _optimise_from(search: PlanningSearch, seed: Seed, groups: frozenset[str]) -> str:
     """Optimises from an initial guess, after failed checks again from there with wider margins; returns how it ends.
+
+    Args:
+        search: updated in place.
+        seed: a candidate and the initial guess.
+        groups: rows that are included from the beginning.
 
     Raises:
         SeedFailed: the optimiser came to no motion, or to none that is sooner than the best.
     """
     problem = search.problem
-    options = SolveOptions(deadline_s=search.deadline_s, latest_s=search.latest_useful_s)
+    options = SolveOptions(groups=groups, deadline_s=search.deadline_s, latest_s=search.latest_useful_s)
     failures = ""
     for _ in range(ROUNDS):
         search.begin_solve()

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -27,11 +26,11 @@ from planner.errors import SolverFailed
 from planner.problem import ThrowProblem
 from planner.search.optimise import optimise
 from planner.search.record import PlanningSearch, counted
-from planner.seeds import Candidate, aspects, has_flight_obstacles, least_times_to_aspects
+from planner.seeds import Candidate, aspects, least_times_to_aspects
 
 Solve = Callable[[ThrowProblem, Candidate], Solution]
 
-CANDIDATES = 12  # [-] that a search starts from; of a pose most others are full turns away
+CANDIDATES = 10  # [-] that a search starts from; of a pose most others are full turns away
 ARRIVALS = 2  # [-] given joint states to which Ruckig's soonest motions are tried
 JERK_SHARES = (1.0, 0.5, 0.25, 0.125, 0.0625, 0.03125)  # [-] of the limit, of these motions in turn
 TICK_SLACK = 1e-6  # [ticks] for rounding
@@ -78,14 +77,14 @@ def search_candidates(search: PlanningSearch, found: Sequence[Candidate], at_mos
     if is_auto and problem.fixes_joints:
         try_motions(search, "ruckig", found[:ARRIVALS], [partial(_soonest_motion, share) for share in JERK_SHARES])
     tried = 0
-    enough = 2 if has_flight_obstacles(problem) else 1  # of an aspect: the second may pass what is in the way elsewhere
-    settled = Counter[int]()
+    settled = set[int]()
     for candidate, aspect, least_s in _first(search, found):
         if tried == at_most or search.out_of_time:
             break
-        if settled[aspect] < enough and least_s < search.release_time_s:
+        if aspect not in settled and least_s < search.release_time_s:
             tried += 1
-            settled[aspect] += optimise(search, candidate)
+            if optimise(search, candidate):
+                settled.add(aspect)
     if is_auto and search.best is None and not search.out_of_time:
         try_motions(search, "ruckig", found[:at_most], MOTIONS["ruckig"])
 
@@ -132,8 +131,7 @@ def _first(search: PlanningSearch, found: Sequence[Candidate]) -> Iterator[tuple
 
     Where the joint states are given, the optimiser keeps them: none releases before its slowest joint alone arrives,
     and each counts as an aspect of its own. Otherwise it moves them within their aspect, and none releases before the
-    arm can be there. The first candidate of every aspect comes first, of those that can be reached soonest before
-    others, the start's own before all; then the second of every aspect, and so on.
+    arm can be there. The soonest candidate of every aspect comes first, then the second of every aspect, and so on.
     """
     problem = search.problem
     if problem.fixes_joints:
@@ -145,7 +143,7 @@ def _first(search: PlanningSearch, found: Sequence[Candidate]) -> Iterator[tuple
     aspect = aspects(problem.cell.robot, np.array([each.q for each in found])).tolist()
     least_s = least_times_to_aspects(problem)
     place = [aspect[:row].count(aspect[row]) for row in range(len(found))]
-    for row in sorted(range(len(found)), key=lambda row: (place[row], least_s[aspect[row]], found[row].bound_s)):
+    for row in sorted(range(len(found)), key=place.__getitem__):
         yield found[row], aspect[row], float(least_s[aspect[row]])
 
 

@@ -2,7 +2,6 @@
 
 from planner.seeds.aspects import ASPECTS, aspects, first_rows, least_times_to_aspects
 from planner.seeds.candidates import Candidate, InitialGuess, NoCandidates, Seed, candidates
-from planner.seeds.flight_filter import has_flight_obstacles
 from planner.seeds.neighbours import ReleaseState, neighbour_candidates
 from planner.seeds.quasi_random import SPREAD_RAD
 from planner.seeds.sampling import farthest_reach
@@ -24,7 +23,6 @@ __all__ = [
     "candidates",
     "farthest_reach",
     "first_rows",
-    "has_flight_obstacles",
     "least_time",
     "least_times_to_aspects",
     "neighbour_candidates",

@@ -15,7 +15,7 @@ import numpy as np
 from planner.dynamics import Payload, joint_torques
 from simulator.physics import Transform
 from simulator.program.context import ProgramContext
-from simulator.program.paths import Arc, JointLine, Path, StraightLine, joint_rates
+from simulator.program.paths import Arc, JointPath, Path, StraightLine, joint_rates
 from simulator.program.progress import Progress, SpeedTrapezoid
 from simulator.program.threads import SuddenTargetChange, Thread
 
@@ -76,7 +76,7 @@ def stop_tool(c: ProgramContext, deceleration: float) -> Thread:
 def move_joints(c: ProgramContext, goal: Vector, pace: Pace) -> Thread:
     """movej: trapezoid of the leading axis, all joints in proportion, to rest at `goal` (6,) [rad]."""
     yield from _settle(c, pace.acceleration)
-    yield from _move(c, lambda q: JointLine(q, goal), pace)
+    yield from _move(c, lambda q: JointPath(q, goal), pace)
 
 
 def move_tool(c: ProgramContext, goal: Transform, pace: Pace) -> Thread:

@@ -37,7 +37,7 @@ class Path(Protocol):
         ...
 
 
-class JointLine:
+class JointPath:
     """All joints in proportion; the length is that of the leading one [rad]."""
 
     def __init__(self, start: Sequence[float], goal: Sequence[float]) -> None:

@@ -280,7 +280,7 @@ class Script(Program):
             self.calls -= 1
         return jump[1] if jump is not None else None
 
-    def compiled(self, text: str) -> Interpreted:
+    def compiled(self, text: str) -> InterpretedLine:
         """Returns a line of interpreter mode, whose functions and variables are the script's from now on.
 
         Raises:
@@ -293,7 +293,7 @@ class Script(Program):
         check_names(nodes, self.functions | functions, self.built_in, variables)
         self.functions |= functions
         self.variables = variables
-        return Interpreted(self, body, [] if functions else nodes)
+        return InterpretedLine(self, body, [] if functions else nodes)
 
     def _built_in(self, node: Call, arguments: list[Any], named: dict[str, Any]) -> Evaluation:
         if node.name == "interpreter_mode":
@@ -309,7 +309,7 @@ class Script(Program):
             raise error_at(node, f"{node.name}: {error}") from error
 
 
-class Interpreted:
+class InterpretedLine:
     """One line of interpreter mode."""
 
     def __init__(self, script: Script, body: Sequence[Node], nodes: Sequence[Node]) -> None:

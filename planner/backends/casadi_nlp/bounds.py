@@ -17,7 +17,6 @@ from planner.backends.casadi_nlp.layout import (
     STEP,
     TIME,
     WATCHED_AFTER,
-    WATCHED_BEFORE,
     Q,
     Vector,
 )
@@ -31,11 +30,36 @@ from planner.seeds import Candidate
 
 WATCHED_S = 0.05  # [s] before and after the release that the certificate checks, in whole ticks
 WATCHED_BEYOND_S = 0.002  # [s] by which the watched stages last longer
+SHORTENED = 2.0  # [-] times as long as its solution an initial guess mostly is at most
 DRIFT_SHARE = 2.0  # [-] of tolerance over window, for the rate of change of the landing with the release time
 
 MIDDLE_VELOCITY = slice(NX, NX + 6)
 MIDDLE_POSITION = slice(NX + 6, NX + 12)  # rows of block "motion"
 TOOL_SPEED = slice(6, 7)  # rows of block "effort"
+
+
+def watched_stages(steps: Vector, window: int, watched_s: float) -> int:
+    """Returns on how many stages before the release singularities are avoided; on all of a short launch.
+
+    If fewer were watched there, they alone would have to last `watched_s`, and so delay the release.
+
+    Args:
+        steps: lengths of the launch's stages in the initial guess [s].
+        window: the last of these, within the release window.
+        watched_s: how long to avoid singularities.
+    """
+    lasting = np.cumsum(steps[::-1])[window:]
+    return min(1 + int(np.searchsorted(lasting, SHORTENED * watched_s)), len(lasting))
+
+
+def watched_time(window_s: float, dt: float) -> float:
+    """Returns how long to avoid singularities before the release, and after it [s]: as long as the certificate watches.
+
+    Args:
+        window_s: half of the release window [s].
+        dt: one tick [s].
+    """
+    return max(dt * math.ceil(WATCHED_S / dt - ROUNDING) + WATCHED_BEYOND_S, window_s)
 
 
 class Bounds:
@@ -167,23 +191,21 @@ class Bounds:
         for k in self.index.knots.get("flight", ()):
             self._free(self.index.rows["flight", k][FLIGHT_ROWS.slices["out"]])
 
-    def watch_long_enough(self, window_s: float, dt: float) -> None:
+    def watch_long_enough(self, watched_s: float) -> None:
         """Lets the watched stages last, in sum, as long as the certificate watches; the window is part of that.
 
         Where a singularity is in the way, they would shrink until hardly anything is watched.
 
         Args:
-            window_s: half of the release window [s].
-            dt: one tick [s].
+            watched_s: how long that is [s].
         """
         n = self.index.stages.window
-        required = max(dt * math.ceil(WATCHED_S / dt - ROUNDING) + WATCHED_BEYOND_S, window_s)
-        first = self.launch - n - WATCHED_BEFORE
+        first = self.launch - n - self.index.stages.watched
         last = self.launch + n + WATCHED_AFTER
         if first > 0:
-            self.x[1, first, TIME] = -min(required, self._longest(first, self.launch))
+            self.x[1, first, TIME] = -min(watched_s, self._longest(first, self.launch))
         if last < self.index.stages.stages:
-            self.x[0, last, TIME] = min(required, self._longest(self.launch, last))
+            self.x[0, last, TIME] = min(watched_s, self._longest(self.launch, last))
 
     def _longest(self, first: int, last: int) -> float:
         """Returns how long stages may be asked to last in sum [s]: nine tenths of what their steps may last."""

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from planner.backends.casadi_nlp import layout
-from planner.backends.casadi_nlp.bounds import Bounds
+from planner.backends.casadi_nlp.bounds import Bounds, watched_stages, watched_time
 from planner.backends.casadi_nlp.flight_rows import constrains_flight, flight_parameters
 from planner.backends.casadi_nlp.functions import evaluate
 from planner.backends.casadi_nlp.layout import LAZY_GROUPS, NZ, OUT_STAGES, QD, STEP, TIME, Q, StageLayout, Vector
@@ -114,6 +114,8 @@ class Instance:
         limits = grid_limits(problem.reachable, problem.dt)
         aim = aim_from(problem, candidate.q, candidate.qd)
         initial, steps = _variables_along(guess, stages, problem)
+        watched_s = watched_time(problem.planned_window_s, problem.dt)
+        stages = replace(stages, watched=watched_stages(steps[: stages.launch], stages.window, watched_s))
         return Instance(problem, seed, margins, stages, limits, aim, initial, steps)
 
     def from_guess(self, guess: InitialGuess, landing_offsets: Vector | float) -> Instance:
@@ -231,7 +233,7 @@ class Instance:
         if not problem.ends_at_rest and self.limits.singularity_distance_min > 0.0:  # 0 does not limit: sides are free
             distance = margins.singularity * self.limits.singularity_distance_min
             bounds.avoid_singularities(self._singularity_sides(), distance)
-            bounds.watch_long_enough(problem.planned_window_s, problem.dt)
+            bounds.watch_long_enough(watched_time(problem.planned_window_s, problem.dt))
         bounds.set_release(problem, self.candidate, self.release_offsets)
         if problem.is_robust:
             window_s = problem.release_window_s

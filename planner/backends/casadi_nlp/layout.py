@@ -223,9 +223,7 @@ class FlightEdge:
 
 NO_EDGE = FlightEdge.at_time(0.0, (0.0, 0.0, 0.0), -1.0)  # holds with 1 m to spare
 
-# Stages before and after the release (or its window) on which singularities are avoided.
-WATCHED_BEFORE = 3
-WATCHED_AFTER = 2
+WATCHED_AFTER = 2  # stages after the release (or its window) on which singularities are avoided
 LEAVING_STAGES = 1  # stages after the release (or its window), 20 to 40 ms, in which the object leaves the open grip
 OUT_STAGES = 2  # the same where its way out is followed, until it is out
 OF_THE_OBJECT = ("thrown", "carried")  # blocks whose rows are the object's next state
@@ -244,6 +242,7 @@ class StageLayout:
         groups: those of `LAZY_GROUPS` that are included.
         boxes: slots for keep-out boxes, one of `layout.BOX_SLOTS`; 0 without group "keep_out".
         aims: whether the release is free, so that the object's path is part of the solution.
+        watched: stages before the release (or its window) on which singularities are avoided.
     """
 
     launch: int = 8
@@ -252,6 +251,7 @@ class StageLayout:
     groups: tuple[str, ...] = ()
     boxes: int = 0
     aims: bool = False
+    watched: int = 3
 
     @property
     def stages(self) -> int:
@@ -284,7 +284,7 @@ class StageLayout:
     def knots(self, block: str) -> range:
         """Returns the stages on which a block applies."""
         released = self.launch + self.window
-        first_watched = max(self.launch - self.window - WATCHED_BEFORE, 0)
+        first_watched = max(self.launch - self.window - self.watched, 0)
         last_watched = min(released + WATCHED_AFTER, self.stages)
         special = {
             "motion": range(self.stages),

@@ -9,7 +9,7 @@ import pytest
 
 from planner.backends import casadi_nlp, ruckig_otg
 from planner.backends.casadi_nlp import SolveOptions, answer, release_rows
-from planner.backends.casadi_nlp.bounds import Bounds
+from planner.backends.casadi_nlp.bounds import Bounds, watched_stages, watched_time
 from planner.backends.casadi_nlp.instance import Instance
 from planner.backends.casadi_nlp.layout import TIME, StageLayout
 from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS
@@ -125,7 +125,7 @@ def test_a_narrower_window_is_held_between_the_knots_too() -> None:
 
 
 @pytest.mark.parametrize(("brake", "window", "last"), [(0, 0, 8), (3, 0, 10), (4, 0, 10), (7, 4, 18)])
-def test_singularities_are_avoided_on_three_stages_before_the_release_and_two_after_it(brake, window, last) -> None:
+def test_singularities_are_avoided_on_watched_stages_before_the_release_and_two_after_it(brake, window, last) -> None:
     stages = StageLayout(8 + window, brake, window)
     assert stages.knots("singularity") == range(5, last + 1)
     assert stages.knots("singularity_middle") == range(5, last)
@@ -137,7 +137,7 @@ def watched(step: float, window: int = 0, window_s: float = 0.0, dt: float = 0.0
     bounds = Bounds(transcription(stages).row_index, np.ones(6))
     bounds.x[:, :, TIME] = np.array([-np.inf, np.inf])[:, None]
     bounds.limit_steps(np.full(stages.stages, step))
-    bounds.watch_long_enough(window_s, dt)
+    bounds.watch_long_enough(watched_time(window_s, dt))
     first = stages.knots("singularity")[0]
     last = stages.knots("singularity")[-1]
     others = np.delete(np.arange(stages.stages + 1), [first, last])
@@ -152,6 +152,19 @@ def test_watched_stages_last_as_long_as_the_certificate_watches() -> None:
 
 def test_watched_stages_are_asked_for_no_more_than_their_steps_may_last() -> None:
     assert watched(0.004) == pytest.approx((-0.9 * 3 * 2.5 * 0.004, 0.9 * 2 * 2.5 * 0.004))
+
+
+def test_stages_are_watched_that_may_still_last_long_enough_in_half_the_time() -> None:
+    assert watched_stages(np.full(8, 0.2), 0, 0.052) == 1
+    assert watched_stages(np.full(8, 0.05), 0, 0.052) == 3
+    assert watched_stages(np.full(8, 0.01), 0, 0.052) == 8
+    assert watched_stages(np.append(np.full(8, 0.03), np.full(3, 0.005)), 3, 0.052) == 3
+
+
+def test_a_launch_that_takes_a_few_ticks_is_not_made_to_last_as_long_as_the_certificate_watches() -> None:
+    start = np.array([1.24184377, -1.22160533, 0.51115356, -1.43046851, -0.0950304, 0.81394004])
+    target = TargetRelease(np.array([0.22611021, -0.42341698, 0.0]))
+    assert plan(problem("ur3e-sim", 0.0, start=start, release=target)).trajectory.release_time_s <= 0.02
 
 
 def test_a_release_window_is_part_of_what_is_watched() -> None:

@@ -1,6 +1,7 @@
 """The search: bounds exclude, counts end it and clocks do not, and every back end is asked as it was requested."""
 
 import itertools
+import math
 import time
 from dataclasses import replace
 
@@ -17,9 +18,10 @@ from planner.planning import plan
 from planner.problem import JointRelease, TargetRelease, ThrowProblem
 from planner.request import problem_from_request
 from planner.search import PlanningSearch, search_candidates
+from planner.search.optimise import optimise
 from planner.search.search import CANDIDATES, MOTIONS
 from planner.seeds import aspects, candidates, first_rows, least_times_to_aspects
-from tests.planner.problems import cell, ideal_cell, joint_problem, pose_problem, steady_cell
+from tests.planner.problems import cell, ideal_cell, joint_problem, pose_problem, steady_cell, with_boxes
 
 
 def target_problem(**changes):
@@ -124,18 +126,28 @@ def test_nothing_is_optimised_after_a_motion_that_reaches_the_lower_bound(solves
     assert solves == []
 
 
-def test_candidates_are_tried_by_the_bound_of_their_aspect_and_none_that_is_excluded(solves):
+def test_the_soonest_candidate_of_every_aspect_is_tried_first_and_none_that_is_excluded(solves):
     """From other aspects the arm releases later than from its own here: their bounds exclude them."""
     problem = target_problem()
     search = searched(problem)
-    tried = list(dict.fromkeys(id(seed.candidate) for seed, _ in solves))
-    by_id = {id(seed.candidate): seed.candidate for seed, _ in solves}
-    q = np.array([by_id[each].q for each in tried])
-    of = aspects(problem.cell.robot, q)
-    bounds = least_times_to_aspects(problem)[of]
-    assert np.all(np.diff(bounds[first_rows(of)]) >= 0.0)
-    assert bounds.max() < search.release_time_s
+    tried = list({id(seed.candidate): seed.candidate for seed, _ in solves}.values())
+    of = aspects(problem.cell.robot, np.array([each.q for each in tried]))
+    first = [tried[row].bound_s for row in first_rows(of)]
+    assert first == sorted(first)
+    assert least_times_to_aspects(problem)[of].max() < search.release_time_s
     assert len(tried) <= CANDIDATES
+
+
+@pytest.mark.parametrize("keep_out", [False, True])
+def test_an_aspect_is_left_once_a_candidate_of_it_led_to_a_motion(solves, keep_out):
+    here = cell()
+    if keep_out:
+        here = with_boxes(here, ([0.8, 0.1, -0.1], [0.9, 0.3, 0.1]))
+    problem = replace(target_problem(), cell=here)
+    searched(problem)
+    tried = {id(seed.candidate): seed.candidate for seed, _ in solves}.values()
+    of = aspects(here.robot, np.array([each.q for each in tried]))
+    assert len(np.unique(of)) == len(of)
 
 
 def test_no_answer_releases_before_the_bound_of_its_aspect():
@@ -155,13 +167,39 @@ def test_casadi_requested_by_name_uses_the_optimiser_alone():
 
 def test_ruckig_answers_where_the_optimiser_gives_nothing(monkeypatch):
     def fails(*_):
-        raise casadi_nlp.SeedFailed("made to fail", 1, False)
+        raise casadi_nlp.SeedFailed("made to fail", 1, False, frozenset())
 
     monkeypatch.setattr(casadi_nlp, "solve", fails)
     answer = plan(target_problem())
     assert answer.backend == "ruckig"
     assert answer.certificate.valid
     assert "made to fail" in {attempt.result.split(": ")[-1] for attempt in answer.attempts}
+
+
+def test_the_second_guess_has_the_rows_from_the_beginning_that_the_first_one_came_to_need(monkeypatch):
+    given = []
+
+    def fails(problem, seed, options):
+        given.append(options.groups)
+        raise casadi_nlp.SeedFailed("made to fail", 1, False, options.groups | {"effort", "standing"})
+
+    monkeypatch.setattr(casadi_nlp, "solve", fails)
+    problem = target_problem()
+    optimise(PlanningSearch(problem, math.inf), candidates(problem)[0])
+    assert given == [frozenset(), {"effort", "standing"}]
+
+
+def test_a_throw_to_a_place_beside_the_foot_is_found_by_the_optimiser():
+    """A first solution without the rows of foot and base flies through them; from there none with them is found."""
+    problem = joint_problem(
+        "ur5-sim",
+        start=np.array([-1.142766225, -0.862043666, 1.010899005, -0.375453395, -0.236162646, -1.170259227]),
+        release=TargetRelease(np.array([-0.029392673, -0.071290177, 0.0])),
+        time_limit_s=60.0,
+    )
+    answer = plan(problem)
+    assert answer.backend == "casadi"
+    assert answer.trajectory.release_time_s < 0.6
 
 
 def test_a_given_state_whose_soonest_arrival_is_not_certified_is_reached_with_less_jerk_or_optimised():

@@ -13,7 +13,7 @@ from tests.simulator.conftest import Peer
 START_CYCLES = 40
 
 
-class Interpreted:
+class InterpreterClient:
     """A client of a program in interpreter mode."""
 
     def __init__(self, simulation: Simulation) -> None:
@@ -37,8 +37,8 @@ class Interpreted:
 
 
 @pytest.fixture
-def interpreted(simulation: Simulation) -> Iterator[Interpreted]:
-    found = Interpreted(simulation)
+def interpreted(simulation: Simulation) -> Iterator[InterpreterClient]:
+    found = InterpreterClient(simulation)
     found.enter()
     yield found
     found.controller.runner.stop("the test is over")
@@ -48,7 +48,7 @@ def interpreted(simulation: Simulation) -> Iterator[Interpreted]:
         simulation.tick()
 
 
-def test_statements_are_run_in_order_and_keep_their_variables(interpreted: Interpreted):
+def test_statements_are_run_in_order_and_keep_their_variables(interpreted: InterpreterClient):
     first = interpreted.number("x = 1")
     assert interpreted.ask("x = x + 4 y = [x, 2]") == f"ack: {first + 1}: x = x + 4 y = [x, 2]"
     interpreted.ask("def doubled(a, by=2): b = a * by return b end")
@@ -61,12 +61,12 @@ def test_statements_are_run_in_order_and_keep_their_variables(interpreted: Inter
 
 
 @pytest.mark.parametrize("wrong", ["nothing_like_it()", "x = = 1", "y = never + 1"])
-def test_what_does_not_compile_is_discarded(interpreted: Interpreted, wrong: str):
+def test_what_does_not_compile_is_discarded(interpreted: InterpreterClient, wrong: str):
     assert interpreted.ask(wrong).startswith("discard: Compile error: ")
     assert interpreted.ask("z = 1").startswith("ack: ")
 
 
-def test_a_motion_goes_on_while_statements_wait_and_can_be_aborted(interpreted: Interpreted):
+def test_a_motion_goes_on_while_statements_wait_and_can_be_aborted(interpreted: InterpreterClient):
     interpreted.ask("movej([1, -1.57, 1.57, -1.57, -1.57, 0])", 100)
     assert interpreted.controller.arm.qd[0] > 0.1
     interpreted.ask("write_output_integer_register(33, 7)")
@@ -77,34 +77,34 @@ def test_a_motion_goes_on_while_statements_wait_and_can_be_aborted(interpreted: 
     assert interpreted.told[3] == 8
 
 
-def test_waiting_statements_are_skipped(interpreted: Interpreted):
+def test_waiting_statements_are_skipped(interpreted: InterpreterClient):
     interpreted.ask("sleep(0.1)")
     interpreted.ask("write_output_integer_register(33, 9)")
     assert interpreted.ask("skipbuffer", 100).startswith("state: ")
     assert interpreted.told[3] != 9
 
 
-def test_a_full_queue_discards(interpreted: Interpreted):
+def test_a_full_queue_discards(interpreted: InterpreterClient):
     interpreted.ask("sleep(100)")
     answers = interpreted.client.send(b"x = 1\n" * 501, 1).decode().splitlines()
     assert [answer.partition(":")[0] for answer in answers] == ["ack"] * 500 + ["discard"]
     assert answers[-1] == "discard: Too many interpreted messages: x = 1"
 
 
-def test_the_mode_ends_and_the_program_goes_on(interpreted: Interpreted):
+def test_the_mode_ends_and_the_program_goes_on(interpreted: InterpreterClient):
     number = interpreted.number("end_interpreter()")
     assert interpreted.controller.runner.runtime == STOPPED  # the program was this one line
     assert interpreted.ask("statelastcleared") == f"state: {number}: statelastcleared"
     assert interpreted.ask("x = 1") == "discard: Program is in an invalid state: x = 1"
 
 
-def test_a_statement_that_fails_ends_the_program(interpreted: Interpreted):
+def test_a_statement_that_fails_ends_the_program(interpreted: InterpreterClient):
     assert interpreted.ask("x = 1 / 0").startswith("ack")
     assert interpreted.controller.runner.runtime == STOPPED
     assert interpreted.ask("x = 1").startswith("discard: Program is in an invalid state")
 
 
-def test_statements_leave_nothing_behind(interpreted: Interpreted):
+def test_statements_leave_nothing_behind(interpreted: InterpreterClient):
     for _ in range(50):
         interpreted.ask("x = [1, 2, 3] x[0] = 4 write_output_integer_register(30, x[0])")
     program = interpreted.controller.runner.program

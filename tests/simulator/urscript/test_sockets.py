@@ -17,7 +17,7 @@ CYCLES = 3000  # longer than any script here
 DT = 0.002
 
 
-class Server:
+class ListeningServer:
     """A server, and the connection to it that a script opened."""
 
     def __init__(self) -> None:
@@ -44,7 +44,7 @@ class Server:
 class Scripted(Driven):
     """A controller that runs a script beside a server, which it serves in every cycle."""
 
-    def __init__(self, server: Server) -> None:
+    def __init__(self, server: ListeningServer) -> None:
         super().__init__(make_cell())
         self.server = server
 
@@ -70,20 +70,20 @@ class Scripted(Driven):
 
 
 @pytest.fixture
-def server() -> Iterator[Server]:
-    server = Server()
+def server() -> Iterator[ListeningServer]:
+    server = ListeningServer()
     yield server
     server.close()
 
 
 @pytest.fixture
-def controller(server: Server) -> Iterator[Scripted]:
+def controller(server: ListeningServer) -> Iterator[Scripted]:
     scripted = Scripted(server)
     yield scripted
     scripted.controller.runner.stop("the test is over")
 
 
-def test_everything_that_is_sent_arrives_in_its_form(controller: Scripted, server: Server):
+def test_everything_that_is_sent_arrives_in_its_form(controller: Scripted, server: ListeningServer):
     controller.run(
         """sent = socket_send_int(-2) and socket_send_byte(300)
 socket_send_string("abc")
@@ -157,7 +157,9 @@ write_output_float_register(0, get_target_joint_speeds()[0])"""
     assert taken == pytest.approx(0.2, abs=0.02)
 
 
-def test_a_reader_learns_of_the_other_sides_end_and_its_loop_holds_up_nobody(controller: Scripted, server: Server):
+def test_a_reader_learns_of_the_other_sides_end_and_its_loop_holds_up_nobody(
+    controller: Scripted, server: ListeningServer
+):
     controller.run("while True:\n  socket_read_binary_integer(1, timeout=0)\nend", cycles=50)
     assert server.connection is not None
     server.connection.close()
@@ -168,7 +170,7 @@ def test_a_reader_learns_of_the_other_sides_end_and_its_loop_holds_up_nobody(con
     assert controller.controller.runner.playing
 
 
-def test_nobody_listens(controller: Scripted, server: Server):
+def test_nobody_listens(controller: Scripted, server: ListeningServer):
     server.listener.close()
     controller.run("write_output_boolean_register(0, not opened and not socket_send_int(1))")
     assert controller.controller.registers.bit_out[0]
@@ -189,7 +191,7 @@ def test_what_cannot_be_ends_the_program(controller: Scripted, wrong: str):
 
 
 @pytest.mark.parametrize("end", ["its end", "a stop", "another program", "socket_close"])
-def test_a_socket_ends_with_its_program(controller: Scripted, server: Server, end: str):
+def test_a_socket_ends_with_its_program(controller: Scripted, server: ListeningServer, end: str):
     body = {"its end": "sleep(0.02)", "socket_close": "socket_close()\nsleep(10)"}.get(end, "sleep(10)")
     controller.run(body, cycles=40)
     if end == "a stop":
