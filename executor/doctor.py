@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from executor import realtime
-from executor.preflight import KINEMATICS_M, difference_from, kinematics_refusals, serial_refusals, told_model
+from executor.preflight import KINEMATICS_M, difference_from, kinematics_refusals, serial_refusals, told_models
 from executor.robot import DashboardClient, KinematicsInfo, read_kinematics, receive_timestamps
 from learning import cell_in_use, pooled_document, timing_runs
 from planner.cell import Cell
@@ -228,7 +228,7 @@ def grade_kinematics(cell: Cell, info: KinematicsInfo | None) -> DoctorFinding:
     name = "kinematics"
     advice = "fling cell kinematics --from-robot reads the controller's own"
     if reasons := kinematics_refusals(cell, info):
-        wrong = info is not None and told_model(info) != cell.robot.name
+        wrong = info is not None and cell.robot.name not in told_models(cell, info)
         return DoctorFinding(name, "bad", reasons[0], "check `robot` and `host` in the cell file" if wrong else advice)
     if cell.calibration is not None:
         return DoctorFinding(name, "ok", f"{cell.calibration.name} belongs to this arm")

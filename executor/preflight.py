@@ -22,7 +22,7 @@ from planner.certificate import Examination
 from planner.errors import PlannerError
 from planner.kinematics import ChainDifference, chain_difference
 from planner.problem import ThrowProblem
-from planner.robots import ROBOT_NAMES, robot
+from planner.robots import ROBOT_NAMES, Robot, robot
 from planner.rotations import matrix_to_rotation_vector, rotation_vector_to_matrix
 from planner.trajectory import Trajectory
 from store import PlanRow, ProfileRow
@@ -45,6 +45,7 @@ PAYLOAD_KG = 0.05  # [kg] accepted difference of the controller's payload from t
 TCP_M = 1e-3
 TCP_RAD = 5e-3  # [m, rad] accepted difference of its tool centre point: a millimetre at the object
 KINEMATICS_M = 1e-4  # [m] accepted difference of the controller's arm from the cell's, at its worst posture
+SAME_CHAIN_M = 1e-9  # [m] rounding: two models this much alike are one to their controllers, as UR5e and UR7e
 TABLES_KEPT = 8  # arms whose model is remembered: a heartbeat asks four times a second
 SPEED = 1e-3  # [-] accepted difference of the speed slider from 1: rounding only
 NO_HASH = "the plan was stored by an earlier version of Fling, without a hash of its content: plan again"
@@ -197,9 +198,9 @@ def kinematics_refusals(cell: Cell, info: KinematicsInfo | None) -> list[str]:
             f"kinematics: the controller at {cell.link.host} does not report its arm, which may be no {name} at all "
             "(primary interface, port 30001)"
         ]
-    model = told_model(info)
-    if model != name:
-        told = "an arm of another model, which Fling does not know" if model is None else f"a {model}"
+    models = told_models(cell, info)
+    if name not in models:
+        told = f"a {' or '.join(models)}" if models else "an arm of another model, which Fling does not know"
         return [f"wrong robot: the controller moves {told} ({info.table.hash}), the cell's arm is a {name}"]
     if cell.calibration is None:
         return []
@@ -224,20 +225,25 @@ def kinematics_warnings(cell: Cell, info: KinematicsInfo | None) -> list[str]:
     return [f"kinematic_calibration: none in the cell file; this arm is off by {apart.words()}; {advice}"]
 
 
-def told_model(info: KinematicsInfo) -> str | None:
-    """Returns the model of the arm that a controller tells, the closest one; None where it is that of no model."""
-    return _closest_model(info.table)
+def told_models(cell: Cell, info: KinematicsInfo) -> tuple[str, ...]:
+    """Returns the models of which a controller's arm can be: the closest one, and those with the same kinematics.
+
+    Args:
+        cell: whose own arm counts too, also where it is completed by the cell file.
+        info: what the controller tells of its arm.
+    """
+    return _closest_models(info.table, cell.robot.published)
 
 
 @lru_cache(maxsize=TABLES_KEPT)
-def _closest_model(table: DhTable) -> str | None:
+def _closest_models(table: DhTable, own: Robot) -> tuple[str, ...]:
     transforms = transforms_of_table(table)
-    found = []
-    for name in ROBOT_NAMES:
-        model = robot(name)
+    apart_m = {}
+    for model in {**{name: robot(name) for name in ROBOT_NAMES}, own.name: own}.values():
         with suppress(ImplausibleChain):
-            found.append((chain_difference(calibrated(model, transforms), model).largest_m, name))
-    return min(found)[1] if found else None
+            apart_m[model.name] = chain_difference(calibrated(model, transforms), model).largest_m
+    nearest_m = min(apart_m.values(), default=0.0)
+    return tuple(name for name, m in apart_m.items() if m <= nearest_m + SAME_CHAIN_M)
 
 
 def difference_from(cell: Cell, info: KinematicsInfo) -> ChainDifference | None:

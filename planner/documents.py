@@ -1,6 +1,7 @@
 """Documents that other people wrote, as files or as bodies of requests: kind, size, depth and time of reading bounded.
 
-What is refused is refused in one sentence: `FileRefused` for a file, `InvalidProblem` for JSON, `NotToml` for TOML.
+What is refused is refused in one sentence: `FileRefused` for a file, `InvalidProblem` for JSON, `NotToml` for TOML,
+`NotXml` for XML.
 """
 
 from __future__ import annotations
@@ -11,10 +12,12 @@ import re
 import stat
 import sys
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import Element, TreeBuilder
+from xml.parsers import expat
 
 from planner.errors import ERRORS_MAX, FieldError, FileRefused, InvalidProblem
 from planner.fields import short_name
@@ -38,6 +41,10 @@ LONG_KEY = re.compile(f"(?<![A-Za-z0-9_-])(?:{KEY_PART}){{{DEPTH_MAX}}}")
 
 class NotToml(ValueError):
     """A text is no TOML, or nests too deep; the message is the end of a sentence."""
+
+
+class NotXml(ValueError):
+    """A text is no XML, nests too deep or has entities of its own; the message is the end of a sentence."""
 
 
 def read_file(path: Path | str, most_bytes: int) -> bytes:
@@ -120,6 +127,43 @@ def parse_toml(text: bytes) -> dict[str, Any]:
     if is_deeper(document, DEPTH_MAX):
         raise NotToml(too_deep)
     return document
+
+
+def parse_xml(text: bytes) -> Element:
+    """Returns the root of an XML document without entities of its own, which could stand for gigabytes, or for files.
+
+    Raises:
+        NotXml: it is none, declares a document type, or nests deeper than `DEPTH_MAX`.
+    """
+    builder = TreeBuilder()
+    depth = 0
+
+    def start(name: str, attributes: Mapping[str, str]) -> None:
+        nonlocal depth
+        depth += 1
+        if depth > DEPTH_MAX:
+            raise NotXml(f"nests deeper than {DEPTH_MAX} levels")
+        builder.start(name, dict(attributes))
+
+    def end(name: str) -> None:
+        nonlocal depth
+        depth -= 1
+        builder.end(name)
+
+    def refuse(*_: object) -> None:
+        raise NotXml("declares a document type: entities are not read")
+
+    parser = expat.ParserCreate()
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
+    parser.StartDoctypeDeclHandler = refuse
+    try:
+        parser.Parse(text, True)
+    except expat.ExpatError as error:
+        raise NotXml(f"is not XML: {error}") from error
+    except ValueError as error:  # also of an encoding that Python does not know
+        raise error if isinstance(error, NotXml) else NotXml(f"is not XML: {error}") from error
+    return builder.close()
 
 
 def is_deeper(document: Any, levels: int) -> bool:

@@ -4,6 +4,7 @@
 
     PlannerError
     ├── UnknownRobot         there is no arm of this name
+    ├── IncompleteRobot      numbers of an arm are not published, and were not given
     ├── CellError            a cell file is refused: field, value, reason
     ├── FileRefused          another file that a person handed over is refused: its path, and the reason
     ├── InvalidProblem       a request is refused: the first wrong fields, each with its reason
@@ -59,6 +60,21 @@ class UnknownRobot(PlannerError):
         super().__init__(f"unknown robot {name!r}; known are {', '.join(known)}")
         self.name = name
         self.known = tuple(known)
+
+
+class IncompleteRobot(PlannerError):
+    """Of an arm not everything is published that planning needs.
+
+    Attributes:
+        name: of the arm.
+        missing: the keys of a cell file's `[arm_data]` that can give it.
+    """
+
+    def __init__(self, name: str, missing: Sequence[str]) -> None:
+        self.reason = f"not published: {', '.join(missing)}; [arm_data] of a cell file takes them, with their source"
+        super().__init__(f"{name}: {self.reason}")
+        self.name = name
+        self.missing = tuple(missing)
 
 
 class CellError(PlannerError):

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from api.cli import COMMANDS
+from planner.robots import INCOMPLETE_NAMES, ROBOT_NAMES, missing_numbers, published_number, robot
 
 ROOT = Path(__file__).parent.parent
 PACKAGES = ("fling", "planner", "api", "store", "learning", "jobs", "executor", "simulator", "benchmarks")
@@ -94,3 +95,22 @@ def test_the_version_has_its_changelog_section_and_upgrade_notes():
     minor = [".".join(section.split(".")[:2]) for section in sections]
     notes = re.findall(r"^## From (\S+) to (\S+)$", (ROOT / "docs" / "how-to" / "upgrade.md").read_text(), re.M)
     assert notes == [(before, after) for after, before in pairwise(dict.fromkeys(minor))]
+
+
+def test_the_table_of_arms_is_what_the_data_say():
+    text = (ROOT / "docs" / "cells.md").read_text()
+    table = text.partition("## Arms\n")[2].partition("\n## ")[0]
+    rows = {}
+    for line in table.splitlines():
+        if line.startswith("| `"):
+            names, *cells = (cell.strip() for cell in line.strip("|").split("|"))
+            rows |= {name.strip("`"): cells for name in names.split()}
+    assert sorted(rows) == sorted((*ROBOT_NAMES, *INCOMPLETE_NAMES))
+    for name, (kinematics, limits, masses, payload, capsules) in rows.items():
+        missing = missing_numbers(name)
+        for cell, key in ((kinematics, "dh_a_m"), (limits, "joint_velocity_deg_s"), (masses, "link_mass_kg")):
+            assert (cell == "**missing**") == (key in missing), (name, key)
+        assert (payload == "missing") == (published_number(name, "payload_kg") is None), name
+        if name in ROBOT_NAMES:
+            assert (capsules == "estimate") == robot(name).shape.is_estimate, name
+            assert (capsules == "measured") == (robot(name).shape.of == name), name

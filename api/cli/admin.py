@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from api.cli.cell_urdf import from_urdf
 from api.cli.cell_versions import diff, history, restore
 from api.cli.support.cell_warnings import warnings_of
 from api.cli.support.errors import FlingGroup
@@ -31,7 +32,7 @@ def cell() -> None:
     """Check cell files, and import what belongs to them."""
 
 
-for command in (history, diff, restore):
+for command in (history, diff, restore, from_urdf):
     cell.add_command(command)
 
 

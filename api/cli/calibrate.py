@@ -121,9 +121,9 @@ def _soonest_plans(client: ServiceClient, cell: dict[str, Any], count: int) -> I
     """Yields `count` plans of soonest throws to targets on the floor around the base; refused targets are left out."""
     import numpy as np
 
-    from planner.robots import robot
+    from planner.cell import completed_arm
 
-    reach = float(np.abs(robot(cell["robot"]).a[1:3]).sum())
+    reach = float(np.abs(completed_arm(cell).a[1:3]).sum())
     found = 0
     base = cell["base_in_world"]["position_m"]
     floor = cell["surroundings"]["floor_z_m"]

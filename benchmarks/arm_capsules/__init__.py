@@ -7,6 +7,6 @@ FOLDER is a copy of ur_description, with `config/` and `meshes/` (the ROS 2 pack
 part of the project: what is written are lengths measured on them.
 """
 
-from benchmarks.arm_capsules.extents import Extent, measured
+from benchmarks.arm_capsules.extents import Extent, measured, measured_arms
 
-__all__ = ["Extent", "measured"]
+__all__ = ["Extent", "measured", "measured_arms"]

@@ -17,7 +17,7 @@ from benchmarks.arm_capsules.shrinking import ROUNDED_M, SPACING_M, FittedCapsul
 from benchmarks.markdown import markdown_table
 from planner.geometry import arm_capsules, capsule_endpoints
 from planner.kinematics import link_poses
-from planner.robots import ROBOT_NAMES, Robot, robot
+from planner.robots import Robot, robot
 
 Vector = NDArray[np.float64]
 
@@ -36,7 +36,7 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("folder", type=Path, help="of ur_description, with config/ and meshes/")
     parser.add_argument("--write", action="store_true", help="make the capsules and the extents anew")
     given = parser.parse_args(argv)
-    surfaces = {name: arm_surface(robot(name), given.folder) for name in ROBOT_NAMES}
+    surfaces = {name: arm_surface(robot(name), given.folder) for name in extents.measured_arms()}
     if given.write:
         write(surfaces)
         arm_capsules.cache_clear()

@@ -22,7 +22,7 @@ from scipy.spatial import HalfspaceIntersection
 from benchmarks.arm_capsules.meshes import LINKS
 from benchmarks.arm_capsules.shrinking import SPACING_M, FittedCapsule, parts, split
 from planner.kinematics import link_poses
-from planner.robots import Robot
+from planner.robots import ROBOT_NAMES, Robot, robot
 
 Vector = NDArray[np.float64]
 
@@ -98,6 +98,14 @@ def write(found: Mapping[str, Sequence[Extent]], source: str) -> None:
 def _document(part: Extent) -> dict[str, Any]:
     lengths = np.rint(part.lengths / UNIT_M).astype(int).tolist()
     return {"frame": part.frame, "axis": part.axis, "lengths": lengths}
+
+
+def measured_arms() -> list[str]:
+    """Returns the names of the arms that have capsules of their own, measured on their meshes.
+
+    The others have those of an arm with the same meshes, or an estimate: see `shape` of `Robot`.
+    """
+    return [name for name in ROBOT_NAMES if robot(name).shape.of == name]
 
 
 @cache

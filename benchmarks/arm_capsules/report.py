@@ -11,7 +11,7 @@ from typing import NamedTuple
 import click
 import numpy as np
 
-from benchmarks.arm_capsules.extents import directions, measured
+from benchmarks.arm_capsules.extents import directions, measured, measured_arms
 from benchmarks.arm_capsules.truth import flight_gaps, tool_gaps
 from benchmarks.markdown import markdown_table
 from planner.cell import Cell, parse_cell
@@ -19,7 +19,7 @@ from planner.errors import PlannerError
 from planner.geometry import arm_capsules, point_segment_distance
 from planner.planning import plan
 from planner.problem import TargetRelease, ThrowProblem
-from planner.robots import ROBOT_NAMES, robot
+from planner.robots import robot
 
 OUT = Path(__file__).parents[2] / "docs" / "benchmarks" / "arm-capsules.md"
 CELL = """
@@ -114,7 +114,7 @@ def _least(problem: ThrowProblem, cell: Cell) -> tuple[float, float, float]:
 def main(count: int, seed: int, out: Path) -> None:
     """Writes the page."""
     columns = ["arm", "outside [mm]", "median [mm]", "largest [mm]"]
-    lines = [HEAD, *markdown_table(columns, [containment(name) for name in ROBOT_NAMES])]
+    lines = [HEAD, *markdown_table(columns, [containment(name) for name in measured_arms()])]
     if count > 0:
         lines += [THROWS.format(nearest=NEAREST, farthest=FARTHEST, window=1e3 * WINDOW_S), *_thrown(count, seed)]
     out.write_text("\n".join([*lines, ""]), encoding="utf-8")
@@ -123,7 +123,7 @@ def main(count: int, seed: int, out: Path) -> None:
 def _thrown(count: int, seed: int) -> list[str]:
     """Returns the table of `count` throws of every arm."""
     rows = []
-    for name in ROBOT_NAMES:
+    for name in measured_arms():
         found = throws(name, count, seed)
         least = [f"{1e3 * value:.1f}" for value in found[2:]]
         rows.append([name, str(found.asked), str(found.certified), *least])

@@ -42,7 +42,7 @@ class DhTable:
         """The name that UR's drivers give to this calibration.
 
         Source: `KinematicsInfo::toHash` of UR's client library: GNU's hash of theta, d, a, alpha of each joint, printed
-        with six digits. The published hashes of all nine arms come out.
+        with six digits. The published hashes of all arms come out.
         """
         text = "".join(f"{x:g}" for theta, a, d, alpha in self.rows for x in (theta, d, a, alpha))
         return f"calib_{gnu_hash(text.encode())}"

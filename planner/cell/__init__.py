@@ -3,10 +3,11 @@
 All facts about a site are in its cell file; the arm's own data are in `planner.robots`.
 """
 
+from planner.cell.arm_data import completed_arm
 from planner.cell.changes import cell_of_keys
 from planner.cell.faults import cell_faults
 from planner.cell.fields import choice, merge_defaults, number, vector
-from planner.cell.file import cell_of, load_cell, parse_cell
+from planner.cell.file import DEFAULTS, cell_of, load_cell, parse_cell
 from planner.cell.model import (
     CONTACT_M,
     FARTHEST_M,
@@ -22,6 +23,7 @@ from planner.cell.source import CellSource, calibration_path, read_source
 
 __all__ = [
     "CONTACT_M",
+    "DEFAULTS",
     "FARTHEST_M",
     "STANDING_RAD",
     "Box",
@@ -36,6 +38,7 @@ __all__ = [
     "cell_of",
     "cell_of_keys",
     "choice",
+    "completed_arm",
     "load_cell",
     "merge_defaults",
     "number",

@@ -12,7 +12,11 @@ from planner.cell.source import CellSource
 from planner.errors import CellError
 
 FAULTS_MAX = 100  # a file with more of them is no cell file
-STAND_IN = {"robot": "ur5e", "link.kind": "sim"}  # of required keys, so that the others can be read
+STAND_IN = {
+    "robot": "ur5e",
+    "link.kind": "sim",
+    "arm_data.source": "a stand-in",
+}  # of required keys, so that the others can be read
 OF_ARM = ("limits.joint_", "home_rad", "sim.polyscope", "kinematics.")  # not judged without knowing the arm
 ENTRY = {  # of tools and boxes, which have no defaults
     "from_m": [0.0, 0.0, 0.0],
@@ -34,7 +38,10 @@ def cell_faults(source: CellSource) -> list[CellError]:
         key = _key(fault.field)
         if key in found:
             break
-        found[key] = fault
+        if key != "robot" or not any(other.startswith("arm_data.") for other in found):
+            found[key] = fault  # an arm does not lack what was given and refused
+        if key == "robot":
+            given.pop("arm_data", None)  # its stand-in is complete
         if key == "name":
             source = replace(source, name="cell")
         elif not _mend(given, key):

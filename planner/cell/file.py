@@ -17,6 +17,7 @@ import numpy as np
 
 from planner.arrays import Array, read_only
 from planner.calibration import CalibrationFile, parse_calibration
+from planner.cell.arm_data import ARM_DATA, completed_arm
 from planner.cell.fields import beyond_arm, choice, exactly, merge_defaults, number, per_joint, tables, vector
 from planner.cell.model import (
     FARTHEST_M,
@@ -35,8 +36,8 @@ from planner.cell.model import (
 )
 from planner.cell.source import CellSource, calibration_name, read_source
 from planner.documents import NotToml, parse_toml
-from planner.errors import CellError, UnknownRobot
-from planner.robots import ROBOT_NAMES, Robot, robot
+from planner.errors import CellError
+from planner.robots import Robot
 from planner.rotations import beyond_full_turn, pose, rotation_vector_to_matrix
 
 NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")  # a cell's name is part of URLs and file names
@@ -45,6 +46,7 @@ SERIAL_PATTERN = re.compile(r"[A-Za-z0-9]{1,64}")  # a robot's serial number, as
 # Values of the keys that a cell file leaves out; None: required, taken from the arm, or not limited.
 DEFAULTS: dict[str, Any] = {
     "robot": None,
+    "arm_data": ARM_DATA,
     "home_rad": [0.0, -1.57, 1.57, -1.57, -1.57, 0.0],
     "kinematics": {"calibration": None},
     "base_in_world": {"position_m": [0.0, 0.0, 0.0], "rotation_vector_rad": [0.0, 0.0, 0.0]},
@@ -216,11 +218,8 @@ def _cell(document: dict[str, Any], source: CellSource) -> Cell:
 
 
 def _robot(document: Mapping[str, Any], calibration: bytes | None) -> tuple[CalibrationFile | None, Robot]:
-    """Returns the calibration file and the arm with its chain; without a file, None and the published arm."""
-    try:
-        published = robot(str(document["robot"]))
-    except UnknownRobot as error:
-        raise CellError("robot", document["robot"], f"must be one of {', '.join(ROBOT_NAMES)}") from error
+    """Returns the calibration file and the arm with its chain; without a file, None and the arm as it is published."""
+    published = completed_arm(document)
     name = calibration_name(document)
     if name is None:
         return None, published

@@ -315,7 +315,7 @@ class Cell:
         if length <= CONTACT_M:
             return replace(self.tool, capsules=(), is_assumed=False)
         to_object = p_FT * max(0.0, 1.0 - self.object.radius_m / length)
-        wrist_radius_m = capsule_rows(self.robot.name)["wrist_3"]["radius_m"]
+        wrist_radius_m = capsule_rows(self.robot.shape.of)["wrist_3"]["radius_m"]
         assumed = ToolCapsule(read_only(np.zeros(3)), read_only(to_object), wrist_radius_m)
         return replace(self.tool, capsules=(assumed,), is_assumed=True)
 
@@ -324,7 +324,7 @@ class Cell:
         tool_kg = self.tool.mass_kg
         object_kg = self.object.mass_kg
         rated_kg = self.robot.published.payload_kg
-        if tool_kg + object_kg <= rated_kg * (1.0 + PAYLOAD_ROUNDING):
+        if rated_kg is None or tool_kg + object_kg <= rated_kg * (1.0 + PAYLOAD_ROUNDING):
             return
         field, value = ("tool.mass_kg", tool_kg) if tool_kg > object_kg else ("object.mass_kg", object_kg)
         weigh = f"tool and object weigh {tool_kg + object_kg:.6g} kg together"

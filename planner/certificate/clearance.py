@@ -129,6 +129,11 @@ def self_collision(motion: MotionSamples) -> Check | None:
     return _distance_check("self_collision", proof, SELF_CLEARANCE_M, ", ".join(names))
 
 
+def arm_shape(motion: MotionSamples) -> NotChecked | None:
+    """Says that the arm's capsules are an estimate; None where they were measured on its meshes."""
+    return NotChecked("arm_shape") if motion.problem.cell.robot.shape.is_estimate else None
+
+
 def tool_shape(motion: MotionSamples) -> NotChecked | None:
     """Says that the tool's shape is assumed; None where the cell gives it, or the tool has none."""
     return NotChecked("tool_shape") if motion.problem.cell.tool.is_assumed else None

@@ -6,7 +6,7 @@ import numpy as np
 
 from planner.arrays import Array, Index
 from planner.certificate.bounds import kinked_bound, prove_above
-from planner.certificate.certificate import Check, at_most
+from planner.certificate.certificate import Check, NotChecked, at_most
 from planner.certificate.samples import ArmSamples, MotionSamples
 
 
@@ -33,6 +33,11 @@ def joint_torque(motion: MotionSamples) -> Check:
     name = problem.cell.robot.joint_names[proof.item]
     value = (1.0 - proof.value) * bound
     return at_most("joint_torque", value, bound, "N m", proof.at_s, name).provided(proof.proven)
+
+
+def payload(motion: MotionSamples) -> NotChecked | None:
+    """Says that no rated payload of the arm is known; None where it is, and the cell keeps it."""
+    return NotChecked("payload") if motion.problem.cell.robot.payload_kg is None else None
 
 
 def torque_sizes(motion: MotionSamples, arm: ArmSamples) -> Array:

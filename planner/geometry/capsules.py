@@ -8,7 +8,7 @@ joints move. They contain the arm's meshes, from which a program makes them; pic
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -17,9 +17,11 @@ from numpy.typing import ArrayLike
 from planner.arrays import Array, read_only
 from planner.cell import ToolCapsule
 from planner.kinematics import link_poses
-from planner.robots import Robot, capsule_rows
+from planner.robots import Robot, ShapeSource, capsule_rows
+from planner.robots import robot as known_robot
 
 AXIS_TOLERANCE_M = 1e-9  # [m] rounding: a capsule this close to an axis is round about it
+TUBES = ("upper_arm", "forearm")
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,10 +55,66 @@ class Capsule:
 @cache
 def arm_capsules(robot: Robot) -> tuple[Capsule, ...]:
     """Returns the capsules of an arm, from the base outwards; in the frames of a calibrated arm they are the same."""
-    return tuple(
+    measured = tuple(
         Capsule(row["frame"], read_only(row["from_m"]), read_only(row["to_m"]), row["radius_m"], name)
-        for name, row in capsule_rows(robot.name).items()
+        for name, row in capsule_rows(robot.shape.of).items()
     )
+    return _at_lengths(measured, robot.published, robot.shape) if robot.shape.is_estimate else measured
+
+
+def _at_lengths(capsules: Sequence[Capsule], robot: Robot, shape: ShapeSource) -> tuple[Capsule, ...]:
+    """Returns the capsules of one arm as an estimate of those of another: as thick, at the other's lengths.
+
+    Each coordinate of an end moves with what it is nearest to: an axis, the end of a link, or a tube. Where a tube of
+    other length is thin nobody knows: it is as thick as its collars, up to the one at its start.
+
+    Args:
+        capsules: of the measured arm.
+        robot: the other arm.
+        shape: where its capsules are from.
+    """
+    assert shape.tubes_m is not None
+    z_of = {capsule.name: float(capsule.p0[2]) for capsule in capsules}
+    before = _landmarks(known_robot(shape.of), (z_of["upper_arm"], z_of["forearm"]))
+    after = _landmarks(robot, shape.tubes_m)
+    thick_m = {tube: max(c.radius_m for c in capsules if c.name.startswith(tube)) for tube in TUBES}
+    if shape.foot_radius_m is not None:
+        thick_m["foot"] = shape.foot_radius_m
+
+    def moved(frame: int, p: Array) -> Array:
+        return read_only([_moved(x, *marks) for x, *marks in zip(p, before[frame], after[frame], strict=True)])
+
+    until = {tube: next(c.p0 for c in capsules if c.name == f"{tube}_start") for tube in TUBES}
+    return tuple(
+        replace(
+            c,
+            p0=moved(c.frame, c.p0),
+            p1=moved(c.frame, until.get(c.name, c.p1)),
+            radius_m=thick_m.get(c.name, c.radius_m),
+        )
+        for c in capsules
+    )
+
+
+def _landmarks(robot: Robot, tubes_m: tuple[float, float]) -> list[tuple[list[float], ...]]:
+    """Returns, for each frame with capsules, places along its x, y and z that capsules end at or near [m]."""
+    upper, fore = tubes_m
+    upper_m, fore_m = (-robot.a[1:3]).tolist()
+    d1, _, _, d4, d5, d6 = robot.d.tolist()
+    none = [0.0]
+    return [
+        (none, none, [0.0, d1]),
+        (none, none, [0.0, upper]),
+        ([0.0, upper_m], none, [fore, upper]),
+        ([0.0, fore_m], none, [fore, d4]),
+        (none, none, [0.0, d5]),
+        (none, none, [0.0, d6]),
+    ]
+
+
+def _moved(x: float, before: Sequence[float], after: Sequence[float]) -> float:
+    nearest = int(np.argmin(np.abs(np.subtract(before, x))))
+    return float(x + after[nearest] - before[nearest])
 
 
 def body_capsules(robot: Robot, tool: Sequence[ToolCapsule]) -> tuple[Capsule, ...]:

@@ -31,7 +31,6 @@ TOOL_DEFAULTS = (0.25, 1.20)  # [m/s, m/s^2] source: URScript manual, movel
 EQ_RADIUS_M = 0.25  # chosen: the lever of a rotation; UR's own use
 MASTERBOARD_VERSION = 6
 CONTROLLER_BOX = 4  # chosen: what an e-Series control box reports
-ROBOT_TYPES = {"UR5": 1, "UR10": 2, "UR3": 3, "UR16": 4, "UR20": 7, "UR30": 8}  # source: UR client interfaces
 SUB_TYPES = {"CB3": 1, "e-Series": 3}  # chosen; 3 is what an e-Series arm reports
 
 Values = Mapping[str, Sequence[float]]
@@ -110,7 +109,7 @@ def _configuration(facts: RobotFacts) -> bytes:
     motion = np.ravel([robot.qd_max, robot.qdd_max], order="F")
     k = published_table(robot)
     defaults = (*JOINT_DEFAULTS, *TOOL_DEFAULTS, EQ_RADIUS_M)
-    model = (ROBOT_TYPES[robot.name.upper().rstrip("E")], SUB_TYPES[robot.generation])
+    model = (robot.type_code, SUB_TYPES[robot.generation])
     numbers = (*limits, *motion, *defaults, *k.a, *k.d, *k.alpha, *k.theta)
     return _package(6, "53d4i", *numbers, MASTERBOARD_VERSION, CONTROLLER_BOX, *model)
 

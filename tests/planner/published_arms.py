@@ -7,10 +7,11 @@ import numpy as np
 import pinocchio as pin
 import yaml
 
-ROBOTS = ("ur3", "ur5", "ur10", "ur3e", "ur5e", "ur10e", "ur16e", "ur20", "ur30")
 LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 PUBLISHED = Path(__file__).parent / "published"
+SAME = {"ur7e": "ur5e", "ur12e": "ur10e"}  # published as links to these, but for their payloads
+COMPLETE = {path.parent.name for path in PUBLISHED.glob("*/joint_limits.yaml")} | set(SAME)
 
 
 class Loader(yaml.SafeLoader):
@@ -22,7 +23,12 @@ Loader.add_constructor("!degrees", lambda loader, node: np.radians(float(node.va
 
 def published(name, document):
     """One published file: `default_kinematics`, `joint_limits` or `physical_parameters`."""
-    return yaml.load((PUBLISHED / name / f"{document}.yaml").read_text(), Loader)
+    return yaml.load(published_file(name, document).read_text(), Loader)
+
+
+def published_file(name, document):
+    """Where it is."""
+    return PUBLISHED / SAME.get(name, name) / f"{document}.yaml"
 
 
 def placement(origin, exact):

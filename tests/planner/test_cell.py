@@ -14,7 +14,7 @@ from planner.errors import CellError
 from planner.rotations import pose
 
 CELLS = Path(__file__).parents[2] / "cells"
-SHIPPED = ("ur5e-sim", "ur3e-sim", "ur10e-sim", "ur5-sim", "sdu-table", "example-real")
+SHIPPED = ("ur5e-sim", "ur3e-sim", "ur10e-sim", "ur5-sim", "ur15-sim", "sdu-table", "example-real")
 LEAST = 'robot = "ur5e"\n[link]\nkind = "sim"\n'
 
 

@@ -12,6 +12,7 @@ from planner.errors import (
     CellError,
     FieldError,
     FileRefused,
+    IncompleteRobot,
     Infeasible,
     InvalidProblem,
     PlannerError,
@@ -25,6 +26,7 @@ from planner.seeds import NoCandidates
 EXAMPLES = [
     PlannerError("something else"),
     UnknownRobot("kr16", ["ur3e", "ur5e"]),
+    IncompleteRobot("ur8long", ("joint_velocity_deg_s",)),
     CellError("limits.joint_velocity_rad_s", [4.0, 3.0], "is beyond the arm's own limit of 3.14159"),
     CellError("file", None, "is missing"),
     FileRefused("requests.json", "is a pipe, not a file"),

@@ -130,6 +130,19 @@ def test_an_arm_that_differs_from_its_model_has_kinematics_and_checksums_of_its_
     np.testing.assert_array_equal(nominal, [model.a, model.d, model.alpha, np.zeros(6)])
 
 
+# source: Universal Robots Client Library, `RobotType`
+TYPES = {"ur5": 1, "ur10": 2, "ur3": 3, "ur16e": 4, "ur18": 5, "ur20": 7, "ur30": 8, "ur15": 9, "ur7e": 1, "ur12e": 2}
+
+
+@pytest.mark.parametrize(("name", "code"), TYPES.items())
+def test_every_model_is_told_by_its_number(sim: Simulation, name: str, code: int):
+    model = robot(name)
+    table = controller_table(model)
+    facts = RobotFacts(model, table, told_checksums(model, table))
+    found = sub_packages(robot_state(sim.output_values.values, facts, e_series=model.generation != "CB3"))
+    assert struct.unpack_from(">i", found[6], len(found[6]) - 8) == (code,)
+
+
 def test_a_checksum_changes_with_every_parameter():
     table = controller_table(robot("ur5e"))
     other = replace(table, a=table.a + 1e-9 * np.eye(6)[0])

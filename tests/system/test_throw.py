@@ -92,6 +92,24 @@ def test_a_cb3_arm_at_125_hz_lands_as_well(tmp_path: Path) -> None:
     assert row.metrics["release_velocity_error_share"] < RELEASE_SHARE
 
 
+@pytest.mark.parametrize("name", ["ur15", "ur8long"])
+def test_a_newer_arm_and_one_that_the_cell_file_completes_land_as_well(tmp_path: Path, name: str) -> None:
+    completed = {
+        'robot = "ur15"': 'robot = "ur8long"',
+        "joint_velocity_rad_s = 3.0": "joint_velocity_rad_s = 2.09",
+        "[tool]\n": "[arm_data]\njoint_velocity_deg_s = [120, 120, 150, 180, 180, 180]\n"
+        'joint_torque_n_m = [433, 433, 204, 70, 70, 70]\nsource = "made up for this test"\n\n[tool]\n',
+    }
+    rig = Rig(tmp_path, "ur15-sim", completed if name == "ur8long" else {})
+    rig.start()
+    try:
+        row = rig.quiet_throw(LOB)
+    finally:
+        rig.stop()
+    assert row.outcome == "completed", row.reason
+    assert row.metrics["landing_error_m"] < LANDING_M
+
+
 def test_an_arm_that_lags_more_than_the_cell_says_completes_with_the_lag_to_set(tmp_path: Path) -> None:
     """6 ms more: the speed at the release is off, the arm on its path; nothing is latched, and the lag is measured."""
     rig = Rig(tmp_path, replace={'polyscope = "5.11.1"\nlag_s = 0.020': 'polyscope = "5.11.1"\nlag_s = 0.026'})

@@ -1,4 +1,4 @@
-"""A cell with each of the nine arms, for the tests of the page; `python -m tests.web.cell_models` writes them."""
+"""A cell with each published arm, for the tests of the page; `python -m tests.web.cell_models` writes them."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Numbers that the page's kinematics and flight are tested against; `python -m tests.web.model_numbers` writes them.
 
-Nine published arms and nine with a measured chain, at random postures; flights with and without drag; a random motion
+The published arms and as many with a measured chain, at random postures; flights with and without drag; a random motion
 between its samples. `web/tests/model.test.ts` compares.
 """
 

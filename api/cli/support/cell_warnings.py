@@ -13,7 +13,7 @@ LAG_S = 0.002  # [s] by which a simulated arm may be later than its cell says: a
 def warnings_of(cell: Cell) -> list[str]:
     """Returns warnings of a cell, in words."""
     found = [*_elsewhere(cell), *_far_boxes(cell), *_far_floor(cell), *_wrong_lag(cell)]
-    return [*found, *_assumed_shape(cell), *_no_clearance(cell)]
+    return [*found, *_unpublished(cell), *_assumed_shape(cell), *_no_clearance(cell)]
 
 
 def _elsewhere(cell: Cell) -> list[str]:
@@ -58,6 +58,19 @@ def _wrong_lag(cell: Cell) -> list[str]:
         measures = f"`fling calibrate lag --cell {cell.name}` measures it"
         return [f"timing.lag_s is 0 s: a real arm is late, by about 0.02 s, and its throws miss; {measures}"]
     return []
+
+
+def _unpublished(cell: Cell) -> list[str]:
+    """Returns warnings of what is not known of the cell's arm."""
+    name = cell.robot.name
+    found = []
+    if cell.robot.payload_kg is None:
+        known = "payload_kg in [arm_data] takes it"
+        found.append(f"no rated payload of a {name} is known, so tool and object may be too heavy for it; {known}")
+    if cell.robot.shape.is_estimate:
+        like = f"estimated by those of a {cell.robot.shape.of}"
+        found.append(f"the capsules of a {name} are {like}: keep well clear, by surroundings.clearance_m")
+    return found
 
 
 def _assumed_shape(cell: Cell) -> list[str]:

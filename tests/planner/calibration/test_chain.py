@@ -21,7 +21,7 @@ from planner.geometry import levers
 from planner.kinematics import chain_difference, forward, inverse_branches, jacobian, link_poses, singularity_distances
 from planner.robots import ROBOT_NAMES, robot
 from tests.planner.calibration.arms import UR5E_FILE, UR10_DEVIATIONS, deviated_table, measured_arm, product_of
-from tests.planner.published_arms import LINKS, PUBLISHED, placement
+from tests.planner.published_arms import LINKS, placement, published_file
 
 EXACT = 1e-9  # [m, -] of a pose
 
@@ -50,7 +50,7 @@ def test_a_thousand_poses_are_those_of_the_controllers_table(name):
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_the_published_file_is_the_published_arm_and_has_its_hash(name):
-    text = (PUBLISHED / name / "default_kinematics.yaml").read_bytes()
+    text = published_file(name, "default_kinematics").read_bytes()
     file, arm = parse_calibration(text, "default_kinematics.yaml", robot(name))
     assert chain_difference(arm, robot(name)).largest_m < 2e-9  # the file's quarter turns are rounded to 2e-10
     assert file.hash == published_table(robot(name)).hash
@@ -193,7 +193,7 @@ def test_a_wrong_file_is_refused(text, words):
 
 @pytest.mark.parametrize(("of", "other"), [("ur3", "ur3e"), ("ur5", "ur5e"), ("ur10e", "ur16e"), ("ur20", "ur30")])
 def test_a_file_of_another_model_is_refused(of, other):
-    text = (PUBLISHED / of / "default_kinematics.yaml").read_bytes()
+    text = published_file(of, "default_kinematics").read_bytes()
     with pytest.raises(CellError, match=f"is no {other}"):
         parse_calibration(text, "arm.yaml", robot(other))
 

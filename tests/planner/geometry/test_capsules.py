@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.arm_capsules import measured
+from benchmarks.arm_capsules import measured, measured_arms
 from benchmarks.arm_capsules.truth import flight_gaps, tool_gaps
 from planner.cell import ToolCapsule
 from planner.errors import Infeasible
 from planner.geometry import arm_capsules, barriers, body_model, point_segment_distance
 from planner.planning import plan
 from planner.problem import TargetRelease, ThrowProblem
-from planner.robots import ROBOT_NAMES, robot
+from planner.robots import ROBOT_NAMES, ShapeSource, robot
 from planner.rotations import pose, rotation_vector_to_matrix
 from tests.planner.problems import cell as shipped
 
@@ -37,7 +37,7 @@ MET_BY_FLIGHT = [
 ]
 
 
-@pytest.mark.parametrize("name", ROBOT_NAMES)
+@pytest.mark.parametrize("name", measured_arms())
 def test_the_capsules_contain_every_part_of_the_arm(name):
     capsules = arm_capsules(robot(name))
     assert len(measured(name)) >= len(capsules)
@@ -50,7 +50,46 @@ def test_the_capsules_contain_every_part_of_the_arm(name):
         assert min(outside) <= 0.0, part.name
 
 
-@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_arms_without_measured_capsules_have_those_of_the_same_meshes_or_an_estimate():
+    others = [name for name in ROBOT_NAMES if name not in measured_arms()]
+    assert {name for name in others if robot(name).shape.is_estimate} == {"ur15", "ur18"}
+    for name, other in (("ur7e", "ur5e"), ("ur12e", "ur10e")):
+        for mine, its in zip(arm_capsules(robot(name)), arm_capsules(robot(other)), strict=True):
+            assert (mine.name, mine.frame, mine.radius_m) == (its.name, its.frame, its.radius_m)
+            np.testing.assert_array_equal([mine.p0, mine.p1], [its.p0, its.p1])
+
+
+@pytest.mark.parametrize("name", ["ur15", "ur18"])
+def test_estimated_capsules_are_as_thick_as_the_larger_arms_at_their_own_lengths(name):
+    arm = robot(name)
+    larger = {capsule.name: capsule for capsule in arm_capsules(robot("ur20"))}
+    own = {capsule.name: capsule for capsule in arm_capsules(arm)}
+    assert own.keys() == larger.keys()
+    assert all(capsule.radius_m >= larger[key].radius_m for key, capsule in own.items() if key != "foot")
+    assert own["foot"].radius_m == 0.106  # 204 mm across, and what the UR20's has around its 245
+    upper_m, fore_m = -arm.a[1:3]
+    assert own["upper_arm_start"].p1[0] == pytest.approx(upper_m - (0.862 - larger["upper_arm_start"].p1[0]))
+    assert own["forearm_start"].p1[0] == pytest.approx(fore_m - (0.7287 - larger["forearm_start"].p1[0]))
+    assert own["wrist_3"].p1[2] == pytest.approx(arm.d[5] - (0.1543 - larger["wrist_3"].p1[2]))
+    for tube, z in zip(("upper_arm", "forearm"), arm.shape.tubes_m, strict=True):
+        assert own[tube].p0[2] == own[tube].p1[2] == pytest.approx(z)
+    for capsule in own.values():  # no gap along the tubes, and none is turned round
+        assert (capsule.p1 - capsule.p0) @ (larger[capsule.name].p1 - larger[capsule.name].p0) >= 0.0
+
+
+@pytest.mark.parametrize(("name", "relative"), [("ur30", "ur20"), ("ur16e", "ur10e")])
+def test_the_estimate_of_a_measured_arm_by_its_relative_contains_it(name, relative):
+    """As UR15 and UR18 are estimated; these pairs differ in length alone."""
+    arm = robot(name)
+    tubes_m = tuple(float(capsule.p0[2]) for capsule in arm_capsules(arm) if capsule.name in ("upper_arm", "forearm"))
+    estimated = arm_capsules(replace(arm, shape=ShapeSource(relative, tubes_m)))
+    for part in measured(name):
+        capsule = next(capsule for capsule in estimated if capsule.name == part.name)
+        outside_m = (point_segment_distance(part.corners(), capsule.p0, capsule.p1) - capsule.radius_m).max()
+        assert outside_m <= 0.0005, part.name
+
+
+@pytest.mark.parametrize("name", measured_arms())
 def test_the_parts_reach_from_the_table_to_the_flange(name):
     """What is measured is the whole arm: its extent along the axes, by the published lengths."""
     arm = robot(name)

@@ -216,7 +216,8 @@ def test_capsules_hold_the_centres_of_mass(name):
     capsules = arm_capsules(arm)
     ends = capsule_endpoints(arm, capsules, np.zeros(6))
     X = link_poses(arm, np.zeros(6))
-    own = {1: ("base", "shoulder"), 2: ("shoulder", "upper_arm", "elbow"), 3: ("elbow", "forearm", "wrist_1")}
+    own = {1: ("base", "shoulder"), 2: ("shoulder", "upper_arm", "upper_arm_start", "elbow")}
+    own |= {3: ("elbow", "forearm", "forearm_start", "wrist_1")}
     own |= {4: ("wrist_1", "wrist_2"), 5: ("wrist_2", "wrist_3"), 6: ("wrist_3",)}
     for i, link in enumerate(arm.links, start=1):
         centre = X[i, :3, :3] @ link.com + X[i, :3, 3]

@@ -1,6 +1,6 @@
 """Symbolic arm formulas: kinematics of the UR family in closed form, and joint torques.
 
-All nine arms share one geometry: axes 2, 3 and 4 are parallel, so their angles add, and only six lengths differ. The
+All arms share one geometry: axes 2, 3 and 4 are parallel, so their angles add, and only six lengths differ. The
 first joint turns everything about the base's z axis. Quantities that do not depend on that turn are written in a frame
 S that turns with it, which takes q1 out of the formulas and of their derivatives.
 """

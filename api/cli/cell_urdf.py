@@ -1,0 +1,64 @@
+"""The command that writes a cell file from a URDF file."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from api.cli.support.cell_warnings import warnings_of
+from api.cli.support.options import json_option
+from api.cli.support.terminal import BAD, GOOD, say
+
+if TYPE_CHECKING:
+    from planner.urdf import WrittenCell
+
+
+@click.command("from-urdf")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), help="Cell file to write; default: FILE's name, .toml, here.")
+@click.option("--robot", "model", help="Model of the arm; default: the one whose kinematics are closest.")
+@click.option("--tcp", help="Link whose origin is the tool centre point; default: the end of the tool, if it has one.")
+@json_option
+def from_urdf(file: Path, out: Path | None, model: str | None, tcp: str | None, as_json: bool) -> None:
+    """Write a cell file for the arm in the URDF file FILE: base, tool, limits, masses, a measured chain.
+
+    The cell is a simulated one; [link] takes the address of a real controller. Nothing is written over.
+    """
+    from planner.cell_folder import home_faults
+    from planner.urdf import cell_from_urdf
+
+    out = out or Path(re.sub(r"[^A-Za-z0-9_-]+", "-", file.stem).strip("-") + ".toml")
+    written = cell_from_urdf(file, out.stem, model, tcp)
+    paths = _write(out, written)
+    notes = [*written.notes, *warnings_of(written.cell), *map(str, home_faults(written.cell))]
+    if as_json:
+        answer = {"cell": written.cell.name, "robot": written.cell.robot.name, "files": [str(path) for path in paths]}
+        click.echo(json.dumps({**answer, "notes": notes}))
+        return
+    say(f"{' and '.join(map(str, paths))}: a {written.cell.robot.name}, simulated", GOOD)
+    for note in notes:
+        say(note, BAD)
+
+
+def _write(out: Path, written: WrittenCell) -> list[Path]:
+    """Writes the files of a cell, and returns their paths; those that are there already stay as they are."""
+    files = {out: written.text}
+    if written.calibration is not None:
+        name, text = written.calibration
+        files = {out.with_name(name): text, **files}
+    for path in files:
+        if path.exists():
+            raise click.ClickException(f"{path} is there already: --out names another file")
+    for path, text in files.items():
+        try:
+            descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
+            with open(descriptor, "w", encoding="utf-8") as stream:
+                stream.write(text)
+        except OSError as error:
+            raise click.ClickException(f"{path} cannot be written: {error.strerror}") from error
+    return [*files][::-1]

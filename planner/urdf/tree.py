@@ -1,0 +1,257 @@
+"""Links and joints of a URDF file, checked one by one.
+
+A URDF file is somebody else's: its size and depth are bounded, every number is finite, and what it lacks is named.
+Source: http://wiki.ros.org/urdf/XML
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from planner.arrays import Array
+from planner.documents import NotXml, parse_xml
+from planner.rotations import pose
+
+LINKS_MAX = 500  # of a file: a mobile robot with two arms and hands has a hundred
+TEXT_MAX = 200  # characters of a name
+MOVING = ("revolute", "continuous")
+KINDS = (*MOVING, "prismatic", "fixed", "floating", "planar")
+
+
+class UrdfRefused(ValueError):
+    """A URDF file does not describe an arm that Fling can take; the message is the end of a sentence."""
+
+
+@dataclass(frozen=True, eq=False)
+class UrdfBody:
+    """Mass [kg], centre of mass (3,) [m] and inertia about it (3, 3) [kg m^2], in the frame of a link."""
+
+    mass: float
+    com: Array
+    inertia: Array
+
+
+@dataclass(frozen=True, eq=False)
+class UrdfJoint:
+    """A joint of a URDF file.
+
+    Attributes:
+        name: of the joint.
+        kind: one of `KINDS`.
+        parent, child: names of its links.
+        X: pose of the joint, and of the child at position 0, in the parent (4, 4).
+        axis: unit vector in the joint's frame (3,).
+        lower, upper: limits on its position [rad]; None without end, or where the file says nothing.
+        velocity: limit [rad/s]; None: the file says nothing.
+        effort: limit [N m]; None: the file says nothing.
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    X: Array
+    axis: Array
+    lower: float | None
+    upper: float | None
+    velocity: float | None
+    effort: float | None
+
+    @property
+    def moves(self) -> bool:
+        """Whether it moves at all."""
+        return self.kind != "fixed"
+
+
+@dataclass(frozen=True, eq=False)
+class UrdfTree:
+    """What a URDF file says.
+
+    Attributes:
+        name: of the robot.
+        bodies: of the links, None of a link without mass.
+        joints: by the name of their child.
+        root: name of the link that is no child.
+    """
+
+    name: str
+    bodies: Mapping[str, UrdfBody | None]
+    joints: Mapping[str, UrdfJoint]
+    root: str
+
+    def above(self, link: str) -> list[UrdfJoint]:
+        """Returns the joints from the root to a link."""
+        found = []
+        while link in self.joints:
+            found.append(self.joints[link])
+            link = self.joints[link].parent
+        return found[::-1]
+
+    def pose(self, link: str) -> Array:
+        """Returns the pose of a link in the root's frame (4, 4), with every joint at position 0."""
+        X = np.eye(4)
+        for joint in self.above(link):
+            X = X @ joint.X
+        return X
+
+    def below(self, link: str) -> list[str]:
+        """Returns a link and all that hang from it."""
+        return [other for other in self.bodies if link == other or any(j.parent == link for j in self.above(other))]
+
+
+def parse_urdf(text: bytes) -> UrdfTree:
+    """Returns what a URDF file says.
+
+    Raises:
+        UrdfRefused: it is no URDF, or a number in it is none.
+    """
+    try:
+        root = parse_xml(text)
+    except NotXml as error:
+        raise UrdfRefused(str(error)) from error
+    if root.tag != "robot":
+        kind = " (a xacro file has to be expanded first: xacro FILE > FILE.urdf)" if "xacro" in root.tag else ""
+        raise UrdfRefused(f"is not a URDF: its outermost element is <{root.tag[:TEXT_MAX]}>, not <robot>{kind}")
+    if any("xacro" in child.tag for child in root):
+        raise UrdfRefused("is a xacro file, which has to be expanded first: xacro FILE > FILE.urdf")
+    bodies = dict(_links(root))
+    joints: dict[str, UrdfJoint] = {}
+    for element in root.iterfind("joint"):
+        joint = _joint(element, bodies)
+        if joint.child in joints:
+            raise UrdfRefused(f"link {joint.child} hangs from two joints: {joints[joint.child].name} and {joint.name}")
+        joints[joint.child] = joint
+    return UrdfTree(root.get("name", "")[:TEXT_MAX], bodies, joints, _root(bodies, joints))
+
+
+def _links(root: Element) -> Iterator[tuple[str, UrdfBody | None]]:
+    links = root.findall("link")
+    if not links:
+        raise UrdfRefused("has no links")
+    if len(links) > LINKS_MAX:
+        raise UrdfRefused(f"has {len(links)} links; {LINKS_MAX} are read at most")
+    seen = set()
+    for element in links:
+        name = _name(element, "name")
+        if name in seen:
+            raise UrdfRefused(f"link {name} is there twice")
+        seen.add(name)
+        inertial = element.find("inertial")
+        yield name, None if inertial is None else _body(inertial, name)
+
+
+def _body(inertial: Element, link: str) -> UrdfBody:
+    where = f"link {link}: inertial"
+    mass = _float(_child(inertial, "mass", where), "value", where, 0.0)
+    X = _origin(inertial, where)
+    tensor = _child(inertial, "inertia", where)
+    xx, xy, xz, yy, yz, zz = (_float(tensor, key, where) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+    inertia = X[:3, :3] @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ X[:3, :3].T
+    return UrdfBody(mass, X[:3, 3], inertia)
+
+
+def _joint(element: Element, links: Mapping[str, object]) -> UrdfJoint:
+    name = _name(element, "name")
+    where = f"joint {name}"
+    kind = element.get("type", "")
+    if kind not in KINDS:
+        raise UrdfRefused(f"{where}: its type is {kind[:TEXT_MAX]!r}, not one of {', '.join(KINDS)}")
+    ends = [_name(_child(element, end, where), "link") for end in ("parent", "child")]
+    for end in ends:
+        if end not in links:
+            raise UrdfRefused(f"{where}: there is no link {end}")
+    limit = element.find("limit")
+    numbers = {
+        key: None if limit is None or key not in limit.attrib else _float(limit, key, where)
+        for key in ("lower", "upper", "velocity", "effort")
+    }
+    if kind == "continuous":
+        numbers |= {"lower": None, "upper": None}
+    return UrdfJoint(name, kind, ends[0], ends[1], _origin(element, where), _axis(element, where), **numbers)
+
+
+def _axis(element: Element, where: str) -> Array:
+    child = element.find("axis")
+    axis = np.array([1.0, 0.0, 0.0]) if child is None else _vector(child, "xyz", where)
+    length = float(np.linalg.norm(axis))
+    if length < 1e-9:
+        raise UrdfRefused(f"{where}: its axis is zero")
+    return axis / length
+
+
+def _root(links: Mapping[str, object], joints: Mapping[str, UrdfJoint]) -> str:
+    roots = [link for link in links if link not in joints]
+    if len(roots) != 1:
+        listed = ", ".join(roots[:5]) or "none"
+        raise UrdfRefused(f"is not one tree: exactly one link hangs from no joint, here {listed}")
+    reached = {roots[0]}
+    left = [*joints.values()]
+    while grown := [joint for joint in left if joint.parent in reached]:
+        reached |= {joint.child for joint in grown}
+        left = [joint for joint in left if joint.child not in reached]
+    if left:
+        raise UrdfRefused(f"has joints in a circle: {', '.join(joint.name for joint in left[:5])}")
+    return roots[0]
+
+
+def _origin(element: Element, where: str) -> Array:
+    """Returns the pose of an element's origin (4, 4): x y z, and rotations about x, then y, then z."""
+    origin = element.find("origin")
+    if origin is None:
+        return np.eye(4)
+    roll, pitch, yaw = _vector(origin, "rpy", where) if "rpy" in origin.attrib else np.zeros(3)
+    cr = math.cos(roll)
+    sr = math.sin(roll)
+    cp = math.cos(pitch)
+    sp = math.sin(pitch)
+    cy = math.cos(yaw)
+    sy = math.sin(yaw)
+    R = [
+        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+        [-sp, cp * sr, cp * cr],
+    ]
+    return pose(_vector(origin, "xyz", where) if "xyz" in origin.attrib else np.zeros(3), R)
+
+
+def _child(element: Element, tag: str, where: str) -> Element:
+    child = element.find(tag)
+    if child is None:
+        raise UrdfRefused(f"{where}: <{tag}> is missing")
+    return child
+
+
+def _name(element: Element, key: str) -> str:
+    name = element.get(key, "")
+    if not name or len(name) > TEXT_MAX or not name.isprintable():
+        raise UrdfRefused(f"a <{element.tag[:TEXT_MAX]}> has no {key}, or one of more than {TEXT_MAX} characters")
+    return name
+
+
+def _vector(element: Element, key: str, where: str) -> Array:
+    words = element.get(key, "").split()
+    if len(words) != 3:
+        raise UrdfRefused(f"{where}: {key} of <{element.tag}> must be three numbers")
+    return np.array([_number(word, key, where) for word in words])
+
+
+def _float(element: Element, key: str, where: str, least: float = -math.inf) -> float:
+    value = _number(element.get(key, ""), key, where)
+    if value < least:
+        raise UrdfRefused(f"{where}: {key} = {value:g} is below {least:g}")
+    return value
+
+
+def _number(word: str, key: str, where: str) -> float:
+    try:
+        value = float(word)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise UrdfRefused(f"{where}: {key} = {word[:TEXT_MAX]!r} is no finite number")
+    return value
