@@ -205,7 +205,7 @@ def test_a_bin_around_the_home_is_refused_with_proof_and_offered_farther_away():
 
 
 def test_a_start_as_close_as_the_rule_allows_is_no_proof():
-    low = cell().home + np.array([0.0, 0.4, 0.0, -0.4, 0.0, 0.0])  # the tool is lower than the shoulder
+    low = cell().home + np.array([0.0, 0.5, 0.0, -0.5, 0.0, 0.0])  # the tool is lower than the shoulder
     turned_away = low + 1.2 * np.eye(6)[0]
     room = float(body_model(cell()).clearances(low[None]).floor[0])
     for start, raised, names in (
