@@ -159,10 +159,10 @@ def parse_xml(text: bytes) -> Element:
     parser.StartDoctypeDeclHandler = refuse
     try:
         parser.Parse(text, True)
-    except expat.ExpatError as error:
+    except NotXml:
+        raise
+    except (expat.ExpatError, ValueError, LookupError) as error:  # the latter two: of its encoding
         raise NotXml(f"is not XML: {error}") from error
-    except ValueError as error:  # also of an encoding that Python does not know
-        raise error if isinstance(error, NotXml) else NotXml(f"is not XML: {error}") from error
     return builder.close()
 
 

@@ -190,7 +190,7 @@ class ThrowProblem:
         p = self.target.p_W - self.aim_shift
         centre = p + np.array([0.0, 0.0, self.landing_radius_m])
         boxes = [float(segment_box_distance(centre, centre, box.lower, box.upper)) for box in around.keep_out]
-        shapes = [float(point_segment_distance(p, p0, p1)) - radius for p0, p1, radius in zip(*base, strict=True)]
+        shapes = [float(point_segment_distance(centre, p0, p1)) - radius for p0, p1, radius in zip(*base, strict=True)]
         spare = self.cell.object.radius_m + (self.landing_tolerance_m if self.is_robust else 0.0)
         beside = [0.5 * np.maximum(np.array(gaps) - spare, 0.0) for gaps in (boxes, shapes)]
         return np.where(self.carriers, 0.0, np.minimum(beside[0], usual)), np.minimum(beside[1], usual)

@@ -54,11 +54,15 @@ def _write(out: Path, written: WrittenCell) -> list[Path]:
     for path in files:
         if path.exists():
             raise click.ClickException(f"{path} is there already: --out names another file")
+    made: list[Path] = []
     for path, text in files.items():
         try:
             descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
+            made.append(path)
             with open(descriptor, "w", encoding="utf-8") as stream:
                 stream.write(text)
         except OSError as error:
+            for written_path in made:
+                written_path.unlink()
             raise click.ClickException(f"{path} cannot be written: {error.strerror}") from error
     return [*files][::-1]

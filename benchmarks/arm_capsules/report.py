@@ -76,7 +76,12 @@ def containment(arm: str) -> list[str]:
         n = directions(part.axis)
         spare.append(np.maximum(n @ c.p0, n @ c.p1) + c.radius_m - part.lengths)
     every = np.concatenate(spare)
-    return [arm, f"{1e3 * max(outside):.1f}", f"{1e3 * np.median(every):.1f}", f"{1e3 * every.max():.0f}"]
+    return [
+        arm,
+        f"{round(1e3 * max(outside), 1) + 0.0:.1f}",
+        f"{1e3 * np.median(every):.1f}",
+        f"{1e3 * every.max():.0f}",
+    ]
 
 
 def throws(arm: str, count: int, seed: int) -> Thrown:

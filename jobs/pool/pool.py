@@ -275,10 +275,10 @@ class PlannerPool:
         task = self._in_hand.pop(report.worker, None)
         if task is not None:
             task.deaths += 1
-            if task.is_cancelled:
-                _refuse(task, SolverFailed(CANCELLED))
-            elif report.is_bug:
+            if report.is_bug:
                 _refuse(task, PlannerBug(f"a bug ended the planner process: {report.death}"))
+            elif task.is_cancelled:
+                _refuse(task, SolverFailed(CANCELLED))
             elif task.deaths >= TRIES:
                 _refuse(task, SolverFailed(f"the planner process died twice over this request: {report.death}"))
             else:

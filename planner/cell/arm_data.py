@@ -12,7 +12,7 @@ import numpy as np
 
 from planner.cell.fields import number, vector
 from planner.errors import CellError, IncompleteRobot, UnknownRobot
-from planner.robots import ARM_NUMBERS, INCOMPLETE_NAMES, ROBOT_NAMES, Robot, completed, published_number
+from planner.robots import ARM_NUMBERS, INCOMPLETE_NAMES, ROBOT_NAMES, TURN_DEG, Robot, completed, published_number
 
 WHERE = "arm_data."
 SOURCE_MAX = 500  # characters
@@ -64,6 +64,8 @@ def completed_arm(document: Mapping[str, Any]) -> Robot:
 
 def _read(table: Mapping[str, Any], key: str, name: str) -> Any:
     published = published_number(name, key)
+    if key.startswith("joint_position"):
+        published = published or TURN_DEG
     if key in LAYOUT and published is not None:
         raise CellError(WHERE + key, table[key], f"is published for a {name}; [kinematics] takes a measured chain")
     if key == "payload_kg":

@@ -72,6 +72,7 @@ def cell_from_urdf(path: Path | str, name: str, model: str | None = None, tcp: s
 def _written(tree: UrdfTree, arm: DescribedArm, name: str, tcp: str | None, file: str) -> WrittenCell:
     limits, notes_on_limits = _limits(arm)
     tool, notes_on_tool = _tool(tree, arm, tcp)
+    file = file.encode(errors="replace").decode()  # a name may hold bytes that are no text
     calibration = None
     if arm.robot.fixed is not None:
         calibration = f"{name}-kinematics.yaml", calibration_text(arm.robot.fixed, _hash(arm.robot))

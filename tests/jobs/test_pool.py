@@ -87,6 +87,14 @@ def test_a_bug_is_a_refusal_too(pool: PlannerPool):
     assert "a bug ended the planner process" in result.refusal["detail"]
 
 
+def test_a_bug_of_a_cancelled_job_is_told_as_a_bug(pool: PlannerPool):
+    future = pool.submit(fake_job(sleep_s=0.3, bug=True))
+    while not future.running():
+        time.sleep(0.01)
+    pool.cancel(future)
+    assert isinstance(future.result(timeout=10.0).error, PlannerBug)
+
+
 def test_a_worker_that_does_not_answer_is_replaced(pool: PlannerPool):
     jobs = [fake_job(sleep_s=3600.0, time_limit_s=0.1), fake_job(1), fake_job(2)]
     results = {result.number: result for result in pool.plan_all(jobs)}

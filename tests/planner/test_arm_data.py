@@ -94,6 +94,7 @@ def test_a_completed_arm_keeps_its_own_limits_in_code():
         ({"source": "x" * 501}, "source", "500 characters"),
         ({"joint_velocity_deg_s": [3.1] * 5}, "joint_velocity_deg_s", "list of 6 numbers"),
         ({"joint_velocity_deg_s": [0.5] * 6}, "joint_velocity_deg_s[0]", "must lie in"),
+        ({"joint_position_upper_deg": [360.0, 360.0, 181.0, *[360.0] * 3]}, "joint_position_upper_deg[2]", "beyond"),
         ({"dh_a_m": [0.0, 0.475, -0.3, 0.0, 0.0, 0.0]}, "dh_a_m[1]", "must be below 0"),
         ({"dh_a_m": [0.1, -0.475, -0.3, 0.0, 0.0, 0.0]}, "dh_a_m[0]", "must be 0"),
         ({"dh_d_m": [0.2, 0.0, 0.0, 0.1, 0.0, 0.1]}, "dh_d_m[4]", "must be above 0"),

@@ -178,6 +178,8 @@ ELBOW = '<joint name="elbow_joint" type="revolute">'
     [
         ("", "is not XML"),
         ("<robot", "is not XML"),
+        ('<?xml version="1.0" encoding="rot13"?><robot/>', "is not XML"),
+        ('<?xml version="1.0" encoding="foo"?><robot/>', "is not XML"),
         ("<sdf/>", "outermost element is <sdf>"),
         ("<robot/>", "has no links"),
         ('<robot xmlns:xacro="x"><xacro:include/></robot>', "xacro"),

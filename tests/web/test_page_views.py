@@ -167,6 +167,7 @@ def test_axes_are_drawn_and_named(guest: Visit) -> None:
     views = guest.region("Scene").locator(".drawn-views svg")
     for text in ("x", "y", "1 m", "−1 m"):
         expect(views.nth(1).get_by_text(text, exact=True).first).to_be_visible(timeout=SOON_MS)
+    guest.page.wait_for_timeout(1000)  # the views are laid out anew once the arm is known
     (right, _), (_, up), origin = views.nth(1).evaluate(PLACES, ["x", "y", "z"])
     assert right > origin[0]  # seen from above, x points to the right
     assert up < origin[1]  # and y upwards

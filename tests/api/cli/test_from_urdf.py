@@ -1,6 +1,7 @@
 """`fling cell from-urdf`: the files it writes pass `cell check`, and what is there stays."""
 
 import json
+import os
 
 import numpy as np
 import pytest
@@ -46,6 +47,25 @@ def test_it_writes_nothing_over(urdf, tmp_path):
     assert "is there already" in found.output
     assert (tmp_path / "my-lab-kinematics.yaml").read_text() == "mine"
     assert not (tmp_path / "my-lab.toml").exists()
+
+
+def test_a_file_that_cannot_be_written_leaves_none(urdf, tmp_path, monkeypatch):
+    opened = os.open
+    monkeypatch.setattr(
+        os, "open", lambda path, *rest: opened("/dev/full/x" if path.suffix == ".toml" else path, *rest)
+    )
+    found = fling("cell", "from-urdf", urdf)
+    assert found.exit_code == 1
+    assert "cannot be written" in found.output
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["my lab.urdf"]
+
+
+def test_a_file_name_may_hold_bytes_that_are_no_text(tmp_path):
+    path = tmp_path / os.fsdecode(b"lab\xff.urdf")
+    path.write_text(urdf_text("ur5e"))
+    found = fling("cell", "from-urdf", path, "--out", tmp_path / "lab.toml")
+    assert found.exit_code == 0, found.output
+    assert load_cell(tmp_path / "lab.toml").robot.name == "ur5e"
 
 
 def test_it_answers_in_json(urdf, tmp_path):

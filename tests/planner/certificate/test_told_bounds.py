@@ -148,7 +148,7 @@ kind = "sim"
 
 
 @pytest.mark.parametrize(
-    ("place", "acceleration", "jerk"), [([1.29, 0.12, 0.5], 4.22, 95.0), ([1.36, 0.33, 0.5], 4.02, 126.0)]
+    ("place", "acceleration", "jerk"), [([1.38, 0.03, 0.5], 3.25, 98.0), ([1.36, 0.33, 0.5], 4.02, 126.0)]
 )
 def test_the_distance_of_a_flight_from_what_it_was_gripped_beside_is_a_bound(place, acceleration, jerk):
     here = parse_cell(LARGE_OBJECT, "c")
