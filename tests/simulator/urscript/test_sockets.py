@@ -219,14 +219,14 @@ def test_an_address_that_is_not_numeric_is_an_error_and_nothing_is_looked_up(
     assert f"{address!r} is no numeric IPv4 address" in str(controller.controller.timeline.events)
 
 
-@pytest.mark.parametrize("call", ["__init__", "connect_ex"])
+@pytest.mark.parametrize("refused", ["__init__", "connect_ex"])
 def test_a_system_that_gives_no_socket_is_not_connected(
-    controller: Scripted, monkeypatch: pytest.MonkeyPatch, call: str
+    controller: Scripted, monkeypatch: pytest.MonkeyPatch, refused: str
 ):
     def refuse(*_: object, **__: object) -> None:
         raise OSError(errno.EMFILE, "Too many open files")
 
-    monkeypatch.setattr(socket.socket, call, refuse)
+    monkeypatch.setattr(socket.socket, refused, refuse)
     controller.run("write_output_boolean_register(0, not opened)")
     monkeypatch.undo()
     assert controller.controller.registers.bit_out[0]
