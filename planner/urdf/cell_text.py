@@ -18,6 +18,7 @@ from planner.errors import CellError, FileRefused
 from planner.robots import Robot
 from planner.rotations import invert_pose, matrix_to_rotation_vector
 from planner.urdf.arm import DescribedArm, arm_in
+from planner.urdf.surroundings import boxes_around
 from planner.urdf.tree import UrdfRefused, UrdfTree, parse_urdf
 
 URDF_BYTES = 5_000_000  # [byte] of a URDF file; that of an arm has 20,000
@@ -46,7 +47,8 @@ class WrittenCell:
 def cell_from_urdf(path: Path | str, name: str, model: str | None = None, tcp: str | None = None) -> WrittenCell:
     """Returns the cell that a URDF file describes: a simulated one, for somebody to add the controller's address.
 
-    The root of the file is the world. Links below the flange are the tool, whose joints stay at 0.
+    The root of the file is the world. Links below the flange are the tool, whose joints stay at 0; boxes around the
+    arm are kept out of.
 
     Args:
         path: of the URDF file.
@@ -82,16 +84,31 @@ def _written(tree: UrdfTree, arm: DescribedArm, name: str, tcp: str | None, file
         "base_in_world": _pose(arm.X_RB, "position_m", "rotation_vector_rad"),
         "tool": tool,
         "limits": limits,
+        "surroundings": {"floor_z_m": 0.0},
         "timing": {"lag_s": DEFAULTS["sim"]["lag_s"]},
         "link": {"kind": "sim", "host": "127.0.0.1"},
     }
+    boxes, notes_on_boxes = boxes_around(tree, arm)
     lines = [f"# From the URDF file {_toml(file)}.", f'robot = "{arm.robot.name}"']
     for key, table in tables.items():
         if table:
             lines += ["", f"[{key}]", *(f"{entry} = {_toml(value)}" for entry, value in table.items())]
+    for box in boxes:
+        corners = [f"lower_m = {_toml(_numbers(box.lower))}", f"upper_m = {_toml(_numbers(box.upper))}"]
+        lines += ["", f"[[surroundings.keep_out]]  # {box.link}", *corners]
     text = "\n".join([*lines, ""])
     cell = cell_of(CellSource(name, text.encode(), None if calibration is None else calibration[1].encode()))
-    return WrittenCell(cell, text, calibration, [*arm.notes, *notes_on_limits, *notes_on_tool])
+    notes = [*arm.notes, *notes_on_limits, *notes_on_tool, *notes_on_boxes, *_notes_on_floor(tree, cell)]
+    return WrittenCell(cell, text, calibration, notes)
+
+
+def _notes_on_floor(tree: UrdfTree, cell: Cell) -> list[str]:
+    """Returns a note where the arm does not stand on the floor, of which a URDF file says nothing."""
+    height_m = round(float(cell.X_WB[2, 3]), 3)
+    if height_m == 0.0:
+        return []
+    where = f"{abs(height_m):g} m {'below' if height_m > 0.0 else 'above'} the arm's base"
+    return [f"the floor is taken to be at z = 0 of {tree.root}, {where}: surroundings.floor_z_m is its height"]
 
 
 def _limits(arm: DescribedArm) -> tuple[dict[str, Any], list[str]]:

@@ -7,7 +7,7 @@ Source: http://wiki.ros.org/urdf/XML
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from xml.etree.ElementTree import Element
 
@@ -18,6 +18,7 @@ from planner.documents import NotXml, parse_xml
 from planner.rotations import pose
 
 LINKS_MAX = 500  # of a file: a mobile robot with two arms and hands has a hundred
+SHAPES_MAX = 1000  # of a file: an arm on its table has twenty
 TEXT_MAX = 200  # characters of a name
 MOVING = ("revolute", "continuous")
 KINDS = (*MOVING, "prismatic", "fixed", "floating", "planar")
@@ -34,6 +35,23 @@ class UrdfBody:
     mass: float
     com: Array
     inertia: Array
+
+
+@dataclass(frozen=True, eq=False)
+class UrdfShape:
+    """A shape of a link.
+
+    Attributes:
+        kind: box, cylinder, sphere, mesh, or what else the file calls it.
+        X: pose of its centre in the link's frame (4, 4).
+        size: of a box, along its axes (3,) [m]; None of another shape.
+        collides: whether it is for collisions, and not only drawn.
+    """
+
+    kind: str
+    X: Array
+    size: Array | None
+    collides: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,12 +93,14 @@ class UrdfTree:
     Attributes:
         name: of the robot.
         bodies: of the links, None of a link without mass.
+        shapes: of the links that have some: those for collisions, or else those that are drawn.
         joints: by the name of their child.
         root: name of the link that is no child.
     """
 
     name: str
     bodies: Mapping[str, UrdfBody | None]
+    shapes: Mapping[str, Sequence[UrdfShape]]
     joints: Mapping[str, UrdfJoint]
     root: str
 
@@ -126,7 +146,7 @@ def parse_urdf(text: bytes) -> UrdfTree:
         if joint.child in joints:
             raise UrdfRefused(f"link {joint.child} hangs from two joints: {joints[joint.child].name} and {joint.name}")
         joints[joint.child] = joint
-    return UrdfTree(root.get("name", "")[:TEXT_MAX], bodies, joints, _root(bodies, joints))
+    return UrdfTree(root.get("name", "")[:TEXT_MAX], bodies, _shapes(root), joints, _root(bodies, joints))
 
 
 def _links(root: Element) -> Iterator[tuple[str, UrdfBody | None]]:
@@ -153,6 +173,30 @@ def _body(inertial: Element, link: str) -> UrdfBody:
     xx, xy, xz, yy, yz, zz = (_float(tensor, key, where) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
     inertia = X[:3, :3] @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ X[:3, :3].T
     return UrdfBody(mass, X[:3, 3], inertia)
+
+
+def _shapes(root: Element) -> dict[str, list[UrdfShape]]:
+    """Returns the shapes of the links that have some: what is only drawn counts where nothing collides."""
+    found = {}
+    for link in root.iterfind("link"):
+        elements = link.findall("collision") or link.findall("visual")
+        if elements:
+            where = f"link {link.get('name')}: {elements[0].tag}"
+            found[link.get("name", "")] = [_shape(element, where) for element in elements]
+    if (number := sum(map(len, found.values()))) > SHAPES_MAX:
+        raise UrdfRefused(f"has {number} shapes; {SHAPES_MAX} are read at most")
+    return found
+
+
+def _shape(element: Element, where: str) -> UrdfShape:
+    geometry = _child(element, "geometry", where)
+    shape = next(iter(geometry), None)
+    if shape is None:
+        raise UrdfRefused(f"{where}: its <geometry> is empty")
+    size = _vector(shape, "size", where) if shape.tag == "box" else None
+    if size is not None and size.min() < 0.0:
+        raise UrdfRefused(f"{where}: the size of its box is negative")
+    return UrdfShape(shape.tag[:TEXT_MAX], _origin(element, where), size, element.tag == "collision")
 
 
 def _joint(element: Element, links: Mapping[str, object]) -> UrdfJoint:

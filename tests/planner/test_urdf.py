@@ -6,13 +6,14 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from planner.cell_folder import home_faults
 from planner.dynamics import Payload, joint_torques
 from planner.errors import FileRefused
 from planner.kinematics import forward
 from planner.robots import ROBOT_NAMES, robot
 from planner.urdf import cell_from_urdf
 from tests.planner.published_arms import published
-from tests.planner.urdf_files import urdf_text
+from tests.planner.urdf_files import at, urdf_text
 
 ATOL = 1e-9  # [m] the published quarter turns are rounded to nine decimals, and 1e-8 m is taken for rounding
 OFFSETS = np.random.default_rng(4).uniform(-1.0, 1.0, (6, 6)) * [4e-4, 4e-4, 4e-4, 1e-3, 1e-3, 1e-3]
@@ -169,6 +170,65 @@ def test_fingers_are_a_tool_and_several_ends_are_named(tmp_path):
     np.testing.assert_allclose(named.cell.tool.X_FT[:3, 3], [0.0, 0.0, 0.12], atol=1e-12)
 
 
+def body(name, shape, xyz="0 0 0", rpy="0 0 0", parent="base_link", kind="fixed", tag="collision"):
+    return (
+        f'<link name="{name}"><{tag}><origin xyz="{xyz}" rpy="{rpy}"/><geometry>{shape}</geometry></{tag}></link>'
+        f'<joint name="to_{name}" type="{kind}"><parent link="{parent}"/><child link="{name}"/></joint>'
+    )
+
+
+def beside(*bodies, name="ur5e", stand=None):
+    return urdf_text(name, stand=stand).replace("</robot>", "".join(bodies) + "</robot>")
+
+
+BOX = '<box size="1.2 0.8 0.05"/>'
+
+
+def test_a_box_under_the_base_is_kept_out_of(tmp_path):
+    stand = at((0.3, -0.2, 0.8), (0.0, 0.0, np.pi / 2))
+    written = read(tmp_path, beside(body("table", BOX, "0.1 0 -0.025"), stand=stand))
+    (box,) = written.cell.surroundings.keep_out
+    np.testing.assert_allclose(box.lower, [0.3 - 0.4, -0.1 - 0.6, 0.75], atol=1e-12)
+    np.testing.assert_allclose(box.upper, [0.3 + 0.4, -0.1 + 0.6, 0.8], atol=1e-12)
+    assert "[[surroundings.keep_out]]  # table" in written.text
+    assert any("keep_out has the boxes of table" in note for note in written.notes)
+    assert any("floor" in note and "z = 0 of world, 0.8 m below" in note for note in written.notes)
+    assert home_faults(written.cell) == []
+
+
+@pytest.mark.parametrize(
+    ("around", "words"),
+    [
+        (body("table", BOX, rpy="0 0 0.1"), "table (a turned box)"),
+        (body("table", '<box size="1 1 0"/>'), "table (a box without thickness)"),
+        (body("table", '<mesh filename="package://lab/table.stl"/>'), "table (a mesh)"),
+        (body("post", '<cylinder radius="0.1" length="1"/>', parent="world"), "post (a cylinder)"),
+        (body("hat", "<cone/>"), "hat (a cone)"),
+        (body("ball", '<sphere radius="0.1"/>'), "ball (a sphere)"),
+        (body("picture", BOX, tag="visual"), "picture (a box that is only drawn)"),
+        (body("camera", BOX, parent="forearm_link"), "camera (moved by shoulder_pan_joint)"),
+        (body("door", BOX, kind="revolute"), "door (moved by to_door)"),
+    ],
+)
+def test_a_shape_around_the_arm_that_is_not_taken_over_is_named(tmp_path, around, words):
+    written = read(tmp_path, beside(around, stand=at()))
+    assert written.cell.surroundings.keep_out == ()
+    assert any(f"the shape of {words} is not taken over" in note for note in written.notes)
+
+
+def test_shapes_of_the_arm_itself_are_its_own(tmp_path):
+    mesh = '<collision><geometry><mesh filename="base.stl"/></geometry></collision>'
+    text = beside(stand=at()).replace(
+        '<link name="base_link_inertia"/>', f'<link name="base_link_inertia">{mesh}</link>'
+    )
+    text = text.replace('<link name="forearm_link">', f'<link name="forearm_link">{mesh}')
+    assert text.count("base.stl") == 2
+    written = read(tmp_path, text)
+    assert not any("shape" in note and "tool" not in note for note in written.notes)
+    boxed = read(tmp_path, text.replace('<mesh filename="base.stl"/>', BOX))
+    assert any("base_link_inertia count as the arm's base" in note for note in boxed.notes)
+
+
 GOOD = urdf_text("ur5e")
 ELBOW = '<joint name="elbow_joint" type="revolute">'
 
@@ -206,6 +266,17 @@ ELBOW = '<joint name="elbow_joint" type="revolute">'
         (GOOD.replace("-0.425", "1e999"), "is no finite number"),
         (GOOD.replace('mass value="8.058"', 'mass value="-8.058"'), "below 0"),
         (GOOD.replace('mass value="8.058"', 'weight value="8.058"'), "<mass> is missing"),
+        (beside(body("table", '<box size="1 1 -1"/>')), "the size of its box is negative"),
+        (beside(body("table", '<box size="1 1"/>')), "three numbers"),
+        (beside(body("table", "")), "its <geometry> is empty"),
+        (
+            beside(
+                body("b", BOX).replace(
+                    "</link>", 1000 * f"<collision><geometry>{BOX}</geometry></collision>" + "</link>"
+                )
+            ),
+            "1001 shapes",
+        ),
         (GOOD.replace('ixx="0.0', 'ixx="9.0', 1).replace('name="arm"', 'name="ur5e"'), "inertia of no body"),
     ],
 )
