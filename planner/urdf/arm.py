@@ -276,10 +276,20 @@ def _with_numbers(
     try:
         return completed(name, numbers), numbers
     except IncompleteRobot as error:
-        without = [joint.child for joint in joints if (body := tree.bodies[joint.child]) is None or body.mass == 0.0]
-        places = f" (no mass: {', '.join(without)})" if without and "link_mass_kg" in error.missing else ""
-        missing = ", ".join(error.missing)
-        raise UrdfRefused(f"lacks {missing}{places}, which is not published of a {name} either") from error
+        lacking = " and ".join(_lacking(error.missing, tree, joints))
+        ways = f"fill it in, or write a cell file: its [arm_data] takes {', '.join(error.missing)}, with their source"
+        raise UrdfRefused(f"lacks {lacking}, and for a {name} that is not published: {ways}") from error
+
+
+def _lacking(missing: Sequence[str], tree: UrdfTree, joints: Sequence[UrdfJoint]) -> list[str]:
+    """Returns what a file lacks, in its own words, with the joints or links that lack it."""
+    massless = [j.child for j in joints if (body := tree.bodies[j.child]) is None or body.mass == 0.0]
+    lacking = {
+        "joint_velocity_deg_s": ("a velocity above 0 in the <limit>", [j.name for j in joints if not j.velocity]),
+        "joint_torque_n_m": ("an effort above 0 in the <limit>", [j.name for j in joints if not j.effort]),
+        "link_mass_kg": ("a mass above 0 in the <inertial>", massless),
+    }
+    return [f"{words} of {', '.join(names)}" for key, (words, names) in lacking.items() if key in missing]
 
 
 def _has_other_masses(arm: Robot, numbers: Mapping[str, Any]) -> bool:

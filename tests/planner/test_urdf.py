@@ -300,10 +300,18 @@ def test_an_unknown_model_and_an_unknown_link_are_refused(tmp_path):
 
 
 def test_a_file_that_lacks_what_is_not_published_is_refused_with_it(tmp_path):
-    with pytest.raises(FileRefused, match=r"joint_velocity_deg_s, joint_torque_n_m.*not published of a ur8long"):
-        read(tmp_path, urdf_text("ur8long", limits={}))
+    bounds = published_limits("ur15")
+    for joint in ("elbow_joint", "wrist_3_joint"):
+        bounds[joint] |= {"max_velocity": 0.0, "max_effort": 0.0}
+    for limits, velocity in [({}, "shoulder_pan_joint, .*, wrist_3_joint"), (bounds, "elbow_joint, wrist_3_joint")]:
+        with pytest.raises(FileRefused) as refused:
+            read(tmp_path, urdf_text("ur8long", limits=limits))
+        words = str(refused.value)
+        assert re.search(f"lacks a velocity above 0 in the <limit> of {velocity} and an effort above 0", words)
+        assert "for a ur8long that is not published" in words
+        assert "[arm_data] takes joint_velocity_deg_s, joint_torque_n_m, with their source" in words
     without = re.sub(r"<inertial>.*?</inertial>", "", GOOD, count=1, flags=re.DOTALL)
-    with pytest.raises(FileRefused, match=r"link_mass_kg.*shoulder_link"):
+    with pytest.raises(FileRefused, match=r"a mass above 0 in the <inertial> of .*shoulder_link.*link_mass_kg"):
         read(tmp_path, without, model="ur17g_1300")
 
 
