@@ -33,6 +33,8 @@ def from_urdf(file: Path, out: Path | None, model: str | None, tcp: str | None, 
     from planner.urdf import cell_from_urdf
 
     out = out or Path(re.sub(r"[^A-Za-z0-9_-]+", "-", file.stem).strip("-") + ".toml")
+    if not out.parent.is_dir():
+        raise click.ClickException(f"{out} cannot be written: there is no folder {out.parent}")
     written = cell_from_urdf(file, out.stem, model, tcp)
     paths = _write(out, written)
     notes = [*written.notes, *warnings_of(written.cell), *map(str, home_faults(written.cell))]

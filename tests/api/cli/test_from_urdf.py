@@ -60,6 +60,29 @@ def test_a_file_that_cannot_be_written_leaves_none(urdf, tmp_path, monkeypatch):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["my lab.urdf"]
 
 
+def test_a_folder_that_is_missing_is_named(urdf, tmp_path):
+    found = fling("cell", "from-urdf", urdf, "--out", "cells/plant.toml")
+    assert found.exit_code == 1
+    assert "cells/plant.toml cannot be written: there is no folder cells" in found.output
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["my lab.urdf"]
+
+
+def test_a_table_is_in_the_file_and_on_the_terminal(urdf, tmp_path):
+    table = (
+        '<link name="table"><collision><origin xyz="0 0 -0.4"/><geometry><box size="1 1 0.8"/></geometry></collision>'
+        '<collision><geometry><mesh filename="rail.stl"/></geometry></collision></link><joint name="to_table"'
+        ' type="fixed"><parent link="base_link"/><child link="table"/><origin rpy="0 0 -0.5"/></joint></robot>'
+    )
+    urdf.write_text(urdf_text("ur10e").replace("</robot>", table))
+    found = fling("cell", "from-urdf", urdf)
+    assert found.exit_code == 0, found.output
+    assert "surroundings.keep_out has the boxes of table" in found.output
+    assert "the shape of table (a mesh) is not taken over" in found.output
+    assert "home" not in found.output
+    (box,) = load_cell(tmp_path / "my-lab.toml").surroundings.keep_out
+    np.testing.assert_allclose([box.lower, box.upper], [[-0.2, -0.7, 0.0], [0.8, 0.3, 0.8]], atol=1e-9)
+
+
 def test_a_file_name_may_hold_bytes_that_are_no_text(tmp_path):
     path = tmp_path / os.fsdecode(b"lab\xff.urdf")
     path.write_text(urdf_text("ur5e"))
