@@ -6,12 +6,15 @@ from pathlib import Path
 
 import numpy as np
 
-from planner.cell import Cell, cell_faults, cell_of, load_cell, read_source
+from planner.cell import Cell, load_cell, mended_cell, read_source
 from planner.certificate import Examination
 from planner.errors import CellError
 from planner.geometry import SELF_CLEARANCE_M, NeverClear, never_clear
 from planner.problem import JointRelease, ThrowProblem
 from planner.trajectory import Trajectory
+
+# Beginnings of keys on which it does not depend whether the arm can stand at home; by its chain, within a centimetre.
+NOT_OF_HOME = ("kinematics.calibration", "tool.mass_kg", "gripper.", "safety.", "timing.", "link.", "sim.")
 
 
 def open_cell(path: Path | str) -> Cell:
@@ -72,9 +75,15 @@ def _in_the_way(cell: Cell, pair: NeverClear) -> CellError:
 
 
 def file_faults(path: Path | str) -> list[CellError]:
-    """Returns every fault of a cell file, those of its home where its keys have none; empty for a good cell."""
+    """Returns every fault of a cell file, empty for a good cell.
+
+    Its home is judged where no other fault bears on that, with the published chain if the calibration file is at fault.
+    """
     try:
         source = read_source(path)
     except CellError as error:
         return [error]
-    return cell_faults(source) or home_faults(cell_of(source))
+    faults, cell = mended_cell(source)
+    if cell is None or not all(fault.field.startswith(NOT_OF_HOME) for fault in faults):
+        return faults
+    return [*faults, *home_faults(cell)]

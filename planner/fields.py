@@ -108,8 +108,7 @@ class Choice:
         """Returns the text; the reason of another one names a similar one."""
         if isinstance(value, str) and value in self.values:
             return value
-        similar = similar_name(value, self.values)
-        meant = f"; did you mean {similar!r}?" if similar else ""
+        meant = did_you_mean(value, self.values)
         errors.append(FieldError(path, f"{shown(value)} is not one of {', '.join(self.values)}{meant}"))
         return None
 
@@ -245,10 +244,17 @@ def unknown_field(name: str, known: Mapping[str, Any]) -> str:
 
 
 def similar_name(given: Any, known: Sequence[str]) -> str | None:
-    """Returns the known name that was probably meant; None where none is similar."""
+    """Returns the known name that was probably meant, whatever its case; None where none is similar."""
     if not isinstance(given, str) or len(given) > NAME_SHOWN:  # to compare a megabyte would take a second
         return None
-    return next(iter(get_close_matches(given, known, n=1)), None)
+    by_lower = {name.lower(): name for name in known}
+    return next((by_lower[name] for name in get_close_matches(given.lower(), by_lower, n=1)), None)
+
+
+def did_you_mean(given: Any, known: Sequence[str]) -> str:
+    """Returns the end of a sentence that names the known name which was probably meant; nothing where none is."""
+    similar = similar_name(given, known)
+    return f"; did you mean {similar!r}?" if similar else ""
 
 
 def short_name(name: str) -> str:

@@ -5,7 +5,7 @@ All facts about a site are in its cell file; the arm's own data are in `planner.
 
 from planner.cell.arm_data import completed_arm
 from planner.cell.changes import cell_of_keys
-from planner.cell.faults import cell_faults
+from planner.cell.faults import cell_faults, mended_cell
 from planner.cell.fields import choice, merge_defaults, number, vector
 from planner.cell.file import DEFAULTS, cell_of, load_cell, parse_cell
 from planner.cell.model import (
@@ -40,6 +40,7 @@ __all__ = [
     "choice",
     "completed_arm",
     "load_cell",
+    "mended_cell",
     "merge_defaults",
     "number",
     "parse_cell",

@@ -12,7 +12,8 @@ import numpy as np
 
 from planner.cell.fields import number, vector
 from planner.errors import CellError, IncompleteRobot, UnknownRobot
-from planner.robots import ARM_NUMBERS, INCOMPLETE_NAMES, ROBOT_NAMES, TURN_DEG, Robot, completed, published_number
+from planner.fields import did_you_mean
+from planner.robots import ARM_NUMBERS, TURN_DEG, Robot, completed, published_number
 
 WHERE = "arm_data."
 SOURCE_MAX = 500  # characters
@@ -56,8 +57,8 @@ def completed_arm(document: Mapping[str, Any]) -> Robot:
             _require_source(table["source"])
         return completed(name, numbers)
     except UnknownRobot as error:
-        known = ", ".join((*ROBOT_NAMES, *INCOMPLETE_NAMES))
-        raise CellError("robot", document["robot"], f"must be one of {known}") from error
+        meant = did_you_mean(document["robot"], error.known)
+        raise CellError("robot", document["robot"], f"must be one of {', '.join(error.known)}{meant}") from error
     except IncompleteRobot as error:
         raise CellError("robot", name, f"is incomplete: {error.reason}") from error
 

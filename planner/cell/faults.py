@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from planner.cell.file import DEFAULTS, cell_of_document, toml_of
+from planner.cell.model import Cell
 from planner.cell.source import CellSource
 from planner.errors import CellError
 
@@ -29,17 +30,25 @@ ENTRY = {  # of tools and boxes, which have no defaults
 
 def cell_faults(source: CellSource) -> list[CellError]:
     """Returns the faults of a cell file in the order of reading, one a key; of a list the first wrong entry."""
+    return mended_cell(source)[0]
+
+
+def mended_cell(source: CellSource) -> tuple[list[CellError], Cell | None]:
+    """Returns the faults of a cell file as `cell_faults` does, and the cell with good values in their place.
+
+    No cell where a fault has no good value.
+    """
     try:
         given = toml_of(source)
     except CellError as error:
-        return [error]
+        return [error], None
     found: dict[str, CellError] = {}
-    while len(found) < FAULTS_MAX and (fault := _first_fault(given, source)) is not None:
-        key = _key(fault.field)
+    while isinstance(read := _read(given, source), CellError) and len(found) < FAULTS_MAX:
+        key = _key(read.field)
         if key in found:
             break
         if key != "robot" or not any(other.startswith("arm_data.") for other in found):
-            found[key] = fault  # an arm does not lack what was given and refused
+            found[key] = read  # an arm does not lack what was given and refused
         if key == "robot":
             given.pop("arm_data", None)  # its stand-in is complete
         if key == "name":
@@ -47,15 +56,16 @@ def cell_faults(source: CellSource) -> list[CellError]:
         elif not _mend(given, key):
             break
     unknown_arm = "robot" in found
-    return [fault for key, fault in found.items() if not (unknown_arm and key.startswith(OF_ARM))]
+    faults = [fault for key, fault in found.items() if not (unknown_arm and key.startswith(OF_ARM))]
+    return faults, None if isinstance(read, CellError) else read
 
 
-def _first_fault(given: dict[str, Any], source: CellSource) -> CellError | None:
+def _read(given: dict[str, Any], source: CellSource) -> Cell | CellError:
+    """Returns the cell, or its first fault."""
     try:
-        cell_of_document(given, source)
+        return cell_of_document(given, source)
     except CellError as error:
         return error
-    return None
 
 
 def _key(field: str) -> str:

@@ -224,7 +224,8 @@ def _robot(document: Mapping[str, Any], calibration: bytes | None) -> tuple[Cali
     if name is None:
         return None, published
     if calibration is None:
-        raise CellError("kinematics.calibration", name, "cannot be read; `fling cell kinematics --from-robot` makes it")
+        made = "" if document["link"]["kind"] == "sim" else ", or let `fling cell kinematics --from-robot` make it"
+        raise CellError("kinematics.calibration", name, f"cannot be read: put it beside the cell file{made}")
     return parse_calibration(calibration, name, published)
 
 

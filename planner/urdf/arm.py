@@ -17,6 +17,7 @@ import numpy as np
 from planner.arrays import Array, read_only
 from planner.calibration import DhTable, ImplausibleChain, calibrated, transforms_of_links, transforms_of_table
 from planner.errors import IncompleteRobot, UnknownRobot
+from planner.fields import did_you_mean
 from planner.kinematics import chain_difference
 from planner.robots import (
     DH_TWISTS,
@@ -86,7 +87,7 @@ def arm_in(tree: UrdfTree, model: str | None = None) -> DescribedArm:
     try:
         a, d = (published_number(name, key) or lengths[key] for key in ("dh_a_m", "dh_d_m"))
     except UnknownRobot as error:
-        raise UrdfRefused(str(error)) from error
+        raise UrdfRefused(f"{error}{did_you_mean(name, error.known)}") from error
     published = transforms_of_table(DhTable(read_only(np.zeros(6)), read_only(a), read_only(d), read_only(DH_TWISTS)))
     masses = _masses(tree, joints, X_RB, published)
     arm, numbers = _with_numbers(name, {**lengths, **_limits(joints), **masses}, tree, joints)

@@ -302,6 +302,22 @@ def test_faults_of_one_kind(text, fields):
     assert [fault.field for fault in cell_faults(CellSource("c", text.encode()))] == fields
 
 
+@pytest.mark.parametrize(("kind", "robot_makes_it"), [("sim", False), ("ur", True)])
+def test_a_missing_calibration_file_belongs_beside_the_cell_file(kind, robot_makes_it):
+    text = f'robot = "ur5e"\n[link]\nkind = "{kind}"\n[kinematics]\ncalibration = "missing.yaml"\n'
+    with pytest.raises(CellError, match="put it beside the cell file") as refused:
+        parse_cell(text, "c")
+    assert ("--from-robot" in refused.value.reason) == robot_makes_it
+
+
+@pytest.mark.parametrize(("given", "meant"), [("UR5e", "ur5e"), ("ur-10e", "ur10e"), ("fanuc", None), ("", None)])
+def test_the_arm_that_was_meant_is_named(given, meant):
+    with pytest.raises(CellError) as refused:
+        parse_cell(LEAST.replace("ur5e", given), "c")
+    found = refused.value.reason.partition("; did you mean ")[2]
+    assert found == ("" if meant is None else f"{meant!r}?")
+
+
 def test_a_wrong_name_does_not_hide_what_else_is_wrong():
     faults = cell_faults(CellSource("a b", (LEAST + "[timing]\nlag_s = 9\n").encode()))
     assert [fault.field for fault in faults] == ["name", "timing.lag_s"]

@@ -293,6 +293,8 @@ def test_what_does_not_fit_is_said(tmp_path, text, words):
 def test_an_unknown_model_and_an_unknown_link_are_refused(tmp_path):
     with pytest.raises(FileRefused, match=r"unknown robot 'kr16'"):
         read(tmp_path, GOOD, model="kr16")
+    with pytest.raises(FileRefused, match=r"did you mean 'ur5e'\?"):
+        read(tmp_path, GOOD, model="UR5e")
     with pytest.raises(FileRefused, match="is no ur3e"):
         read(tmp_path, GOOD, model="ur3e")
     with pytest.raises(FileRefused, match="no link lamp"):
