@@ -34,6 +34,7 @@ JOINT_CHECKS: tuple[CheckFunction, ...] = (
 # Checks that rest on a continuous motion.
 MOTION_CHECKS: tuple[CheckFunction, ...] = (
     tool.tcp_speed,
+    tool.tool_speed,
     clearance.floor,
     clearance.keep_in,
     clearance.keep_out,

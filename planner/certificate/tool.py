@@ -8,7 +8,7 @@ import numpy as np
 
 from planner.arrays import Array, Index
 from planner.certificate.bounds import Rates, curvature_bound, joint_rates, point_bound, prove_above
-from planner.certificate.certificate import ROUNDING, Check, at_least, at_most
+from planner.certificate.certificate import ROUNDING, Check, NotChecked, at_least, at_most
 from planner.certificate.loads import watched_levers
 from planner.certificate.samples import ArmSamples, MotionSamples, ticks_around_release
 from planner.dynamics import WatchedPoint, tool_points
@@ -30,6 +30,14 @@ def tcp_speed(motion: MotionSamples) -> Check:
         return check
     of_flange = _speed(motion, flange, levers.flange, cell.safety.tool_speed_m_s)
     return check if of_flange.ok else of_flange
+
+
+def tool_speed(motion: MotionSamples) -> NotChecked | None:
+    """Says that the cell gives no tool speed of the arm's own, so that of the flange is not limited.
+
+    Where it does, `tcp_speed` checks both.
+    """
+    return NotChecked("tool_speed") if motion.problem.cell.safety.tool_speed_m_s is None else None
 
 
 def _speed(motion: MotionSamples, point: WatchedPoint, lever: Array, limit: float) -> Check:
