@@ -49,7 +49,9 @@ def search_with_stop(search: PlanningSearch, found: Sequence[Candidate]) -> None
         if search.best is not None or search.out_of_time or launches == WAYS_MAX:
             break
     made = f"{counted(int(search.best is not None), 'motion')} certified"
-    result = f"{made}, {counted(ways, 'way')} to {counted(launches, 'posture')}" if launches else "no launch"
+    result = f"{made}, {counted(ways, 'way')} to {counted(launches, 'posture')}"
+    if not launches:
+        result = f"no posture was found to throw from{' in time' if search.out_of_time else ''}"
     search.log_attempt("approach", f"with a stop: {result}", begun_s)
 
 

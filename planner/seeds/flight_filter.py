@@ -145,7 +145,7 @@ def no_clear_flight(problem: ThrowProblem, target: Target, p: Array, v: Array, t
     best = int(np.min(list(rooms.values()), axis=0).argmax())
     name = min(rooms, key=lambda each: float(rooms[each][best]))
     others = [each for each, room in rooms.items() if each != name and (room < 0.0).any()]
-    detail = f"{name}: of {tried} flights tried to the target the best lacks so much room there"
+    detail = f"{name}: the best of {tried} flights tried comes so close to it"
     detail += f"; others meet {', '.join(others)}" if others else ""
     of_boxes, of_base = problem.flight_clearances
     limits = dict(zip(problem.cell.surroundings.keep_out_names, of_boxes.tolist(), strict=True))

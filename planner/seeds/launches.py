@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from planner.arrays import Array, Mask
-from planner.errors import Violation, nothing_found
+from planner.errors import Violation
 from planner.flight import elevation, launch_velocity, slowest_time, time_at_elevation
 from planner.problem import ThrowProblem
 from planner.releases import Target
@@ -142,10 +142,6 @@ def _speed_limit(problem: ThrowProblem, target: Target) -> float:
 
 def no_flight(problem: ThrowProblem, target: Target, p: Array) -> Violation:
     """Returns why no flight from the positions (n, 3) hits the target: there is none, or it takes too much speed."""
-    if len(p) == 0:
-        apart = target.min_horizontal_distance_m
-        detail = "no posture was found that keeps off floor and singularities, in the keep-in boxes,"
-        return nothing_found("release_position", f"{detail} at least {apart:g} m from the target")
     speeds = _least_speed(problem, target, p)
     if np.isnan(speeds).all():
         lowest = float(_lowest_elevation(target, p).min())

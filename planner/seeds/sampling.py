@@ -7,6 +7,7 @@ and the speed free, too.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -195,10 +196,25 @@ def _thrown_from(problem: ThrowProblem, target: Target, thorough: bool) -> tuple
     allowed = far_enough(target, p)
     q = q[allowed]
     p = p[allowed]
+    if len(p) == 0:
+        raise Infeasible([_no_posture(problem, target)])
     slow = is_slow_enough(problem, target, p)
     if not slow.any():
         raise Infeasible([no_flight(problem, target, p)])
     return _flights(problem, target, q[slow], p[slow])
+
+
+def _no_posture(problem: ThrowProblem, target: Target) -> Violation:
+    """Returns which limit leaves no posture to throw from."""
+    apart_m = target.min_horizontal_distance_m
+    if apart_m > 0.0 and len(throwing_postures(problem, MORE_POSTURES)[1]):
+        return nothing_found("release_position", f"no posture was found at least {apart_m:g} m from the target")
+    distance = problem.limits.singularity_distance_min
+    anywhere = replace(problem, limits=replace(problem.limits, singularity_distance_min=0.0))
+    if len(throwing_postures(anywhere, POSTURES)[1]):
+        return nothing_found("singularity_distance", f"no posture was found that keeps {distance:g} from singularities")
+    name = "keep_in" if problem.cell.surroundings.keep_in else "floor"
+    return nothing_found(name, "no posture was found with the tool above the floor and within every keep-in box")
 
 
 def _flights(problem: ThrowProblem, target: Target, q: Array, p: Array) -> tuple[Array, Array]:

@@ -46,6 +46,7 @@ def test_without_time_nothing_is_tried() -> None:
     search = PlanningSearch(problem, time.perf_counter() - 1.0)
     search_with_stop(search, candidates(problem))
     assert search.best is None
+    assert search.attempts[-1].result == "with a stop: no posture was found to throw from in time"
 
 
 def test_a_last_resort_that_takes_longer_than_the_time_limit_does_not_cut_the_plan_short(monkeypatch) -> None:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from planner.cell import Box
 from planner.errors import Infeasible
 from planner.flight import fly
 from planner.geometry import tool_pose, tool_state
@@ -219,6 +220,29 @@ def test_too_fast_names_the_joint_and_the_speed():
     assert violation.constraint == "joint_velocity"
     assert violation.value > violation.limit
     assert "joint" in violation.detail
+
+
+@pytest.mark.parametrize(
+    ("limits", "release", "constraint", "words"),
+    [
+        ({"singularity_distance_min": 0.9999}, {}, "singularity_distance", "keeps 0.9999 from singularities"),
+        ({}, {"min_horizontal_distance_m": 9.0}, "release_position", "at least 9 m from the target"),
+    ],
+)
+def test_what_leaves_no_posture_to_throw_from_is_named(limits, release, constraint, words):
+    here = cell()
+    target = TargetRelease(np.array([1.2, 0.3, 0.0]), **release)
+    found = refusal(ThrowProblem(here, here.home, target, replace(here.limits, **limits)))
+    assert found.constraint == constraint
+    assert words in found.detail
+
+
+def test_a_keep_in_box_that_no_posture_reaches_is_named():
+    here = cell()
+    far = Box(np.array([5.0, 5.0, 5.0]), np.array([6.0, 6.0, 6.0]))
+    here = replace(here, surroundings=replace(here.surroundings, keep_in=(far,)))
+    found = refusal(ThrowProblem(here, here.home, TargetRelease(np.array([1.2, 0.3, 0.0])), here.limits))
+    assert found.constraint == "keep_in"
 
 
 def test_a_joint_beyond_its_range_is_named():

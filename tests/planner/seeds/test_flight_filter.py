@@ -133,7 +133,7 @@ def test_a_wall_that_no_flight_clears_is_blamed_not_the_postures_within_it() -> 
     (violation,) = caught.value.violations
     assert violation.constraint == "flight_clearance"
     assert violation.value < 0.0
-    assert violation.detail.startswith("box 0: of ")
+    assert violation.detail.startswith("box 0: the best of ")
     lower = walled(cell(), Box(np.array([0.75, -1.0, 0.0]), np.array([0.8, 1.0, 1.6 + violation.value - 0.001])))
     assert blocked_flights(ThrowProblem(lower, here.home, target, here.limits), target) is None
 
@@ -149,7 +149,7 @@ def test_the_obstacle_that_the_best_flight_lacks_room_at_is_named() -> None:
     violation = no_clear_flight(problem, problem.release, p, v, 2)
     assert violation.value == pytest.approx(rooms[1])
     named, others = violation.detail.split("; ")
-    assert named == "box 1: of 2 flights tried to the target the best lacks so much room there"
+    assert named == "box 1: the best of 2 flights tried comes so close to it"
     assert others == "others meet box 0"
     higher = walled(cell(), walls[0], replace(walls[1], upper=walls[1].upper + np.array([0.0, 0.0, rooms[1] - 1e-6])))
     assert least_room(replace(problem, cell=higher), problem.release, p, v)[1] >= 0.0
@@ -245,6 +245,6 @@ def test_a_bin_that_no_flight_enters_says_what_the_best_one_lacks() -> None:
             candidates(ThrowProblem(here, here.home, target, here.limits))
         (violation,) = caught.value.violations
         assert violation.constraint == "flight_clearance"
-        assert violation.detail.startswith("the rim of the bin: of ")
+        assert violation.detail.startswith("the rim of the bin: the best of ")
         rims[rim] = violation.value
     assert rims[0.7] < rims[0.5] < 0.0
