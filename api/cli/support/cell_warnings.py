@@ -69,7 +69,8 @@ def _unpublished(cell: Cell) -> list[str]:
         found.append(f"no rated payload of a {name} is known, so tool and object may be too heavy for it; {known}")
     if cell.robot.shape.is_estimate:
         like = f"estimated by those of a {cell.robot.shape.of}"
-        found.append(f"the capsules of a {name} are {like}: keep well clear, by surroundings.clearance_m")
+        keep = "keep well clear: of floor and boxes by surroundings.clearance_m, of the arm itself by its postures"
+        found.append(f"the capsules of a {name} are {like}: {keep}")
     return found
 
 
