@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Self, Unpack
 import httpx2
 
 from fling import stop_socket
-from fling.requests import Options, Release, request_of
+from fling.requests import Options, Release, plain_values, request_of
 from fling.this_machine import executors_folder, is_loopback_host
 from fling.tracing import trace_context
 from planner.progress import Observer, Progress
@@ -180,7 +180,7 @@ class Client:
 
     def landed(self, execution_id: str, position: Sequence[float], std_m: float) -> dict[str, Any]:
         """Reports where the object of an execution landed (3,) [m], measured with a standard deviation `std_m` [m]."""
-        return self.post(f"/executions/{execution_id}/landing", {"position": list(position), "std_m": std_m})
+        return self.post(f"/executions/{execution_id}/landing", plain_values({"position": position, "std_m": std_m}))
 
     def get(self, path: str) -> dict[str, Any]:
         """Returns the JSON of a GET."""

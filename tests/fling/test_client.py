@@ -7,7 +7,9 @@ import threading
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 import fling
@@ -85,6 +87,8 @@ def test_calls_and_their_bodies(url: str):
         assert typed["body"] == {"release": release, "release_window_s": 0.0, "cell": "ur5e-sim"}
         assert client.execute("p", dry_run=True)["body"] == {"plan_id": "p", "mode": "speedj", "dry_run": True}
         assert client.landed("e", (1, 2, 3), 0.01)["body"] == {"position": [1, 2, 3], "std_m": 0.01}
+        measured: Any = np.array([1, 2, 3], np.float32)
+        assert client.landed("e", measured, measured[0] / 2)["body"] == {"position": [1, 2, 3], "std_m": 0.5}
         assert client.abort("e")["path"] == "/executions/e/abort"
 
 
