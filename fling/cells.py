@@ -34,9 +34,7 @@ def open_cell(cell: str | Path | Mapping[str, Any]) -> Cell:
         CellError: there is no such cell, a field is refused, or its home violates a limit.
     """
     if isinstance(cell, Mapping):
-        stated = cell_of_keys(cell)
-        cell_folder.check_home(stated)
-        return stated
+        return cell_folder.checked(cell_of_keys(cell))
     if not isinstance(cell, str | Path):
         raise CellError("cell", cell, "must be a name, the path of a file, or the keys of one")
     path = Path(cell)

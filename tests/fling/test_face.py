@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import subprocess
 import sys
 import warnings
@@ -71,6 +72,28 @@ def test_a_cell_in_a_notebook(answer: fling.Plan):
     assert plan.release_time_s >= answer.release_time_s
     with pytest.raises(fling.CellError, match="home_rad"):
         fling.open_cell({"robot": "ur5e", "link": {"kind": "sim"}, "home_rad": [0.0, 1.5, 0.0, 0.0, 0.0, 0.0]})
+
+
+def test_code_refuses_a_home_with_the_words_of_a_file():
+    keys = {"robot": "ur5e", "link": {"kind": "sim"}}
+    cell = fling.open_cell(keys)
+    thick = {"capsules": [{"from_m": [0.0, 0.0, 0.0], "to_m": [0.0, 0.0, 0.1], "radius_m": 0.3}]}
+    box = {"lower_m": [-0.5, -1.0, 0.2], "upper_m": [1.0, 1.0, 1.0]}
+    still = {"joint_position_upper_rad": [3.0, -2.0, 3.0, 3.0, 3.0, 3.0]}
+    changes = [
+        ({"tool": thick}, lambda cell: cell.with_tool(**thick)),
+        ({"surroundings": {"keep_out": [box]}}, lambda cell: cell.with_obstacles(box)),
+        ({"limits": still}, lambda cell: cell.with_limits(**still)),
+    ]
+    for more, change in changes:
+        with pytest.raises(fling.CellError) as of_file:
+            fling.open_cell({**keys, **more})
+        for opened in (cell, cell.with_limits(joint_velocity_rad_s=2.0), pickle.loads(pickle.dumps(cell))):
+            with pytest.raises(fling.CellError) as of_code:
+                change(opened)
+            assert str(of_code.value) == str(of_file.value)
+        with pytest.raises(fling.CellError):
+            change(fling.open_cell("ur5e-sim"))
 
 
 def test_refusals_name_what_stands_in_the_way():
