@@ -41,5 +41,7 @@ def open_cell(cell: str | Path | Mapping[str, Any]) -> Cell:
     if path.suffix != ".toml":
         path = cells_folder() / f"{cell}.toml"
         if not os.path.isfile(path):  # also of a name that is too long for a file
-            raise CellError("cell", str(cell), f"is not one of {', '.join(cell_names())} in {cells_folder()}")
+            raise CellError(
+                "cell", str(cell), f"is not one of {', '.join(cell_names())} in {cells_folder()} (FLING_CELLS)"
+            )
     return cell_folder.open_cell(path)
