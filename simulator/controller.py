@@ -56,7 +56,11 @@ class Controller:
         self.slider = self.speed_scaling = 1.0
         self._commanded: tuple[int, Transform, list[float]] = (-1, kinematics.IDENTITY, [])
         self.runner = ProgramRunner(
-            lambda text: load_program(self.context, text), lambda: self.arm.at_rest, self.timeline, settings
+            lambda text: load_program(self.context, text),
+            lambda: self.arm.at_rest,
+            self.timeline,
+            settings,
+            coast=lambda: motions.coast(self.context),
         )
         self.safety = self.runner.safety
         self.registers = self.runner.registers
@@ -103,15 +107,11 @@ class Controller:
         self.timeline.cycles += 1
         self.stream.cycle()
         self._follow_slider()
+        self.context.motion.begin_cycle(self.runner.playing and self.safety.may_move)
         try:
             self.runner.cycle()
         except SuddenTargetChange as change:
             self.stops.protective(str(change))
-        if self.runner.playing:
-            motions.coast(self.context)
-        else:
-            self.context.motion.blended = None
-            self.context.motion.leads_out = False
         self.arm.brake(self.safety.deceleration)
         self._check_limits()
         self.workcell.cycle(self.timeline.t)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -112,13 +112,32 @@ class MotionState:
 
     Attributes:
         blended: the rest of a move that blends into the next; None without.
-        servo_goal: joint positions (6,) [rad] of the last servoj; empty before the first.
-        leads_out: whether the last move has a goal beyond a joint's limit.
+        servo_goal: joint positions (6,) [rad] of the servoj of the cycle before; empty without.
+        servoing: whether a servoj has moved the arm in this cycle.
+        leads_out: whether the move of this cycle has a goal beyond a joint's limit.
     """
 
     blended: PathProgress | None = None
     servo_goal: list[float] = field(default_factory=list)
+    servoing: bool = False
     leads_out: bool = False
+
+    def begin_cycle(self, moving: bool) -> None:
+        """Forgets what is older than a cycle; without a program that may be `moving` the arm, the blend too."""
+        if not self.servoing:
+            self.servo_goal = []
+        self.servoing = False
+        self.leads_out = False
+        if not moving:
+            self.blended = None
+
+
+class ContactSense(Protocol):
+    """Whether the tool touches something."""
+
+    def __call__(self, q: Sequence[float] | None = None) -> bool:
+        """Answers for joint positions `q` (6,) [rad]; None: for the true ones."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -135,7 +154,7 @@ class ProgramContext:
         installation: tool, payload and mounting.
         limits: safety limits.
         speed_scaling: returns the present speed scaling, 0 to 1.
-        in_contact: returns whether the tool touches something, at given joint positions (6,) [rad] or the true ones.
+        in_contact: returns whether the tool touches something.
         set_watchdog: sets the RTDE watchdog: register, least frequency [Hz].
         protective_stop: triggers a protective stop with a reason.
         post: passes a message on to the clients.
@@ -152,7 +171,7 @@ class ProgramContext:
     installation: Installation
     limits: SafetyLimits
     speed_scaling: Callable[[], float]
-    in_contact: Callable[..., bool]
+    in_contact: ContactSense
     set_watchdog: Callable[[int, float], None]
     protective_stop: Callable[[str], None]
     post: Callable[[Message], None]

@@ -69,12 +69,13 @@ class InterpreterQueue:
     def answer(self, text: str) -> str:
         """Returns the answer to one line of a client: a command, or a statement that is queued."""
         command = text.strip().lower()
-        if command in ("skipbuffer", "abort"):
-            self.aborts = command == "abort"
-            if command == "skipbuffer":
-                self.waiting.clear()
-            return f"state: {self.executed}: {command}"
+        if command == "abort":
+            self.aborts = True
+        elif command == "skipbuffer":
+            self.waiting.clear()
         states = {
+            "abort": self.executed,
+            "skipbuffer": self.executed,
             "statelastexecuted": self.executed,
             "statelastinterpreted": self.interpreted,
             "statelastcleared": self.cleared,

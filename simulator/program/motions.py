@@ -117,7 +117,7 @@ def _move(c: ProgramContext, path_from: Callable[[Vector], Path], pace: Pace) ->
         if pace.time_s > 0.0:
             pace = _timed(path.length, pace)
         moving = PathProgress(path, _profile(c, path, pace), arm.dt, c.speed_scaling)
-        if (yield from _follow(c, moving, before, pace.blend_m)):
+        if (yield from _follow(c, moving, before, pace.blend_m if path.reaches_goal else 0.0)):
             return
     if c.motion.blended is None:
         arm.drive(list(arm.q), [0.0] * 6)
@@ -165,7 +165,6 @@ def _follow(c: ProgramContext, moving: PathProgress, before: PathProgress | None
     """
     arm = c.arm
     c.motion.blended = None
-    c.motion.leads_out = not c.limits.allows(moving.path.goal)
     while not moving.ended or (before is not None and not before.ended):
         own, qd = moving.step()
         q = own
@@ -173,7 +172,7 @@ def _follow(c: ProgramContext, moving: PathProgress, before: PathProgress | None
             rest, speeds = before.rest()
             q = [a + b for a, b in zip(q, rest, strict=True)]
             qd = [a + b for a, b in zip(qd, speeds, strict=True)]
-        arm.drive(q, qd)
+        _drive_along(c, moving, q, qd)
         yield
         if max(abs(a - b) for a, b in zip(arm.q, q, strict=True)) > MOVED:
             return False
@@ -184,6 +183,12 @@ def _follow(c: ProgramContext, moving: PathProgress, before: PathProgress | None
     return False
 
 
+def _drive_along(c: ProgramContext, moving: PathProgress, q: list[float], qd: list[float]) -> None:
+    """Drives the arm, and notes where the move leads."""
+    c.motion.leads_out = not c.limits.allows(moving.path.goal)
+    c.arm.drive(q, qd)
+
+
 def _left(c: ProgramContext, q: Vector, moving: PathProgress) -> float:
     """Returns the distance that the tool at joint positions `q` has from the goal of a move [m]."""
     a, b = (c.arm.chain.forward(x, c.tcp) for x in (q, moving.path.goal))
@@ -191,12 +196,15 @@ def _left(c: ProgramContext, q: Vector, moving: PathProgress) -> float:
 
 
 def coast(c: ProgramContext) -> None:
-    """Ends a move that was to blend into the next, where none has come in this cycle: at rest at its goal."""
+    """Ends a move that was to blend into the next, where none has come in this cycle: at rest at its goal.
+
+    Raises:
+        ProgramError: the arm cannot be on the rest of its path.
+    """
     blended = c.motion.blended
     if blended is None or c.arm.driven:
         return
-    q, qd = blended.step()
-    c.arm.drive(q, qd)
+    _drive_along(c, blended, *blended.step())
     if blended.ended:
         c.motion.blended = None
 
@@ -266,6 +274,7 @@ def servo_joints(c: ProgramContext, goal: Vector, time_s: float, lookahead_s: fl
         missing = [b - a for a, b in zip(arm.q, goal, strict=True)]
         if any(abs(e) > m * SERVO_REACH_S for e, m in zip(missing, speed_limit, strict=True)):
             raise SuddenTargetChange("servoj: sudden change in target position")
+        c.motion.servoing = True
         wanted = [_approach(c, *each, constant) for each in zip(missing, arm.qd, aims, strict=True)]
         excess = max(abs(w) / m for w, m in zip(wanted, speed_limit, strict=True))
         arm.ramp([w / max(excess, 1.0) for w in wanted], ACCELERATION_MAX)

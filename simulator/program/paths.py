@@ -24,12 +24,14 @@ class Path(Protocol):
 
     Attributes:
         length: of the path [rad or m].
-        goal: joint positions (6,) [rad] at its end, as far as they could be solved.
+        goal: joint positions (6,) [rad] at its end, or at the last place that could be solved.
+        reaches_goal: whether that is its end.
         rates: changes of the joints per unit of distance, (6,) each, at some places of it.
     """
 
     length: float
     goal: Joints
+    reaches_goal: bool
     rates: list[Joints]
 
     def at(self, distance: float) -> tuple[Joints, Joints]:
@@ -39,6 +41,8 @@ class Path(Protocol):
 
 class JointPath:
     """All joints in proportion; the length is that of the leading one [rad]."""
+
+    reaches_goal = True
 
     def __init__(self, start: Sequence[float], goal: Sequence[float]) -> None:
         self.start = list(start)
@@ -66,6 +70,7 @@ class ToolPath:
         self.tool = tool
         self.near = list(q)
         self.goal = list(q)
+        self.reaches_goal = True
         self.rates: list[Joints] = []
         self.start = arm.chain.forward(q, tool)
         self.length = 0.0
@@ -77,6 +82,7 @@ class ToolPath:
             try:
                 self.goal, rates = self.at(share * self.length)
             except ProgramError:
+                self.reaches_goal = False
                 break
             self.rates.append(rates)
         self.near = first

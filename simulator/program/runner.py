@@ -38,11 +38,25 @@ class ProgramRunner:
     """
 
     def __init__(
-        self, load: Load, at_rest: Callable[[], bool], timeline: Timeline, settings: SimulatorSettings
+        self,
+        load: Load,
+        at_rest: Callable[[], bool],
+        timeline: Timeline,
+        settings: SimulatorSettings,
+        coast: Callable[[], None] = lambda: None,
     ) -> None:
-        """`load` returns the program of a text, `at_rest` whether the arm is at rest; the timeline is shared."""
+        """Begins without a program.
+
+        Args:
+            load: returns the program of a text.
+            at_rest: whether the arm is at rest.
+            timeline: of the controller.
+            settings: of the simulator.
+            coast: goes on with a motion that the program has left to itself, after its turn.
+        """
         self.load = load
         self.at_rest = at_rest
+        self.coast = coast
         self.timeline = timeline
         self.settings = settings
         self.safety = SafetyState(settings.decelerations.program_end)
@@ -174,7 +188,9 @@ class ProgramRunner:
 
     def _run(self, program: Program) -> None:
         try:
-            if not program.step():
+            if program.step():
+                self.coast()
+            else:
                 self.stop("it has come to its end")
         except MotionConflict:
             conflict = "another thread is already controlling the robot"

@@ -31,12 +31,14 @@ class Program:
 
     Attributes:
         running: name of the thread whose turn it is.
+        interrupted: name of a thread that nobody's turn may divide: it goes on first in the next cycle; "": none.
     """
 
     def __init__(self, name: str, main: Thread) -> None:
         self.name = name
         self.threads: dict[str, Thread] = {MAIN: main}
         self.running = MAIN
+        self.interrupted = ""
 
     def close(self) -> None:
         """Gives back what the program holds once it has ended."""
@@ -55,7 +57,7 @@ class Program:
         return self.threads.pop(name, None) is not None
 
     def step(self) -> bool:
-        """Gives every thread its turn.
+        """Gives every thread its turn, until one is interrupted.
 
         Returns:
             False once the main thread has ended, and with it the program.
@@ -68,7 +70,10 @@ class Program:
             self.running = waiting[0]  # a thread may start others, whose turn comes after its own, or end some
             done.add(self.running)
             thread = self.threads[self.running]
-            if next(thread, ENDED) is not ENDED:
+            ended = next(thread, ENDED) is ENDED
+            if self.interrupted:
+                break
+            if not ended:
                 continue
             if self.running == MAIN:
                 return False

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -32,7 +33,8 @@ from simulator.urscript.signatures import REQUIRED, Signature
 from simulator.urscript.values import item
 
 STATEMENTS_PER_CYCLE = 1000  # chosen: a loop without `sync` goes on in the next cycle and holds up nobody
-CALLS_MAX = 30  # nested calls of the script's own functions
+CALLS_MAX = 30  # nested calls of the script's own functions, a thread
+THREADS_MAX = 100  # chosen: a script that starts threads for ever does not hold up the process
 THREAD_NAME = "thread {}"
 UNNAMED = "unnamed"  # chosen: name of a program that is a line without `def`
 
@@ -62,9 +64,10 @@ class Script(Program):
         nodes = walk(body)
         self.functions = {node.name: node for node in nodes if isinstance(node, Function)}
         self.built_in = functions_of(context.version)
-        self.handles = self.spent = self.calls = 0
+        self.handles = self.spent = 0
+        self.calls: Counter[str] = Counter()  # nested at present, by thread
         self.critical: set[str] = set()  # threads between enter_critical and exit_critical
-        self.interrupted = ""  # the one of them that had to wait for this cycle
+        self.resumed = ""  # the one of them that had to wait for this cycle
         self.variables = set(_assigned(nodes))
         check_names(nodes, self.functions, self.built_in, self.variables)
         immediate = {name: f for name, f in self.built_in.items() if not f.waits and name not in self.functions}
@@ -75,8 +78,9 @@ class Script(Program):
     def step(self) -> bool:
         """Gives every thread its turn, first one that was interrupted in a critical section; see `Program.step`."""
         self.spent = 0
-        if self.interrupted in self.threads:
-            self.threads = {self.interrupted: self.threads[self.interrupted], **self.threads}
+        self.resumed = self.interrupted
+        if self.resumed in self.threads:
+            self.threads = {self.resumed: self.threads[self.resumed], **self.threads}
         self.interrupted = ""
         return super().step()
 
@@ -145,10 +149,20 @@ class Script(Program):
         elif isinstance(node, ThreadCommand):
             yield from self.command_thread(node, frame)
         elif isinstance(node, Critical):
-            self.critical = self.critical | {self.running} if node.enters else self.critical - {self.running}
+            yield from self.critical_section(node)
         elif not isinstance(node, Function):
             yield from self.value(node, frame)
         return None
+
+    def critical_section(self, node: Critical) -> Evaluation:
+        """Enters or leaves a critical section; after one that took more than a cycle it is the others' turn."""
+        if node.enters:
+            self.critical.add(self.running)
+            return
+        self.critical.discard(self.running)
+        if self.running == self.resumed:
+            self.resumed = ""
+            yield
 
     def assign(self, node: Assignment, frame: Frame) -> Evaluation:
         """Assigns to a variable or to an item."""
@@ -254,10 +268,12 @@ class Script(Program):
             named[name] = yield from self.value(argument, frame)
         if node.name in self.functions:
             own = self._own(node, self.functions[node.name], arguments, named)
-            return self._run(own) if node.run else (yield from own)
+            return self._run(node, own) if node.run else (yield from own)
         return (yield from self._built_in(node, arguments, named))
 
-    def _run(self, thread: Evaluation) -> int:
+    def _run(self, node: Call, thread: Evaluation) -> int:
+        if len(self.threads) > THREADS_MAX:
+            raise error_at(node, f"more than {THREADS_MAX} threads run")
         self.handles += 1
         self.start(THREAD_NAME.format(self.handles), thread)
         return self.handles
@@ -271,13 +287,16 @@ class Script(Program):
             values = Signature(table, lambda: None).bound(arguments, named)
         except TypeError as error:
             raise error_at(node, f"{node.name}: {error}") from error
-        self.calls += 1
+        thread = self.running  # another one's may be the turn in which this is ended
+        self.calls[thread] += 1
         try:
-            if self.calls > CALLS_MAX:
+            if self.calls[thread] > CALLS_MAX:
                 raise error_at(node, "too many nested calls")
             jump = yield from self.block(function.block, dict(zip(function.parameters, values, strict=True)))
         finally:
-            self.calls -= 1
+            self.calls[thread] -= 1
+            if not self.calls[thread]:
+                del self.calls[thread]
         return jump[1] if jump is not None else None
 
     def compiled(self, text: str) -> InterpretedLine:

@@ -98,10 +98,11 @@ def _read_floats(c: ScriptContext, n: Any, name: Any, timeout: Any) -> Waiting:
 
 def _until(data: bytearray, end: bytes) -> bytes | None:
     """Removes everything up to an end, and returns it without the end."""
-    found, mark, rest = bytes(data).partition(end)
-    if not mark:
+    at = data.find(end)
+    if at < 0:
         return None
-    data[:] = rest
+    found = bytes(data[:at])
+    del data[: at + len(end)]
     return found
 
 
@@ -110,8 +111,8 @@ def _read_text(c: ScriptContext, name: Any, prefix: Any, suffix: Any, interpret_
     after = _encoded(suffix, interpret_escape)
 
     def take(data: bytearray) -> bytes | None:
-        begin = bytes(data).find(before)
-        end = bytes(data).find(after, begin + len(before)) if after else len(data)
+        begin = data.find(before)
+        end = data.find(after, begin + len(before)) if after else len(data)
         if not data or begin < 0 or end < 0:
             return None
         found = bytes(data[begin + len(before) : end])

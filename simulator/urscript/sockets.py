@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import ipaddress
 import select
 import socket
 
@@ -10,6 +11,7 @@ from simulator.interfaces import Connection
 
 OPEN_MAX = 50  # sockets of one script; a script that leaks them does not starve the process
 NAMES = {"localhost": "127.0.0.1"}  # numeric addresses beside: looking up a name would hold up the cycle
+RECEIVED_MAX = 65536  # [bytes] chosen: of what a script has not read yet; one read more than that at most
 STARTED = (0, errno.EINPROGRESS)
 
 
@@ -29,15 +31,18 @@ class ScriptSockets:
             raise ValueError(f"more than {OPEN_MAX} sockets are open")
         numeric = NAMES.get(address, address)
         try:
-            socket.inet_aton(numeric)
-        except OSError as error:
+            ipaddress.IPv4Address(numeric)
+        except ValueError as error:
             raise ValueError(f"{address!r} is no numeric IPv4 address") from error
-        sock = socket.socket()
+        try:
+            sock = socket.socket()
+        except OSError:  # there are no more
+            return None
         sock.setblocking(False)
         try:
             if sock.connect_ex((numeric, port)) in STARTED:
                 return sock
-        except OverflowError:  # no port
+        except (OSError, OverflowError):  # the latter: no port
             pass
         sock.close()
         return None
@@ -55,12 +60,15 @@ class ScriptSockets:
         return True
 
     def received(self, name: str) -> bytearray | None:
-        """Returns what a socket has received and nobody has read; None if there is no such socket, or it has ended."""
+        """Returns what a socket has received and nobody has read; None if there is no such socket, or it has ended.
+
+        Once that is too much, nothing more is read: TCP holds the sender back.
+        """
         connection = self.by_name.get(name)
         if connection is None:
             return None
         connection.flush()
-        if connection.open:
+        if connection.open and len(connection.received) <= RECEIVED_MAX:
             connection.read()
         return connection.received if connection.open or connection.received else None
 

@@ -10,6 +10,7 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
+from api.cli.support.addresses import SIMULATOR_PORTS
 from planner import kinematics
 from planner.dynamics import Payload, joint_torques
 from simulator.interfaces import OUTPUT_TYPES, wire
@@ -264,6 +265,10 @@ def test_no_program_starts_during_a_stop_or_in_local_control():
 
 
 # -- control port
+def test_the_command_line_asks_for_every_port_that_it_listens_on(simulation: Simulation):
+    assert sorted(port.number for port in simulation.network.ports) == sorted(SIMULATOR_PORTS)
+
+
 def test_the_control_port_answers_state_world_and_counts(simulation: Simulation):
     peer = Peer(simulation, "control")
 

@@ -77,6 +77,16 @@ def test_a_motion_goes_on_while_statements_wait_and_can_be_aborted(interpreted: 
     assert interpreted.told[3] == 8
 
 
+@pytest.mark.parametrize("commands", ["abort\nskipbuffer", "skipbuffer\nabort"])
+def test_a_motion_is_aborted_and_the_rest_skipped_at_once(interpreted: InterpreterClient, commands: str):
+    interpreted.ask("movej([2, -1.57, 1.57, -1.57, -1.57, 0])", 100)
+    interpreted.ask("write_output_integer_register(33, 5)")
+    interpreted.ask(commands, 300)
+    assert not any(interpreted.controller.arm.qd)
+    assert interpreted.controller.arm.q[0] < 1.5
+    assert interpreted.told[3] != 5
+
+
 def test_waiting_statements_are_skipped(interpreted: InterpreterClient):
     interpreted.ask("sleep(0.1)")
     interpreted.ask("write_output_integer_register(33, 9)")

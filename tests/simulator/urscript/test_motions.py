@@ -11,7 +11,8 @@ import pytest
 from planner import kinematics
 from planner.dynamics import Payload, joint_torques
 from simulator.output_values import OutputValues
-from simulator.program import messages
+from simulator.program import ProgramError, messages
+from simulator.program.progress import PathProgress
 from simulator.program.runner import PAUSED, STOPPED
 from tests.simulator.conftest import Driven, make_cell
 
@@ -130,6 +131,14 @@ def test_a_streamed_speed_into_a_limit_leaves_the_program_paused(arm: Recorded):
     assert arm.controller.runner.runtime == PAUSED
 
 
+def test_a_goal_beyond_a_limit_is_forgotten_with_its_move(arm: Recorded):
+    thread = "  thread far():\n    movej([0, -1.57, 1.57, -1.57, -1.57, 7])\n  end\n"
+    begun = "  handle = run far()\n  sleep(0.2)\n  kill handle\n  stopj(10)\n"
+    arm.run(f"def go():\n{thread}{begun}  speedj([0, 0, 0, 0, 0, 2], 10, 5)\nend\n")
+    assert arm.codes == [150]
+    assert arm.controller.runner.runtime == PAUSED
+
+
 def test_a_stop_by_the_program_has_its_own_code(arm: Recorded):
     arm.run("protective_stop()\n", 10)
     assert arm.codes == [209]
@@ -183,6 +192,31 @@ def test_a_far_servo_target_still_stops(arm: Recorded):
     assert arm.codes == [204]
 
 
+STIFF = "t=0.2, lookahead_time=0.03, gain=2000"
+BETWEEN = [
+    "movej([1, -1.57, 1.57, -1.57, -1.57, 0], a=10, v=3)",
+    "speedj([2, 0, 0, 0, 0, 0], 10, 0.5)\n  stopj(10)",
+    "movej([1, -1.57, 1.57, -1.57, -1.57, 0], a=10, v=3, r=0.1)\n  sleep(1)",
+]
+
+
+@pytest.mark.parametrize("between", BETWEEN)
+def test_a_servo_knows_no_goal_from_before_another_motion(arm: Recorded, between: str):
+    first = f"servoj({HOME}, t=0.002)"
+    last = f"q = get_target_joint_positions()\n  q[0] = q[0] + 0.2\n  servoj(q, {STIFF})"
+    arm.run(f"def go():\n  {first}\n  {between}\n  {last}\nend\n")
+    assert arm.codes == []
+    arm.cycle()
+    assert not arm.controller.context.motion.servo_goal
+
+
+def test_a_servo_knows_no_goal_of_another_program(arm: Recorded):
+    arm.run(f"servoj({HOME}, t=0.002)\n")
+    arm.run("movej([1, -1.57, 1.57, -1.57, -1.57, 0], a=10, v=3)\n")
+    arm.run(f"servoj([1.2, -1.57, 1.57, -1.57, -1.57, 0], {STIFF})\n")
+    assert arm.codes == []
+
+
 # -- blends
 FIRST = [0.5, -1.57, 1.57, -1.57, -1.57, 0.0]
 SECOND = [0.5, -1.2, 1.57, -1.57, -1.57, 0.0]
@@ -222,6 +256,67 @@ def test_a_blend_without_a_next_move_ends_at_its_waypoint(arm: Recorded):
     arm.run(f"def go():\n  movej({FIRST}, a=3, v=1, r=0.1)\n  sleep(1)\nend\n")
     np.testing.assert_allclose(arm.arm.q, FIRST, atol=1e-9)
     assert np.abs(arm.qdd).max() == pytest.approx(3.0, rel=1e-3)  # with its own deceleration
+
+
+class Unsolvable:
+    """A path on which the arm cannot be anywhere."""
+
+    length = 1.0
+    goal = FIRST
+    reaches_goal = True
+
+    def __init__(self) -> None:
+        self.rates: list[list[float]] = []
+
+    def at(self, distance: float) -> tuple[list[float], list[float]]:
+        raise ProgramError("unable to find an inverse kinematics solution")
+
+
+def blending(arm: Recorded) -> PathProgress:
+    """Runs until a move is to blend into the next; returns what is left of it."""
+    arm.controller.runner.upload(f"def go():\n  movej({FIRST}, a=3, v=1, r=0.3)\n  sleep(2)\nend\n")
+    motion = arm.controller.context.motion
+    while motion.blended is None:
+        arm.cycle()
+    return motion.blended
+
+
+def test_a_blend_that_cannot_go_on_is_an_error_of_the_program(arm: Recorded):
+    blending(arm).path = Unsolvable()
+    arm.cycle(200)
+    assert arm.controller.runner.runtime == STOPPED
+    assert [m.text for m in arm.said if isinstance(m, messages.RuntimeException)] == [
+        "unable to find an inverse kinematics solution"
+    ]
+    assert arm.arm.qd == [0.0] * 6
+
+
+def test_a_protective_stop_ends_a_blend_though_the_program_plays(arm: Recorded):
+    assert not blending(arm).ended
+    speed = arm.arm.qd[0]
+    arm.controller.stops.protective("a test", "playing")
+    arm.cycle(2)
+    deceleration = arm.controller.settings.decelerations.protective_stop
+    assert arm.arm.qd[0] == pytest.approx(speed - 2.0 * DT * deceleration)
+    arm.unlock()
+    arm.cycle(100)
+    assert arm.arm.qd == [0.0] * 6
+    assert arm.codes == [0]
+
+
+def test_no_move_blends_that_cannot_reach_its_goal(arm: Recorded):
+    """The tool goes straight to the other side of the first axis, next to which the wrist cannot be."""
+    arm.run(
+        """def go():
+  a = get_target_tcp_pose()
+  movej(get_inverse_kin(p[-0.5, -0.05, a[2], a[3], a[4], a[5]]))
+  movel(p[0.2, -0.05, a[2], a[3], a[4], a[5]], a=0.05, v=1, r=0.1)
+  write_output_integer_register(30, 1)
+end
+"""
+    )
+    assert arm.out_int(30) == 0
+    assert arm.tool(arm.arm.q)[0, 3] > -0.14  # it came as far as it can, not to the last place it had looked at
 
 
 @pytest.mark.parametrize("next_line", ["speedj([0.2, 0, 0, 0, 0, 0], 2, 0.5)", "stopj(2)", "halt"])

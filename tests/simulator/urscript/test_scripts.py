@@ -146,6 +146,81 @@ def test_a_critical_section_is_not_divided_by_another_thread(controller: Scripte
     assert controller.out_int(3) == 40
 
 
+def test_a_thread_without_a_pause_does_not_come_into_a_critical_section(controller: ScriptedController):
+    """Nor does the one keep the other from its turns."""
+    controller.run(
+        """def program():
+  global n = 0
+  global torn = 0
+  thread other():
+    while True:
+      m = 1
+      enter_critical
+      n = n + 1
+      exit_critical
+    end
+  end
+  run other()
+  i = 0
+  while i < 200:
+    enter_critical
+    before = n
+    k = 0
+    while k < 700 + i:
+      k = k + 1
+    end
+    if n != before:
+      torn = torn + 1
+    end
+    exit_critical
+    i = i + 1
+    sync()
+  end
+  write_output_integer_register(3, torn)
+  write_output_integer_register(4, n)
+end
+"""
+    )
+    assert controller.controller.runner.runtime == STOPPED  # the main thread has come to its end
+    assert controller.out_int(3) == 0
+    assert controller.out_int(4) > 200
+
+
+THREADS = """def program():
+  global n = 0
+  thread deep():
+    sleep(0.1)
+    n = n + 1
+  end
+  i = 0
+  while i < {}:
+    run deep()
+    i = i + 1
+  end
+  sleep(0.2)
+  write_output_integer_register(3, n)
+end
+"""
+
+
+def test_threads_are_no_nested_calls(controller: ScriptedController):
+    controller.run(THREADS.format(60))
+    assert controller.out_int(3) == 60
+
+
+def test_a_script_that_starts_threads_for_ever_ends(controller: ScriptedController):
+    controller.run(THREADS.format(101))
+    assert controller.exception.text.endswith("more than 100 threads run")
+
+
+def test_a_thread_has_nested_calls_of_its_own(controller: ScriptedController):
+    down = "  def down(k):\n    sync()\n    if k > 1:\n      down(k - 1)\n    end\n    return 0\n  end\n"
+    thread = "  thread other():\n    down(29)\n    write_output_integer_register(4, 1)\n  end\n"
+    controller.run(f"def program():\n{down}{thread}  run other()\n  down(30)\n  sleep(0.1)\n  down(31)\nend\n")
+    assert controller.out_int(4) == 1
+    assert "too many nested calls" in controller.exception.text
+
+
 def test_a_thousand_statements_fit_in_a_cycle(controller: ScriptedController):
     controller.run("def program():\n  i = 0\n  while i < 450:\n    i = i + 1\n  end\n  sync()\nend\n", 27)
     assert controller.controller.runner.runtime == STOPPED  # 25 cycles until it plays, one of work, one of sync

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import math
 import socket
 import struct
@@ -202,3 +203,43 @@ def test_a_socket_ends_with_its_program(controller: Scripted, server: ListeningS
     server.connection.setblocking(True)
     server.connection.settimeout(1.0)
     assert server.connection.recv(1) == b""
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1 foo", "127.1", "1", "::1"])
+def test_an_address_that_is_not_numeric_is_an_error_and_nothing_is_looked_up(
+    controller: Scripted, server: ListeningServer, monkeypatch: pytest.MonkeyPatch, address: str
+):
+    def connect_ex(*_: object) -> int:
+        raise AssertionError("connects to what is no address")
+
+    monkeypatch.setattr(socket.socket, "connect_ex", connect_ex)
+    controller.controller.runner.upload(f'socket_open("{address}", {server.port})\n')
+    controller.cycle(100)
+    assert controller.controller.runner.runtime == STOPPED
+    assert f"{address!r} is no numeric IPv4 address" in str(controller.controller.timeline.events)
+
+
+@pytest.mark.parametrize("refused", ["__init__", "connect_ex"])
+def test_a_system_that_gives_no_socket_is_not_connected(
+    controller: Scripted, monkeypatch: pytest.MonkeyPatch, refused: str
+):
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    monkeypatch.setattr(socket.socket, refused, refuse)
+    controller.run("write_output_boolean_register(0, not opened)")
+    monkeypatch.undo()
+    assert controller.controller.registers.bit_out[0]
+
+
+@pytest.mark.parametrize("read", ["socket_read_line(timeout=0)", 'socket_read_string(prefix="<", timeout=0)'])
+def test_what_nobody_reads_is_held_back_from_its_sender(controller: Scripted, server: ListeningServer, read: str):
+    controller.run(read, cycles=50)
+    assert server.connection is not None
+    for _ in range(100):
+        with suppress(BlockingIOError):
+            server.connection.send(b"x" * 65536)
+        controller.cycle()
+    program = controller.controller.runner.program
+    assert program is not None
+    assert len(program.context.sockets.by_name["socket_0"].received) <= 2 * 65536
