@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 EVENTS = "text/event-stream"
 TIMEOUT_S = 150.0  # [s] a plan may take its whole time limit
-READ_S = 10.0  # [s] what the service reads it answers within one
+READ_S = 30.0  # [s] what the service reads it answers within one on a quiet machine
 ABORT_S = 10.0  # [s] an abort is answered within one, and within six where a locked database alone could note it
 UNREACHABLE = 0  # status of the problem of a service that does not answer
 RETURN_S = 30.0  # [s] within which a service that is started again answers

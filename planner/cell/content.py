@@ -8,13 +8,8 @@ from typing import Any
 
 from planner.arrays import plain
 
-NOT_CONTENT = (
-    "name",
-    "sha256",
-    "document",
-    "content",
-    "check",
-)  # of a cell: what it is called, and what it was read from
+# Fields of a cell that say what it is called, what it was read from and how it is checked.
+NOT_CONTENT = ("name", "sha256", "document", "content", "check")
 
 
 def content_sha256(cell: Any) -> str:
