@@ -125,7 +125,9 @@ def out_of_range(problem: ThrowProblem, target: Target) -> OutOfRange | None:
         given = bound.most(away[away <= reach])
         if looked_at > CUBES_MAX or (needed <= given).any():
             return None  # smaller cubes would not exclude that point
-        closest = min([closest, *map(OutOfRange, needed.tolist(), given.tolist())], key=OutOfRange.lacking)
+        if len(points):
+            i = int((needed - given).argmin())
+            closest = min(closest, OutOfRange(float(needed[i]), float(given[i])), key=OutOfRange.lacking)
         needed = _least_radial_speed(places, goal, gravity, fastest)
         needed[away - places.radius > reach] = np.inf
         places = places.parts(needed <= bound.most(away - places.radius) + SLACK)
