@@ -124,7 +124,8 @@ def read_settings(**flags: object) -> ServiceSettings:
         raise SettingsError(f"{_source(('cells',), given)} = '{settings.cells}': there is no such folder")
     if not (settings.cells / f"{settings.default_cell}.toml").is_file():
         name = _source(("default_cell",), given)
-        raise SettingsError(f"{name}: no cell {settings.default_cell!r} in {settings.cells}")
+        where = f"{settings.cells}, the folder of cell files (FLING_CELLS)"
+        raise SettingsError(f"{name}: no cell {settings.default_cell!r} in {where}")
     return settings
 
 

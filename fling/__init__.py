@@ -6,7 +6,7 @@ Everything that documentation and examples use is reached from here, and loaded 
 
     cell = fling.open_cell("ur5e-sim")
     plan = fling.plan(fling.Target([1.2, 0.3, 0.0]), cell)
-    print(plan.release_time_s, plan.flight.landing_point, plan.certificate.valid)
+    print(plan, plan.release_time_s, plan.certificate.valid)
 
 Names that are not listed in `__all__` may change without notice.
 """
@@ -30,20 +30,36 @@ if TYPE_CHECKING:
     from planner import flight, kinematics, rotations, timing
     from planner.cell import Cell
     from planner.certificate import Certificate, Check, certify
-    from planner.errors import CellError, Infeasible, InvalidProblem, PlannerError, SolverFailed, Violation
+    from planner.errors import (
+        BackendUnavailable,
+        CellError,
+        FieldError,
+        FileRefused,
+        IncompleteRobot,
+        Infeasible,
+        InvalidProblem,
+        PlannerError,
+        SolverFailed,
+        UnknownRobot,
+        Violation,
+    )
     from planner.problem import ThrowProblem
     from planner.progress import Progress
     from planner.robots import Robot, robot
     from planner.trajectory import integrate
 
 __all__ = [
+    "BackendUnavailable",
     "Bin",
     "Cell",
     "CellError",
     "Certificate",
     "Check",
     "Client",
+    "FieldError",
+    "FileRefused",
     "Flight",
+    "IncompleteRobot",
     "Infeasible",
     "InvalidProblem",
     "Joint",
@@ -62,6 +78,7 @@ __all__ = [
     "Target",
     "ThrowProblem",
     "Trajectory",
+    "UnknownRobot",
     "Violation",
     "__version__",
     "as_joint_trajectory",
@@ -96,7 +113,19 @@ _HOMES = {  # module: the public names that it holds
     "planner": ("flight", "kinematics", "rotations", "timing"),
     "planner.cell": ("Cell",),
     "planner.certificate": ("Certificate", "Check", "certify"),
-    "planner.errors": ("CellError", "Infeasible", "InvalidProblem", "PlannerError", "SolverFailed", "Violation"),
+    "planner.errors": (
+        "BackendUnavailable",
+        "CellError",
+        "FieldError",
+        "FileRefused",
+        "IncompleteRobot",
+        "Infeasible",
+        "InvalidProblem",
+        "PlannerError",
+        "SolverFailed",
+        "UnknownRobot",
+        "Violation",
+    ),
     "planner.problem": ("ThrowProblem",),
     "planner.progress": ("Progress",),
     "planner.robots": ("Robot", "robot"),

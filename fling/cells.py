@@ -34,14 +34,14 @@ def open_cell(cell: str | Path | Mapping[str, Any]) -> Cell:
         CellError: there is no such cell, a field is refused, or its home violates a limit.
     """
     if isinstance(cell, Mapping):
-        stated = cell_of_keys(cell)
-        cell_folder.check_home(stated)
-        return stated
+        return cell_folder.checked(cell_of_keys(cell))
     if not isinstance(cell, str | Path):
         raise CellError("cell", cell, "must be a name, the path of a file, or the keys of one")
     path = Path(cell)
     if path.suffix != ".toml":
         path = cells_folder() / f"{cell}.toml"
         if not os.path.isfile(path):  # also of a name that is too long for a file
-            raise CellError("cell", str(cell), f"is not one of {', '.join(cell_names())} in {cells_folder()}")
+            raise CellError(
+                "cell", str(cell), f"is not one of {', '.join(cell_names())} in {cells_folder()} (FLING_CELLS)"
+            )
     return cell_folder.open_cell(path)

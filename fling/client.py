@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Self, Unpack
 import httpx2
 
 from fling import stop_socket
-from fling.requests import Options, Release, request_of
+from fling.requests import Options, Release, plain_values, request_of
 from fling.this_machine import executors_folder, is_loopback_host
 from fling.tracing import trace_context
 from planner.progress import Observer, Progress
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 EVENTS = "text/event-stream"
 TIMEOUT_S = 150.0  # [s] a plan may take its whole time limit
+READ_S = 30.0  # [s] what the service reads it answers within one on a quiet machine
 ABORT_S = 10.0  # [s] an abort is answered within one, and within six where a locked database alone could note it
 UNREACHABLE = 0  # status of the problem of a service that does not answer
 RETURN_S = 30.0  # [s] within which a service that is started again answers
@@ -55,13 +56,16 @@ class Client:
         token: Bearer token; default: FLING_TOKEN.
 
     Raises:
-        ServiceRefusal: From every call that does not succeed.
+        ServiceRefusal: From every call that does not succeed; at once for a URL without http:// or https://.
     """
 
     refusal: type[Exception] = ServiceRefusal  # what the calls raise
 
     def __init__(self, url: str | None = None, token: str | None = None) -> None:
         url = url or os.environ.get("FLING_URL") or f"http://127.0.0.1:{os.environ.get('FLING_PORT') or DEFAULT_PORT}"
+        if not url.startswith(("http://", "https://")):
+            detail = f"{url!r} has no http:// or https:// before it"
+            raise self.refusal({"title": "no service", "detail": detail, "status": UNREACHABLE})
         token = token or os.environ.get("FLING_TOKEN")
         headers = {"Authorization": f"Bearer {token}"} if token else {}
         self._http = httpx2.Client(base_url=url, headers=headers, timeout=TIMEOUT_S, trust_env=False)
@@ -92,7 +96,12 @@ class Client:
             trajectory: whether the answer has the samples.
             progress: called with a `Progress` several times a second; what it raises ends the search.
             options: what the request states beside the release, such as `release_window_s=0.01`.
+
+        Raises:
+            TypeError: `cell` is no name: the service has files of its own.
         """
+        if cell is not None and not isinstance(cell, str):
+            raise TypeError(f"a service plans for the cells in its folder: give the name of one, not {cell!r:.60}")
         asked = request_of(request, options)
         body = dict(asked) if cell is None else {**asked, "cell": cell}
         from fling.plans import Plan  # loads the planner, which other calls do without
@@ -115,7 +124,13 @@ class Client:
         raise self._unreachable(ConnectionError("the answer has no end"))
 
     def execute(self, plan: Plan | str = "latest", mode: str = "speedj", dry_run: bool = False) -> dict[str, Any]:
-        """Queues an execution of a plan, or of the plan with an id, and returns it; `finished` waits for its end."""
+        """Queues an execution of a plan, or of the plan with an id, and returns it; `finished` waits for its end.
+
+        Raises:
+            ValueError: `fling.plan` made the plan, which no service has.
+        """
+        if not isinstance(plan, str) and plan.planned is not None:
+            raise ValueError("the library made this plan, and no service has it: execute client.plan(plan.request)")
         plan_id = plan if isinstance(plan, str) else plan.id
         return self.post("/execute", {"plan_id": plan_id, "mode": mode, "dry_run": dry_run})
 
@@ -180,19 +195,19 @@ class Client:
 
     def landed(self, execution_id: str, position: Sequence[float], std_m: float) -> dict[str, Any]:
         """Reports where the object of an execution landed (3,) [m], measured with a standard deviation `std_m` [m]."""
-        return self.post(f"/executions/{execution_id}/landing", {"position": list(position), "std_m": std_m})
+        return self.post(f"/executions/{execution_id}/landing", plain_values({"position": position, "std_m": std_m}))
 
     def get(self, path: str) -> dict[str, Any]:
         """Returns the JSON of a GET."""
-        return self._call("GET", path)
+        return self._response("GET", path, timeout=READ_S).json()
 
     def text(self, path: str, media_type: str = "*/*") -> str:
         """Returns the text of a GET, of the media type asked for."""
-        return self._response("GET", path, headers={"Accept": media_type}).text
+        return self._response("GET", path, headers={"Accept": media_type}, timeout=READ_S).text
 
     def post(self, path: str, body: Any = None) -> dict[str, Any]:
         """Returns the JSON of a POST."""
-        return self._call("POST", path, body)
+        return self._response("POST", path, **({} if body is None else {"json": body})).json()
 
     def events(self, execution_id: str) -> Iterator[tuple[str, dict[str, Any]]]:
         """Yields (kind, data) of every event of an execution until its end."""
@@ -223,9 +238,6 @@ class Client:
         except httpx2.TransportError as error:
             raise self._unreachable(error) from None
 
-    def _call(self, method: str, path: str, body: Any = None) -> dict[str, Any]:
-        return self._response(method, path, **({} if body is None else {"json": body})).json()
-
     def _response(self, method: str, path: str, **more: Any) -> httpx2.Response:
         try:
             headers = {**more.pop("headers", {}), **trace_context()}  # the caller's trace goes on in the service
@@ -245,7 +257,10 @@ class Client:
         raise self.refusal(unexpected)
 
     def _unreachable(self, error: Exception) -> Exception:
-        detail = f"there is none at {self._http.base_url} ({error}); start one with 'fling up'"
+        if isinstance(error, httpx2.ReadTimeout | httpx2.RemoteProtocolError):
+            detail = f"what listens at {self._http.base_url} does not answer as one ({error})"
+        else:
+            detail = f"there is none at {self._http.base_url} ({error}); start one with 'fling up'"
         return self.refusal({"title": "no service", "detail": detail, "status": UNREACHABLE})
 
     def _lost(self, execution_id: str) -> Exception:

@@ -24,13 +24,15 @@ DEFAULT_CELL = "ur5e-sim"
 
 
 def problem(
-    request: Mapping[str, Any] | Release, cell: Cell | str | Path | None = None, **options: Unpack[Options]
+    request: Mapping[str, Any] | Release,
+    cell: Cell | str | Path | Mapping[str, Any] | None = None,
+    **options: Unpack[Options],
 ) -> ThrowProblem:
     """Returns the problem that a request states, in the planner's units.
 
     Args:
         request: a release such as `fling.Target`, or all of it as `POST /plan` takes it.
-        cell: a cell, or its name or file; by default the one that the request names, or `ur5e-sim`.
+        cell: a cell, or what `fling.open_cell` takes; by default the one that the request names, or `ur5e-sim`.
         options: what the request states beside the release.
 
     Raises:
@@ -42,7 +44,7 @@ def problem(
         reason = f"must be a release, or a mapping as `POST /plan` takes it, not {asked!r:.60}"
         raise InvalidProblem([FieldError("request", reason)])
     named = asked.get("cell") if cell is None else cell
-    found = named if isinstance(named, Cell) else open_cell(DEFAULT_CELL if named is None else str(named))
+    found = named if isinstance(named, Cell) else open_cell(DEFAULT_CELL if named is None else named)
     stated = problem_from_request(asked, found)
     if asked.get("min_hit_probability"):
         reason = "odds are reckoned by `fling plan`, `fling throw` and the service; the library plans without"
@@ -52,7 +54,7 @@ def problem(
 
 def plan(
     request: Mapping[str, Any] | Release | ThrowProblem,
-    cell: Cell | str | Path | None = None,
+    cell: Cell | str | Path | Mapping[str, Any] | None = None,
     progress: Observer | None = None,
     **options: Unpack[Options],
 ) -> Plan:
@@ -62,7 +64,7 @@ def plan(
 
     Args:
         request: a release such as `fling.Target`, all of it as `POST /plan` takes it, or a problem.
-        cell: a cell, or its name or file; by default the one that the request names, or `ur5e-sim`.
+        cell: a cell, or what `fling.open_cell` takes; by default the one that the request names, or `ur5e-sim`.
         progress: called with a `Progress` at each step of the search, and decides nothing; what it raises ends the
             search.
         options: what the request states beside the release, such as `release_window_s=0.01`; none for a problem.

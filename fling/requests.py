@@ -56,7 +56,7 @@ class Joint:
 
     def as_document(self) -> dict[str, Any]:
         """Returns the release as JSON."""
-        return {"kind": self.kind, "positions": _listed(self.positions), "velocities": _listed(self.velocities)}
+        return plain_values({"kind": self.kind, "positions": self.positions, "velocities": self.velocities})
 
 
 @dataclass(frozen=True)
@@ -81,11 +81,10 @@ class Pose:
     def as_document(self) -> dict[str, Any]:
         """Returns the release as JSON."""
         orientation = {"rotation_vector": self.rotation_vector, "quaternion": self.quaternion}
-        return {
-            "kind": self.kind,
-            "pose": {"position": _listed(self.position), **_given(orientation)},
-            "twist": {"linear": _listed(self.linear), "angular": _listed(self.angular)},
-        }
+        pose = {"position": self.position, **_given(orientation)}
+        return plain_values(
+            {"kind": self.kind, "pose": pose, "twist": {"linear": self.linear, "angular": self.angular}}
+        )
 
 
 @dataclass(frozen=True)
@@ -103,7 +102,7 @@ class Point:
 
     def as_document(self) -> dict[str, Any]:
         """Returns the release as JSON."""
-        return {"kind": self.kind, "position": _listed(self.position), "velocity": _listed(self.velocity)}
+        return plain_values({"kind": self.kind, "position": self.position, "velocity": self.velocity})
 
 
 @dataclass(frozen=True)
@@ -125,7 +124,7 @@ class Target:
 
     Attributes:
         position: of the place (3,) [m].
-        opening: the bin around it.
+        opening: the bin around it; its fields in a mapping do, too.
         max_release_speed_m_s: highest speed of the object at the release [m/s].
         min_elevation_rad: least elevation of its velocity above the horizon [rad].
         max_elevation_rad: largest elevation [rad].
@@ -135,7 +134,7 @@ class Target:
 
     kind: ClassVar[str] = "target"
     position: Numbers
-    opening: Bin | None = None
+    opening: Bin | Mapping[str, float] | None = None
     max_release_speed_m_s: float | None = None
     min_elevation_rad: float | None = None
     max_elevation_rad: float | None = None
@@ -144,37 +143,38 @@ class Target:
 
     def as_document(self) -> dict[str, Any]:
         """Returns the release as JSON."""
-        bounds = {name: value for name, value in vars(self).items() if name not in ("position", "opening")}
-        opening = {} if self.opening is None else {"opening": dict(vars(self.opening))}
-        return {"kind": self.kind, "position": _listed(self.position), **opening, **_given(bounds)}
+        return plain_values({"kind": self.kind, **_given(vars(self))})
 
 
 Release = Joint | Pose | Point | Target
 
 
 def request_of(asked: Mapping[str, Any] | Release, options: Mapping[str, Any]) -> Any:
-    """Returns a request in the shape of `POST /plan`: a release with its options, or a request with more of them."""
-    request: Any = {"release": asked.as_document()} if isinstance(asked, Release) else asked
-    if not options or not isinstance(request, Mapping):
-        return request
-    more = dict(options)
-    start = more.get("start")
-    if start is not None and not isinstance(start, Mapping):
-        more["start"] = {"positions": _listed(start)}
-    return {**request, **more}
+    """Returns a request in the shape of `POST /plan`, in plain values: a release or a request, and options to it.
+
+    What is neither a release nor a request stays, for the planner's own refusal to name it.
+    """
+    if isinstance(asked, Release):
+        return request_of({"release": asked}, options)
+    if not isinstance(asked, Mapping):
+        return asked
+    request = {**asked, **options}
+    release = request.get("release")
+    if isinstance(release, Release):
+        request["release"] = release.as_document()
+    start = request.get("start")
+    if "start" in options and start is not None and not isinstance(start, Mapping):
+        request["start"] = {"positions": start}
+    return plain_values(request)
 
 
 def _given(fields: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns the fields that are given, numbers and vectors as JSON has them."""
-    return {
-        name: value if isinstance(value, float | int) else _listed(value)
-        for name, value in fields.items()
-        if value is not None
-    }
+    """Returns the fields that are given."""
+    return {name: value for name, value in fields.items() if value is not None}
 
 
-def _listed(vector: Any) -> Any:
-    """Returns a vector as a list; arrays too. What is no vector stays, for the planner's own refusal to name it."""
-    if hasattr(vector, "tolist"):
-        return vector.tolist()
-    return list(vector) if isinstance(vector, Sequence) and not isinstance(vector, str) else vector
+def plain_values(value: Any) -> Any:
+    """Returns a value as JSON has it."""
+    from planner.arrays import plain  # loads numpy, which a client that plans nothing does without
+
+    return plain(value)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +21,7 @@ def open_cell(path: Path | str) -> Cell:
     Raises:
         CellError: a field of the file is refused, or home violates the limits or the surroundings.
     """
-    cell = load_cell(path)
-    check_home(cell)
-    return cell
+    return checked(load_cell(path))
 
 
 def default_cells_folder() -> Path:
@@ -31,6 +30,17 @@ def default_cells_folder() -> Path:
     checkout = packages / "cells"
     candidates = (Path("cells"), checkout, packages / "fling" / "cells")
     return next((folder for folder in candidates if any(folder.glob("*.toml"))), checkout).resolve()
+
+
+def checked(cell: Cell) -> Cell:
+    """Returns a cell after certifying that the arm can stand at its home; what it is changed into is certified, too.
+
+    Raises:
+        CellError: see `check_home`.
+    """
+    cell = replace(cell, check=check_home)
+    check_home(cell)
+    return cell
 
 
 def check_home(cell: Cell) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pkgutil
 import re
 import tokenize
 import tomllib
@@ -10,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+import fling
 from api.cli import COMMANDS
 from planner.robots import INCOMPLETE_NAMES, ROBOT_NAMES, missing_numbers, published_number, robot
 
@@ -95,6 +97,23 @@ def test_the_version_has_its_changelog_section_and_upgrade_notes():
     minor = [".".join(section.split(".")[:2]) for section in sections]
     notes = re.findall(r"^## From (\S+) to (\S+)$", (ROOT / "docs" / "how-to" / "upgrade.md").read_text(), re.M)
     assert notes == [(before, after) for after, before in pairwise(dict.fromkeys(minor))]
+
+
+def test_the_reference_of_the_library_has_what_its_face_has():
+    text = (ROOT / "docs" / "reference" / "library.md").read_text()
+    directive = r"^\.\. auto(module|class|function|exception):: (\S+)\n((?:   :.*\n)*)"
+    named = []
+    for kind, path, options in re.findall(directive, text, re.M):
+        listed = re.search(r":members: (.+)", options)
+        if kind != "module":
+            named.append(path)
+        elif listed is not None and path.rpartition(".")[2] not in fling.__all__:
+            named += [f"{path}.{name}" for name in listed[1].split(", ")]
+        elif path != "fling":
+            named.append(path)
+    assert sorted(path.rpartition(".")[2] for path in named) == sorted({*fling.__all__} - {"__version__"})
+    for path in named:
+        assert pkgutil.resolve_name(path) is getattr(fling, path.rpartition(".")[2]), path
 
 
 def test_the_table_of_arms_is_what_the_data_say():

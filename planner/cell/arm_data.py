@@ -63,7 +63,7 @@ def completed_arm(document: Mapping[str, Any]) -> Robot:
 
 
 def _read(table: Mapping[str, Any], key: str, name: str) -> Any:
-    published = published_number(name, key)
+    published: Any = published_number(name, key)
     if key.startswith("joint_position"):
         published = published or TURN_DEG
     if key in LAYOUT and published is not None:

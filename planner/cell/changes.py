@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from planner.cell.content import plain
+from planner.arrays import plain
 from planner.cell.file import cell_of_document
 from planner.cell.model import Cell
 from planner.cell.source import CellSource

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -274,6 +274,8 @@ class Cell:
         tool, limits, surroundings, object, gripper, safety, timing, link, sim: the tables of the cell file.
         document: keys and numbers of the cell file as written, with defaults filled in.
         content: hash of what the cell says, by which one that was changed in code is told from that of a file.
+        check: raises a `CellError` for a cell that `with_tool` and its like may not return; None: there is no more to
+            check than the keys.
 
     Raises:
         CellError: a limit is beyond the arm's own, or tool and object are heavier than the arm is rated for.
@@ -296,6 +298,7 @@ class Cell:
     sim: Sim
     document: Mapping[str, Any] = field(repr=False)
     content: str = field(default="", repr=False)
+    check: Callable[[Cell], object] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         for name, joint, value, own in self.limits.beyond(self.robot):
@@ -337,7 +340,7 @@ class Cell:
             keys: of the table `[limits]` of a cell file, such as `joint_velocity_rad_s=2.0`.
 
         Raises:
-            CellError: there is no such key, or a limit is beyond the arm's own.
+            CellError: there is no such key, a limit is beyond the arm's own, or home violates it.
         """
         return self._changed({"limits": keys})
 
@@ -348,7 +351,7 @@ class Cell:
             keys: of the table `[tool]` of a cell file, such as `mass_kg=0.8`.
 
         Raises:
-            CellError: there is no such key, or its value is refused.
+            CellError: there is no such key, its value is refused, or home violates a limit with it.
         """
         return self._changed({"tool": keys})
 
@@ -359,7 +362,7 @@ class Cell:
             boxes: as in `surroundings.keep_out` of a cell file: `{"lower_m": [3], "upper_m": [3]}`.
 
         Raises:
-            CellError: a box is refused.
+            CellError: a box is refused, or home is too close to it.
         """
         there = self.document["surroundings"]["keep_out"]
         return self._changed({"surroundings": {"keep_out": [*there, *boxes]}})
@@ -367,7 +370,10 @@ class Cell:
     def _changed(self, tables: Mapping[str, Mapping[str, Any]]) -> Cell:
         from planner.cell.changes import changed  # reads keys as the file's, and so stands above the model
 
-        return changed(self, tables)
+        made = changed(self, tables)
+        if self.check is not None:
+            self.check(made)
+        return made
 
     def as_learnt(self, timing: Timing, gripper: Gripper, thing: ThrownObject) -> Cell:
         """Returns this cell with what a profile has learnt of it.

@@ -151,5 +151,11 @@ def certify(problem: ThrowProblem, trajectory: Trajectory) -> Certificate:
 
     If the samples are not one continuous motion at the controller's sample rate, the certificate has the joint checks
     only: the bounds of the others rest on that.
+
+    Raises:
+        TypeError: the arguments are in the other order, or something else.
     """
+    if not isinstance(problem, ThrowProblem) or not isinstance(trajectory, Trajectory):
+        given = f"{type(problem).__name__} and {type(trajectory).__name__}"
+        raise TypeError(f"a problem and a trajectory are certified, in this order, not {given}")
     return Examination(problem, trajectory).certificate

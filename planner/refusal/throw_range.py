@@ -40,10 +40,17 @@ HALVES = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in 
 
 
 class OutOfRange(NamedTuple):
-    """Why no throw reaches a target: speeds [m/s] away from the shoulder at the place where they differ least."""
+    """Why no throw reaches a target: speeds [m/s] away from the shoulder, at the place that lacks least.
+
+    Of all places that were looked at, so that somewhere between them a little less may lack.
+    """
 
     least_needed: float
     most_possible: float
+
+    def lacking(self) -> float:
+        """Returns the speed that is lacking [m/s]."""
+        return self.least_needed - self.most_possible
 
 
 class _Chain(NamedTuple):
@@ -112,18 +119,18 @@ def out_of_range(problem: ThrowProblem, target: Target) -> OutOfRange | None:
     closest = OutOfRange(math.inf, 0.0)
     while len(places.x):
         looked_at += len(places.x)
-        within = np.linalg.norm(places.x, axis=1) <= reach
-        if looked_at > CUBES_MAX or _possible(_Places(places.x[within], 0.0), goal, gravity, fastest, bound):
-            return None
+        away = np.linalg.norm(places.x, axis=1)
+        points = places.x[away <= reach]
+        needed = _least_radial_speed(_Places(points, 0.0), goal, gravity, fastest)
+        given = bound.most(away[away <= reach])
+        if looked_at > CUBES_MAX or (needed <= given).any():
+            return None  # smaller cubes would not exclude that point
+        if len(points):
+            i = int((needed - given).argmin())
+            closest = min(closest, OutOfRange(float(needed[i]), float(given[i])), key=OutOfRange.lacking)
         needed = _least_radial_speed(places, goal, gravity, fastest)
-        needed[np.linalg.norm(places.x, axis=1) - places.radius > reach] = np.inf
-        given = bound.most(np.linalg.norm(places.x, axis=1) - places.radius)
-        excluded = needed > given + SLACK
-        lacking = np.where(excluded & np.isfinite(needed), needed - given, np.inf)
-        i = int(lacking.argmin())
-        if lacking[i] < closest.least_needed - closest.most_possible:
-            closest = OutOfRange(float(needed[i]), float(given[i]))
-        places = places.parts(~excluded)
+        needed[away - places.radius > reach] = np.inf
+        places = places.parts(needed <= bound.most(away - places.radius) + SLACK)
     return closest if math.isfinite(closest.least_needed) else None
 
 
@@ -142,12 +149,6 @@ class _RadialBound(NamedTuple):
         """Returns the bound (...,) [m/s] on the speed at `distance` (...,) [m] or farther."""
         row = np.searchsorted(self.distances, distance, side="right") - 1
         return self.speeds[np.clip(row, 0, len(self.speeds) - 1)]
-
-
-def _possible(points: _Places, target: Array, gravity: float, fastest: float, bound: _RadialBound) -> bool:
-    """Returns whether the bounds allow a throw from one of the points, so that no smaller cubes exclude it."""
-    needed = _least_radial_speed(points, target, gravity, fastest)
-    return bool((needed <= bound.most(np.linalg.norm(points.x, axis=1))).any())
 
 
 def _least_radial_speed(places: _Places, target: Array, gravity: float, fastest: float) -> Array:

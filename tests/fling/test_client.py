@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import socket
 import threading
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 import fling
@@ -85,6 +88,8 @@ def test_calls_and_their_bodies(url: str):
         assert typed["body"] == {"release": release, "release_window_s": 0.0, "cell": "ur5e-sim"}
         assert client.execute("p", dry_run=True)["body"] == {"plan_id": "p", "mode": "speedj", "dry_run": True}
         assert client.landed("e", (1, 2, 3), 0.01)["body"] == {"position": [1, 2, 3], "std_m": 0.01}
+        measured: Any = np.array([1, 2, 3], np.float32)
+        assert client.landed("e", measured, measured[0] / 2)["body"] == {"position": [1, 2, 3], "std_m": 0.5}
         assert client.abort("e")["path"] == "/executions/e/abort"
 
 
@@ -154,6 +159,31 @@ def test_refusals_carry_the_problem(url: str):
             client.plan({"release": "html"})
     with fling.Client("http://127.0.45.1:9") as nobody, pytest.raises(fling.ServiceRefusal, match="start one with"):
         nobody.get("/healthz")
+
+
+def test_an_address_that_is_none_says_why(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("fling.client.READ_S", 0.1)
+    for url in ("127.0.45.1:8000", "localhost:8000", "robots.example"):
+        with pytest.raises(fling.ServiceRefusal, match=f"'{url}' has no http://"):
+            fling.Client(url)
+    with socket.create_server(("127.0.45.1", 0)) as silent:
+        port = silent.getsockname()[1]
+        with fling.Client(f"http://127.0.45.1:{port}") as client:
+            for read in (client.get, client.text):
+                with pytest.raises(fling.ServiceRefusal, match=rf"what listens at .*:{port} does not answer"):
+                    read("/healthz")
+
+
+def test_what_a_service_cannot_have_is_told_before_it_is_asked():
+    cell = fling.open_cell("ur5e-sim")
+    joint = fling.Joint(cell.home, np.zeros(6))
+    made = fling.plan(joint, cell, backend="ruckig")
+    with fling.Client("http://127.0.45.1:9") as nobody:
+        with pytest.raises(ValueError, match=r"the library made this plan.* client\.plan\(plan\.request\)"):
+            nobody.execute(made)
+        for given in (cell, Path("cells/ur5e-sim.toml")):
+            with pytest.raises(TypeError, match="give the name of one"):
+                nobody.plan(joint, given)  # type: ignore[arg-type]
 
 
 def test_the_service_is_where_the_environment_says(url: str, monkeypatch: pytest.MonkeyPatch):

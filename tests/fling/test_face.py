@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import subprocess
 import sys
 import warnings
@@ -48,6 +49,8 @@ def test_a_clone_that_is_called_fling_hides_nothing(tmp_path: Path):
 def test_a_plan_is_certified_and_certifies_again(answer: fling.Plan):
     assert answer.certificate.valid
     assert fling.certify(answer.problem, answer.trajectory).valid
+    with pytest.raises(TypeError, match="in this order, not Trajectory and ThrowProblem"):
+        fling.certify(answer.trajectory, answer.problem)  # type: ignore[arg-type]
     k = answer.trajectory.release_index
     assert answer.trajectory.qd[k] == pytest.approx(REQUEST["release"]["velocities"], abs=1e-9)
 
@@ -56,8 +59,16 @@ def test_a_cell_by_name_by_file_and_by_request(root: Path, answer: fling.Plan):
     by_file = fling.open_cell(root / "cells" / "ur5e-sim.toml")
     assert by_file.sha256 == fling.open_cell("ur5e-sim").sha256 == answer.problem.cell.sha256
     assert fling.problem({**REQUEST, "cell": "ur10e-sim"}).cell.robot.name == "ur10e"
-    with pytest.raises(fling.CellError, match=r"'nowhere'.* is not one of .*ur5e-sim"):
+    with pytest.raises(fling.CellError, match=r"'nowhere'.* is not one of .*ur5e-sim.* \(FLING_CELLS\)"):
         fling.open_cell("nowhere")
+
+
+def test_a_request_takes_the_cells_that_open_cell_takes(root: Path):
+    by_keys = fling.problem(REQUEST, {"robot": "ur3e", "link": {"kind": "sim"}})
+    assert by_keys.cell.robot.name == "ur3e"
+    assert fling.problem(REQUEST, root / "cells" / "ur10e-sim.toml").cell.robot.name == "ur10e"
+    with pytest.raises(fling.CellError, match="must be a name, the path of a file, or the keys of one"):
+        fling.problem(REQUEST, 7)  # type: ignore[arg-type]
 
 
 def test_a_cell_in_a_notebook(answer: fling.Plan):
@@ -73,6 +84,28 @@ def test_a_cell_in_a_notebook(answer: fling.Plan):
         fling.open_cell({"robot": "ur5e", "link": {"kind": "sim"}, "home_rad": [0.0, 1.5, 0.0, 0.0, 0.0, 0.0]})
 
 
+def test_code_refuses_a_home_with_the_words_of_a_file():
+    keys = {"robot": "ur5e", "link": {"kind": "sim"}}
+    cell = fling.open_cell(keys)
+    thick = {"capsules": [{"from_m": [0.0, 0.0, 0.0], "to_m": [0.0, 0.0, 0.1], "radius_m": 0.3}]}
+    box = {"lower_m": [-0.5, -1.0, 0.2], "upper_m": [1.0, 1.0, 1.0]}
+    still = {"joint_position_upper_rad": [3.0, -2.0, 3.0, 3.0, 3.0, 3.0]}
+    changes = [
+        ({"tool": thick}, lambda cell: cell.with_tool(**thick)),
+        ({"surroundings": {"keep_out": [box]}}, lambda cell: cell.with_obstacles(box)),
+        ({"limits": still}, lambda cell: cell.with_limits(**still)),
+    ]
+    for more, change in changes:
+        with pytest.raises(fling.CellError) as of_file:
+            fling.open_cell({**keys, **more})
+        for opened in (cell, cell.with_limits(joint_velocity_rad_s=2.0), pickle.loads(pickle.dumps(cell))):
+            with pytest.raises(fling.CellError) as of_code:
+                change(opened)
+            assert str(of_code.value) == str(of_file.value)
+        with pytest.raises(fling.CellError):
+            change(fling.open_cell("ur5e-sim"))
+
+
 def test_refusals_name_what_stands_in_the_way():
     with pytest.raises(fling.InvalidProblem, match=r"release\.positions"):
         fling.plan({"release": {**REQUEST["release"], "positions": [0.0]}})
@@ -85,6 +118,8 @@ def test_refusals_name_what_stands_in_the_way():
         fling.plan({**REQUEST, "cell": ""})
     with pytest.raises(fling.CellError, match="is not one of"):
         fling.plan({**REQUEST, "cell": 400 * "long"})
+    with pytest.raises(TypeError, match=r"a problem and a trajectory .*, in this order, not int and str"):
+        fling.certify(7, "motion")  # type: ignore[arg-type]
     for cell in (7, None):
         with pytest.raises(fling.CellError, match="must be a name, the path of a file"):
             fling.open_cell(cell)  # type: ignore[arg-type]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import fields
 from typing import Any, get_args
 
@@ -56,6 +57,39 @@ def test_a_document_takes_options_too_and_stays_as_it_is():
     asked = fling.problem(document, "ur5e-sim", landing_tolerance_m=0.5, release_window_s=0.004)
     assert (asked.landing_tolerance_m, asked.release_window_s) == (0.5, 0.004)
     assert list(document) == ["release"]
+
+
+SINGLE: Any = np.float32  # what is measured or swept often comes so
+WHOLE: Any = np.int64
+NUMPY_RELEASES = {
+    "joint": fling.Joint(np.zeros(6), [SINGLE(0.1), *[WHOLE(0)] * 5]),
+    "pose": fling.Pose(np.ones(3), (SINGLE(1.0), 0, 0), quaternion=[*[WHOLE(0)] * 3, WHOLE(1)]),
+    "point": fling.Point([SINGLE(0.5), 0.2, 0.6], np.ones(3)),
+    "target": fling.Target([WHOLE(1), 0.3, 0], fling.Bin(SINGLE(0.12), SINGLE(0.2)), SINGLE(3.0)),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_request_made_with_numpy_is_json(kind: str):
+    options = {
+        "limits": {"velocity": np.full(6, 2.5), "jerk": SINGLE(100.0)},
+        "release_window_s": SINGLE(0.01),
+        "start": {"positions": np.array(START)},
+    }
+    typed = request_of(NUMPY_RELEASES[kind], options)
+    stated = request_of({"release": NUMPY_RELEASES[kind], **options}, {})
+    assert json.loads(json.dumps(typed)) == typed == stated
+    assert read_request(typed) == read_request(json.loads(json.dumps(typed)))
+    assert request_of({"release": {"kind": "point", "position": np.zeros(3)}}, {})["release"]["position"] == [0.0] * 3
+    json.dumps(NUMPY_RELEASES[kind].as_document())
+
+
+def test_the_fields_of_a_bin_do_as_a_mapping():
+    bin_around = {"radius_m": 0.12, "rim_height_m": 0.2}
+    typed = fling.Target([1.2, 0.3, 0.0], fling.Bin(**bin_around))
+    assert fling.Target([1.2, 0.3, 0.0], opening=bin_around).as_document() == typed.as_document()
+    with pytest.raises(fling.InvalidProblem, match=r"release\.opening"):
+        fling.problem(fling.Target([1.2, 0.3, 0.0], opening=0.12), "ur5e-sim")  # type: ignore[arg-type]
 
 
 def test_what_is_wrong_is_named_as_by_the_service():

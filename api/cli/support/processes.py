@@ -217,7 +217,8 @@ def cell_path(folder: Path, name: str) -> Path:
     path = folder / f"{name}.toml"
     if not path.is_file():
         known = ", ".join(sorted(p.stem for p in folder.glob("*.toml"))) or "none"
-        raise click.ClickException(f"no cell {name!r} in {folder}; there are: {known}")
+        reason = f"no cell {name!r} in {folder}, the folder of cell files (FLING_CELLS); there are: {known}"
+        raise click.ClickException(reason)
     return path
 
 

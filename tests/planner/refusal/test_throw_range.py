@@ -83,3 +83,19 @@ def test_what_the_bounds_do_not_cover_is_left_to_the_search():
     for other in (with_drag, beside):
         changed = replace(problem, cell=other)
         assert out_of_range(changed, changed.release) is None
+
+
+def test_more_is_lacking_farther_out_and_with_slower_joints():
+    here = cell()
+    direction = np.array([2.11, -0.82, 0.53])
+
+    def lacking(scale, speed):
+        release = TargetRelease(scale * direction)
+        slow = replace(here.limits, qd_max=np.full(6, speed))
+        return out_of_range(joint_problem(cell=here, release=release, limits=slow), release).lacking()
+
+    by_distance = [lacking(scale, 3.0) for scale in (1.0, 1.03, 1.06)]
+    assert by_distance[0] > 0.1  # [m/s] well beyond what the rounding of the search would be
+    assert by_distance == sorted(by_distance)
+    by_speed = [lacking(1.0, speed) for speed in (3.0, 2.5, 2.0)]
+    assert by_speed == sorted(by_speed)
