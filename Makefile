@@ -5,6 +5,8 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
 # What the C of the planner is made of.
 NATIVE := $(wildcard planner/native/*/*.[ch] planner/backends/casadi_nlp/*.py planner/backends/casadi_nlp/symbols/*.py)
+# Steps of setting up, by what is asked for.
+STEPS := $(if $(filter-out demo up web web-check sbom audit,$(or $(MAKECMDGOALS),setup)),3,$(if $(filter demo up,$(MAKECMDGOALS)),2,1))
 SOURCES := fling planner store learning jobs api executor simulator benchmarks
 
 .PHONY: setup demo up test verify verify-ci wheels sbom audit soak fuzz test-kernels check web web-check bench bench-batches pictures docs lock clean
@@ -102,23 +104,24 @@ clean:
 	find $(SOURCES) tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(VENV)/bin/python:
-	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Fling needs Python 3.11 or newer; try: make PYTHON=python3.12 ...")'
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Fling needs Python 3.11 or newer; try: make PYTHON=python3.12 ...")'
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/run.stamp: requirements/run.txt | $(VENV)/bin/python
-	@echo 'setting up 1 of 3: Python packages, about half a minute …'
+	@echo 'setting up 1 of $(STEPS): Python packages, about half a minute …'
 	@$(PIP) install --quiet --no-compile --require-hashes -r requirements/run.txt
 	touch $@
 
 $(VENV)/dev.stamp: requirements/dev.txt $(VENV)/native.stamp
-	@echo 'setting up 3 of 3: tools of the tests and checks, about half a minute …'
+	@echo 'setting up 3 of $(STEPS): tools of the tests and checks, about half a minute …'
 	@$(PIP) install --quiet --no-compile --require-hashes -r requirements/dev.txt
 	touch $@
 
 # Compiles what is newer than its object, on all processors. The "compat" way of being editable puts this folder on the
 # path, so that `import fling` works beside a clone that is called "fling", too.
 $(VENV)/native.stamp: $(VENV)/run.stamp pyproject.toml setup.py $(NATIVE)
-	@echo 'setting up 2 of 3: compiling, about half a minute on two cores …'
+	@echo 'setting up 2 of $(STEPS): compiling, half a minute on two fast cores, minutes on a slow machine …'
+	@$(BIN)/python setup.py --quiet build_ext --inplace  # pip would keep its progress to itself
 	@$(PIP) install --quiet --no-deps --no-build-isolation --config-settings editable_mode=compat --editable .
 	touch $@
 

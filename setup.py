@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import shutil
 import sys
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+import time
+from collections.abc import Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from functools import partial
 from pathlib import Path
 
@@ -21,6 +23,7 @@ WRITTEN = ROOT / "build" / "native"  # the optimiser's C, and all that is compil
 COMMON = ["-ffp-contract=off", "-fno-math-errno", "-Wno-psabi", "-g0"]
 # What else a compiler does takes twice the time with straight-line code, and makes it no faster.
 STRAIGHT = ["-Og"]
+TELL_S = 10.0  # [s] between two lines about what is being built
 KERNEL = Extension(
     "planner.native.kernel",
     [str(NATIVE / "kernel" / f"{name}.c") for name in ("arm", "bounds", "flights", "states", "velocities")],
@@ -96,7 +99,9 @@ class BuildNative(build_ext):
         one = partial(self._compile_one, since, options)
         largest_first = sorted(sources, key=os.path.getsize, reverse=True)
         with ThreadPoolExecutor(os.cpu_count()) as pool:
-            return list(pool.map(one, largest_first))
+            running = [pool.submit(one, source) for source in largest_first]
+            tell_until_done(running, "compiled")
+            return [done.result() for done in running]
 
     def _compile_one(self, since: float, options: dict[str, object], source: str) -> str:
         (made,) = self.compiler.object_filenames([source], output_dir=self.build_temp)
@@ -120,8 +125,19 @@ def written_blocks() -> list[Path]:
     files = {name: WRITTEN / f"{name}.c" for name in ALL_FORMULAS}
     missing = [name for name, file in files.items() if not file.exists() or file.stat().st_mtime < changed]
     with ProcessPoolExecutor() as pool:  # casadi takes seconds for some
-        list(pool.map(partial(write_block, folder=WRITTEN), missing))
+        running = [pool.submit(write_block, name, folder=WRITTEN) for name in missing]
+        tell_until_done(running, "written")
+        for done in running:
+            done.result()
     return list(files.values())
+
+
+def tell_until_done(running: Sequence[Future], verb: str) -> None:
+    """Waits for what is done with files, and says every few seconds on standard error how far it is."""
+    begun_s = time.monotonic()
+    while wait(running, timeout=TELL_S).not_done:
+        count = sum(one.done() for one in running)
+        print(f"  {count} of {len(running)} files {verb}, {time.monotonic() - begun_s:.0f} s", file=sys.stderr)
 
 
 if __name__ == "__main__":

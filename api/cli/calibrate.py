@@ -15,7 +15,7 @@ from api.cli.support.errors import FlingGroup
 from api.cli.support.exit_status import NotCompleted
 from api.cli.support.options import calls_service, cell_of_service, cell_option, json_option
 from api.cli.support.progress import execute_plan
-from api.cli.support.summary import numbers_text, profile_text
+from api.cli.support.summary import ending_text, numbers_text, profile_text
 
 AMPLITUDE_RAD = 0.25  # [rad] of a small motion: long enough for 1 rad/s, short enough to stay clear of most things
 AMPLITUDE_MIN_RAD = 0.02  # [rad] a shorter motion ends before a lag of 20 ms shows
@@ -209,7 +209,7 @@ def _executed(client: ServiceClient, plan: dict[str, Any]) -> dict[str, Any]:
     """Executes a plan; returns the finished execution."""
     done = execute_plan(client, plan, progress=False)
     if done["outcome"] != "completed":
-        raise NotCompleted(f"{done['outcome']}: {done['reason'] or 'no reason was given'}")
+        raise NotCompleted(ending_text(done))
     return done
 
 

@@ -5,17 +5,19 @@ from __future__ import annotations
 import math
 import os
 import re
+import shutil
 import socket
 import statistics
 import tempfile
 import time
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from api.cli.support.progress import execute_plan, make_plan
-from api.cli.support.summary import landing_text
+from api.cli.support.summary import BUSY_HINT, ending_text, landing_text
 
 if TYPE_CHECKING:
     from api.cli.support.client import ServiceClient
@@ -27,13 +29,27 @@ CONNECT_TIMEOUT_S = 20.0  # [s] the executor reconnects within a second
 MEASURED_ARM = '[arm]\ndisturbance = "ur5-measured"\n'  # truth file of the second arm
 MEASURED_TOLERANCE_M = 0.1  # [m] for that arm: with the default of 2 cm the executor keeps what would land further off
 MEASURED_THROWS = 5  # on that arm: its landings scatter
+LOG = "log.txt"  # what all processes write
 THROWS_MAX = 3  # a busy machine may miss ticks; after this many such throws it is unfit for a demo
 # Outcomes of a machine that is too busy, without real-time priority: docs/executor.md; and of a stream that was silent.
 BUSY = ("late", "link_lost", "tracking", "executor_lost")
 
 
 class ThrowFailed(Exception):
-    """A throw of the demo ended otherwise than completed; the text says how."""
+    """A throw of the demo ended otherwise than completed; the text says how, and what to do."""
+
+
+@dataclass
+class Landings:
+    """What the throws have come to so far.
+
+    Attributes:
+        ideal_m: landing error of the ideal arm [m]; None before its throw, NaN where nothing landed.
+        measured_m: those of the arm as measured [m].
+    """
+
+    ideal_m: float | None = None
+    measured_m: list[float] = field(default_factory=list)
 
 
 @click.command()
@@ -44,7 +60,8 @@ def demo(cell: str, keep: Path | None) -> None:
 
     Exit status 0 only where the ideal arm's object landed within 10 mm of the target.
     """
-    from api.cli.support.processes import catch_signals, cell_path, require_streaming_client
+    from api.cli.support.client import ServiceError
+    from api.cli.support.processes import ChildFailed, catch_signals, cell_path, require_streaming_client
     from api.settings import parse_settings
 
     require_streaming_client()
@@ -54,21 +71,37 @@ def demo(cell: str, keep: Path | None) -> None:
         folder = keep or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)
         _copy_cell(original, folder)
+        landings = Landings()
         try:
-            missed_m, measured_m = _throw(folder, cell)
+            missed_m = _throw(folder, cell, landings)
         except KeyboardInterrupt:
             raise click.ClickException("interrupted") from None
+        except (ChildFailed, ServiceError, ThrowFailed) as error:
+            log = folder / LOG if keep else _kept(folder / LOG)
+            raise click.ClickException(f"{error}\nwhat the processes wrote: {log}") from error
+        finally:
+            click.echo(_landings_text(landings), nl=False)
     if not missed_m <= MISS_MAX_M:
         raise click.ClickException(f"it missed the target by {1000 * missed_m:.1f} mm")
-    click.echo(f"\nIdeal arm: the object landed {1000 * missed_m:.1f} mm from the target.")
-    tolerance = 1000 * MEASURED_TOLERANCE_M
-    most, median, least = (1000 * f(measured_m) for f in (max, statistics.median, min))
     click.echo(
-        f"Arm as measured on a real UR5, {len(measured_m)} throws with a tolerance of {tolerance:.0f} mm: "
-        f"{median:.0f} mm in the median ({least:.0f} to {most:.0f}).\n"
         "Between the two lies what nobody has measured yet. A cell learns its timing in three minutes: "
         "fling calibrate lag, then fling calibrate gripper."
     )
+
+
+def _landings_text(landings: Landings) -> str:
+    """Returns what the throws came to that were completed, a line an arm; nothing without one."""
+    text = ""
+    if landings.ideal_m is not None:
+        text += f"\nIdeal arm: the object landed {1000 * landings.ideal_m:.1f} mm from the target.\n"
+    if landings.measured_m:
+        most, median, least = (1000 * f(landings.measured_m) for f in (max, statistics.median, min))
+        count = len(landings.measured_m)
+        text += (
+            f"Arm as measured on a real UR5, {count} throw{'s' if count > 1 else ''} with a tolerance of "
+            f"{1000 * MEASURED_TOLERANCE_M:.0f} mm: {median:.0f} mm in the median ({least:.0f} to {most:.0f}).\n"
+        )
+    return text
 
 
 def _copy_cell(original: Path, folder: Path) -> None:
@@ -80,17 +113,16 @@ def _copy_cell(original: Path, folder: Path) -> None:
     (folder / original.name).write_text(text)
 
 
-def _throw(folder: Path, cell: str) -> tuple[float, list[float]]:
-    """Starts all processes, throws on both arms and stops.
+def _throw(folder: Path, cell: str, landings: Landings) -> float:
+    """Starts all processes, throws on both arms and stops; adds to `landings` as it goes.
 
     Returns:
-        The landing error of the ideal arm and those of the arm as measured [m]; NaN where nothing landed.
+        The landing error of the ideal arm [m]; NaN where nothing landed.
     """
-    from api.cli.support.client import ServiceClient, ServiceError
-    from api.cli.support.processes import ChildFailed, ChildProcesses, start_all
+    from api.cli.support.client import ServiceClient
+    from api.cli.support.processes import ChildProcesses, start_all
 
     port = _free_port()
-    log = folder / "log.txt"
     url = f"http://127.0.0.1:{port}"
     environment = {
         "FLING_DATABASE_URL": f"sqlite:///{folder / 'fling.db'}",
@@ -101,19 +133,19 @@ def _throw(folder: Path, cell: str) -> tuple[float, list[float]]:
         "FLING_PORT": str(port),
         "FLING_REQUEST_LOG": "off",
     }
-    try:
-        with ChildProcesses(environment, log) as children, ServiceClient(url) as client:
-            start_all(children, folder, cell, url, is_simulated=True)
-            request = {"cell": cell, "release": {"kind": "target", "position": list(TARGET_M)}}
-            plan = make_plan(client, request)
-            ideal = _execute(client, plan)
-            click.echo(landing_text(ideal))
-            _exchange_arm(children, client, folder, cell)
-            plan = make_plan(client, {**request, "landing_tolerance_m": MEASURED_TOLERANCE_M}, progress=False)
-            measured = [_landing_error(_execute(client, plan, progress=False)) for _ in range(MEASURED_THROWS)]
-    except (ChildFailed, ServiceError, ThrowFailed) as error:
-        raise click.ClickException(f"{error}\n{_tail(log)}") from error
-    return _landing_error(ideal), measured
+    with ChildProcesses(environment, folder / LOG) as children, ServiceClient(url) as client:
+        start_all(children, folder, cell, url, is_simulated=True)
+        request = {"cell": cell, "release": {"kind": "target", "position": list(TARGET_M)}}
+        ideal = _execute(client, make_plan(client, request))
+        click.echo(landing_text(ideal))
+        ideal_m = landings.ideal_m = _landing_error(ideal)
+        _exchange_arm(children, client, folder, cell)
+        plan = make_plan(client, {**request, "landing_tolerance_m": MEASURED_TOLERANCE_M}, progress=False)
+        for i in range(1, MEASURED_THROWS + 1):
+            missed_m = _landing_error(_execute(client, plan, progress=False))
+            landings.measured_m.append(missed_m)
+            click.echo(f"throw {i} of {MEASURED_THROWS}: {1000 * missed_m:.0f} mm")
+    return ideal_m
 
 
 def _execute(client: ServiceClient, plan: dict[str, Any], progress: bool = True) -> dict[str, Any]:
@@ -129,7 +161,9 @@ def _execute(client: ServiceClient, plan: dict[str, Any], progress: bool = True)
         _acknowledge_busy(client, plan["cell"], execution)
         execution = execute_plan(client, plan, progress=progress)
     if execution["outcome"] != "completed":
-        raise ThrowFailed(f"{execution['outcome']}: {execution['reason']}")
+        said = ending_text(execution)
+        is_hinted = execution["outcome"] not in BUSY or said.endswith(BUSY_HINT)
+        raise ThrowFailed(said if is_hinted else f"{said}; {BUSY_HINT}")
     return execution
 
 
@@ -181,5 +215,8 @@ def _free_port() -> int:
         return int(server.getsockname()[1])
 
 
-def _tail(log: Path) -> str:
-    return "\n".join(log.read_text(errors="replace").splitlines()[-20:])
+def _kept(log: Path) -> Path:
+    """Returns a copy of the log that outlives the demo's own folder."""
+    handle, name = tempfile.mkstemp(prefix="fling-demo-", suffix=".log")
+    os.close(handle)
+    return Path(shutil.copyfile(log, name))

@@ -14,7 +14,7 @@ from api.cli.support.exit_status import NotCompleted
 from api.cli.support.options import calls_service, cell_of_service, cell_option, json_option
 from api.cli.support.progress import execute_plan, make_plan
 from api.cli.support.series import LOAD_HELP, LoadStep, load_step, read_targets, run_series, series_text
-from api.cli.support.summary import landing_text
+from api.cli.support.summary import ending_text, landing_text
 from api.cli.support.terminal import say_step
 
 if TYPE_CHECKING:
@@ -102,7 +102,7 @@ def _one_throw(client: Any, request: dict[str, Any], mode: str, dry_run: bool, a
 
 def _ending_text(execution: dict[str, Any]) -> str:
     """Returns how a throw ended that was not completed, and what to do next."""
-    said = f"{execution['outcome']}: {execution['reason'] or 'no reason was given'}"
+    said = ending_text(execution)
     latched = execution["outcome"] not in WITHOUT_FAULT
     return f"{said}; a fault is latched: check the robot, then 'fling acknowledge'" if latched else said
 
@@ -138,8 +138,11 @@ def acknowledge(cell: str | None, client: ServiceClient) -> None:
 
     name = cell_of_service(client, cell)
     answer = client.acknowledge(name)
-    fault = answer["fault"] or {}
-    said = ": ".join(filter(None, [fault.get("outcome"), fault.get("reason")])) or "there was no fault"
+    fault = answer["fault"]
+    if fault is None:
+        click.echo(f"{name}: there was no fault")
+        return
+    said = ": ".join(filter(None, [fault.get("outcome"), fault.get("reason")]))
     click.echo(f"{name}: {said}; acknowledged by {answer['acknowledged_by']}")
 
 

@@ -104,6 +104,23 @@ def test_a_reload_in_mid_throw_keeps_plan_and_request(guest: Visit, desk: Desk, 
     expect(guest.region("Execution")).to_contain_text("to (1.10, −0.40, 0.20)")
 
 
+def test_a_reloaded_past_throw_is_past_still(guest: Visit, desk: Desk, browser: Browser) -> None:
+    planned(guest)
+    id = desk.execution(guest.page.url[-36:], metrics={**METRICS, "landing_error_m": 0.0777})
+    row = guest.region("History").locator("tbody tr").filter(has_text="77.7 mm")
+    row.get_by_role("button").first.click(timeout=SOON_MS)
+    expect(guest.region("Execution")).to_contain_text(id)
+    guest.page.reload()
+    expect(guest.region("Execution")).to_contain_text(id, timeout=SOON_MS)
+    expect(guest.page.locator(".why")).to_contain_text("A past throw is on the screen", timeout=SOON_MS)
+    expect(guest.button("Throw on")).to_be_disabled()  # though the plan answers the form
+    guest.button("Back to the request").click()
+    expect(guest.button("Throw on")).to_be_enabled(timeout=SOON_MS)
+    with visit(browser, f"{desk.url}/#/execution/{id}") as other:
+        expect(other.button("Take its request")).to_be_visible(timeout=SOON_MS)
+        expect(other.button("Throw on")).to_be_disabled()
+
+
 def test_two_throws_are_compared(guest: Visit, desk: Desk, thrown_id: str) -> None:
     first = desk.execution(thrown_id, metrics={**METRICS, "landing_error_m": 0.0123})
     second = desk.execution(thrown_id, metrics={**METRICS, "landing_error_m": 0.0456})

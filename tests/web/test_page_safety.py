@@ -181,6 +181,18 @@ def test_a_fault_of_an_executor_that_reports_asks_for_no_new_one(guest: Visit, d
     expect(alert).not_to_contain_text("start the executor")
 
 
+def test_a_machine_that_fell_silent_is_told_from_a_lost_link(guest: Visit, desk: Desk) -> None:
+    planned(guest)
+    reason = "the streaming process was silent for 102 ms"
+    desk.executor.fault = {"outcome": "link_lost", "reason": reason, "at": 1.0}
+    alert = guest.page.get_by_role("alert").filter(has_text=reason)
+    expect(alert).to_contain_text("The streaming process was silent for 102 ms. This machine was probably too busy")
+    expect(alert).not_to_contain_text("Connection")
+    expect(guest.page.locator(".why")).to_have_text(
+        "A fault is latched: look at the arm, then acknowledge it above.", timeout=SOON_MS
+    )
+
+
 def test_lateness_is_told_by_what_was_late(guest: Visit, desk: Desk, thrown_id: str) -> None:
     late = {"released": True, "missed_ticks": 0, "gripper_command_late_s": 0.012, "period_max_s": 0.0021}
     desk.execution(

@@ -134,7 +134,7 @@ def test_a_search_is_told_while_it_goes_on_and_can_be_cancelled(guest: Visit) ->
     guest.button("Plan").click()
     expect(guest.page.locator(".search")).to_contain_text(re.compile(r"candidates? tried"), timeout=PLAN_MS)
     guest.button("Cancel").click()
-    expect(guest.page.get_by_text("Cancelled. ")).to_be_visible()
+    expect(guest.page.get_by_text(re.compile(r"^Cancelled after [\d.]+ s"))).to_be_visible()
     expect(guest.page.locator(".search")).to_have_count(0)
     assert guest.page.locator(".problem").count() == 0
     expect(guest.button("Plan")).to_have_attribute("aria-disabled", "false")
@@ -192,6 +192,15 @@ def test_on_a_phone_the_throw_is_above_the_sheet(desk: Desk, drawing_browser: Br
         assert sheet is not None
         assert cameras is not None
         assert y < min(sheet["y"], cameras["y"])
+
+
+def test_on_a_phone_the_sheet_drops_once_something_is_thrown(desk: Desk, browser: Browser) -> None:
+    with visit(browser, desk.url, viewport=PHONE) as guest:
+        guest.region("Robots").get_by_text("Ready").wait_for()
+        planned(guest)
+        guest.page.evaluate("scrollTo(0, 300)")
+        guest.button("Throw on").click()
+        guest.page.wait_for_function("scrollY === 0")
 
 
 def test_a_report_without_webgl_has_two_drawn_views(

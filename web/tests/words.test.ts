@@ -5,8 +5,8 @@ import { describe, expect, it } from "vitest";
 import type { Plan } from "../src/service/types";
 import { relationOf } from "../src/curves/quantities";
 import type { CellState, CellSummary, Check } from "../src/service/types";
-import { armKind, obstacleOf } from "../src/state/readiness";
-import { cellWords, figure, foundWords, keyNumbers, length, metricRows, outcomeWords, plainWords, progressWords } from "../src/state/words";
+import { armKind, obstacleOf, sentence } from "../src/state/readiness";
+import { adviceAfter, cancelledWords, cellWords, figure, foundWords, keyNumbers, length, metricRows, outcomeWords, plainWords, progressWords } from "../src/state/words";
 
 function planWith(status: string): Plan {
   return { backend: "casadi", solver: { solve_time_s: 0.0234, status } } as Plan;
@@ -23,6 +23,13 @@ describe("what the page says of a search", () => {
     expect(progressWords({ ...begun, stage: "search", candidates: 1, elapsed_s: 2.34 })).toBe("Searching: 1 candidate tried, nothing certified yet, 2.3 s");
     expect(progressWords({ ...begun, stage: "search", candidates: 3, best_release_time_s: 0.512 })).toContain("3 candidates tried, best release at 0.512 s");
     expect(progressWords({ ...begun, stage: "nearest", candidates: 5 })).toContain("Refused; looking for one that works: 5");
+  });
+
+  it("says what it had come to when it was cancelled", () => {
+    const begun = { stage: "search", candidates: 2, best_release_time_s: null, elapsed_s: 3.52 } as const;
+    expect(cancelledWords(begun)).toBe("Cancelled after 3.5 s: 2 candidates tried, nothing certified yet.");
+    expect(cancelledWords({ ...begun, stage: "queued" })).toBe("Cancelled after 3.5 s, before the search began.");
+    expect(cancelledWords({ ...begun, stage: "nearest" })).toContain("had been refused");
   });
 
   it("says that the time limit ended it", () => {
@@ -68,6 +75,15 @@ describe("what became of an execution", () => {
     expect(outcomeWords({ ...late, reason: "5 ticks lost so far, 5 in a row just now" })).toBe("Stopped: commands came too late");
     expect(keyNumbers(late as never, null, null)[2]).toEqual({ label: "Gripper command late", value: "12 ms", note: "" });
   });
+  it("tells a machine that was too busy from a link that failed", () => {
+    const silent = { outcome: "link_lost", reason: "the streaming process was silent for 102 ms" };
+    expect(outcomeWords(silent)).not.toContain("Connection");
+    expect(adviceAfter(silent.outcome, silent.reason)).toMatch(/^This machine was probably too busy: .*fling doctor/);
+    expect(adviceAfter("link_lost", "no new state for 40 ms")).toMatch(/^Look at cable/);
+    expect(adviceAfter("executor_lost", "the executor was frozen")).toContain("too busy");
+    expect(adviceAfter("late", "5 ticks lost so far, 5 in a row just now: this machine was busy")).toContain("too busy");
+    expect(adviceAfter("late", "5 ticks lost so far, 5 in a row just now: the link lost them")).toMatch(/^Look at cable/);
+  });
   it("tells an object that was let go too early", () => {
     expect(outcomeWords({ outcome: "released_early" })).toBe("The object was let go too early");
   });
@@ -89,6 +105,9 @@ describe("a cell", () => {
     expect(obstacleOf({ ...circumstances, lost: true })).toBe("The service does not answer.");
     expect(obstacleOf({ ...circumstances, live: { ...live, not_executable: "a fault is latched" } })).toBe("A fault is latched.");
     expect(obstacleOf({ ...circumstances, live: { ...live, robot: { refusals: ["the arm is moving"] } } as never })).toBe("The arm is moving.");
+    const latched = { ...live, fault: {}, not_executable: "a fault is latched: late; check the robot, then acknowledge it (`fling acknowledge`)" };
+    expect(obstacleOf({ ...circumstances, live: latched as never })).toBe("A fault is latched: look at the arm, then acknowledge it above.");
+    expect(sentence("`fling cell kinematics` reads it")).toBe("“fling cell kinematics” reads it.");
     expect(obstacleOf({ ...circumstances, live: null })).not.toBeNull();
   });
   it("has a silent executor, which may be stalled", () => {

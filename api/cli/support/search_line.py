@@ -70,8 +70,9 @@ def _interrupted_text(progress: Progress | None) -> str:
     if progress is None:
         return "interrupted before the search began; nothing was planned"
     spent = f"{progress.elapsed_s:.1f} s and {_counted(progress.candidates)}"
-    so_far = "the request had been refused" if progress.stage == "nearest" else f"so far {_best_text(progress)}"
-    return f"interrupted after {spent}: {so_far}; nothing was planned"
+    if progress.stage == "nearest":
+        return f"interrupted after {spent}: the request had been refused; the search for one that works was cut short"
+    return f"interrupted after {spent}: so far {_best_text(progress)}; nothing was planned"
 
 
 def _best_text(progress: Progress) -> str:

@@ -9,6 +9,10 @@ from planner.errors import CUT_SHORT
 
 # What a cell file says of the release's timing; source: `learning.release.PRIOR_STD`
 UNKNOWN_TIMING = "timing unknown: ±20 ms"
+# Words in which the executor says that this machine was late or silent; web/src/state/words.ts has the same.
+BUSY_WORDS = ("was silent for", "no command for", "was frozen", "ticks lost so far", "the gripper command was")
+BY_LINK = "the link lost them"  # source: executor/streaming/clock.py
+BUSY_HINT = "this machine was probably too busy: end other programs; 'fling doctor' judges its timing"
 BOX = "keep_out"  # beginning of `landed_on` where the object met a box, on its side or on its top
 
 
@@ -19,7 +23,7 @@ def plan_text(plan: dict[str, Any]) -> str:
     lines = [
         f"planned by {plan['backend']} in {1000 * solver['solve_time_s']:.0f} ms: release after "
         f"{plan['release_time_s']:.3f} s of {plan['duration_s']:.3f} s; "
-        f"{len(plan['certificate']['checks'])} checks passed"
+        f"{_checked_text(plan['certificate'])}"
     ]
     if flight:
         lines.append(f"leaves at {flight['speed_m_s']:.2f} m/s, flies {flight['time_of_flight_s']:.2f} s")
@@ -50,6 +54,21 @@ def landing_text(execution: dict[str, Any], observed: Sequence[dict[str, Any]] =
         return f"{text}\n{_observed_text(observed, execution.get('id', 'latest'))}"
     place = ", ".join(f"{value:.4f}" for value in point)
     return f"{text}\n{_landed_text(metrics.get('landed_on'))} at ({place}) m, {_length(error)} from where the plan said"
+
+
+def ending_text(execution: dict[str, Any]) -> str:
+    """Returns outcome and reason of an execution that was not completed, and the hint that a busy machine asks for."""
+    reason = execution["reason"] or "no reason was given"
+    said = f"{execution['outcome']}: {reason}"
+    was_busy = any(words in reason for words in BUSY_WORDS) and BY_LINK not in reason
+    return f"{said}; {BUSY_HINT}" if was_busy else said
+
+
+def _checked_text(certificate: dict[str, Any]) -> str:
+    """Returns how many checks passed, and the names of what was not checked."""
+    passed = f"{len(certificate['checks'])} checks passed"
+    unchecked = certificate.get("not_checked", ())
+    return f"{passed}; {len(unchecked)} not checked: {', '.join(unchecked)}" if unchecked else passed
 
 
 def _odds_text(odds: dict[str, Any]) -> str:

@@ -9,6 +9,7 @@ import socket
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import click
 import pytest
@@ -297,3 +298,17 @@ def test_a_fault_is_acknowledged_once_the_executor_has_cleared_it(monkeypatch: p
         assert client.acknowledge("ur5e-sim") == {"fault": {"outcome": "late"}}
     assert asked == ["/cells/ur5e-sim/acknowledge", *["/cells/ur5e-sim/state"] * 3]
     assert faults == []
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [
+        (None, "ur5e-sim: there was no fault"),
+        ({"outcome": "late", "reason": "busy"}, "ur5e-sim: late: busy; acknowledged by local"),
+    ],
+)
+def test_an_acknowledgement_says_what_it_cleared(fault: Any, said: str, monkeypatch: pytest.MonkeyPatch):
+    answer = {"cell": "ur5e-sim", "acknowledged_by": "local", "fault": fault}
+    monkeypatch.setattr(ServiceClient, "acknowledge", lambda *_: answer)
+    result = CliRunner().invoke(main, ["acknowledge", "--cell", "ur5e-sim"])
+    assert (result.exit_code, result.output.strip()) == (0, said)

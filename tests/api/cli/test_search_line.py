@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from api.cli.support import search_line
+from api.cli.support.exit_status import Interrupted
 from api.cli.support.search_line import SearchLine, progress_text
 from planner.progress import Progress
 
@@ -52,6 +53,17 @@ def test_a_terminal_gets_one_line_that_is_gone_at_the_end(
     told = capsys.readouterr().err
     assert "\n" not in told
     assert told.split(search_line.ERASED)[1:] == [f"  {progress_text(BEGUN)}", f"  {progress_text(FOUND)}", ""]
+
+
+def test_a_refusal_whose_search_was_cut_stays_a_refusal():
+    line = SearchLine(is_quiet=True)
+    line(REFUSED)
+    with pytest.raises(Interrupted) as ended, line:
+        raise KeyboardInterrupt
+    assert ended.value.message == (
+        "interrupted after 9.0 s and 5 candidates: the request had been refused; the search for one that works was "
+        "cut short"
+    )
 
 
 SCRIPT = """

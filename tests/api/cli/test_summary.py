@@ -12,7 +12,7 @@ from api.cli import main
 from api.cli.support.client import describe
 from api.cli.support.exit_status import Interrupted
 from api.cli.support.progress import execute_plan, make_plan
-from api.cli.support.summary import landing_text, plan_text
+from api.cli.support.summary import ending_text, landing_text, plan_text
 from planner.errors import CUT_SHORT
 from planner.progress import Progress
 
@@ -53,6 +53,32 @@ def test_a_plan_says_that_its_time_limit_ended_the_search():
     assert "time limit" not in plan_text(found)
     found["solver"] = {**SOLVER, "status": f"{SOLVER['status']}; {CUT_SHORT}"}
     assert "its time limit ended the search" in plan_text(found)
+
+
+def test_a_plan_names_what_was_not_checked():
+    found = plan(0.0, 0.18)
+    assert found["certificate"].setdefault("not_checked", []) == []
+    assert "14 checks passed\n" in plan_text(found)
+    found["certificate"]["not_checked"] = ["arm_shape", "payload"]
+    assert "14 checks passed; 2 not checked: arm_shape, payload\n" in plan_text(found)
+
+
+@pytest.mark.parametrize(
+    ("outcome", "reason", "is_busy"),
+    [
+        ("link_lost", "the streaming process was silent for 102 ms", True),
+        ("executor_lost", "the executor was frozen", True),
+        ("late", "no command for 31 ms: the controller's watchdog stopped the program", True),
+        ("late", "9 ticks lost so far, 9 in a row just now: this machine was busy", True),
+        ("late", "9 ticks lost so far, 9 in a row just now: the link lost them", False),
+        ("link_lost", "no new state for 40 ms", False),
+        ("protective_stop", None, False),
+    ],
+)
+def test_an_ending_of_a_busy_machine_says_what_to_do(outcome: str, reason: str | None, is_busy: bool):
+    said = ending_text({"outcome": outcome, "reason": reason})
+    assert said.startswith(f"{outcome}: {reason or 'no reason was given'}")
+    assert ("end other programs" in said and "fling doctor" in said) is is_busy
 
 
 @pytest.mark.parametrize(

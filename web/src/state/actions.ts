@@ -10,7 +10,7 @@ import { aimOf, placeWords } from "./machine";
 import {
   access, armed, cellStates, curves, dispatch, doubt, failed, faults, floorZ, landings, landingStd, notice, picking, playing, profiles, progress, reached, runPlan, shownId, state, throwMap, time, viewing,
 } from "./store";
-import { dateWords, landingWords, progressWords } from "./words";
+import { cancelledWords, dateWords, landingWords } from "./words";
 
 export function edit(fields: Partial<Draft>): void {
   faults.value = {};
@@ -69,7 +69,7 @@ export async function plan(): Promise<void> {
 export function cancelPlan(): void {
   const soFar = progress.value;
   search?.abort();
-  notice.value = { kind: "good", text: soFar === null ? "Cancelled." : `Cancelled. ${progressWords(soFar)}.` };
+  notice.value = { kind: "good", text: soFar === null ? "Cancelled." : cancelledWords(soFar) };
 }
 
 function refuse(revision: number, error: unknown): void {

@@ -5,7 +5,7 @@ import { effect } from "@preact/signals";
 import { get } from "../service/client";
 import { watchExecution } from "../service/events";
 import type { CellList, CellModel, Execution, ExecutionList, LandingList, Plan, PlanRequest, ProfileList } from "../service/types";
-import { loadCurves, loadMap, nameInAddress, refreshCell } from "./actions";
+import { isOver, loadCurves, loadMap, nameInAddress, refreshCell } from "./actions";
 import { type Draft, draftOf, requestOf } from "./draft";
 import { isSameRequest, keepDraft, keptDraft, linkOf } from "./links";
 import { isRunning } from "./machine";
@@ -201,7 +201,8 @@ async function followRun(id: string, signal: AbortSignal): Promise<void> {
 async function showExecution(id: string): Promise<void> {
   const execution = await get<Execution>(`/executions/${id}`);
   dispatch({ type: "execution", execution });
-  runPlan.value = await planOf(execution);
+  const plan = await planOf(execution);
+  if (state.value.execution?.id === id) runPlan.value = plan;
 }
 
 async function planOf(execution: Execution): Promise<Plan> {
@@ -231,8 +232,10 @@ export async function openAddress(): Promise<void> {
     const plan = await get<Plan>(`/plans/${execution?.plan_id ?? link.id}`, { patient: true });
     restore(plan, kept?.cell === plan.cell ? kept.draft : null);
     if (execution === null) return;
-    runPlan.value = plan;
     dispatch({ type: "execution", execution });
+    if (state.value.execution?.id !== execution.id) return; // something else runs, and stays on the screen
+    runPlan.value = plan;
+    if (isOver(execution.id)) viewing.value = execution.id;
   } catch (error) {
     notice.value = { kind: "bad", text: `What this address names could not be shown. ${failed(error)}` };
   }

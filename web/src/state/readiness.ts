@@ -26,11 +26,14 @@ export function obstacleOf({ lost, asksToken, summary, live }: Circumstances): s
   if (summary === null) return "There is no cell.";
   if (summary.error) return sentence(summary.error);
   if (live === null) return "Nothing is known of the robot yet.";
+  if (live.fault) return "A fault is latched: look at the arm, then acknowledge it above.";
   if (live.not_executable) return sentence(live.not_executable);
   const refusal = live.robot?.refusals?.[0];
   return refusal === undefined ? null : sentence(refusal);
 }
 
-function sentence(text: string): string {
-  return `${text[0]?.toUpperCase() ?? ""}${text.slice(1)}${/[.!?]$/.test(text) ? "" : "."}`;
+/** The service's words as a sentence of the page: a capital, a full stop, and commands in quotation marks. */
+export function sentence(text: string): string {
+  const quoted = text.replace(/`([^`]*)`/g, "“$1”");
+  return `${quoted[0]?.toUpperCase() ?? ""}${quoted.slice(1)}${/[.!?]$/.test(quoted) ? "" : "."}`;
 }

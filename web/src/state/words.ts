@@ -96,14 +96,20 @@ export function outcomeWords({ outcome, reason, metrics, dryRun }: Ended): strin
   return stopWords(outcome, reason);
 }
 
-/** `late` has two causes, which the executor's reason tells apart (executor/records/metrics.py). */
+/** Outcomes have several causes, which the executor's reason tells apart (executor/records/metrics.py, executor/supervision.py). */
 function stopWords(outcome: string | null, reason: string | null | undefined): string {
   if (outcome === "late" && isGripperLate(reason)) return "Thrown, but the gripper was told too late";
+  if (outcome === "link_lost" && wasMachineSilent(reason)) return "Stopped: no commands were sent for too long";
   return OUTCOME_WORDS[outcome ?? ""] ?? outcome?.replaceAll("_", " ") ?? "";
 }
 
 function isGripperLate(reason: string | null | undefined): boolean {
   return /^the gripper command was/.test(reason ?? "");
+}
+
+/** Whether this machine was silent, for whatever reason; api/cli/support/summary.py has the same words. */
+function wasMachineSilent(reason: string | null | undefined): boolean {
+  return /was silent for|no command for|was frozen/.test(reason ?? "");
 }
 
 function uncapitalised(text: string): string {
@@ -113,9 +119,15 @@ function uncapitalised(text: string): string {
 /** What a person does after a stop; null where nothing is to be done. */
 export function adviceAfter(outcome: string | null, reason: string | null | undefined): string | null {
   if (outcome === "late" && isGripperLate(reason)) return GRIPPER_LATE;
+  if (outcome === "late" && /the link lost them/.test(reason ?? "")) return ADVICE["link_lost"]!;
+  if (outcome === "link_lost" && wasMachineSilent(reason)) return PROBABLY_BUSY;
+  if (outcome === "executor_lost" && wasMachineSilent(reason)) return `${ADVICE["executor_lost"]} ${TOO_BUSY}`;
   return ADVICE[outcome ?? ""] ?? null;
 }
 
+const TOO_BUSY = "This machine was too busy: end other programs; “fling doctor” judges its timing.";
+// A call that does not return may wait for the processor, or for the network.
+const PROBABLY_BUSY = "This machine was probably too busy: end other programs, then acknowledge; “fling doctor” judges its timing. If nothing else ran, look at cable, network and controller.";
 const GRIPPER_LATE = "This machine was too busy when the gripper was due. End what loads it, then acknowledge; “fling doctor” judges its timing.";
 
 export function outcomeTone(outcome: string | null): Tone {
@@ -150,7 +162,7 @@ export function cellWords(summary: CellSummary, live: CellState | null): CellWor
   if (fault) {
     const headline = stopWords(fault.outcome ?? null, fault.reason) || "Fault";
     const advice = adviceAfter(fault.outcome ?? null, fault.reason) ?? "Look at the robot, then acknowledge.";
-    const reasons = [...(fault.reason ? [fault.reason] : []), ...(executor.alive ? [] : [silent])];
+    const reasons = [...(fault.reason ? [plainWords(fault.reason)] : []), ...(executor.alive ? [] : [silent])];
     return { tone: "bad", headline, reasons, advice: executor.alive ? advice : `${revive}. ${advice}`, fault: true };
   }
   if (!executor.alive) return plain("bad", "The executor is silent", [silent], revive);
@@ -315,10 +327,25 @@ export function planWords(plan: Plan): string {
 /** What the search for a plan has come to. */
 export function progressWords({ stage, candidates, best_release_time_s: best_s, elapsed_s }: PlanProgress): string {
   if (stage === "queued") return `Waiting for a planner, ${elapsed_s.toFixed(1)} s`;
-  const tried = `${candidates} candidate${candidates === 1 ? "" : "s"} tried`;
+  const tried = triedWords(candidates);
   if (stage === "nearest") return `Refused; looking for one that works: ${tried}, ${elapsed_s.toFixed(1)} s`;
-  const best = best_s === null ? "nothing certified yet" : `best release at ${best_s.toFixed(3)} s`;
-  return `Searching: ${tried}, ${best}, ${elapsed_s.toFixed(1)} s`;
+  return `Searching: ${tried}, ${bestWords(best_s)}, ${elapsed_s.toFixed(1)} s`;
+}
+
+/** What a search had come to when a person ended it. */
+export function cancelledWords({ stage, candidates, best_release_time_s: best_s, elapsed_s }: PlanProgress): string {
+  const spent = `Cancelled after ${elapsed_s.toFixed(1)} s`;
+  if (stage === "queued") return `${spent}, before the search began.`;
+  if (stage === "nearest") return `${spent}: the request had been refused; the search for one that works was cut short.`;
+  return `${spent}: ${triedWords(candidates)}, ${bestWords(best_s)}.`;
+}
+
+function triedWords(candidates: number): string {
+  return `${candidates} candidate${candidates === 1 ? "" : "s"} tried`;
+}
+
+function bestWords(best_s: number | null): string {
+  return best_s === null ? "nothing certified yet" : `best release at ${best_s.toFixed(3)} s`;
 }
 
 /** Which back end found the plan, how fast, and whether the time limit passed before the end of the search. */

@@ -4,6 +4,7 @@ import { useSignal } from "@preact/signals";
 import type { JSX } from "preact";
 
 import { acknowledge, useToken } from "../state/actions";
+import { sentence } from "../state/readiness";
 import { access, cell, cellState, connection, notice } from "../state/store";
 import { cellWords } from "../state/words";
 
@@ -42,7 +43,7 @@ function FaultBanner(): JSX.Element | null {
   return (
     <div class="banner bad fault" role="alert">
       <span>
-        <b>{words.headline}.</b> {words.reasons.map((reason) => `${reason}. `)}
+        <b>{words.headline}.</b> {words.reasons.map((reason) => `${sentence(reason)} `)}
         {words.advice}
       </span>
       <button type="button" class="primary small" disabled={silent} onClick={() => void acknowledge(chosen.name)}>

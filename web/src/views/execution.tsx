@@ -7,6 +7,7 @@ import { leavePast } from "../state/actions";
 import { takeRequest } from "../state/follow";
 import { hashOf } from "../state/links";
 import { aimOf, PHASES, placeWords, type Run, type Sample, wentThrough } from "../state/machine";
+import { sentence } from "../state/readiness";
 import { offsetFrom } from "../state/scatter";
 import { JOINTS } from "../curves/quantities";
 import { answered, cellName, cellState, execution, floorZ, landings, runPlan, viewing } from "../state/store";
@@ -73,7 +74,7 @@ function RunView({ run }: { run: Run }): JSX.Element {
         {ended ? outcomeWords(run) : run.stopping ? "Stopping …" : `${phaseWords(run.state, run)} …`}
         {run.outcome ? <code class="sr-only">{run.outcome}</code> : null}
       </p>
-      {run.reason ? <p class="soft">{plainWords(run.reason)}</p> : null}
+      {run.reason ? <p class="soft">{sentence(plainWords(run.reason))}</p> : null}
       {ended && run.outcome !== "completed" && run.outcome !== "aborted" ? <p>{adviceAfter(run.outcome, run.reason)}</p> : null}
       {run.samples.length > 1 && !run.dryRun ? <Tracking samples={run.samples} plan={plan} /> : null}
       {ended ? <Numbers run={run} plan={plan} /> : null}

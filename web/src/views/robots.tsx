@@ -4,8 +4,8 @@ import type { JSX } from "preact";
 
 import type { CellSummary } from "../service/types";
 import { acknowledge } from "../state/actions";
+import { armKind, sentence } from "../state/readiness";
 import { cellName, cells, cellStates, dispatch } from "../state/store";
-import { armKind } from "../state/readiness";
 import { cellWords } from "../state/words";
 
 export function RobotsSection(): JSX.Element {
@@ -36,7 +36,7 @@ function CellRow({ known }: { known: CellSummary }): JSX.Element {
         {kind === "simulated" && known.robot ? <span class="badge">simulated</span> : null}
         <span class={`state ${words.tone}`}>{words.headline}</span>
       </div>
-      {words.reasons.map((reason) => <p class="soft" key={reason}>{reason}</p>)}
+      {words.reasons.map((reason) => <p class="soft" key={reason}>{sentence(reason)}</p>)}
       {words.advice ? <p class="hint">{words.advice}</p> : null}
       {words.fault && !chosen ? (
         <button type="button" class="primary small" onClick={() => void acknowledge(known.name)}>

@@ -162,6 +162,14 @@ function WhyNot(): JSX.Element | null {
   );
 }
 
+const PHONE = "(max-width: 760px)"; // as in page.css
+
+/** Executes the plan; on a phone the sheet drops, so that the arm is seen. */
+function begin(): void {
+  if (matchMedia(PHONE).matches) scrollTo({ top: 0 });
+  void execute(mode.value, dryRun.value);
+}
+
 /** While something runs it waits, and keeps the focus: a button that is disabled loses it. */
 function ThrowButton(): JSX.Element {
   const asking = useSignal(false);
@@ -170,7 +178,7 @@ function ThrowButton(): JSX.Element {
   const act = (): void => {
     if (!armed.value) return;
     if (real && !dryRun.value) asking.value = true;
-    else void execute(mode.value, dryRun.value);
+    else begin();
   };
   return (
     <>
@@ -184,7 +192,7 @@ function ThrowButton(): JSX.Element {
         <AskOnceMore
           onYes={() => {
             asking.value = false;
-            void execute(mode.value, dryRun.value);
+            begin();
           }}
           onNo={() => (asking.value = false)}
         />
