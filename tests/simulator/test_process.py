@@ -17,6 +17,8 @@ from tests.simulator.conftest import ROOT, Start, cell_text
 COMMAND = [sys.executable, "-m", "simulator", "--cell"]
 STOPS = 5
 STOPPED_S = 0.03
+LONG_STOP_S = 0.2  # several times READ_WITHIN_S
+CATCHES_UP_S = 5.0  # [s] after that, on a busy machine
 READ_WITHIN_S = 0.05  # [s] between reading the counts and reading the clock
 
 
@@ -68,13 +70,16 @@ def test_a_strict_clock_catches_up_after_a_stop(start_simulator: Start):
     before = simulator.ask("stats")
     began = time.monotonic()
     simulator.process.send_signal(signal.SIGSTOP)
-    time.sleep(STOPPED_S)
+    time.sleep(LONG_STOP_S)
     simulator.process.send_signal(signal.SIGCONT)
-    time.sleep(STOPPED_S)
-    after = simulator.ask("stats")
-    passed = time.monotonic() - began
+    until = time.monotonic() + CATCHES_UP_S
+    while True:
+        after = simulator.ask("stats")
+        late_s = time.monotonic() - began - (after["t"] - before["t"])
+        if late_s < READ_WITHIN_S or time.monotonic() > until:
+            break
     assert after["slips"]["count"] == 0
-    assert after["t"] - before["t"] == pytest.approx(passed, abs=READ_WITHIN_S)
+    assert abs(late_s) < READ_WITHIN_S
 
 
 @pytest.mark.skipif(not realtime.is_permitted(), reason="real-time priority needs permission")
