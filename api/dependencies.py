@@ -30,7 +30,7 @@ from api.stopping import Stopping
 from api.store_probe import StoreProbe
 from planner.cell import Cell, CellSource
 from planner.errors import ERRORS_MAX
-from planner.fields import short_name, similar_name
+from planner.fields import did_you_mean, short_name
 from store import AuditLine, IdempotencyKey, KeyTaken, Store
 
 Row = TypeVar("Row")
@@ -266,9 +266,8 @@ def _query_names(dependant: Dependant) -> set[str]:
 
 
 def _unknown_query(name: str, known: Sequence[str]) -> str:
-    if similar := similar_name(name, known):
-        return f"there is no such parameter; did you mean {similar!r}?"
-    return f"there is no such parameter; there {'are ' + ', '.join(known) if known else 'is none here'}"
+    there = f"; there are {', '.join(known)}" if known else "; there is none here"
+    return f"there is no such parameter{did_you_mean(name, known) or there}"
 
 
 def id_in_path(thing: str) -> Any:

@@ -8,7 +8,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from planner.errors import ERRORS_MAX
-from planner.fields import named, short_name, shown, similar_name, unknown_field
+from planner.fields import did_you_mean, named, short_name, shown, unknown_field
 
 PATTERNS_NAMED = {"latest": "is neither a UUID nor 'latest'", "[0-9a-f]{8}-": "is not a UUID"}
 
@@ -84,9 +84,7 @@ def _unknown(location: Sequence[str | int], model: type[BaseModel] | None) -> st
 def _choice(context: Mapping[str, Any], value: Any) -> str:
     """Returns the reason of a value that is not one of a few."""
     offered = str(context["expected"]).replace(" or ", ", ").replace("'", "")
-    similar = similar_name(value, offered.split(", "))
-    meant = f"; did you mean {similar!r}?" if similar else ""
-    return f"{shown(value)} is not one of {offered}{meant}"
+    return f"{shown(value)} is not one of {offered}{did_you_mean(value, offered.split(', '))}"
 
 
 def _length(context: Mapping[str, Any], value: Any) -> str:

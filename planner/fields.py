@@ -237,13 +237,11 @@ class Kinds:
 
 def unknown_field(name: str, known: Mapping[str, Any]) -> str:
     """Returns the reason of a field that does not exist, with the one that was meant."""
-    similar = similar_name(name, list(known))
-    if similar:
-        return f"there is no such field; did you mean {similar!r}?"
-    return f"there is no such field; there are {', '.join(known)}"
+    there = f"; there are {', '.join(known)}"
+    return f"there is no such field{did_you_mean(name, list(known)) or there}"
 
 
-def similar_name(given: Any, known: Sequence[str]) -> str | None:
+def _similar_name(given: Any, known: Sequence[str]) -> str | None:
     """Returns the known name that was probably meant, whatever its case; None where none is similar."""
     if not isinstance(given, str) or len(given) > NAME_SHOWN:  # to compare a megabyte would take a second
         return None
@@ -253,7 +251,7 @@ def similar_name(given: Any, known: Sequence[str]) -> str | None:
 
 def did_you_mean(given: Any, known: Sequence[str]) -> str:
     """Returns the end of a sentence that names the known name which was probably meant; nothing where none is."""
-    similar = similar_name(given, known)
+    similar = _similar_name(given, known)
     return f"; did you mean {similar!r}?" if similar else ""
 
 

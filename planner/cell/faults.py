@@ -13,11 +13,8 @@ from planner.cell.source import CellSource
 from planner.errors import CellError
 
 FAULTS_MAX = 100  # a file with more of them is no cell file
-STAND_IN = {
-    "robot": "ur5e",
-    "link.kind": "sim",
-    "arm_data.source": "a stand-in",
-}  # of required keys, so that the others can be read
+# Of required keys, so that the others can be read.
+STAND_IN = {"robot": "ur5e", "link.kind": "sim", "arm_data.source": "a stand-in"}
 OF_ARM = ("limits.joint_", "home_rad", "sim.polyscope", "kinematics.")  # not judged without knowing the arm
 ENTRY = {  # of tools and boxes, which have no defaults
     "from_m": [0.0, 0.0, 0.0],

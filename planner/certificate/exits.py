@@ -44,13 +44,8 @@ MORE = 0.5  # [-] share of the time looked at that is looked at next, until the 
 SPACING_S = 0.008  # [s] of the instants after a release that are looked at first
 TICK_ROUNDING = 1e-6  # [ticks] by which whole ticks may exceed their number in floating point
 RELEASES_S = 0.004  # [s] between the releases of a spread
-NARROWER_RAD = (
-    0.01,
-    0.02,
-    0.05,
-    0.1,
-    0.2,
-)  # [rad] beyond the widest angle found, of the cones that are tried for a bound
+# [rad] beyond the widest angle found, of the cones that are tried for a bound.
+NARROWER_RAD = (0.01, 0.02, 0.05, 0.1, 0.2)
 TINY = 1e-9  # [m/s^2] an acceleration that has no direction
 
 

@@ -20,6 +20,7 @@ import pytest
 from mcap.reader import make_reader
 
 from executor.robot import simulator_client
+from store import ExecutionRow
 from tests.system.rig import LOB, NUDGE, Rig, rows_of
 
 LANDING_M = 0.005  # [m] accepted landing error of a throw that missed no tick
@@ -80,13 +81,17 @@ def test_a_throw_while_the_machine_of_the_simulated_controller_stalls(rig: Rig) 
     assert simulator_client.request(rig.host, "stats")["slips"]["count"] >= before + STALLS
 
 
-def test_a_cb3_arm_at_125_hz_lands_as_well(tmp_path: Path) -> None:
-    rig = Rig(tmp_path, "ur5-sim")
+def thrown_by(rig: Rig) -> tuple[ExecutionRow, bool]:
+    """One throw by a rig of its own, and whether a fault is latched after it."""
     rig.start()
     try:
-        row = rig.quiet_throw(LOB)
+        return rig.quiet_throw(LOB), rig.is_latched()
     finally:
         rig.stop()
+
+
+def test_a_cb3_arm_at_125_hz_lands_as_well(tmp_path: Path) -> None:
+    row, _ = thrown_by(Rig(tmp_path, "ur5-sim"))
     assert row.outcome == "completed", row.reason
     assert row.metrics["landing_error_m"] < LANDING_M
     assert row.metrics["release_velocity_error_share"] < RELEASE_SHARE
@@ -100,12 +105,7 @@ def test_a_newer_arm_and_one_that_the_cell_file_completes_land_as_well(tmp_path:
         "[tool]\n": "[arm_data]\njoint_velocity_deg_s = [120, 120, 150, 180, 180, 180]\n"
         'joint_torque_n_m = [433, 433, 204, 70, 70, 70]\nsource = "made up for this test"\n\n[tool]\n',
     }
-    rig = Rig(tmp_path, "ur15-sim", completed if name == "ur8long" else {})
-    rig.start()
-    try:
-        row = rig.quiet_throw(LOB)
-    finally:
-        rig.stop()
+    row, _ = thrown_by(Rig(tmp_path, "ur15-sim", completed if name == "ur8long" else {}))
     assert row.outcome == "completed", row.reason
     assert row.metrics["landing_error_m"] < LANDING_M
 
@@ -113,12 +113,7 @@ def test_a_newer_arm_and_one_that_the_cell_file_completes_land_as_well(tmp_path:
 def test_an_arm_that_lags_more_than_the_cell_says_completes_with_the_lag_to_set(tmp_path: Path) -> None:
     """6 ms more: the speed at the release is off, the arm on its path; nothing is latched, and the lag is measured."""
     rig = Rig(tmp_path, replace={'polyscope = "5.11.1"\nlag_s = 0.020': 'polyscope = "5.11.1"\nlag_s = 0.026'})
-    rig.start()
-    try:
-        row = rig.quiet_throw(LOB)
-        latched = rig.is_latched()
-    finally:
-        rig.stop()
+    row, latched = thrown_by(rig)
     assert row.outcome == "completed", row.reason
     assert not latched
     assert row.metrics["timing"]["lag_s"] == pytest.approx(0.026, abs=0.001)

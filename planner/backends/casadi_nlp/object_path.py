@@ -86,7 +86,8 @@ def standing_parameters(problem: ThrowProblem, room_m: float) -> Vector:
 
 def _clearances(problem: ThrowProblem) -> Vector:
     """Returns the flight clearance of each link but the base [m]: none where the object is gripped beside it."""
-    beside = {body_model(problem.cell).names[i] for i in body_model(problem.cell).beside_object}
+    body = body_model(problem.cell)
+    beside = {body.names[i] for i in body.beside_object}
     usual = problem.cell.surroundings.flight_clearance_m
     return np.array([0.0 if name in beside else usual for name in ARM_CAPSULES if name != "base"])
 
