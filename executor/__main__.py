@@ -16,8 +16,9 @@ from executor.daemon import Daemon
 from executor.doctor import DURATION_S, examine, grade_lag, known_timing, report
 from executor.logs import configure_logs, log
 from executor.ownership import CellTaken
+from executor.preflight import closest_models
 from executor.records import Journal, JournalLocked
-from executor.robot import RobotSession
+from executor.robot import RobotSession, find_robot
 from executor.settings import ExecutorSettings
 from fling import tracing
 from planner.cell import Cell, load_cell
@@ -37,8 +38,11 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--read-only", action="store_true", help="connect and report, never move")
     parser.add_argument("--doctor", action="store_true", help="check this machine's timing and the link, then exit")
     parser.add_argument("--kinematics", action="store_true", help="import the controller's kinematics, then exit")
+    parser.add_argument("--find", metavar="HOST", help="print what the controller there tells of itself, then exit")
     parser.add_argument("--json", action="store_true", help="print the import as JSON")
     options = parser.parse_args(arguments)
+    if options.find is not None:
+        return run_search(options.find)
     configure_logs()
     if (missing := tracing.configure_tracing("fling-executor")) is not None:
         log(missing)
@@ -86,9 +90,29 @@ def serve(daemon: Daemon, ended: threading.Event) -> int:
 def run_doctor(cell: Cell, database_url: str) -> int:
     """Prints the doctor's report; returns its exit code."""
     print(f"Measuring for {DURATION_S:.0f} seconds …", file=sys.stderr)
-    text, code = report(cell, [*examine(cell), grade_lag(cell, known_timing(cell, database_url))])
+    found = find_robot(cell.link.host)
+    findings = [*examine(cell, found), grade_lag(cell, known_timing(cell, database_url))]
+    text, code = report(cell, found, findings)
     print(text)
     return code
+
+
+def run_search(host: str) -> int:
+    """Prints as JSON what the controller at an address tells of itself; returns the exit code."""
+    found = find_robot(host)
+    if not found.is_there:
+        print(f"no controller answers at {host}", file=sys.stderr)
+        return 1
+    state = found.state
+    document = {
+        "models": [] if found.kinematics is None else closest_models(found.kinematics.table),
+        "polyscope": found.polyscope,
+        "serial": found.serial,
+        "payload_kg": None if state is None else state.payload_kg,
+        "tcp_offset": None if state is None else state.tcp_offset,
+    }
+    print(json.dumps(document))
+    return 0
 
 
 def run_import(settings: ExecutorSettings, as_json: bool) -> int:

@@ -17,8 +17,16 @@ from pathlib import Path
 from typing import Any
 
 from executor import realtime
-from executor.preflight import KINEMATICS_M, difference_from, kinematics_refusals, serial_refusals, told_models
-from executor.robot import DashboardClient, KinematicsInfo, read_kinematics, receive_timestamps
+from executor.preflight import (
+    KINEMATICS_M,
+    difference_from,
+    gripper_is_open,
+    kinematics_refusals,
+    serial_refusals,
+    state_refusals,
+    told_models,
+)
+from executor.robot import FoundRobot, KinematicsInfo, RobotState, receive_timestamps
 from learning import cell_in_use, pooled_document, timing_runs
 from planner.cell import Cell
 from store import Store, StoreError, StoreUnavailable
@@ -33,6 +41,9 @@ GAP_WARNING_S = GAP_MAX_S / 2.0  # [s] half of it: ten seconds have not seen the
 STAT = Path("/proc/stat")
 STOLEN = 8  # column of a processor's line; source: proc(5)
 ROOT = Path(__file__).parents[1]
+START_IT = "fling sim --cell {0} starts it, fling up --cell {0} all there is"
+SIMULATED_LATE = "end other programs: the simulated controller is late, not a cable"
+CHECK_LINK = "check that the controller is on, that its address is right, and that one cable connects it directly"
 MARKS = {"ok": "ok     ", "warning": "warning", "bad": "BAD    "}
 CODES = {"ok": 0, "warning": 1, "bad": 2}
 VERDICTS = (
@@ -52,33 +63,55 @@ class DoctorFinding:
     advice: str = ""
 
 
-def examine(cell: Cell) -> list[DoctorFinding]:
-    """Returns the findings about this machine and the link to the cell's controller."""
+def examine(cell: Cell, found: FoundRobot) -> list[DoctorFinding]:
+    """Returns the findings about the robot that was found, the link to it and this machine, in this order."""
     dt = 1.0 / cell.robot.sample_rate_hz
     before = stolen_s()
     began = time.monotonic()
     late = measure_wakeups(dt, DURATION_S)
     stolen = (stolen_s() - before) / (time.monotonic() - began) / (os.cpu_count() or 1)
     sleep = grade_sleep(realtime.is_virtual(), realtime.may_set_latency(), stolen)
-    return [
-        _permissions(),
-        _kernel(),
-        sleep,
-        grade_jitter(late, dt),
-        _link(cell),
-        *_robot(cell),
-    ]
+    machine = [_permissions(), _kernel(), sleep, grade_jitter(late, dt)]
+    if not found.is_there:  # what it would tell is missing for this reason alone
+        return [_absent(cell), *machine]
+    return [_link(cell), *_robot(cell, found), *machine]
 
 
-def report(cell: Cell, findings: list[DoctorFinding]) -> tuple[str, int]:
-    """Returns the report and the exit code: 0 fit, 1 fit with warnings, 2 unfit."""
-    lines = [f"Doctor: {cell.name}, {cell.robot.name} at {cell.link.host}"]
+def report(cell: Cell, found: FoundRobot, findings: list[DoctorFinding]) -> tuple[str, int]:
+    """Returns the report and the exit code: 0 fit, 1 fit with warnings, 2 unfit.
+
+    It begins with what was found, what is missing and the next step.
+    """
+    lines = [f"Doctor: {cell.name}, {cell.robot.name} at {cell.link.host}", f"Found: {found_words(cell, found)}"]
+    worst_first = sorted(findings, key=lambda finding: -CODES[finding.grade])
+    missing = [finding for finding in worst_first if finding.grade != "ok"]
+    lines.append(f"Missing or wrong: {', '.join(finding.name for finding in missing) or 'nothing'}")
+    step = next((finding.advice for finding in missing if finding.advice), None)
+    lines += [f"Next: {step or f'fling throw X Y Z --cell {cell.name} --dry-run: all of a throw but its motion'}", ""]
     for finding in findings:
         lines.append(f"  {MARKS[finding.grade]}  {finding.name}: {finding.text}")
         if finding.advice:
             lines.append(f"           -> {finding.advice}")
     code = max(CODES[finding.grade] for finding in findings)
     return "\n".join([*lines, f"Verdict: {VERDICTS[code]}."]), code
+
+
+def found_words(cell: Cell, found: FoundRobot) -> str:
+    """Returns which arm, serial number, PolyScope and gripper were found, in words."""
+    if not found.is_there:
+        return f"nothing answers at {cell.link.host}"
+    models = () if found.kinematics is None else told_models(cell, found.kinematics)
+    arm = f"a {' or '.join(models)}" if models else "an arm of which nothing is known"
+    serial = "no serial number" if found.serial is None else f"serial number {found.serial}"
+    software = "an unknown PolyScope" if found.polyscope is None else f"PolyScope {found.polyscope}"
+    return f"{arm}, {serial}, {software}; {_gripper_words(cell, found.state)}"
+
+
+def _gripper_words(cell: Cell, state: RobotState | None) -> str:
+    opens = f"gripper on {cell.gripper.output} {cell.gripper.index}"
+    if state is None:
+        return opens
+    return f"{opens}, {'open' if gripper_is_open(cell, state) else 'closed'}"
 
 
 def measure_wakeups(dt: float, duration_s: float) -> list[float]:
@@ -183,12 +216,17 @@ def _kernel() -> DoctorFinding:
     return DoctorFinding("kernel", "warning", f"{text}, not a real-time kernel", advice)
 
 
+def _absent(cell: Cell) -> DoctorFinding:
+    """Returns the finding about a controller that does not answer at all."""
+    text = f"no controller answers at {cell.link.host}"
+    return DoctorFinding("link", "bad", text, START_IT.format(cell.name) if cell.link.kind == "sim" else CHECK_LINK)
+
+
 def _link(cell: Cell) -> DoctorFinding:
-    advice = "check that the controller is on, that its address is right, and that one cable connects it directly"
     try:
         stamps = receive_timestamps(cell.link.host, cell.robot.sample_rate_hz, LINK_S)
     except (OSError, ValueError) as error:
-        return DoctorFinding("link", "bad", f"{cell.link.host}: {error}", advice)
+        return DoctorFinding("link", "bad", f"{cell.link.host}: {error}", CHECK_LINK)
     dt = 1.0 / cell.robot.sample_rate_hz
     lost = sum(round((b - a) / dt) - 1 for (_, a), (_, b) in pairwise(stamps))
     gap = max(b - a for (a, _), (b, _) in pairwise(stamps))
@@ -196,19 +234,21 @@ def _link(cell: Cell) -> DoctorFinding:
     mean = (stamps[-1][0] - stamps[0][0]) / (len(stamps) - 1)
     text = f"{len(stamps)} packages, period {mean * 1e3:.3f} ms, longest gap {gap * 1e3:.1f} ms, {lost} lost"
     grade = "ok" if share >= GOOD_SHARE and gap <= GAP_MAX_S else "warning" if share >= BAD_SHARE else "bad"
+    advice = SIMULATED_LATE if cell.link.kind == "sim" else CHECK_LINK
     return DoctorFinding("link", grade, text, "" if grade == "ok" else advice)
 
 
-def _robot(cell: Cell) -> list[DoctorFinding]:
-    """Returns the findings about the robot: which one it is, and whether its arm is the cell's."""
-    dashboard = DashboardClient(cell.link.host)
-    serial = dashboard.serial_number()
-    dashboard.close()
-    try:
-        info = read_kinematics(cell.link.host)
-    except (OSError, ValueError):
-        info = None
-    return [grade_serial(cell, serial), grade_kinematics(cell, info)]
+def _robot(cell: Cell, found: FoundRobot) -> list[DoctorFinding]:
+    """Returns the findings about the robot: which one it is, whether its arm is the cell's, and whether it may move."""
+    findings = [grade_serial(cell, found.serial), grade_kinematics(cell, found.kinematics)]
+    return findings if found.state is None else [*findings, grade_state(cell, found.state)]
+
+
+def grade_state(cell: Cell, state: RobotState) -> DoctorFinding:
+    """Returns the finding about what the robot's state keeps from moving."""
+    if reasons := state_refusals(cell, state):
+        return DoctorFinding("state", "warning", "; ".join(reasons), "set the robot up on its pendant, then ask again")
+    return DoctorFinding("state", "ok", "the arm is at rest, and set up as in the cell file")
 
 
 def grade_serial(cell: Cell, serial: str | None) -> DoctorFinding:

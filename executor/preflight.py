@@ -166,7 +166,12 @@ def refusals(cell: Cell, state: RobotState | None, remote: str | None) -> list[s
     """
     if state is None:
         return [f"no state arrives from the controller at {cell.link.host}"]
-    return [*_control(cell, remote), *_condition(state), *_tool(cell, state)]
+    return [*_control(cell, remote), *state_refusals(cell, state)]
+
+
+def state_refusals(cell: Cell, state: RobotState) -> list[str]:
+    """Returns every reason not to move a robot that its state gives; empty where it may move."""
+    return [*_condition(state), *_tool(cell, state)]
 
 
 def serial_refusals(cell: Cell, serial: str | None) -> list[str]:
@@ -232,14 +237,15 @@ def told_models(cell: Cell, info: KinematicsInfo) -> tuple[str, ...]:
         cell: whose own arm counts too, also where it is completed by the cell file.
         info: what the controller tells of its arm.
     """
-    return _closest_models(info.table, cell.robot.published)
+    return closest_models(info.table, cell.robot.published)
 
 
 @lru_cache(maxsize=TABLES_KEPT)
-def _closest_models(table: DhTable, own: Robot) -> tuple[str, ...]:
+def closest_models(table: DhTable, *completed: Robot) -> tuple[str, ...]:
+    """Returns the models whose kinematics are closest to a table: of the published arms, and of completed ones."""
     transforms = transforms_of_table(table)
     apart_m = {}
-    for model in {**{name: robot(name) for name in ROBOT_NAMES}, own.name: own}.values():
+    for model in {**{name: robot(name) for name in ROBOT_NAMES}, **{arm.name: arm for arm in completed}}.values():
         with suppress(ImplausibleChain):
             apart_m[model.name] = chain_difference(calibrated(model, transforms), model).largest_m
     nearest_m = min(apart_m.values(), default=0.0)

@@ -2,6 +2,7 @@
 
 from executor.robot import simulator_client
 from executor.robot.dashboard import DashboardClient
+from executor.robot.found import FoundRobot, find_robot
 from executor.robot.gripper_hold import GripperHold
 from executor.robot.kinematics_client import KinematicsInfo, read_kinematics
 from executor.robot.primary import ProgramWatch
@@ -19,12 +20,14 @@ __all__ = [
     "OWNER_INPUT",
     "RATE_HZ",
     "DashboardClient",
+    "FoundRobot",
     "GripperHold",
     "KinematicsInfo",
     "Monitor",
     "ProgramWatch",
     "RobotSession",
     "RobotState",
+    "find_robot",
     "read_kinematics",
     "receive_timestamps",
     "robot_document",

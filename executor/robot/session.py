@@ -34,10 +34,12 @@ SETUP_OUTPUTS = 79
 SETUP_INPUTS = 73
 START = 83
 DATA = 85
+CONTROLLER_VERSION = 118
 NOT_FOUND = "NOT_FOUND"
 IN_USE = "IN_USE"
 OWNER_INPUT = "input_bit_register_127"  # the last of those for RTDE clients (64 to 127); source: RTDE guide, inputs
 RECLAIM_S = 1.0  # [s] after which a controller is asked again for an input that another connection has
+VERSION_NUMBERS = struct.Struct(">III")  # major, minor, bugfix; the build follows
 FORMATS = {"DOUBLE": "d", "UINT64": "Q", "UINT32": "I", "INT32": "i", "VECTOR6D": "6d"}
 OUTPUTS = {  # RTDE outputs, and the fields of `RobotState` that they fill
     "timestamp": "timestamp_s",
@@ -185,6 +187,19 @@ class RtdeReceiver:
         fields = dict(zip(self.names, self._unpack(body), strict=True))
         fields["speed"] *= fields.pop("slider")
         return RobotState(seen_at, **fields)
+
+    def controller_version(self) -> str:
+        """Returns the version of the controller's software, as "5.11.1".
+
+        Raises:
+            OSError: the connection is lost.
+            ValueError: this is no version.
+        """
+        self._send(CONTROLLER_VERSION, b"")
+        body = self._await(CONTROLLER_VERSION)
+        if len(body) < VERSION_NUMBERS.size:
+            raise ValueError(f"the controller sent a version of {len(body)} bytes")
+        return ".".join(map(str, VERSION_NUMBERS.unpack_from(body)))
 
     def _set_up(self, names: list[str]) -> list[str]:
         self._send(SETUP_OUTPUTS, struct.pack(">d", self.rate_hz) + ",".join(names).encode())

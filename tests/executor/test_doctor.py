@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from executor import doctor
 from executor.doctor import DoctorFinding, grade_jitter, grade_sleep, report, stolen_s
+from executor.robot import FoundRobot, KinematicsInfo, RobotState
+from planner.calibration import published_table
 from tests.executor.conftest import Prepared
 
 DT = 0.002
@@ -35,10 +38,59 @@ def test_jitter_is_graded(late: list[float], grade: str) -> None:
     [(["ok", "ok"], 0, "ready to stream."), (["ok", "warning"], 1, "warnings"), (["bad", "ok"], 2, "cannot stream")],
 )
 def test_the_worst_finding_decides(prepared: Prepared, grades: list[str], code: int, verdict: str) -> None:
-    text, found = report(prepared.cell, [DoctorFinding("x", grade, "a value", "do this") for grade in grades])
+    findings = [DoctorFinding(f"check {grade}", grade, "a value", f"do {grade}") for grade in grades]
+    text, found = report(prepared.cell, FoundRobot(), findings)
     assert found == code
     assert verdict in text.splitlines()[-1]
-    assert text.count("-> do this") == 2
+    assert text.count("-> do ") == 2
+
+
+@pytest.mark.parametrize(
+    ("grades", "missing", "step"),
+    [
+        ({"link": "warning", "lag": "bad"}, "lag, link", "mend lag"),
+        ({"link": "ok", "lag": "warning"}, "lag", "mend lag"),
+        ({"link": "ok"}, "nothing", "fling throw X Y Z --cell {cell} --dry-run: all of a throw but its motion"),
+    ],
+)
+def test_the_report_begins_with_what_is_there_what_is_missing_and_what_to_do(
+    prepared: Prepared, grades: dict[str, str], missing: str, step: str
+) -> None:
+    cell = prepared.cell
+    findings = [
+        DoctorFinding(name, grade, "a value", "" if grade == "ok" else f"mend {name}") for name, grade in grades.items()
+    ]
+    told = KinematicsInfo(published_table(cell.robot), (0,) * 6, 2)
+    text, _ = report(cell, FoundRobot("5.11.1", None, told, "20245500815"), findings)
+    lines = text.splitlines()
+    gripper = f"gripper on {cell.gripper.output} {cell.gripper.index}"
+    assert lines[1].startswith(f"Found: a {cell.robot.name}")
+    assert lines[1].endswith(f"serial number 20245500815, PolyScope 5.11.1; {gripper}")
+    assert lines[2:5] == [f"Missing or wrong: {missing}", f"Next: {step.format(cell=cell.name)}", ""]
+
+
+def test_a_controller_that_is_not_there_is_one_finding_with_what_starts_it(
+    prepared: Prepared, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(doctor, "measure_wakeups", lambda dt, duration_s: [0.0])
+    cell = prepared.cell
+    real = replace(cell, link=replace(cell.link, kind="ur"))
+    for each, words in ((cell, f"fling sim --cell {cell.name}"), (real, "that its address is right")):
+        findings = doctor.examine(each, FoundRobot())
+        assert [finding.name for finding in findings if finding.grade == "bad"] == ["link"]
+        text, code = report(each, FoundRobot(), findings)
+        assert code == 2
+        assert f"nothing answers at {cell.link.host}" in text.splitlines()[1]
+        assert words in text.splitlines()[3]
+
+
+def test_what_keeps_the_robot_from_moving_is_a_finding(prepared: Prepared) -> None:
+    zero = (0.0,) * 6
+    off = RobotState(0.0, 0.0, zero, zero, zero, 3, 1, 1, 0.5, 0, 20.0)
+    finding = doctor.grade_state(prepared.cell, off)
+    assert finding.grade == "warning"
+    for word in ("powered off", "speed slider", "payload of 20.00 kg"):
+        assert word in finding.text
 
 
 @pytest.mark.parametrize(

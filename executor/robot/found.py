@@ -1,0 +1,50 @@
+"""What answers at a controller's address: which arm, software and settings, asked of whatever interface is there."""
+
+from __future__ import annotations
+
+import socket
+from contextlib import suppress
+from dataclasses import dataclass
+
+from executor.robot.dashboard import DashboardClient
+from executor.robot.kinematics_client import KinematicsInfo, read_kinematics
+from executor.robot.session import PORT, TIMEOUT_S, RobotState, RtdeReceiver
+
+
+@dataclass(frozen=True)
+class FoundRobot:
+    """What a controller told; what it did not tell is None.
+
+    Attributes:
+        polyscope: version of its software, as "5.11.1".
+        state: of the robot.
+        kinematics: of its arm.
+        serial: number of the robot.
+    """
+
+    polyscope: str | None = None
+    state: RobotState | None = None
+    kinematics: KinematicsInfo | None = None
+    serial: str | None = None
+
+    @property
+    def is_there(self) -> bool:
+        """Whether anything answered."""
+        return self != FoundRobot()
+
+
+def find_robot(host: str) -> FoundRobot:
+    """Returns what the controller at `host` tells, within some seconds; nothing where none is there."""
+    polyscope = None
+    state = None
+    kinematics = None
+    with suppress(OSError, ValueError), socket.create_connection((host, PORT), TIMEOUT_S) as connection:
+        receiver = RtdeReceiver(connection)
+        state = receiver.receive()
+        polyscope = receiver.controller_version()
+    with suppress(OSError, ValueError):
+        kinematics = read_kinematics(host)
+    dashboard = DashboardClient(host)
+    serial = dashboard.serial_number()
+    dashboard.close()
+    return FoundRobot(polyscope, state, kinematics, serial)
