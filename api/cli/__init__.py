@@ -28,7 +28,7 @@ COMMANDS = {
     "abort": ("throw", "abort", "Ask for the brake of a running execution."),
     "acknowledge": ("throw", "acknowledge", "Clear a latched fault, after checking the robot."),
     "doctor": ("serve", "doctor", "Check this machine's timing and the link to the controller."),
-    "cell": ("admin", "cell", "Check cell files, import an arm's kinematics."),
+    "cell": ("admin", "cell", "Write and check cell files, import an arm's kinematics."),
     "token": ("admin", "token", "Create, list and revoke tokens for the service."),
     "db": ("admin", "db", "Migrate the database."),
     "version": ("admin", "version", "Show the version."),

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from api.cli.cell_new import new
 from api.cli.cell_urdf import from_urdf
 from api.cli.cell_versions import diff, history, restore
 from api.cli.support.cell_warnings import warnings_of
@@ -29,10 +30,10 @@ VALUE_MAX = 400  # characters of a refused value in JSON
 
 @click.group(cls=FlingGroup)
 def cell() -> None:
-    """Check cell files, and import what belongs to them."""
+    """Write and check cell files, and import what belongs to them."""
 
 
-for command in (history, diff, restore, from_urdf):
+for command in (new, history, diff, restore, from_urdf):
     cell.add_command(command)
 
 

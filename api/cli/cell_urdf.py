@@ -5,17 +5,14 @@ from __future__ import annotations
 import json
 import os
 import re
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from api.cli.support.cell_warnings import warnings_of
 from api.cli.support.options import json_option
 from api.cli.support.terminal import BAD, GOOD, say
-
-if TYPE_CHECKING:
-    from planner.urdf import WrittenCell
 
 
 @click.command("from-urdf")
@@ -36,7 +33,12 @@ def from_urdf(file: Path, out: Path | None, model: str | None, tcp: str | None, 
     if not out.parent.is_dir():
         raise click.ClickException(f"{out} cannot be written: there is no folder {out.parent}")
     written = cell_from_urdf(file, out.stem, model, tcp)
-    paths = _write(out, written)
+    files = {out: written.text}
+    if written.calibration is not None:
+        calibration, text = written.calibration
+        files = {out.with_name(calibration): text, **files}
+    write_new(files)
+    paths = [*files][::-1]
     notes = [*written.notes, *warnings_of(written.cell), *map(str, home_faults(written.cell))]
     if as_json:
         answer = {"cell": written.cell.name, "robot": written.cell.robot.name, "files": [str(path) for path in paths]}
@@ -47,15 +49,24 @@ def from_urdf(file: Path, out: Path | None, model: str | None, tcp: str | None, 
         say(note, BAD)
 
 
-def _write(out: Path, written: WrittenCell) -> list[Path]:
-    """Writes the files of a cell, and returns their paths; those that are there already stay as they are."""
-    files = {out: written.text}
-    if written.calibration is not None:
-        name, text = written.calibration
-        files = {out.with_name(name): text, **files}
-    for path in files:
+def refuse_present(paths: Iterable[Path]) -> None:
+    """Refuses to write over a file.
+
+    Raises:
+        click.ClickException: one is there already.
+    """
+    for path in paths:
         if path.exists():
-            raise click.ClickException(f"{path} is there already: --out names another file")
+            raise click.ClickException(f"{path} is there already: give another name")
+
+
+def write_new(files: Mapping[Path, str]) -> None:
+    """Writes files of which none is there yet: all of them, or none.
+
+    Raises:
+        click.ClickException: one is there already, or cannot be written.
+    """
+    refuse_present(files)
     made: list[Path] = []
     for path, text in files.items():
         try:
@@ -67,4 +78,3 @@ def _write(out: Path, written: WrittenCell) -> list[Path]:
             for written_path in made:
                 written_path.unlink()
             raise click.ClickException(f"{path} cannot be written: {error.strerror}") from error
-    return [*files][::-1]
