@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from fling.plans import Plan
 
 EVENTS = "text/event-stream"
-TIMEOUT_S = 150.0  # [s] a plan may take its whole time limit
-READ_S = 30.0  # [s] what the service reads it answers within one on a quiet machine
+SILENCE_S = 20.0  # [s] a service answers within one on a quiet machine, and sends events at least every ten
 ABORT_S = 10.0  # [s] an abort is answered within one, and within six where a locked database alone could note it
 UNREACHABLE = 0  # status of the problem of a service that does not answer
 RETURN_S = 30.0  # [s] within which a service that is started again answers
@@ -68,7 +67,7 @@ class Client:
             raise self.refusal({"title": "no service", "detail": detail, "status": UNREACHABLE})
         token = token or os.environ.get("FLING_TOKEN")
         headers = {"Authorization": f"Bearer {token}"} if token else {}
-        self._http = httpx2.Client(base_url=url, headers=headers, timeout=TIMEOUT_S, trust_env=False)
+        self._http = httpx2.Client(base_url=url, headers=headers, timeout=SILENCE_S, trust_env=False)
 
     def __enter__(self) -> Self:
         return self
@@ -111,16 +110,18 @@ class Client:
     def planned(
         self, request: Mapping[str, Any], trajectory: bool = True, progress: Observer | None = None
     ) -> dict[str, Any]:
-        """Returns the document of the stored plan of a request, as `POST /plan` takes it; see `plan`."""
+        """Returns the document of the stored plan of a request, as `POST /plan` takes it; see `plan`.
+
+        The progress is asked for in any case: a search may take long, and what is no service is silent.
+        """
         path = f"/plan?trajectory={str(trajectory).lower()}"
-        if progress is None:
-            return self.post(path, request)
         for _, kind, data in self._streamed("POST", path, {"Accept": EVENTS}, json=request):
             if kind == "plan":
                 return data
             if kind == "problem":
                 raise self.refusal(data)
-            progress(Progress(**data))
+            if progress is not None:
+                progress(Progress(**data))
         raise self._unreachable(ConnectionError("the answer has no end"))
 
     def execute(self, plan: Plan | str = "latest", mode: str = "speedj", dry_run: bool = False) -> dict[str, Any]:
@@ -199,11 +200,11 @@ class Client:
 
     def get(self, path: str) -> dict[str, Any]:
         """Returns the JSON of a GET."""
-        return self._response("GET", path, timeout=READ_S).json()
+        return self._response("GET", path).json()
 
     def text(self, path: str, media_type: str = "*/*") -> str:
         """Returns the text of a GET, of the media type asked for."""
-        return self._response("GET", path, headers={"Accept": media_type}, timeout=READ_S).text
+        return self._response("GET", path, headers={"Accept": media_type}).text
 
     def post(self, path: str, body: Any = None) -> dict[str, Any]:
         """Returns the JSON of a POST."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 from planner.answer import Plan
 from planner.errors import Infeasible, SolverFailed
@@ -40,6 +39,8 @@ class SearchHints:
 
 
 ORDINARY = SearchHints()
+NEAREST_ATTEMPT = "nearest"
+NEAREST_CUT_SHORT = "time_limit_s passed before every nearer request was tried"
 NO_RELEASE_STATE = "no release state was found"
 
 
@@ -73,7 +74,7 @@ def plan(problem: ThrowProblem, hints: SearchHints = ORDINARY) -> Plan:
     except (Infeasible, SolverFailed) as refusal:
         if hints.offers_nearest:
             hints.meter.begin("nearest")
-            refusal.nearest = _nearest(search)
+            _offer_nearest(refusal, search)
         raise
     return Plan(
         problem=problem,
@@ -113,14 +114,19 @@ def _candidates(search: PlanningSearch, releases: Sequence[ReleaseState]) -> lis
         raise SolverFailed(cut_short.status, attempts=log, violations=cut_short.violations) from None
 
 
-def _nearest(search: PlanningSearch) -> dict[str, Any] | None:
-    """Returns a feasible request near the refused one, None where none was found.
+def _offer_nearest(refusal: Infeasible | SolverFailed, search: PlanningSearch) -> None:
+    """Gives a refusal a feasible request near the refused one, if one was found.
 
-    It has the usual time limit where the request's own passed before that was found: it can be posted as it is.
+    Where the request's time limit passed before that, fewer were tried: an attempt says so, and the offer has the usual
+    limit, so that it can be posted as it is.
     """
+    begun_s = time.perf_counter()
     found = nearest_problem(search)
+    if search.out_of_time:
+        search.log_attempt(NEAREST_ATTEMPT, NEAREST_CUT_SHORT, begun_s)
+        refusal.attempts = (*refusal.attempts, search.attempts[-1].__dict__)
     if found is None:
-        return None
+        return
     if search.out_of_time:
         found = replace(found, time_limit_s=max(found.time_limit_s, TIME_LIMIT_S))
-    return request_document(found, found.release)
+    refusal.nearest = request_document(found, found.release)

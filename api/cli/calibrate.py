@@ -14,7 +14,7 @@ from api.cli.support.client import ServiceClient, ServiceError
 from api.cli.support.errors import FlingGroup
 from api.cli.support.exit_status import NotCompleted
 from api.cli.support.options import calls_service, cell_of_service, cell_option, json_option
-from api.cli.support.progress import execute_plan
+from api.cli.support.progress import execute_plan, search_plan
 from api.cli.support.summary import ending_text, numbers_text, profile_text
 
 AMPLITUDE_RAD = 0.25  # [rad] of a small motion: long enough for 1 rad/s, short enough to stay clear of most things
@@ -95,7 +95,7 @@ def gripper(cell: str, throws: int, adopt: bool, picture: Path | None, as_json: 
     if not as_json:
         click.echo(f"planning {throws} throws, each when the one before has landed …")
     done: list[str] = []
-    for i, plan in enumerate(_soonest_plans(client, document, throws), start=1):
+    for i, plan in enumerate(_soonest_plans(client, document, throws, as_json), start=1):
         try:
             text = _throw_and_observe(client, plan, document["link"]["kind"] == "sim")
         except NotCompleted as error:
@@ -117,7 +117,7 @@ def landings(cell: str, adopt: bool, picture: Path | None, as_json: bool, client
     _propose(client, cell, adopt, as_json, picture)
 
 
-def _soonest_plans(client: ServiceClient, cell: dict[str, Any], count: int) -> Iterator[dict[str, Any]]:
+def _soonest_plans(client: ServiceClient, cell: dict[str, Any], count: int, is_quiet: bool) -> Iterator[dict[str, Any]]:
     """Yields `count` plans of soonest throws to targets on the floor around the base; refused targets are left out."""
     import numpy as np
 
@@ -136,7 +136,7 @@ def _soonest_plans(client: ServiceClient, cell: dict[str, Any], count: int) -> I
         target = [base[0] + distance * math.cos(angle), base[1] + distance * math.sin(angle), floor]
         request = {"cell": cell["name"], "release": {"kind": "target", "position": target}, "release_window_s": 0.0}
         try:
-            plan = client.post("/plan?trajectory=false", request)
+            plan = search_plan(client, request, is_quiet)
         except ServiceError as error:
             if error.problem.get("type") != "/problems/infeasible":
                 raise
@@ -233,7 +233,7 @@ def _by_motions(cell: str, count: int, quiet: bool, picture: Path | None, client
     assumed_s = client.get(f"/cells/{cell}/timing")["assumed_lag_s"]
     for i in range(count):
         try:
-            timing = _move(client, cell, document["home_rad"], SIGNS[i % len(SIGNS)])
+            timing = _move(client, cell, document["home_rad"], SIGNS[i % len(SIGNS)], quiet)
         except NotCompleted as error:
             raise NotCompleted(f"motion {i + 1} of {count}: {error.message}{_kept_text(cell, runs)}") from error
         runs.insert(0, timing)
@@ -252,9 +252,9 @@ def _kept_text(cell: str, runs: Sequence[Any]) -> str:
     return f". Once the arm is checked: fling acknowledge --cell {cell}{kept}"
 
 
-def _move(client: ServiceClient, cell: str, home: list[float], signs: tuple[int, ...]) -> dict[str, Any]:
+def _move(client: ServiceClient, cell: str, home: list[float], signs: tuple[int, ...], quiet: bool) -> dict[str, Any]:
     """Plans and executes one motion from home to rest; returns its timing."""
-    plan = _plan_motion(client, cell, home, signs)
+    plan = _plan_motion(client, cell, home, signs, quiet)
     done = _executed(client, plan)
     timing = done["metrics"]["timing"]
     if timing is None:
@@ -262,14 +262,16 @@ def _move(client: ServiceClient, cell: str, home: list[float], signs: tuple[int,
     return timing
 
 
-def _plan_motion(client: ServiceClient, cell: str, home: list[float], signs: tuple[int, ...]) -> dict[str, Any]:
+def _plan_motion(
+    client: ServiceClient, cell: str, home: list[float], signs: tuple[int, ...], quiet: bool
+) -> dict[str, Any]:
     """Returns the longest plan of a motion in this direction, halved until it is certified."""
     amplitude = AMPLITUDE_RAD
     while True:
         goal = [q + sign * amplitude for q, sign in zip(home, signs, strict=True)]
         release = {"kind": "joint", "positions": goal, "velocities": [0.0] * 6}
         try:
-            return client.post("/plan?trajectory=false", {"cell": cell, "release": release})
+            return search_plan(client, {"cell": cell, "release": release}, quiet)
         except ServiceError as error:
             amplitude /= 2.0
             refused = error.problem.get("type") in ("/problems/infeasible", "/problems/invalid-request")

@@ -33,7 +33,7 @@ class PlanningJob:
         releases: Joint positions and velocities at the release of plans for other targets: a short search starts from
             these alone. Empty: an ordinary search.
         offers_nearest: Whether a refusal carries a feasible request near it.
-        tells_progress: Whether its worker reports the progress of the search.
+        tells_progress: Whether its worker reports the progress of the search; one of a Ray cluster never does.
     """
 
     plan_id: str | None

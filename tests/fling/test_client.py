@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,6 @@ EVENTS = [
 
 TOLD = {"stage": "search", "candidates": 2, "best_release_time_s": 0.5, "elapsed_s": 1.0}
 PROGRESS = f"id: 1\nevent: progress\ndata: {json.dumps(TOLD)}\n\n"
-PLANNED = 'plan\ndata: {"id": 7}'
 
 
 class EchoingService(BaseHTTPRequestHandler):
@@ -54,7 +53,10 @@ class EchoingService(BaseHTTPRequestHandler):
             return self.answer(502, "text/html", "<p>a proxy")
         asked = json.loads(body) if body else None
         if self.headers["Accept"] == "text/event-stream":
-            end = {"far": f"problem\ndata: {json.dumps(PROBLEM)}", "cut": ""}.get(asked["frame"], PLANNED)
+            sent = {"path": self.path, "body": asked, "token": self.headers.get("Authorization")}
+            end = {"far": f"problem\ndata: {json.dumps(PROBLEM)}", "cut": ""}.get(
+                asked.get("frame"), f"plan\ndata: {json.dumps(sent)}"
+            )
             return self.answer(200, "text/event-stream", PROGRESS + (end and f"id: 2\nevent: {end}\n\n"))
         sent = {"path": self.path, "body": asked, "token": self.headers.get("Authorization")}
         return self.answer(201, "application/json", json.dumps(sent))
@@ -96,7 +98,7 @@ def test_calls_and_their_bodies(url: str):
 def test_a_plan_whose_progress_is_followed(url: str):
     told = []
     with fling.Client(url) as client:
-        assert client.plan({"frame": "base"}, progress=told.append).document == {"id": 7}
+        assert client.plan({"frame": "base"}, progress=told.append).document["body"] == {"frame": "base"}
         assert told == [fling.Progress("search", 2, 0.5, 1.0)]
         with pytest.raises(fling.ServiceRefusal, match="Infeasible: too far"):
             client.plan({"frame": "far"}, progress=told.append)
@@ -162,16 +164,24 @@ def test_refusals_carry_the_problem(url: str):
 
 
 def test_an_address_that_is_none_says_why(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("fling.client.READ_S", 0.1)
+    monkeypatch.setattr("fling.client.SILENCE_S", 0.1)
+    monkeypatch.setattr("fling.client.ABORT_S", 0.1)
     for url in ("127.0.45.1:8000", "localhost:8000", "robots.example"):
         with pytest.raises(fling.ServiceRefusal, match=f"'{url}' has no http://"):
             fling.Client(url)
     with socket.create_server(("127.0.45.1", 0)) as silent:
         port = silent.getsockname()[1]
         with fling.Client(f"http://127.0.45.1:{port}") as client:
-            for read in (client.get, client.text):
+            calls: list[Callable[[], object]] = [
+                lambda: client.get("/healthz"),
+                lambda: client.text("/healthz"),
+                lambda: client.post("/execute", {}),
+                lambda: client.plan({"frame": "base"}),
+                client.abort,
+            ]
+            for call in calls:
                 with pytest.raises(fling.ServiceRefusal, match=rf"what listens at .*:{port} does not answer"):
-                    read("/healthz")
+                    call()
 
 
 def test_what_a_service_cannot_have_is_told_before_it_is_asked():

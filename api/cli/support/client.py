@@ -51,12 +51,15 @@ def describe(problem: dict[str, Any], as_request: bool = False) -> str:
     title = "The time limit ended the search, which had not found a motion yet" if is_late else title
     lines = [f"{title}:" if violations else f"{title}: {problem.get('detail', '')}"]
     lines += [f"  {_violation_text(violation, is_late)}" for violation in violations]
-    if any(not violation.get("proven") for violation in violations) and problem.get("attempts"):
-        lines.append(f"  tried: {_tried_text(problem['attempts'])}")
+    attempts = [attempt for attempt in problem.get("attempts") or [] if attempt["backend"] != "nearest"]
+    if any(not violation.get("proven") for violation in violations) and attempts:
+        lines.append(f"  tried: {_tried_text(attempts)}")
     if problem.get("nearest"):
         lines.append(f"  {_nearest_text(problem['nearest'], as_request)}{_more_time_text(problem)}")
     elif violations:
         lines.append("  no feasible request was found near it")
+    if _is_nearest_cut_short(problem):
+        lines.append("  the time limit passed before every nearer request was tried: more time may find one")
     return "\n".join(lines)
 
 
@@ -68,7 +71,13 @@ def _is_late(problem: dict[str, Any]) -> bool:
 def _more_time_text(problem: dict[str, Any]) -> str:
     """Returns the time limit of the nearest request, which may be the same but for it."""
     limit_s = problem["nearest"].get("time_limit_s")
-    return f", with a time limit of {limit_s:g} s" if _is_late(problem) and limit_s is not None else ""
+    is_raised = _is_late(problem) or _is_nearest_cut_short(problem)
+    return f", with a time limit of {limit_s:g} s" if is_raised and limit_s is not None else ""
+
+
+def _is_nearest_cut_short(problem: dict[str, Any]) -> bool:
+    """Returns whether the time limit passed in the search for the nearest request, of one that was not late itself."""
+    return not _is_late(problem) and any(each["backend"] == "nearest" for each in problem.get("attempts") or [])
 
 
 def _odds_text(problem: dict[str, Any], violation: dict[str, Any], as_request: bool) -> str:

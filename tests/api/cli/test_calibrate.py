@@ -2,14 +2,17 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from api.cli import main
+from api.cli import calibrate, main
 from benchmarks.learning.recorded_arms import RecordedArm
 from learning.recordings import COLUMNS
+from planner.cell import DEFAULTS
+from planner.progress import Progress
 
 
 def csv_file(folder: Path, arm: RecordedArm, rate_hz: float) -> Path:
@@ -32,6 +35,20 @@ def test_the_lag_of_a_recorded_run_needs_no_service(tmp_path: Path, rate_hz: flo
     assert found["gain"] == pytest.approx(gain, abs=0.01)
     text = CliRunner().invoke(main, ["calibrate", "lag", "--from-csv", str(file)])
     assert "timing.lag_s = 0.034" in text.stdout
+
+
+@pytest.mark.parametrize("is_quiet", [False, True])
+def test_the_searches_of_a_calibration_are_told(capsys: pytest.CaptureFixture[str], is_quiet: bool):
+    class SlowService:
+        def planned(self, request: Any, trajectory: bool, progress: Any) -> dict[str, Any]:
+            progress(Progress("search", 3, None, 6.0))
+            return {"request": request}
+
+    service: Any = SlowService()
+    cell = {**DEFAULTS, "name": "lab", "robot": "ur5e"}
+    assert len([*calibrate._soonest_plans(service, cell, 2, is_quiet)]) == 2
+    assert calibrate._plan_motion(service, "lab", [0.0] * 6, (1,) * 6, is_quiet)["request"]["cell"] == "lab"
+    assert capsys.readouterr().err.count("3 candidates tried") == (0 if is_quiet else 3)
 
 
 def test_a_file_that_is_no_recording_is_refused_with_the_reason(tmp_path: Path):

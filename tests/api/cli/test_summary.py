@@ -224,6 +224,19 @@ def test_a_search_that_the_time_limit_ended_says_so_and_what_more_time_gives():
     assert "The time limit ended the search" in describe({**ended, "nearest": None, "violations": [low]})
 
 
+def test_a_nearest_request_that_more_time_may_change_says_so():
+    row = {"constraint": "landing", "value": 0.2, "limit": 0.01, "unit": "m", "proven": False}
+    nearest = {"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}, "time_limit_s": 20.0}
+    searched = {"backend": "casadi", "result": "infeasible", "duration_s": 0.5}
+    cut = {"backend": "nearest", "result": "time_limit_s passed", "duration_s": 0.5}
+    refused = {"title": "The arm cannot do this", "violations": [row], "nearest": nearest}
+    whole = describe({**refused, "attempts": [searched]}).splitlines()
+    late = describe({**refused, "attempts": [searched, cut]}).splitlines()
+    assert late[-1] == "  the time limit passed before every nearer request was tried: more time may find one"
+    assert late[-2].endswith("1.2 0.3 0, with a time limit of 20 s")
+    assert [*whole[:-1], whole[-1] + ", with a time limit of 20 s"] == late[:-1]
+
+
 def test_odds_that_no_throw_reaches_are_no_matter_of_the_arm():
     detail = "of landing within 0.02 m of the target, the best of the plans tried"
     violation = {"constraint": "hit_probability", "value": 0.0512, "limit": 0.9, "unit": "-", "detail": detail}

@@ -215,6 +215,8 @@ def test_an_offer_has_another_time_limit_where_the_requests_was_too_short(monkey
     with pytest.raises(Infeasible) as refusal:
         plan(problem)
     assert refusal.value.nearest["time_limit_s"] == limit_s
+    said = [attempt["result"] for attempt in refusal.value.attempts if attempt["backend"] == "nearest"]
+    assert said == (["time_limit_s passed before every nearer request was tried"] if taken_s > 0.5 else [])
 
 
 @pytest.mark.parametrize("window", [{}, WINDOW])
