@@ -203,3 +203,20 @@ def test_a_far_landing_is_asked_about_named_and_withdrawn(guest: Visit, desk: De
     expect(execution.get_by_role("list", name="Reports of the landing")).to_contain_text("withdrawn")
     assert desk.store.landings(id) == []
     assert desk.store.audit_lines(1)[0]["action"] == "withdraw"
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+def test_every_column_of_the_history_is_whole(desk: Desk, browser: Browser, thrown_id: str, width: int) -> None:
+    desk.execution(thrown_id)
+    with visit(browser, desk.url, viewport={"width": width, "height": 800}) as guest:
+        listed = guest.region("History").get_by_role("group", name="Past throws")
+        listed.get_by_role("button", name="Download the recording as csv").first.wait_for()
+        assert listed.evaluate("(around) => around.scrollWidth - around.clientWidth") <= 1
+
+
+def test_a_past_throw_is_shown_where_its_scene_is(guest: Visit, desk: Desk, thrown_id: str) -> None:
+    desk.execution(thrown_id)
+    row = guest.past("Thrown as planned").get_by_role("button").first
+    row.scroll_into_view_if_needed()
+    row.click(timeout=SOON_MS)
+    guest.page.wait_for_function("() => scrollY === 0", timeout=SOON_MS)

@@ -214,3 +214,14 @@ def test_a_report_without_webgl_has_two_drawn_views(
         expect(views).to_have_count(2, timeout=SOON_MS)
         expect(views.first).to_contain_text("landing after")
         assert guest.barriers() == []
+
+
+def test_on_a_phone_a_plan_is_one_line_until_more_is_asked(desk: Desk, browser: Browser) -> None:
+    with visit(browser, desk.url, viewport=PHONE) as guest:
+        guest.region("Robots").get_by_text("Ready").wait_for()
+        planned(guest)
+        guest.page.locator("form details.options").first.evaluate("(element) => (element.open = false)")
+        summary = guest.page.locator(".summary")
+        expect(summary.get_by_text("How likely it hits")).to_be_hidden()
+        summary.get_by_text("Timing and odds").click()
+        expect(summary.get_by_text("How likely it hits")).to_be_visible()

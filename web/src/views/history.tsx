@@ -74,7 +74,7 @@ function Table({ runs }: { runs: readonly Execution[] }): JSX.Element {
           {runs.map((run) => (
             <tr key={run.id} class={run.id === viewing.value ? "shown" : ""}>
               <td>
-                <button type="button" class="link" aria-label={`Show the execution of ${dateWords(run.created_at)}`} onClick={() => void showPast(run.id).catch(failed)}>
+                <button type="button" class="link" aria-label={`Show the execution of ${dateWords(run.created_at)}`} onClick={() => void show(run.id)}>
                   {dateWords(run.created_at)}
                 </button>
               </td>
@@ -109,6 +109,16 @@ function Table({ runs }: { runs: readonly Execution[] }): JSX.Element {
       </table>
     </div>
   );
+}
+
+/** Shows a past throw, and the scene that it is in. */
+async function show(id: string): Promise<void> {
+  try {
+    await showPast(id);
+    scrollTo({ top: 0 });
+  } catch (error) {
+    notice.value = { kind: "bad", text: failed(error) };
+  }
 }
 
 function targetWords(run: Execution): string {

@@ -12,6 +12,7 @@ import {
 import { against, constraintWords, figure, foundWords, plainWords, planWords, progressWords, timingWords } from "../state/words";
 import { RequestFields } from "./request";
 
+const PHONE = "(max-width: 760px)"; // as in page.css: there the scene is behind the sheet
 const MOMENT_S = 0.4; // most plans are there before a line about them could be read
 
 export function ThrowPanel(): JSX.Element {
@@ -90,17 +91,20 @@ function PlanSummary(): JSX.Element | null {
     <div class={`summary ${standing.value}`} ref={card}>
       {standing.value === "stale" ? <strong>Planned before the last change: plan again.</strong> : null}
       <p>{planWords(current)}</p>
-      <p class="soft">{timingWords(current)}</p>
-      {odds && odds.profile === null ? (
-        <p class="soft">How likely it hits is not known: the timing is unknown, ±20 ms. Calibrate: fling calibrate gripper.</p>
-      ) : null}
-      {odds && odds.profile !== null ? (
-        <p class="soft">
-          Hits within {figure(odds.radius_m * 1000)} mm with a probability of {figure(odds.value * 100, 2)} % (
-          {figure(odds.interval.map((p) => p * 100)[0], 2)} to {figure(odds.interval.map((p) => p * 100)[1], 2)} %).
-        </p>
-      ) : null}
-      <p class="soft">{foundWords(current)}</p>
+      <details open={!matchMedia(PHONE).matches}>
+        <summary>Timing and odds</summary>
+        <p class="soft">{timingWords(current)}</p>
+        {odds && odds.profile === null ? (
+          <p class="soft">How likely it hits is not known: the timing is unknown, ±20 ms. Calibrate: fling calibrate gripper.</p>
+        ) : null}
+        {odds && odds.profile !== null ? (
+          <p class="soft">
+            Hits within {figure(odds.radius_m * 1000)} mm with a probability of {figure(odds.value * 100, 2)} % (
+            {figure(odds.interval.map((p) => p * 100)[0], 2)} to {figure(odds.interval.map((p) => p * 100)[1], 2)} %).
+          </p>
+        ) : null}
+        <p class="soft">{foundWords(current)}</p>
+      </details>
     </div>
   );
 }
@@ -161,8 +165,6 @@ function WhyNot(): JSX.Element | null {
     </p>
   );
 }
-
-const PHONE = "(max-width: 760px)"; // as in page.css
 
 /** Executes the plan; on a phone the sheet drops, so that the arm is seen. */
 function begin(): void {
