@@ -207,7 +207,8 @@ def test_a_far_landing_is_asked_about_named_and_withdrawn(guest: Visit, desk: De
 
 @pytest.mark.parametrize("width", [1280, 390])
 def test_every_column_of_the_history_is_whole(desk: Desk, browser: Browser, thrown_id: str, width: int) -> None:
-    desk.execution(thrown_id)
+    id = desk.execution(thrown_id)
+    desk.store.add_landing(new_id(), id, 1.0, "person", "Ada", position=(1.2, 0.3, 0.0), std_m=0.003)  # drawn beside
     with visit(browser, desk.url, viewport={"width": width, "height": 800}) as guest:
         listed = guest.region("History").get_by_role("group", name="Past throws")
         listed.get_by_role("button", name="Download the recording as csv").first.wait_for()
