@@ -57,6 +57,7 @@ check: $(VENV)/dev.stamp
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports --no-cache
 	$(BIN)/pyright --pythonpath $(BIN)/python
+	$(BIN)/pyright --pythonpath $(BIN)/python --verifytypes fling --ignoreexternal > build/types.txt || { cat build/types.txt; exit 1; }
 
 web: $(VENV)/run.stamp web/node_modules/.package-lock.json   ## the page's bundle, api/web, from web/ (needs Node 20.19 or newer)
 	mkdir -p web/build

@@ -39,6 +39,8 @@ class RayPlanner:
 class RayEngine:
     """Actors of a Ray cluster; see `Engine`.
 
+    No actor tells the progress of a search: clusters plan batches, whose progress is counted in plans.
+
     Args:
         address: of the cluster, such as `10.0.0.1:6379`; `auto` finds the one of this machine, `local` starts one.
         count: Number of actors; None: one a core of the cluster, as it is now.
