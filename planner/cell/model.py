@@ -311,6 +311,11 @@ class Cell:
             object.__setattr__(self, "sha256", content)
         object.__setattr__(self, "content", content)
 
+    def __repr__(self) -> str:
+        """Returns the station in a line."""
+        tool = f"tool of {self.tool.mass_kg:g} kg, object of {self.object.mass_kg:g} kg"
+        return f"<Cell {self.name}: {self.robot.name} with a {tool}; sha256 {self.sha256[:12]}>"
+
     def _with_assumed_shape(self) -> Tool:
         """Returns the tool with an assumed shape; without any where its centre point is on the flange."""
         p_FT = self.tool.X_FT[:3, 3]

@@ -33,6 +33,12 @@ def test_a_plan_says_what_it_is_in_a_line(throw: fling.Plan):
     assert max(len(repr(part)) for part in (throw.flight, throw.trajectory)) < REPR_MAX
 
 
+def test_a_cell_says_what_it_is_in_a_line():
+    shown = repr(fling.open_cell("ur5e-sim"))
+    assert len(shown) < REPR_MAX
+    assert shown.startswith("<Cell ur5e-sim: ur5e with a tool of ")
+
+
 def test_its_release_is_the_sample_of_its_trajectory(throw: fling.Plan):
     release = throw.release
     motion = throw.trajectory

@@ -27,8 +27,9 @@ POLL_S = 0.1  # [s] between two looks at the service's readiness
 DEATHS_MAX = 3
 DEATHS_WITHIN_S = 60.0  # [-], [s] a child that ends more often within this time does not come back
 NO_CLIENT = (
-    "ur_rtde is not installed, without which nothing streams to an arm, a simulated one included: use Python 3.11 or "
-    "3.12 (make PYTHON=python3.12 ...), for which it has wheels; planning works without it"
+    "ur_rtde is not installed, without which nothing streams to an arm, a simulated one included: pip install "
+    "'fling-robotics[executor]', with Python 3.11 or 3.12 (in a clone: make PYTHON=python3.12 ...); planning works "
+    "without it"
 )
 PR_SET_PDEATHSIG = 1  # source: Linux prctl(2)
 

@@ -281,6 +281,7 @@ def test_without_a_client_for_the_controller_one_sentence_says_so(monkeypatch: p
     result = CliRunner().invoke(main, ["demo", "--keep", str(tmp_path / "demo")])
     assert result.exit_code == 1
     assert result.output.startswith("fling: ur_rtde is not installed")
+    assert "pip install 'fling-robotics[executor]'" in result.output
     assert len(result.output.splitlines()) == 1
 
 
