@@ -259,9 +259,14 @@ class StageLayout:
         return self.launch + self.brake
 
     @property
-    def objects(self) -> tuple[int, ...]:
-        """The stage from which on the object has states; none where its path is given, or no row depends on it."""
-        return (self.launch,) if self.aims and {"leaving", "passing"} & set(self.groups) else ()
+    def has_thrown(self) -> bool:
+        """Whether the object has states from the release on: not where its path is given, or no row depends on it."""
+        return self.aims and bool({"leaving", "passing"} & set(self.groups))
+
+    @property
+    def thrown(self) -> int:
+        """The stage from which on the object has states; one that does not exist where it has none."""
+        return self.launch if self.has_thrown else self.stages + 1
 
     def with_groups(self, groups: Collection[str]) -> StageLayout:
         """Returns the layout with only those of its groups that are in `groups`."""
@@ -277,7 +282,7 @@ class StageLayout:
     def includes(self, block: str) -> bool:
         """Returns whether a block is part of the problem."""
         if block in OF_THE_OBJECT:
-            return bool(self.objects)
+            return self.has_thrown
         group = group_of(block)
         return group not in LAZY_GROUPS or group in self.groups
 
