@@ -31,7 +31,7 @@ from planner.seeds import Candidate, aspects, least_times_to_aspects
 Solve = Callable[[ThrowProblem, Candidate], Solution]
 
 CANDIDATES = 10  # [-] that a search starts from; of a pose most others are full turns away
-ENOUGH = 400  # [-] iterations of the optimiser after which a motion that was found will do; most searches take a third
+ENOUGH = 1000  # [-] iterations of the optimiser after which a motion that was found will do; most searches take a tenth
 ARRIVALS = 2  # [-] given joint states to which Ruckig's soonest motions are tried
 JERK_SHARES = (1.0, 0.5, 0.25, 0.125, 0.0625, 0.03125)  # [-] of the limit, of these motions in turn
 TICK_SLACK = 1e-6  # [ticks] for rounding
