@@ -3,7 +3,7 @@
     candidates, in order of a proven lower bound on their release time
       → from each of the first few: Ruckig where the joint states are given, and the optimiser
       → certificate
-      → keep the best; drop what its release time excludes; look no further once enough was spent
+      → keep the best; drop what its release time excludes
       → nothing certified: Ruckig's slower motions, then a launch from another posture at rest
 
 Counts alone decide what is tried, so the answer does not depend on the load of the machine. The only clock is the
@@ -31,7 +31,6 @@ from planner.seeds import Candidate, aspects, least_times_to_aspects
 Solve = Callable[[ThrowProblem, Candidate], Solution]
 
 CANDIDATES = 10  # [-] that a search starts from; of a pose most others are full turns away
-ENOUGH = 1000  # [-] iterations of the optimiser after which a motion that was found will do; most searches take a tenth
 ARRIVALS = 2  # [-] given joint states to which Ruckig's soonest motions are tried
 JERK_SHARES = (1.0, 0.5, 0.25, 0.125, 0.0625, 0.03125)  # [-] of the limit, of these motions in turn
 TICK_SLACK = 1e-6  # [ticks] for rounding
@@ -80,8 +79,7 @@ def search_candidates(search: PlanningSearch, found: Sequence[Candidate], at_mos
     tried = 0
     settled = set[int]()
     for candidate, aspect, least_s in _first(search, found):
-        is_enough = search.best is not None and search.iterations >= ENOUGH
-        if tried == at_most or is_enough or search.out_of_time:
+        if tried == at_most or search.out_of_time:
             break
         if aspect not in settled and least_s < search.release_time_s:
             tried += 1

@@ -20,7 +20,7 @@ from planner.request import problem_from_request
 from planner.search import PlanningSearch, search_candidates
 from planner.search.optimise import optimise
 from planner.search.search import CANDIDATES, MOTIONS
-from planner.seeds import ASPECTS, aspects, candidates, first_rows, least_times_to_aspects
+from planner.seeds import aspects, candidates, first_rows, least_times_to_aspects
 from tests.planner.problems import cell, ideal_cell, joint_problem, pose_problem, steady_cell, with_boxes
 
 
@@ -136,16 +136,6 @@ def test_the_soonest_candidate_of_every_aspect_is_tried_first_and_none_that_is_e
     assert first == sorted(first)
     assert least_times_to_aspects(problem)[of].max() < search.release_time_s
     assert len(tried) <= CANDIDATES
-
-
-def test_a_search_with_a_motion_in_hand_begins_no_candidate_once_enough_was_spent(monkeypatch):
-    problem = target_problem()
-    monkeypatch.setattr("planner.search.search.least_times_to_aspects", lambda _: np.zeros(ASPECTS))  # excludes none
-    whole = searched(problem)
-    monkeypatch.setattr("planner.search.search.ENOUGH", 1)
-    short = searched(problem)
-    assert [attempt.result for attempt in short.attempts] == ["TargetRelease 0: certified"]
-    assert len(whole.attempts) > 1
 
 
 @pytest.mark.parametrize("keep_out", [False, True])
