@@ -117,12 +117,12 @@ def written_blocks() -> list[Path]:
     """Returns the C files of the optimiser's functions, written unless they are newer than the formulas."""
     sys.path.insert(0, str(ROOT))
     from planner.backends.casadi_nlp.emission import write_block
-    from planner.backends.casadi_nlp.symbols import FORMULAS
+    from planner.backends.casadi_nlp.symbols import ALL_FORMULAS
 
     WRITTEN.mkdir(parents=True, exist_ok=True)
     formulas = (ROOT / "planner" / "backends" / "casadi_nlp").rglob("*.py")
     changed = max(file.stat().st_mtime for file in formulas)
-    files = {name: WRITTEN / f"{name}.c" for name in FORMULAS}
+    files = {name: WRITTEN / f"{name}.c" for name in ALL_FORMULAS}
     missing = [name for name, file in files.items() if not file.exists() or file.stat().st_mtime < changed]
     with ProcessPoolExecutor() as pool:  # casadi takes seconds for some
         running = [pool.submit(write_block, name, folder=WRITTEN) for name in missing]

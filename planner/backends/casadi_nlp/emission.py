@@ -17,7 +17,7 @@ from typing import Any
 import casadi as ca
 
 from planner.backends.casadi_nlp.functions import build_block
-from planner.backends.casadi_nlp.symbols import FORMULAS
+from planner.backends.casadi_nlp.symbols import ALL_FORMULAS
 
 MOST_DIFFER = (True, False, True)  # arguments that differ from stage to stage: z and multipliers, not the parameters
 EACH_DIFFERS = (True, True, True)  # of the costs
@@ -69,10 +69,10 @@ def write_block(name: str, folder: Path) -> Path:
     """Writes the C of a block's functions, and returns the file.
 
     Args:
-        name: key of `symbols.FORMULAS`.
+        name: key of `symbols.ALL_FORMULAS`.
         folder: where the file is written.
     """
-    block = build_block(name, FORMULAS[name])
+    block = build_block(name, ALL_FORMULAS[name])
     differs = EACH_DIFFERS if name == "cost" else MOST_DIFFER
     file = folder / f"{name}.c"
     file.write_text(written([(function, differs[: function.n_in()]) for function in block.functions]))

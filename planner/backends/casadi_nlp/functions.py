@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.backends.casadi_nlp.layout import COST, SHARED
-from planner.backends.casadi_nlp.symbols import FORMULAS, BlockFormula, Terms
+from planner.backends.casadi_nlp.symbols import ALL_FORMULAS, BlockFormula, Terms
 from planner.native import OPTIMISER
 
 SX = Any
@@ -25,7 +25,7 @@ class Block:
     """The functions of one stage's rows, and the sparsity of their derivatives.
 
     Attributes:
-        name: key of `symbols.FORMULAS`.
+        name: key of `symbols.ALL_FORMULAS`.
         value: (z, p) -> rows (n,).
         slope: (z, p) -> rows (n,), Jacobian (n, m), for m variables: NZ, or those and the object's.
         curve: (z, p, multipliers) -> gradient (m,) and Hessian (m, m) of multipliers @ rows.
@@ -66,7 +66,7 @@ class Block:
 def all_blocks() -> dict[str, Block]:
     """Returns every block, with the functions of the package's extension."""
     path = str(OPTIMISER)
-    return {name: Block(name, *(ca.external(f"{name}_{kind}", path) for kind in KINDS)) for name in FORMULAS}
+    return {name: Block(name, *(ca.external(f"{name}_{kind}", path) for kind in KINDS)) for name in ALL_FORMULAS}
 
 
 def build_block(name: str, formula: BlockFormula) -> Block:

@@ -50,15 +50,16 @@ def stage_layout(problem: ThrowProblem, margins: Margins) -> StageLayout:
         margins: on every limit; they decide which groups there are.
     """
     groups = _applicable_groups(problem, margins)
+    boxes = _box_slots(problem)
     if problem.ends_at_rest:
-        return StageLayout(LAUNCH_STAGES, 0, 0, groups)
+        return StageLayout(LAUNCH_STAGES, 0, 0, groups, boxes)
     window = window_stages(problem)
-    return StageLayout(LAUNCH_STAGES + window, BRAKE_STAGES + window, window, groups, aims(problem))
+    return StageLayout(LAUNCH_STAGES + window, BRAKE_STAGES + window, window, groups, boxes, aims(problem))
 
 
 def _applicable_groups(problem: ThrowProblem, margins: Margins) -> tuple[str, ...]:
     applies = {
-        "keep_out": bool(problem.cell_with_bin.surroundings.keep_out),
+        "keep_out": _box_slots(problem) > 0,
         "grip": problem.cell.gripper.hold_acceleration_m_s2 is not None and not problem.ends_at_rest,
         "flight": constrains_flight(problem),
         "standing": aims(problem),
@@ -66,6 +67,12 @@ def _applicable_groups(problem: ThrowProblem, margins: Margins) -> tuple[str, ..
         "passing": not problem.ends_at_rest,
     }
     return tuple(group for group in LAZY_GROUPS if applies.get(group, True))
+
+
+def _box_slots(problem: ThrowProblem) -> int:
+    """Returns the least number of slots that hold the keep-out boxes, a bin among them; the most if none does."""
+    boxes = len(problem.cell_with_bin.surroundings.keep_out)
+    return next((slots for slots in (0, *layout.BOX_SLOTS) if slots >= boxes), layout.KEEP_OUT_BOXES)
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,8 @@ Vector = NDArray[np.float64]
 
 LINKS = 6
 TOOL_CAPSULES = 2  # [-] slots for a tool's capsules; a tool with more has the last ones wrapped into one
-KEEP_OUT_BOXES = 4  # [-] slots for keep-out boxes; further ones are left to the certificate
+BOX_SLOTS = (1, 2, 4)  # [-] numbers of keep-out boxes that there are functions for
+KEEP_OUT_BOXES = BOX_SLOTS[-1]  # [-] further boxes are left to the certificate
 FLIGHT_EDGES = 8  # [-] slots for edges that the object's flight passes: two for each of four boxes
 # DH frame of each capsule slot: `geometry.arm_capsules` without the foot, which the floor covers; the tool; the object.
 ARM_CAPSULES = {
@@ -192,6 +193,7 @@ class StageLayout:
         brake: stages after it.
         window: stages on either side of the release that make up the release window.
         groups: those of `LAZY_GROUPS` that are included.
+        boxes: slots for keep-out boxes, one of `layout.BOX_SLOTS`; 0 without group "keep_out".
         aims: whether the release is free, so that the object's path is part of the solution.
         watched: stages before the release (or its window) on which singularities are avoided.
     """
@@ -200,6 +202,7 @@ class StageLayout:
     brake: int = 4
     window: int = 0
     groups: tuple[str, ...] = ()
+    boxes: int = 0
     aims: bool = False
     watched: int = 3
 
@@ -221,7 +224,13 @@ class StageLayout:
     def with_groups(self, groups: Collection[str]) -> StageLayout:
         """Returns the layout with only those of its groups that are in `groups`."""
         kept = tuple(group for group in self.groups if group in groups)
-        return replace(self, groups=kept, aims=self.aims and bool({"leaving", "passing"} & set(kept)))
+        boxes = self.boxes if "keep_out" in kept else 0
+        return replace(self, groups=kept, boxes=boxes, aims=self.aims and bool({"leaving", "passing"} & set(kept)))
+
+    def function(self, block: str) -> str:
+        """Returns the name of a block's functions, which have fewer slots for fewer boxes."""
+        has_fewer = group_of(block) == "keep_out" and self.boxes in BOX_SLOTS[:-1]
+        return f"{block}_{self.boxes}" if has_fewer else block
 
     def includes(self, block: str) -> bool:
         """Returns whether a block is part of the problem."""

@@ -54,7 +54,7 @@ class RowIndex:
     def __init__(self, stages: StageLayout, blocks: Mapping[str, Block]) -> None:
         self.stages = stages
         included = [name for name in FORMULAS if stages.includes(name) and stages.knots(name)]
-        self.blocks = {name: blocks[name] for name in included}
+        self.blocks = {name: blocks[stages.function(name)] for name in included}
         self.knots = {name: stages.knots(name) for name in self.blocks}
         self.rows: dict[tuple[str, int], Indices] = {}
         self.dynamics: list[Indices] = []

@@ -136,12 +136,12 @@ def test_release_rows(cell: Cell) -> None:
 
 LAYOUTS = (
     layout.StageLayout(),
-    layout.StageLayout(9, 5, window=1, groups=layout.LAZY_GROUPS),
+    layout.StageLayout(9, 5, window=1, groups=layout.LAZY_GROUPS, boxes=4),
     layout.StageLayout(8, 3, groups=("flight", "passing"), aims=True),
     layout.StageLayout(8, 3, groups=("leaving",), aims=True),
     layout.StageLayout(10, 5, window=2, groups=("leaving", "passing"), aims=True),
     layout.StageLayout(8, 3, groups=("standing",), aims=True),
-    layout.StageLayout(8, 3, groups=("keep_out",)),
+    layout.StageLayout(8, 3, groups=("keep_out",), boxes=1),
     layout.StageLayout(8, 0, groups=("effort",)),
 )
 
@@ -381,21 +381,18 @@ def test_grip_rows(cell: Cell) -> None:
     assert rows[3] * 40.0**2 == pytest.approx(expected @ expected)
 
 
-@pytest.mark.parametrize("slot", range(layout.KEEP_OUT_BOXES))
-def test_a_box_counts_in_every_slot(slot: int) -> None:
+@pytest.mark.parametrize("boxes", layout.BOX_SLOTS)
+def test_fewer_slots_for_boxes_give_the_same_distance(boxes: int) -> None:
     plain = load_cell(CELLS / "ur5e-sim.toml")
-    near = Box(np.array([0.3, -0.2, 0.1]), np.array([0.5, 0.3, 0.6]))
-    away = [np.array([0.0, 30.0 + k, 0.0]) for k in range(slot)]
-    far = [Box(near.lower + shift, near.upper + shift) for shift in away]
-    one, last = (
-        box_parameters(replace(plain, surroundings=replace(plain.surroundings, keep_out=placed)))
-        for placed in ((near,), (*far, near))
-    )
-    of_arm = arm_parameters(plain, plain.limits, NO_MARGINS)
+    near = [Box(np.array([0.3, -0.2 + k, 0.1]), np.array([0.5, 0.3 + k, 0.6])) for k in range(boxes)]
+    placed = tuple(reversed(near))  # the nearest takes the last slot
+    cell = replace(plain, surroundings=replace(plain.surroundings, keep_out=placed))
+    p = np.concatenate([arm_parameters(cell, cell.limits, NO_MARGINS), box_parameters(cell)])
+    name = layout.StageLayout(groups=("keep_out",), boxes=boxes).function("keep_out")
+    assert name == ("keep_out" if boxes == layout.KEEP_OUT_BOXES else f"keep_out_{boxes}")
     for seed in range(5):
         *_, z = _state(seed)
-        row = _rows("keep_out", z, np.concatenate([of_arm, last]))
-        assert row == pytest.approx(_rows("keep_out", z, np.concatenate([of_arm, one])), abs=1e-12)
+        assert _rows(name, z, p) == pytest.approx(_rows("keep_out", z, p), abs=1e-12)
 
 
 NEAR_BOXES = {
@@ -420,7 +417,7 @@ def test_the_room_beside_a_box_is_never_more_than_there_is(name: str) -> None:
         room = _distance_from_box(cell, q, box)
         if 0.0 < room < 0.1:
             near += 1
-            assert _rows("keep_out", np.concatenate([q, np.zeros(layout.NZ - 6)]), p) < room + 5e-4
+            assert _rows("keep_out_1", np.concatenate([q, np.zeros(layout.NZ - 6)]), p) < room + 5e-4
 
 
 def _distance_from_box(cell: Cell, q: np.ndarray, box: Box) -> float:
@@ -433,14 +430,15 @@ def _distance_from_box(cell: Cell, q: np.ndarray, box: Box) -> float:
     return min(float(segment_box_distance(a, b, box.lower, box.upper)) - radius for a, b, radius in segments)
 
 
-@pytest.mark.parametrize("boxes", [0, 1, 5])
-def test_a_room_with_boxes_has_rows_for_them(boxes: int) -> None:
+@pytest.mark.parametrize(("boxes", "slots"), [(0, 0), (1, 1), (2, 2), (3, 4), (4, 4), (5, 4)])
+def test_a_room_has_slots_for_its_boxes(boxes: int, slots: int) -> None:
     plain = load_cell(CELLS / "ur5e-sim.toml")
     placed = tuple(Box(np.array([1.0 + k, 1.0, 0.0]), np.array([1.5 + k, 2.0, 0.5])) for k in range(boxes))
     cell = replace(plain, surroundings=replace(plain.surroundings, keep_out=placed))
     request = {"cell": "ur5e-sim", "release": {"kind": "target", "position": [1.2, 0.3, 0.0]}, "release_window_s": 0.0}
     stages = stage_layout(problem_from_request(request, cell), Margins())
-    assert ("keep_out" in stages.groups) == (boxes > 0)
+    assert (stages.boxes, "keep_out" in stages.groups) == (slots, slots > 0)
+    assert stages.with_groups({"effort"}).boxes == 0
 
 
 def _smooth_multipliers(index: transcription.RowIndex, rng: np.random.Generator) -> np.ndarray:

@@ -1,19 +1,23 @@
 """Symbolic formulas of the rows: of the arm, of clearances, and of every block; and their derivatives."""
 
 from planner.backends.casadi_nlp.symbols.rows import (
+    ALL_FORMULAS,
     FLIGHT_ROWS,
     FORMULAS,
     LEAVING_ROWS,
     RELEASE_ROWS,
+    WITH_FEWER_BOXES,
     BlockFormula,
 )
 from planner.backends.casadi_nlp.symbols.terms import Terms
 
 __all__ = [
+    "ALL_FORMULAS",
     "FLIGHT_ROWS",
     "FORMULAS",
     "LEAVING_ROWS",
     "RELEASE_ROWS",
+    "WITH_FEWER_BOXES",
     "BlockFormula",
     "Terms",
 ]

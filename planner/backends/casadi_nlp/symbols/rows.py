@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -132,14 +133,14 @@ def clearance(s: StageState, p: SX, terms: Terms) -> SX:
     )
 
 
-def keep_out(s: StageState, p: SX, terms: Terms) -> SX:
-    """Distance of arm, tool and object from the keep-out boxes, beyond the one required (1) [m]."""
+def keep_out(s: StageState, p: SX, terms: Terms, slots: int = layout.KEEP_OUT_BOXES) -> SX:
+    """Distance of arm, tool and object from the first `slots` keep-out boxes, beyond the one required (1) [m]."""
     a = ARM.split(p[: ARM.size])
     b = BOXES.split(p[ARM.size :])
     body = distances.capsules_in_s(arm.frames(a["dh"], s.q), a["capsules"])
     R_WS = ca.reshape(a["base"][:9], 3, 3) @ arm.turn(s.q[0])
     in_world = distances.capsules_in_world(body, R_WS, a["base"][9:])
-    gaps = distances.box_distances(in_world, b["boxes"], terms)
+    gaps = distances.box_distances(in_world, b["boxes"][: 6 * slots], terms)
     return distances.soft_minimum(gaps, terms) - b["box_clearance"]
 
 
@@ -384,3 +385,11 @@ FORMULAS: dict[str, BlockFormula] = {
     "passing_middle": BlockFormula(passing_middle, ("scales", "arm", "object_path"), of_object=True),
     "passing_at_rest": BlockFormula(passing_at_rest, ("scales", "arm", "object_path"), of_object=True),
 }
+# The same rows with fewer slots for boxes, each of which takes its time.
+WITH_FEWER_BOXES = {
+    f"{name}_{slots}": at(partial(keep_out, slots=slots), "arm", "boxes")
+    for name, at in (("keep_out", _at_knot), ("keep_out_middle", _in_middle))
+    for slots in layout.BOX_SLOTS[:-1]
+}
+# Every formula that functions are built from.
+ALL_FORMULAS = FORMULAS | WITH_FEWER_BOXES
