@@ -139,6 +139,7 @@ class ScriptStream(Stream):
         self.decides_at = job.output_row - max(round(KEEP_AHEAD_S / job.dt), 1)
         self._row = -1
         self._row_at_s = 0.0  # controller's time at which the row was seen first
+        self._recorded = -1
 
     @property
     def asked_to_brake(self) -> bool:
@@ -247,6 +248,12 @@ class ScriptStream(Stream):
     def _send(self, row: int, reference_q: Row) -> Row:
         """Returns the speeds that the program commands next."""
         return self.schedule.command(row)[1]
+
+    def _record(self, reference: tuple[Row, Row], command: Row) -> None:
+        """Writes a row of telemetry where the program has gone on to another."""
+        if self.clock.tick > self._recorded:
+            self._recorded = self.clock.tick
+            super()._record(reference, command)
 
     def _open_gripper(self, row: int, command: Row) -> None:
         """Asks the program to keep an object that would miss; it opens the gripper itself."""
