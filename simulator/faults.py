@@ -16,7 +16,8 @@ from simulator.simulation import Simulation
 
 CONTROL_PORT_NAME = "control"
 EVERY = "every"
-ROLES = ("control", "receive", "io", "any", "dashboard", "script", "primary", "secondary", EVERY)
+RTDE_ROLES = {"control": ("control",), "io": ("io",), "receive": ("receive",), "inputs": ("control", "io")}
+ROLES = (*RTDE_ROLES, "any", "dashboard", "script", "primary", "secondary", EVERY)
 INPUTS = "actual_digital_input_bits"
 INPUT_LINES = 18  # 8 standard, 8 configurable, 2 of the tool; RTDE guide
 FREEZE_MAX_S = 60.0  # [s]
@@ -161,14 +162,17 @@ def digital_input(s: Simulation, index: int = 0, on: bool = True) -> None:
 
 
 def _of_role(s: Simulation, role: str) -> list[Connection]:
-    """Returns the connections of a role: `any` are control, receive and io, `every` all but this port's."""
+    """Returns the connections of a role.
+
+    `inputs` are control and io, `any` these and receive, `every` all but those of this port.
+    """
     if role == EVERY:
         return [c for c, port in list(s.network.connections.values()) if port.name != CONTROL_PORT_NAME]
     if role in ("dashboard", "script", "primary", "secondary"):
         return [c for c, port in list(s.network.connections.values()) if port.name == role]
-    if role not in ("control", "receive", "io", "any"):
+    if role != "any" and role not in RTDE_ROLES:
         raise BadRequest(f"role {role!r} is none of {', '.join(ROLES)}")
-    return [c for c, session in list(s.rtde.sessions.items()) if role in ("any", session.role)]
+    return [c for c, session in list(s.rtde.sessions.items()) if role == "any" or session.role in RTDE_ROLES[role]]
 
 
 _STOPS = (protective_stop, emergency_stop, safeguard_stop, power_loss, clear)

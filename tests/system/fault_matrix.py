@@ -185,16 +185,6 @@ def _told(name: str, **parameters: Any) -> Callable[[Rig], Trigger]:
     return lambda rig: lambda: rig.fault(name, **parameters)
 
 
-def _commanding(name: str, **parameters: Any) -> Callable[[Rig], Trigger]:
-    """Returns what causes a fault of the connections of commands; a program in the controller hears that of IO."""
-
-    def cause(rig: Rig) -> None:
-        for role in ("control", "io"):
-            rig.fault(name, role=role, **parameters)
-
-    return lambda rig: lambda: cause(rig)
-
-
 def _signalled(process: str, number: signal.Signals) -> Callable[[Rig], Trigger]:
     """Returns what sends a signal to a process."""
 
@@ -292,6 +282,7 @@ MOVES = "movej([0, -1, 1, 0, 0, 0], a=1.4, v=1)\n"
 OTHER_INTERFACES = ("dashboard", "script", "primary", "secondary")
 LONG_S = (0.3, 3.0)  # [s] of freezing
 
+# Commands go by the control connection, and the heartbeat of a program in the controller by that of IO.
 FAULTS = (
     Fault("stream killed", _signalled("stream", signal.SIGKILL), LOST),
     Fault("stream killed, dashboard stalled", _killed_without_dashboard, LOST),
@@ -305,10 +296,10 @@ FAULTS = (
     Fault("daemon and stream frozen 3000 ms", _frozen(3.0, "daemon", "stream"), (*LOST, "late")),
     Fault("cable out", _told("offline"), LINK),
     Fault("every connection silent", _all_stalled, LINK),
-    Fault("control connection reset", _commanding("close_connection", reset=True), LINK),
-    Fault("control connection closed", _commanding("close_connection"), LINK),
+    Fault("control connection reset", _told("close_connection", role="inputs", reset=True), LINK),
+    Fault("control connection closed", _told("close_connection", role="inputs"), LINK),
     Fault("receive connection reset", _told("close_connection", role="receive", reset=True), LINK),
-    Fault("control connection stalled", _commanding("stall_connection"), LINK),
+    Fault("control connection stalled", _told("stall_connection", role="inputs"), LINK),
     Fault("receive connection stalled", _told("stall_connection", role="receive"), LINK),
     Fault("controller frozen 500 ms", _told("freeze", duration_s=0.5), LINK),
     Fault(
@@ -318,7 +309,7 @@ FAULTS = (
         harmless=True,
         longer_s=0.06,
     ),
-    Fault("every command lost", _commanding("disturb_connection", drop=1.0), LINK),
+    Fault("every command lost", _told("disturb_connection", role="inputs", drop=1.0), LINK),
     Fault("another client's program", _script(30002, PLAYS), ("foreign_program",)),
     Fault("another client's motion", _script(30001, MOVES), ("foreign_program",)),
     Fault("gripper opened by another client", _gripper_switched(True), GRIPPER, True, OUTPUT_S, lets_go=True),
