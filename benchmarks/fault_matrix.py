@@ -1,4 +1,4 @@
-"""`python -m benchmarks.fault_matrix`: every fault in every phase, at 500 and 125 Hz; writes `fault-matrix.md`.
+"""`python -m benchmarks.fault_matrix [--mode script]`: every fault in every phase, at 500 and 125 Hz; writes a page.
 
 Half an hour on a quiet machine. The exit status is 1 where something does not hold in a cell of the table.
 """
@@ -17,6 +17,7 @@ from tests.system.fault_matrix import FAULTS, PHASES, REST_S, CellResult, Fault,
 from tests.system.rig import Rig
 
 ROOT = Path(__file__).parents[1]
+MODES = ("speedj", "servoj", "script")
 CELLS = ("ur5e-sim", "ur5-sim")  # 500 and 125 Hz
 TRIES = 3  # of a cell: a machine that stalls may miss the moment
 METHOD = f"""\
@@ -31,30 +32,32 @@ def main(argv: Sequence[str]) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.fault_matrix", description=__doc__)
     parser.add_argument("--cell", dest="cells", action="append", choices=CELLS, help="default: both")
     parser.add_argument("--phase", dest="phases", action="append", choices=[phase.name for phase in PHASES])
+    parser.add_argument("--mode", choices=MODES, default="speedj", help="how motions are made")
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "benchmarks")
     given = parser.parse_args(argv)
     where = machine_words(machine())
     phases = [phase for phase in PHASES if given.phases is None or phase.name in given.phases]
-    results = [result for cell in given.cells or CELLS for result in run_table(cell, phases)]
+    results = [result for cell in given.cells or CELLS for result in run_table(cell, phases, given.mode)]
     broken = [result for result in results if result.broken()]
-    write_report(_page(where, phases, results, broken), given.out, "fault-matrix.md")
+    name = "fault-matrix.md" if given.mode == "speedj" else f"fault-matrix-{given.mode}.md"
+    write_report(_page(f"{where}; {given.mode}", phases, results, broken), given.out, name)
     cells = len(phases) * len(FAULTS) * len(given.cells or CELLS)
     return 1 if broken or len(results) < cells else 0
 
 
-def run_table(cell: str, phases: Sequence[Phase]) -> list[CellResult]:
-    """Returns the results of all faults in some phases, on a rig of its own."""
+def run_table(cell: str, phases: Sequence[Phase], mode: str) -> list[CellResult]:
+    """Returns the results of all faults in some phases of executions in a mode, on a rig of its own."""
     with tempfile.TemporaryDirectory() as folder:
         rig = Rig(Path(folder), cell)
         try:
             rig.start()
-            tried = [_tried(rig, phase, fault) for phase in phases for fault in FAULTS]
+            tried = [_tried(rig, phase, fault, mode) for phase in phases for fault in FAULTS]
             return [result for result in tried if result is not None]
         finally:
             rig.stop()
 
 
-def _tried(rig: Rig, phase: Phase, fault: Fault) -> CellResult | None:
+def _tried(rig: Rig, phase: Phase, fault: Fault, mode: str) -> CellResult | None:
     """Returns the result of one cell; of several tries the first in which everything holds.
 
     None where its moment never came: a busy machine may end each run before.
@@ -63,7 +66,7 @@ def _tried(rig: Rig, phase: Phase, fault: Fault) -> CellResult | None:
     result = None
     for _ in range(TRIES):
         try:
-            result = run_cell(rig, phase, fault)
+            result = run_cell(rig, phase, fault, mode)
         except AssertionError as error:  # the moment never came
             print(f"{where}: {error}", flush=True)
             continue

@@ -23,6 +23,7 @@ from learning import CellKnowledge, knowledge_of
 from planner.answer import aimed_problem, promised_tolerance
 from planner.approach import Approach, find_approach, jog_advice, obstacle_words
 from planner.certificate import Check, release_flight
+from planner.controller_program import ProgramTooLong
 from store import ExecutionRow, ProfileRow, new_id
 
 SAFETY_WAIT_S = 0.2  # [s] after a fault, for a state that is newer than the fault
@@ -73,7 +74,10 @@ class Execution:
             duration_s = approach.trajectory.duration_s
             self.note(f"planned approach of {duration_s:.1f} s; a straight move: {obstacle_words(failures)}")
         how = (self.row.mode, self.row.dry_run, session.settings, self._expected_landing(document))
-        return prepare_job(self.problem, self.trajectory, approach, *how)
+        try:
+            return prepare_job(self.problem, self.trajectory, approach, *how)
+        except ProgramTooLong as error:
+            raise ExecutionRefused(str(error)) from error
 
     def _expected_landing(self, document: bytes) -> ExpectedLanding | None:
         """Returns where the object is to land; None where the plan promises no tolerance."""

@@ -76,6 +76,7 @@ class JobRows:
         reference_q, reference_qd: rows (M, 6) one lag earlier: the expected measurement when row m is sent.
         brake_row: for every row the first row from which a verified brake starts.
         brake_ticks: for every row the duration of the brake from there [ticks].
+        run, program: number and text of the program that makes the motion inside the controller; "" if it is streamed.
     """
 
     first_clock_s: float
@@ -86,6 +87,8 @@ class JobRows:
     reference_qd: list[Row]
     brake_row: list[int]
     brake_ticks: list[int]
+    run: int
+    program: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +97,7 @@ class StreamJob(JobRows):
 
     Attributes:
         host: address of the controller.
-        mode: "speedj" or "servoj".
+        mode: "speedj" or "servoj", which stream it, or "script".
         dry_run: connect and record without any motion.
         dt: duration of one tick [s].
         lag_ticks: lag of the cell [ticks], not necessarily whole.
@@ -109,6 +112,7 @@ class StreamJob(JobRows):
         feedback_gain, feedback_max: of the position feedback [1/s, rad/s].
         tracking_max: position error that ends the run [rad].
         watchdog_hz: lowest command rate accepted by the controller [Hz]; None: chosen by real-time permission.
+        dead_man_s: time without a heartbeat after which a program in the controller stops the arm [s].
         core: processor of the stream; -1: any.
         priority: SCHED_FIFO priority.
         daemon_silent_s: longest accepted silence of the daemon [s].
@@ -132,6 +136,7 @@ class StreamJob(JobRows):
     feedback_max: float
     tracking_max: float
     watchdog_hz: float | None
+    dead_man_s: float
     core: int
     priority: int
     daemon_silent_s: float
@@ -164,4 +169,5 @@ class StreamJob(JobRows):
         throws_nothing = {"output_row": -1, "release_row": len(self.approach.q) - 1, "landing": None}
         fastest = max(abs(v) for qd in self.approach.qd for v in qd)
         tracking_max = self.tracking_max + APPROACH_LATE_S * fastest
-        return replace(self, **rows, **throws_nothing, tracking_max=tracking_max, mode="speedj", approach=None)
+        mode = self.mode if self.mode == "script" else "speedj"
+        return replace(self, **rows, **throws_nothing, tracking_max=tracking_max, mode=mode, approach=None)

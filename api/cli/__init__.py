@@ -25,6 +25,7 @@ COMMANDS = {
     "calibrate": ("calibrate", "calibrate", "Measure what a cell's own motions and throws teach."),
     "landing": ("landing", "landing", "Report where an object landed, or list the reports."),
     "report": ("report", "report", "A plan, an execution or an experiment as a self-contained HTML file."),
+    "export": ("export", "export", "A plan as a URScript program for the pendant."),
     "abort": ("throw", "abort", "Ask for the brake of a running execution."),
     "acknowledge": ("throw", "acknowledge", "Clear a latched fault, after checking the robot."),
     "doctor": ("serve", "doctor", "Check this machine's timing and the link to the controller."),

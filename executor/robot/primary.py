@@ -13,6 +13,7 @@ import time
 
 from executor.robot.gripper_hold import PROGRAM as HOLD_PROGRAM
 from executor.robot.primary_packages import PORT, take_packages
+from planner.controller_program import PROGRAM
 
 CONNECT_S = 0.5  # [s] a controller answers within milliseconds; without this interface a run goes on
 MESSAGE = struct.Struct(">QbB")
@@ -20,7 +21,7 @@ KEY_HEADER = struct.Struct(">iiB")  # code, argument, length of the title
 ROBOT_MESSAGE = 20
 KEY = 7
 RUNTIME_EXCEPTION = 10
-OWN_PROGRAM = "rtde_control"  # source: ur_rtde 1.6.5
+OWN_PROGRAMS = ("rtde_control", PROGRAM)  # source: ur_rtde 1.6.5; that of a motion inside the controller
 STARTED = "PROGRAM_XXX_STARTED"
 COMPILE_ERRORS = ("compile_error", "syntax_error")  # first words of errors in a script that has just arrived
 
@@ -95,7 +96,7 @@ class ProgramWatch:
                 self.foreign = self.foreign or f"a script that did not compile ({text})"
 
     def _key(self, title: str, program: str) -> None:
-        if program == OWN_PROGRAM:
+        if program in OWN_PROGRAMS:
             self._own_started = self._own_started or title == STARTED
         elif self._own_started and program != HOLD_PROGRAM:
             self.foreign = self.foreign or f"the program '{program}'"

@@ -108,7 +108,8 @@ class Stream:
         self.commands = CommandWatch()
         self.gripper = self._gripper_watch()
         self.watch = None if job.landing is None or job.dry_run else LandingWatch(job, job.landing)
-        self.fields[shm.TIMESTAMP_AT_ZERO] = self.clock.first - job.first_clock_s + job.lag_ticks * job.dt
+        self.decides_at = job.output_row  # row at which it is decided whether the object is kept
+        self._note_first(self.clock.first)
 
     def run(self) -> tuple[str, str]:
         """Streams to the end of the schedule; returns outcome and reason.
@@ -116,7 +117,7 @@ class Stream:
         Raises:
             StreamFault: the connection failed; nothing was sent after that.
         """
-        while self.clock.tick <= self.schedule.last or self._settles():
+        while self._goes_on():
             self.clock.wait()
             self.connection.read()
             self.commands.look(self.connection.target_qd, self.connection.stamp)
@@ -133,6 +134,14 @@ class Stream:
             self._open_gripper(row, command)
             self._record(reference, command)
         return self.verdict
+
+    def _note_first(self, first_s: float) -> None:
+        """Notes the controller's time of row 0 [s]."""
+        job = self.job
+        self.fields[shm.TIMESTAMP_AT_ZERO] = first_s - job.first_clock_s + job.lag_ticks * job.dt
+
+    def _goes_on(self) -> bool:
+        return self.clock.tick <= self.schedule.last or self._settles()
 
     def _settles(self) -> bool:
         """Returns whether the last row is held, for an arm that has not arrived there yet."""
@@ -251,6 +260,11 @@ class Stream:
         if self._keeps(row, command) or row < job.output_row:
             return
         self.connection.output(job.output_level)
+        self._note_opening(row)
+
+    def _note_opening(self, row: int) -> None:
+        """Notes that the gripper was told to open with a row."""
+        job = self.job
         if self.gripper is not None:
             self.gripper.tell(True, self.connection.stamp)
         self.output_sent = True
@@ -267,7 +281,7 @@ class Stream:
         if job.mode == "speedj":
             feedback = [a - b for a, b in zip(command, self.schedule.command(row)[1], strict=True)]
         watch.add(row, (self.connection.q, self.connection.qd), feedback)
-        if row < job.output_row:
+        if row < self.decides_at:
             return False
         reason = watch.reason(row)
         if reason:

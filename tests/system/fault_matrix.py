@@ -48,44 +48,44 @@ class Phase:
 
     Attributes:
         name: as in the table.
-        begin: queues an execution; returns its id.
+        begin: queues an execution in a mode; returns its id.
         await_moment: returns when the phase has come.
         holds: whether the gripper holds its object then, and is not told to let go.
     """
 
     name: str
-    begin: Callable[[Rig], str]
+    begin: Callable[[Rig, str], str]
     await_moment: Callable[[Rig, str], None]
     holds: bool = True
 
 
-def _begin_far(rig: Rig) -> str:
+def _begin_far(rig: Rig, mode: str) -> str:
     """Queues a small motion whose start is the farther one of two, to either side of home."""
     side = -FAR_RAD if rig.state()["q"][0] > 0.0 else FAR_RAD
     start = [side, *rig.cell.home[1:].tolist()]
     goal = [start[0] + 0.02, *start[1:]]
     release = {"kind": "joint", "positions": goal, "velocities": [0.0] * 6}
-    return rig.queue_plan_when_ready(rig.plan(release, start={"positions": start}))
+    return rig.queue_plan_when_ready(rig.plan(release, start={"positions": start}), mode)
 
 
-def _begin_throw(rig: Rig) -> str:
-    return rig.queue_plan_when_ready(_throw(rig))
+def _begin_throw(rig: Rig, mode: str) -> str:
+    return rig.queue_plan_when_ready(_throw(rig), mode)
 
 
 def _throw(rig: Rig) -> str:
     return rig.plan(THROW, limits={"velocity": FASTEST_RAD_S})
 
 
-def _begin_way_home(rig: Rig) -> str:
+def _begin_way_home(rig: Rig, mode: str) -> str:
     """Throws, and queues a motion at home: its approach is the way home, once the gripper is closed."""
-    thrown = rig.end(rig.queue_plan_when_ready(_throw(rig)))
+    thrown = rig.end(rig.queue_plan_when_ready(_throw(rig), mode))
     assert thrown.outcome == "completed", thrown.reason
-    return rig.queue_when_ready(_swing(rig, 0.02))
+    return rig.queue_when_ready(_swing(rig, 0.02), mode)
 
 
-def _begin_calibration(rig: Rig) -> str:
+def _begin_calibration(rig: Rig, mode: str) -> str:
     """Queues a motion as `fling calibrate lag` makes it: all joints about home, from rest to rest, without a throw."""
-    return rig.queue_when_ready(_swing(rig, SWING_RAD))
+    return rig.queue_when_ready(_swing(rig, SWING_RAD), mode)
 
 
 def _swing(rig: Rig, amplitude_rad: float) -> dict[str, Any]:
@@ -282,6 +282,7 @@ MOVES = "movej([0, -1, 1, 0, 0, 0], a=1.4, v=1)\n"
 OTHER_INTERFACES = ("dashboard", "script", "primary", "secondary")
 LONG_S = (0.3, 3.0)  # [s] of freezing
 
+# Commands go by the control connection, and the heartbeat of a program in the controller by that of IO.
 FAULTS = (
     Fault("stream killed", _signalled("stream", signal.SIGKILL), LOST),
     Fault("stream killed, dashboard stalled", _killed_without_dashboard, LOST),
@@ -295,10 +296,10 @@ FAULTS = (
     Fault("daemon and stream frozen 3000 ms", _frozen(3.0, "daemon", "stream"), (*LOST, "late")),
     Fault("cable out", _told("offline"), LINK),
     Fault("every connection silent", _all_stalled, LINK),
-    Fault("control connection reset", _told("close_connection", role="control", reset=True), LINK),
-    Fault("control connection closed", _told("close_connection", role="control"), LINK),
+    Fault("control connection reset", _told("close_connection", role="inputs", reset=True), LINK),
+    Fault("control connection closed", _told("close_connection", role="inputs"), LINK),
     Fault("receive connection reset", _told("close_connection", role="receive", reset=True), LINK),
-    Fault("control connection stalled", _told("stall_connection", role="control"), LINK),
+    Fault("control connection stalled", _told("stall_connection", role="inputs"), LINK),
     Fault("receive connection stalled", _told("stall_connection", role="receive"), LINK),
     Fault("controller frozen 500 ms", _told("freeze", duration_s=0.5), LINK),
     Fault(
@@ -308,7 +309,7 @@ FAULTS = (
         harmless=True,
         longer_s=0.06,
     ),
-    Fault("every command lost", _told("disturb_connection", role="control", drop=1.0), LINK),
+    Fault("every command lost", _told("disturb_connection", role="inputs", drop=1.0), LINK),
     Fault("another client's program", _script(30002, PLAYS), ("foreign_program",)),
     Fault("another client's motion", _script(30001, MOVES), ("foreign_program",)),
     Fault("gripper opened by another client", _gripper_switched(True), GRIPPER, True, OUTPUT_S, lets_go=True),
@@ -392,10 +393,10 @@ class CellResult:
         return ""
 
 
-def run_cell(rig: Rig, phase: Phase, fault: Fault) -> CellResult:
-    """Causes a fault in a phase of an execution, and brings the rig back in order."""
+def run_cell(rig: Rig, phase: Phase, fault: Fault, mode: str = "speedj") -> CellResult:
+    """Causes a fault in a phase of an execution in a mode, and brings the rig back in order."""
     rig.stand_up()
-    id = phase.begin(rig)
+    id = phase.begin(rig, mode)
     rig.until(lambda: rig.row(id).state in ("approaching", "streaming"), period=POLL_S)
     trigger = fault.prepare(rig)
     newest = rig.newest_object()

@@ -295,7 +295,7 @@ class Rig:
         """Recovers the robot: every cause of a stop removed, arm powered, remote control, full speed."""
         self.fault("offline", on=False)
         self.fault("stall_connection", role="any", on=False)
-        self.fault("disturb_connection", role="any")
+        self.fault("disturb_connection", role="every")
         self.fault("clear")
         self.fault("local_mode", on=False)
         self.fault("speed_slider", fraction=1.0)

@@ -1424,11 +1424,11 @@ export interface components {
             experiment_id?: string | null;
             /**
              * Mode
-             * @description UR command that streams the motion.
+             * @description UR command by which the motion is streamed; `script`: it runs inside the controller, as one program, and neither a busy machine nor a bad link costs it a tick.
              * @default speedj
              * @enum {string}
              */
-            mode: "speedj" | "servoj";
+            mode: "speedj" | "servoj" | "script";
             /**
              * Plan Id
              * @description Id of the plan; `latest` is the newest one, on simulated cells only.
@@ -1474,10 +1474,10 @@ export interface components {
             metrics: components["schemas"]["ExecutionMetrics"] | null;
             /**
              * Mode
-             * @description UR command that streams the motion.
+             * @description UR command by which the motion is streamed; `script`: it runs inside the controller, as one program, and neither a busy machine nor a bad link costs it a tick.
              * @enum {string}
              */
-            mode: "speedj" | "servoj";
+            mode: "speedj" | "servoj" | "script";
             /**
              * Outcome
              * @description null before the end.
@@ -2945,7 +2945,7 @@ export interface components {
             lag_std_s: number;
             /**
              * Mode
-             * @description speedj or servoj.
+             * @description speedj, servoj or script.
              */
             mode: string;
             /**
@@ -3624,7 +3624,7 @@ export interface components {
             lag_std_s: number;
             /**
              * Mode
-             * @description speedj or servoj.
+             * @description speedj, servoj or script.
              */
             mode: string;
             /**
@@ -4048,7 +4048,7 @@ export interface components {
             lag_std_s: number;
             /**
              * Mode
-             * @description speedj or servoj.
+             * @description speedj, servoj or script.
              */
             mode: string;
             /**
