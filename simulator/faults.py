@@ -17,6 +17,7 @@ from simulator.simulation import Simulation
 CONTROL_PORT_NAME = "control"
 INPUTS = "actual_digital_input_bits"
 INPUT_LINES = 18  # 8 standard, 8 configurable, 2 of the tool; RTDE guide
+OTHER_PORTS = ("dashboard", "robot_api", "script", "primary", "secondary")
 FREEZE_MAX_S = 60.0  # [s]
 DELAY_MAX_S = 10.0  # [s]
 
@@ -147,11 +148,11 @@ def digital_input(s: Simulation, index: int = 0, on: bool = True) -> None:
 
 
 def _of_role(s: Simulation, role: str) -> list[Connection]:
-    """Returns the connections of control, receive, io, any (all three), dashboard, script, primary or secondary."""
-    if role in ("dashboard", "script", "primary", "secondary"):
+    """Returns the connections of control, receive, io, any (all three), or of a port that is not RTDE's."""
+    if role in OTHER_PORTS:
         return [c for c, port in list(s.network.connections.values()) if port.name == role]
     if role not in ("control", "receive", "io", "any"):
-        raise BadRequest(f"role {role!r} is none of control, receive, io, any, dashboard, script, primary, secondary")
+        raise BadRequest(f"role {role!r} is none of control, receive, io, any, {', '.join(OTHER_PORTS)}")
     return [c for c, session in list(s.rtde.sessions.items()) if role in ("any", session.role)]
 
 
