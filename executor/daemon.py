@@ -17,8 +17,9 @@ from executor.ownership import CellTaken, take_cell, take_controller
 from executor.preflight import ExecutionRefused, verify_content
 from executor.publisher import Publisher
 from executor.records import MIN_FREE_BYTES, ExecutionResult, Journal
-from executor.robot import RobotSession
+from executor.robot import DashboardClient, RobotSession, stop_program
 from executor.stop_listener import StopListener
+from executor.streaming.state_checks import safety_words
 from executor.worker import Worker
 from fling import tracing
 from planner.cell import Cell, read_source
@@ -86,7 +87,7 @@ class Daemon:
         finally:
             for worker in self._workers():
                 worker.stop()
-            self.session.dashboard.close()
+            self.session.console.close()
             self._try_store(lambda: self.store.leave_cell(self.cell, self.executor_id))
         return not self.heartbeat.is_replaced
 
@@ -111,8 +112,7 @@ class Daemon:
         claimed = [row for row in left if row.cell == self.cell and row.claimed_at]
         if claimed:
             self._latch("executor_lost", "the executor was lost during an execution", claimed[0].id)
-            with contextlib.suppress(OSError):  # no controller: nothing moves
-                self.session.dashboard.ask("stop")
+            self._stop_controller()
             self.heartbeat.report()
         closed = self._try_store(lambda: self.store.close_open_executions(self.cell, reason))
         self._is_recovered = closed is not None
@@ -120,11 +120,18 @@ class Daemon:
     def _restart_words(self) -> str:
         """Returns why an execution was lost, with the controller's safety state where that is not the normal one."""
         reason = f"the executor was restarted{self._last_words()}"
-        try:
-            answer = self.session.dashboard.ask("safetystatus")
-        except OSError:
-            return reason
-        return reason if "NORMAL" in answer else f"{reason}; the controller reports '{answer}'"
+        state = self.session.monitor.fresh()
+        words = "" if state is None else safety_words(state.safety_bits)
+        return f"{reason}; the controller reports: {words}" if words else reason
+
+    def _stop_controller(self) -> None:
+        """Ends whatever program plays on the controller, by every way there is; without a controller nothing moves."""
+        host = self.session.cell.link.host
+        stop_program(host)
+        dashboard = DashboardClient(host)
+        with contextlib.suppress(OSError):  # PolyScope X has none
+            dashboard.ask("stop")
+        dashboard.close()
 
     def _last_words(self) -> str:
         """Returns for a reason how the stream of the lost execution ended by its own account, where it left one."""
@@ -160,7 +167,7 @@ class Daemon:
             self.session.cell = cell
         else:
             self.session.monitor.stop()
-            self.session.dashboard.close()
+            self.session.console.close()
             self.session = RobotSession.open(cell, self.session.settings)
             self.session.monitor.start()
         self.heartbeat = self._new_heartbeat()

@@ -45,6 +45,7 @@ class RobotStateAnswer(BaseModel):
     warnings: list[str] = Field([], description="What a person should know, and does not keep it from moving.")
     cell_sha256: str | None = Field(None, description="Hash of the cell file that the executor uses.")
     serial_number: str | None = Field(None, description="Of the robot, as its controller tells it.")
+    polyscope: str | None = Field(None, description="Version of the controller's software.")
     timestamp_s: float | None = Field(None, description="The controller's time [s].")
     positions: Joints | None = Field(None, description="Measured joint positions [rad].")
     velocities: Joints | None = Field(None, description="Measured joint velocities [rad/s].")
