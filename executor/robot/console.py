@@ -12,9 +12,10 @@ from typing import Protocol
 from executor.robot.dashboard import DashboardClient
 from executor.robot.operation import ActionRefused, ControlMode
 from executor.robot.robot_api import RobotApiClient
+from store import RobotAction
 
 RETRY_S = 2.0  # [s] after which it is looked again for an interface of a controller that had none
-PENDANT = {  # action -> what a person does instead
+PENDANT: dict[RobotAction, str] = {  # action -> what a person does instead
     "power_on": "open the robot's state at the bottom left and switch the arm on",
     "brake_release": "open the robot's state at the bottom left and start the arm: its brakes release",
     "unlock_protective_stop": "look for the cause, then confirm in the message of the protective stop",
@@ -39,8 +40,8 @@ class OperationInterface(Protocol):
         """Returns the robot's serial number; None where this version does not tell it."""
         ...
 
-    def act(self, action: str) -> None:
-        """Carries out an action of `PENDANT`.
+    def act(self, action: RobotAction) -> None:
+        """Operates the robot.
 
         Raises:
             ActionRefused: the controller refuses it, in its words.
@@ -82,8 +83,8 @@ class Console:
             self.close()
             return None
 
-    def act(self, action: str) -> str:
-        """Carries out an action of `PENDANT`; returns by which interface.
+    def act(self, action: RobotAction) -> str:
+        """Operates the robot; returns by which interface.
 
         Raises:
             ActionRefused: the controller refuses it, or a person has to do it, in words.

@@ -10,12 +10,13 @@ import re
 import socket
 
 from executor.robot.operation import ActionRefused, ControlMode
+from store import RobotAction
 
 PORT = 29999
 TIMEOUT_S = 0.5  # [s] a controller answers within milliseconds; heartbeats wait for this
 LINE_MAX = 4096  # [bytes]
 CONTROL_MODES: dict[str, ControlMode] = {"true": "remote", "false": "local"}  # of "is in remote control"
-ACTIONS = {  # action -> command, and how the answer begins where it is obeyed
+ACTIONS: dict[RobotAction, tuple[str, str]] = {  # action -> command, and how the answer begins where it is obeyed
     "power_on": ("power on", "Powering on"),
     "brake_release": ("brake release", "Brake releasing"),
     "unlock_protective_stop": ("unlock protective stop", "Protective stop releasing"),
@@ -66,8 +67,8 @@ class DashboardClient:
         answer = self.ask("get serial number")
         return answer if SERIAL_NUMBER.fullmatch(answer) else None
 
-    def act(self, action: str) -> None:
-        """Carries out an action: a key of `ACTIONS`.
+    def act(self, action: RobotAction) -> None:
+        """Operates the robot.
 
         Raises:
             OSError: no answer in time.

@@ -12,6 +12,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from executor.robot.operation import ActionRefused, ControlMode
+from store import RobotAction
 
 PORTS = (80, 29980)  # the second one is the simulator's, where it may not listen on the first (docs/simulator.md)
 BASE = "/universal-robots/robot-api"
@@ -66,8 +67,8 @@ class RobotApiClient:
         found = self._told("/system/v1/information", "serialNumber")
         return found if isinstance(found, str) else None
 
-    def act(self, action: str) -> None:
-        """Carries out an action: `power_on`, `brake_release`, `unlock_protective_stop` or `power_off`.
+    def act(self, action: RobotAction) -> None:
+        """Operates the robot.
 
         Raises:
             OSError: no answer in time.

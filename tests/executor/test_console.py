@@ -39,14 +39,14 @@ class RobotApi(ThreadingHTTPServer):
     """A Robot API; `asked` are its PUTs, `verdict` is what they are answered."""
 
     def __init__(self, host: str, port: int, paths: dict[str, Any]) -> None:
-        super().__init__((host, port), Handler)
+        super().__init__((host, port), ApiHandler)
         self.paths = paths
         self.asked: list[tuple[str, Any]] = []
         self.connections: list[socket.socket] = []
         self.verdict: tuple[int, Any] = (200, {"message": "ok"})
 
 
-class Handler(BaseHTTPRequestHandler):
+class ApiHandler(BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
 
     @property
