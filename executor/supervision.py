@@ -1,7 +1,8 @@
 """Supervision of the streaming process, from a thread of its own that stops it whatever happens.
 
-A separate thread, so that a slow database never delays the pulse. Unless the process ends at rest and in order, the
-controller is stopped over the dashboard, and the process is killed and reaped.
+A separate thread, so that a slow database never delays the pulse. Unless the process ends at rest and in order, it is
+killed and reaped, and the controller's program is ended: over the primary interface, which every controller has, and
+over the dashboard where there is one.
 """
 
 from __future__ import annotations
@@ -40,6 +41,8 @@ LIMIT_S = {  # longest silence in each state [s]
 }
 FOREIGN_WAIT_S = 0.35  # [s] messages come ten times a second; some more for a program that begins only now
 EXPLAINED_BY_FOREIGN = ("aborted", "tracking", "late", "link_lost")  # what another program looks like to the stream
+# Return codes that only the library causes: ur_rtde 1.6.5 crashes as it reconnects to a controller without dashboard.
+CRASHES = (-signal.SIGSEGV, -signal.SIGABRT, -signal.SIGBUS)
 EXTERNAL_SIGNALS = (-signal.SIGKILL, -signal.SIGTERM, -signal.SIGINT)  # return codes that no library causes
 
 
@@ -162,10 +165,8 @@ class StreamRun:
     def _run(self) -> None:
         failure = "the supervision failed"
         try:
-            failure = f"the dashboard at {self.dashboard.host}"
-            self.dashboard.connect()
-            self.programs.connect()
-            self.gripper.connect()
+            failure = f"no way to stop the controller at {self.job.host}"
+            self._connect()
             failure = "starting the streaming process"
             self._spawn()
             failure = self._watch()
@@ -174,6 +175,20 @@ class StreamRun:
         finally:
             self._make_safe(failure)
             self.result = self._result(failure)
+
+    def _connect(self) -> None:
+        """Opens the ways to stop the controller's program and to keep the object, so that one packet is enough.
+
+        Raises:
+            OSError: neither primary interface nor dashboard answers.
+        """
+        self.programs.connect()
+        self.gripper.connect()
+        try:
+            self.dashboard.connect()
+        except OSError:
+            if not self.programs.is_connected:
+                raise
 
     def _spawn(self) -> None:
         job_fd = self.job.write()
@@ -214,7 +229,9 @@ class StreamRun:
         if self.state == shm.FAULT:
             return "fault"
         self._failed_by_itself = not child.was_killed
-        return ": ".join([f"the streaming process ended with {child.poll()}", *child.last_line()])
+        code = child.poll()
+        how = f"ur_rtde crashed ({code})" if code in CRASHES else f"the streaming process ended with {code}"
+        return ": ".join([how, *child.last_line()])
 
     def _make_safe(self, failure: str) -> None:
         """Kills the process and stops the controller's program, unless the run ended in order."""
@@ -223,7 +240,8 @@ class StreamRun:
             if failure:
                 child.kill()  # first: a call that hangs in the library may resume and upload the program again
                 self._hold_object()
-                with contextlib.suppress(OSError):  # then only the controller's own watchdog is left, and it is armed
+                self.programs.stop()
+                with contextlib.suppress(OSError):  # it has none, or the controller's own watchdog is left, and armed
                     self.dashboard.ask("stop")
             child.reap()
         self.dashboard.close()
@@ -244,7 +262,7 @@ class StreamRun:
         if self._child is None:
             return "refused"
         in_library = self.memory.fields[shm.IN_CALL] and self._failed_by_itself
-        return "link_lost" if in_library else "executor_lost"
+        return "link_lost" if in_library or self._child.poll() in CRASHES else "executor_lost"
 
     def _result(self, failure: str) -> RunResult:
         fields = self.memory.fields

@@ -4,7 +4,7 @@ A row is one line: the joint speeds of a cycle, and how long the verified brake 
 row a cycle by speedj, switches the gripper's output at its row, and flies the brake of the present row where that is
 asked for, or where the controller's own target has left the motion. A *watched* program begins when an RTDE client
 tells it to, and stops the arm by itself once that client has not raised its heartbeat for the dead-man time; one for
-the pendant has no such client (docs/decisions/0028-script-mode.md). `executor.streaming.script_stream` watches it.
+the pendant has no such client (docs/decisions/0029-script-mode.md). `executor.streaming.script_stream` watches it.
 
 Source of the functions: Universal Robots, "The URScript Programming Language". No numpy: the streaming process imports
 this module.

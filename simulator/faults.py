@@ -17,9 +17,10 @@ from simulator.simulation import Simulation
 CONTROL_PORT_NAME = "control"
 EVERY = "every"
 RTDE_ROLES = {"control": ("control",), "io": ("io",), "receive": ("receive",), "inputs": ("control", "io")}
-ROLES = (*RTDE_ROLES, "any", "dashboard", "script", "primary", "secondary", EVERY)
 INPUTS = "actual_digital_input_bits"
 INPUT_LINES = 18  # 8 standard, 8 configurable, 2 of the tool; RTDE guide
+OTHER_PORTS = ("dashboard", "robot_api", "script", "primary", "secondary")
+ROLES = (*RTDE_ROLES, "any", *OTHER_PORTS, EVERY)
 FREEZE_MAX_S = 60.0  # [s]
 DELAY_MAX_S = 10.0  # [s]
 
@@ -168,7 +169,7 @@ def _of_role(s: Simulation, role: str) -> list[Connection]:
     """
     if role == EVERY:
         return [c for c, port in list(s.network.connections.values()) if port.name != CONTROL_PORT_NAME]
-    if role in ("dashboard", "script", "primary", "secondary"):
+    if role in OTHER_PORTS:
         return [c for c, port in list(s.network.connections.values()) if port.name == role]
     if role != "any" and role not in RTDE_ROLES:
         raise BadRequest(f"role {role!r} is none of {', '.join(ROLES)}")

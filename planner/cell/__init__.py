@@ -7,7 +7,7 @@ from planner.cell.arm_data import completed_arm
 from planner.cell.changes import cell_of_keys
 from planner.cell.faults import cell_faults, mended_cell
 from planner.cell.fields import choice, merge_defaults, number, vector
-from planner.cell.file import DEFAULTS, cell_of, load_cell, parse_cell
+from planner.cell.file import DEFAULTS, cell_of, checked_polyscope, load_cell, parse_cell
 from planner.cell.model import (
     CONTACT_M,
     FARTHEST_M,
@@ -37,6 +37,7 @@ __all__ = [
     "cell_faults",
     "cell_of",
     "cell_of_keys",
+    "checked_polyscope",
     "choice",
     "completed_arm",
     "load_cell",

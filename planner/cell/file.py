@@ -385,15 +385,23 @@ def _link(table: Mapping[str, Any]) -> ControllerAddress:
     return ControllerAddress(kind, table["host"], serial)
 
 
-def _sim(table: dict[str, Any], arm: Robot) -> Sim:
-    table["polyscope"] = table["polyscope"] or POLYSCOPE[arm.generation]
-    polyscope = table["polyscope"]
+def checked_polyscope(polyscope: Any, arm: Robot) -> str:
+    """Returns a version of PolyScope that a simulated controller of an arm may present.
+
+    Raises:
+        CellError: it is no version, or does not run on this arm.
+    """
     if not isinstance(polyscope, str) or not re.fullmatch(r"\d+\.\d+(\.\d+)?", polyscope):
         raise CellError("sim.polyscope", polyscope, 'must be a version such as "5.11.1"')
     if (int(polyscope.split(".")[0]) <= 3) != (arm.generation == "CB3"):
         raise CellError("sim.polyscope", polyscope, f"does not run on a {arm.generation} arm")
+    return polyscope
+
+
+def _sim(table: dict[str, Any], arm: Robot) -> Sim:
+    table["polyscope"] = table["polyscope"] or POLYSCOPE[arm.generation]
     return Sim(
-        polyscope=polyscope,
+        polyscope=checked_polyscope(table["polyscope"], arm),
         lag_s=number(table, "lag_s", "sim.", 0.0, 0.5),
         gripper_delay_s=number(table, "gripper_delay_s", "sim.", 0.0, 2.0),
         gripper_jitter_s=number(table, "gripper_jitter_s", "sim.", 0.0, 0.5),

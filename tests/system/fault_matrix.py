@@ -20,7 +20,7 @@ import numpy as np
 import psutil
 
 from executor import realtime
-from tests.system.rig import LONG_LOB, Rig
+from tests.system.rig import LONG_LOB, OTHER_INTERFACES, Rig
 
 REST_S = 0.150  # [s] of the controller's time from the fault to rest: the promise of docs/executor.md
 ORDINARY_S = 0.030  # [s] more without real-time scheduling: its watchdog is slower
@@ -224,11 +224,16 @@ def _both_killed(rig: Rig) -> Trigger:
     return lambda: [process.kill() for process in found]
 
 
-def _killed_without_dashboard(rig: Rig) -> Trigger:
-    """The dashboard's connections are silent, so that nobody can stop the program over them."""
-    stream = _process(rig, "stream")
-    rig.fault("stall_connection", role="dashboard")
-    return stream.kill
+def _killed_behind(*stalled: str) -> Callable[[Rig], Trigger]:
+    """Returns what kills the stream while the connections of some interfaces are silent: no stop gets over them."""
+
+    def prepare(rig: Rig) -> Trigger:
+        stream = _process(rig, "stream")
+        for role in stalled:
+            rig.fault("stall_connection", role=role)
+        return stream.kill
+
+    return prepare
 
 
 def _all_stalled(rig: Rig) -> Trigger:
@@ -279,13 +284,13 @@ OUTPUT_S = 0.03  # [s] a script begins at the next cycle, and the output changes
 LINK = ("link_lost", "aborted", "late")
 PLAYS = "def other():\n  while True:\n    sync()\n  end\nend\n"
 MOVES = "movej([0, -1, 1, 0, 0, 0], a=1.4, v=1)\n"
-OTHER_INTERFACES = ("dashboard", "script", "primary", "secondary")
 LONG_S = (0.3, 3.0)  # [s] of freezing
 
 # Commands go by the control connection, and the heartbeat of a program in the controller by that of IO.
 FAULTS = (
     Fault("stream killed", _signalled("stream", signal.SIGKILL), LOST),
-    Fault("stream killed, dashboard stalled", _killed_without_dashboard, LOST),
+    Fault("stream killed, dashboard stalled", _killed_behind("dashboard"), LOST),
+    Fault("stream killed, no stop gets through", _killed_behind("dashboard", "primary"), LOST),
     Fault("daemon killed", _signalled("daemon", signal.SIGKILL), LOST),
     Fault("daemon and stream killed", _both_killed, LOST, leaves_nobody=True),
     Fault("stream frozen 5 ms", _frozen(0.005, "stream"), (*LOST, "late"), harmless=True),
