@@ -13,7 +13,18 @@ from pathlib import Path
 
 from benchmarks.markdown import markdown_table
 from benchmarks.results import machine, machine_words, write_report
-from tests.system.fault_matrix import FAULTS, PHASES, REST_S, CellResult, Fault, Phase, run_cell
+from tests.system.fault_matrix import (
+    FAULTS,
+    GRIPPER_FAULTS,
+    PHASES,
+    REST_S,
+    ROBOTIQ,
+    THROWS,
+    CellResult,
+    Fault,
+    Phase,
+    run_cell,
+)
 from tests.system.rig import Rig
 
 ROOT = Path(__file__).parents[1]
@@ -23,7 +34,7 @@ METHOD = f"""\
 Milliseconds from the fault to the arm's last motion, by the simulator's own account of it: the worst of 500 Hz
 (`ur5e-sim`) and 125 Hz (`ur5-sim`). At most {1e3 * REST_S:.0f} are promised; "on" where the run went on and was
 completed as planned. Approaches at 2 rad/s, a launch that reaches 2.5 rad/s. What else holds in every cell: the object
-is kept, lands as planned, or is told lost."""
+is kept, lands as planned, or is told lost. The last rows are of a gripper on a network, in the phases of a throw."""
 
 
 def main(argv: Sequence[str]) -> int:
@@ -35,20 +46,26 @@ def main(argv: Sequence[str]) -> int:
     given = parser.parse_args(argv)
     where = machine_words(machine())
     phases = [phase for phase in PHASES if given.phases is None or phase.name in given.phases]
-    results = [result for cell in given.cells or CELLS for result in run_table(cell, phases)]
+    throws = [phase for phase in phases if phase in THROWS]
+    results = []
+    for cell in given.cells or CELLS:
+        results += run_table(cell, phases, FAULTS)
+        results += run_table(cell, throws, GRIPPER_FAULTS, ROBOTIQ)
     broken = [result for result in results if result.broken()]
     write_report(_page(where, phases, results, broken), given.out, "fault-matrix.md")
-    cells = len(phases) * len(FAULTS) * len(given.cells or CELLS)
+    cells = (len(phases) * len(FAULTS) + len(throws) * len(GRIPPER_FAULTS)) * len(given.cells or CELLS)
     return 1 if broken or len(results) < cells else 0
 
 
-def run_table(cell: str, phases: Sequence[Phase]) -> list[CellResult]:
-    """Returns the results of all faults in some phases, on a rig of its own."""
+def run_table(cell: str, phases: Sequence[Phase], faults: Sequence[Fault], gripper: str = "") -> list[CellResult]:
+    """Returns the results of faults in some phases, on a rig of its own; `gripper` replaces the cell's."""
     with tempfile.TemporaryDirectory() as folder:
         rig = Rig(Path(folder), cell)
         try:
+            if gripper:
+                rig.set_gripper(gripper)
             rig.start()
-            tried = [_tried(rig, phase, fault) for phase in phases for fault in FAULTS]
+            tried = [_tried(rig, phase, fault) for phase in phases for fault in faults]
             return [result for result in tried if result is not None]
         finally:
             rig.stop()
@@ -75,7 +92,7 @@ def _tried(rig: Rig, phase: Phase, fault: Fault) -> CellResult | None:
 
 def _page(where: str, phases: Sequence[Phase], results: Sequence[CellResult], broken: Sequence[CellResult]) -> str:
     head = ["fault", *(phase.name for phase in phases)]
-    body = [[fault.name, *(_worst(results, phase, fault) for phase in phases)] for fault in FAULTS]
+    body = [[fault.name, *(_worst(results, phase, fault) for phase in phases)] for fault in (*FAULTS, *GRIPPER_FAULTS)]
     kept = f"{len(results) - len(broken)} of {len(results)} cells hold; those without a number were not reached."
     words = [f"* {r.phase.name}, {r.fault.name}: {'; '.join(r.broken())}" for r in broken]
     lines = ["# Fault matrix", "", where, "", METHOD, "", kept, "", *words, *markdown_table(head, body)]

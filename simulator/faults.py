@@ -10,11 +10,13 @@ import os
 import signal
 from collections.abc import Callable
 
+from simulator.grippers import PORT_NAME
 from simulator.interfaces import BadRequest, Connection, Document
 from simulator.program import PROGRAM_FATES
 from simulator.simulation import Simulation
 
 CONTROL_PORT_NAME = "control"
+SERVICES = ("dashboard", "script", "primary", "secondary", PORT_NAME)  # whose connections have their port's name
 INPUTS = "actual_digital_input_bits"
 INPUT_LINES = 18  # 8 standard, 8 configurable, 2 of the tool; RTDE guide
 FREEZE_MAX_S = 60.0  # [s]
@@ -133,6 +135,11 @@ def gripper_stuck(s: Simulation, on: bool = True) -> None:
     s.controller.workcell.gripper.stuck = on
 
 
+def object_lost(s: Simulation) -> None:
+    """Lets the object slip out of the closed gripper."""
+    s.controller.workcell.lose_object(s.controller.timeline.t)
+
+
 def outputs_stuck(s: Simulation, on: bool = True) -> None:
     """Keeps the digital outputs as they are, whatever they are told."""
     s.controller.workcell.outputs.stuck = on
@@ -147,18 +154,18 @@ def digital_input(s: Simulation, index: int = 0, on: bool = True) -> None:
 
 
 def _of_role(s: Simulation, role: str) -> list[Connection]:
-    """Returns the connections of control, receive, io, any (all three), dashboard, script, primary or secondary."""
-    if role in ("dashboard", "script", "primary", "secondary"):
+    """Returns the connections of control, receive, io, any (all three), or of one of `SERVICES`."""
+    if role in SERVICES:
         return [c for c, port in list(s.network.connections.values()) if port.name == role]
     if role not in ("control", "receive", "io", "any"):
-        raise BadRequest(f"role {role!r} is none of control, receive, io, any, dashboard, script, primary, secondary")
+        raise BadRequest(f"role {role!r} is none of control, receive, io, any, {', '.join(SERVICES)}")
     return [c for c, session in list(s.rtde.sessions.items()) if role in ("any", session.role)]
 
 
 _STOPS = (protective_stop, emergency_stop, safeguard_stop, power_loss, clear)
 _PENDANT = (stop_program, pause_program, resume_program, local_mode, speed_slider)
 _NETWORK = (close_connection, stall_connection, disturb_connection, offline, mute)
-_PROCESS = (freeze, kill, gripper_stuck, outputs_stuck, digital_input)
+_PROCESS = (freeze, kill, gripper_stuck, object_lost, outputs_stuck, digital_input)
 FAULTS: dict[str, Callable[..., None]] = {f.__name__: f for f in (*_STOPS, *_PENDANT, *_NETWORK, *_PROCESS)}
 
 

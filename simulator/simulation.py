@@ -9,6 +9,7 @@ from planner.cell import Cell
 from simulator.client_interfaces import ClientInterfaces
 from simulator.clock import CyclePacing, LatenessHistogram, SlipCounts
 from simulator.controller import Controller
+from simulator.grippers import gripper_ports
 from simulator.interfaces import DashboardServer, InterpreterServer, Network, RobotFacts, RtdeServer, ServicePort
 from simulator.output_values import OutputValues
 from simulator.physics import told_checksums
@@ -47,6 +48,7 @@ class Simulation:
             ServicePort("rtde", RTDE_PORT, self.rtde),
             ServicePort("dashboard", DASHBOARD_PORT, dashboard),
             *self.client_interfaces.ports,
+            *gripper_ports(cell.gripper, c.workcell.gripper, host),
         )
         if c.identity.version[0] > CB3_GENERATION:
             server = InterpreterServer(c.context.interpreter)

@@ -11,7 +11,7 @@ import socket
 import struct
 import time
 
-from executor.robot.gripper_hold import PROGRAM as HOLD_PROGRAM
+from executor.grippers import PROGRAM as GRIPPER_PROGRAM
 from executor.robot.primary_packages import PORT, take_packages
 
 CONNECT_S = 0.5  # [s] a controller answers within milliseconds; without this interface a run goes on
@@ -97,5 +97,5 @@ class ProgramWatch:
     def _key(self, title: str, program: str) -> None:
         if program == OWN_PROGRAM:
             self._own_started = self._own_started or title == STARTED
-        elif self._own_started and program != HOLD_PROGRAM:
+        elif self._own_started and program != GRIPPER_PROGRAM:
             self.foreign = self.foreign or f"the program '{program}'"
