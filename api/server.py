@@ -25,7 +25,7 @@ READ_RATE_MIN_B_S = 1000.0  # [byte/s] slowest accepted reader, slower than any 
 KEEP_ALIVE_S = 75.0  # [s] idle connections are kept longer than any `Retry-After` that was given
 HEADERS_BYTES = 65_536  # [byte] of a request's target and headers
 HEADER_EXTRA_BYTES = 4  # [byte] a header has besides its name and value: colon, blank, end of the line
-PARTS_MAX = 10_000  # chunks, or packets, of one body: a megabyte in parts of 100 bytes
+PARTS_MAX = 2_000  # chunks, or packets, of one body: a megabyte in the smallest packets that all networks carry
 ABSOLUTE_TARGET = re.compile(rb"(?i:https?)://(?P<host>[^/?]+)(?P<path>/[^?]*)?(?P<query>\?.*)?")
 ANSWERS_S = 10  # [s] for the answers of what was drained: storing a plan waits up to 5 s for a busy database
 

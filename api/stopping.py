@@ -59,6 +59,15 @@ class Stopping:
         found = await run_sync(ask, limiter=self._lanes.stops)
         return None if found is None else ExecutionRow(**found)
 
+    async def ended(self, id: str) -> ExecutionRow | None:
+        """Returns an execution that has ended; None of any other. It is read, which waits for no writer.
+
+        Raises:
+            StoreError: the store does not answer.
+        """
+        row = await self._in_store(lambda: self._store.execution(id))
+        return row if row is not None and row.state == "finished" else None
+
     async def in_store(self, id: str, audit: AuditLine) -> ExecutionRow:
         """Notes the request in the store, however long that takes.
 

@@ -173,7 +173,10 @@ async def abort_execution(
     if running is not None:  # its executor brakes: all else may wait
         row = await stopping.in_store_soon(running.id, audit) or running
         return JSONResponse(_row_document(row, False), 202)
-    row = await stopping.in_store(wanted or id, audit)
+    if (ended := await stopping.ended(wanted or id)) is not None:  # nothing is left to brake, and to wait for
+        row = await stopping.in_store_soon(ended.id, audit) or ended
+    else:
+        row = await stopping.in_store(wanted or id, audit)
     document = await to_thread.run_sync(_document, service, row, limiter=request.app.state.lanes.stops)
     if document["executor_lost"]:
         detail = f"the executor of cell {row.cell!r} does not report: nobody brakes; use the emergency stop"

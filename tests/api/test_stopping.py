@@ -98,3 +98,13 @@ def test_what_nobody_here_runs_is_asked_of_the_database(service: RunningService,
     assert service.client.post(f"/executions/{id}/abort").status_code == 202
     assert service.store.abort_requested(str(id))
     assert here.is_asked(str(id))  # so that it does not begin either
+
+
+@pytest.mark.skipif(POSTGRES is not None, reason="SQLite's lock")
+def test_what_has_ended_is_told_before_a_locked_database_is_free(service: RunningService, here: ExecutorHere):
+    here.execution = None
+    id = str(service.store.open_execution("ur5e-sim"))
+    service.store.finish_execution(id, "completed", "", {})
+    with locked(service):
+        response = service.client.post(f"/executions/{id}/abort")
+    assert (response.status_code, response.json()["outcome"]) == (202, "completed")

@@ -319,15 +319,15 @@ class Rig:
         """Throws as soon as the executor sees its robot in order again."""
         return self.end(self.queue_when_ready(release))
 
-    def queue_when_ready(self, release: Mapping[str, Any]) -> str:
+    def queue_when_ready(self, release: Mapping[str, Any], mode: str = "speedj") -> str:
         """Queues an execution until one is not refused; returns its id."""
-        return self.queue_plan_when_ready(self.plan(release))
+        return self.queue_plan_when_ready(self.plan(release), mode)
 
-    def queue_plan_when_ready(self, plan_id: str) -> str:
+    def queue_plan_when_ready(self, plan_id: str, mode: str = "speedj") -> str:
         """Queues an execution of a stored plan until one is not refused; returns its id."""
 
         def accepted() -> bool:
-            id = self.queue_plan(plan_id)
+            id = self.queue_plan(plan_id, mode)
             self.until(lambda: self.row(id).state in ("approaching", "streaming", "finished"))
             return self.row(id).outcome != "refused"
 
