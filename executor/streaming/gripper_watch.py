@@ -16,7 +16,7 @@ class GripperWatch:
 
     def __init__(self, job: StreamJob) -> None:
         self.answer_s = job.lag_ticks * job.dt + ANSWER_S + job.opens_in_s
-        self._thing = "its output" if job.link is None else "it"
+        self._thing = "the gripper's output" if job.link is None else "what the gripper reports"
         self.is_open = False
         self._told_open = False
         self._answered = True
@@ -49,4 +49,4 @@ class GripperWatch:
             return "released_early", f"{by}: {self._thing} changed while it held the object"
         if self._answered:
             return "not_released", "another client closed the gripper before the object left"
-        return "not_released", f"the gripper did not open when told: {self._thing} did not change"
+        return "not_released", f"{self._thing} did not change when it was told to open"

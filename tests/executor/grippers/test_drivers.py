@@ -108,11 +108,10 @@ def test_one_that_goes_is_a_problem(twin: TwinOnWire, port: SocketPort) -> None:
 
 @pytest.mark.parametrize("twin", ["http"], indirect=True)
 def test_a_server_may_end_an_idle_connection(twin: TwinOnWire, port: SocketPort) -> None:
+    before = {*twin.network.connections}
     for connection, _ in [*twin.network.connections.values()]:
         connection.open = False
-    for _ in range(20):
-        until(lambda: not twin.network.connections, port.cycle)
-        port.cycle()
+    until(lambda: {*twin.network.connections} - before, port.cycle)
     port.tell(True)
     until(lambda: twin.gripper.holds is None, port.cycle)
     until(port.is_open, port.cycle)
