@@ -13,7 +13,18 @@ from pathlib import Path
 
 from benchmarks.markdown import markdown_table
 from benchmarks.results import machine, machine_words, write_report
-from tests.system.fault_matrix import FAULTS, PHASES, REST_S, CellResult, Fault, Phase, run_cell
+from tests.system.fault_matrix import (
+    FAULTS,
+    GRIPPER_FAULTS,
+    PHASES,
+    REST_S,
+    ROBOTIQ,
+    THROWS,
+    CellResult,
+    Fault,
+    Phase,
+    run_cell,
+)
 from tests.system.rig import CELLS, Rig
 
 ROOT = Path(__file__).parents[1]
@@ -24,7 +35,7 @@ Milliseconds from the fault to the arm's last motion, by the simulator's own acc
 (500 Hz, PolyScope 5), `ur5e-sim-x` (the same with PolyScope X, which has no dashboard) and `ur5-sim` (125 Hz, CB3), or
 of those that were asked for. At most {1e3 * REST_S:.0f} are promised; "on" where the run went on and was completed as
 planned. Approaches at 2 rad/s, a launch that reaches 2.5 rad/s. What else holds in every cell: the object is kept,
-lands as planned, or is told lost."""
+lands as planned, or is told lost. The last rows are of a gripper on a network, in the phases of a streamed throw."""
 
 
 def main(argv: Sequence[str]) -> int:
@@ -37,22 +48,33 @@ def main(argv: Sequence[str]) -> int:
     given = parser.parse_args(argv)
     where = machine_words(machine())
     phases = [phase for phase in PHASES if given.phases is None or phase.name in given.phases]
+    throws = [phase for phase in phases if phase in THROWS and given.mode != "script"]
     names = given.cells or [*CELLS]
-    results = [result for name in names for result in run_table(name, phases, given.mode)]
+    results = []
+    for name in names:
+        results += run_table(name, phases, FAULTS, given.mode)
+        results += run_table(name, throws, GRIPPER_FAULTS, given.mode, ROBOTIQ)
     broken = [result for result in results if result.broken()]
     page = "fault-matrix.md" if given.mode == "speedj" else f"fault-matrix-{given.mode}.md"
     write_report(_page(f"{where}; {given.mode}", phases, results, broken), given.out, page)
-    cells = len(phases) * len(FAULTS) * len(names)
+    cells = (len(phases) * len(FAULTS) + len(throws) * len(GRIPPER_FAULTS)) * len(names)
     return 1 if broken or len(results) < cells else 0
 
 
-def run_table(name: str, phases: Sequence[Phase], mode: str) -> list[CellResult]:
-    """Returns the results of all faults in some phases of executions in a mode, on a rig of its own."""
+def run_table(
+    name: str, phases: Sequence[Phase], faults: Sequence[Fault], mode: str, gripper: str = ""
+) -> list[CellResult]:
+    """Returns the results of faults in some phases of executions in a mode, on a rig of its own.
+
+    `gripper` replaces the cell's.
+    """
     with tempfile.TemporaryDirectory() as folder:
         rig = Rig(Path(folder), *CELLS[name])
         try:
+            if gripper:
+                rig.set_gripper(gripper)
             rig.start()
-            tried = [_tried(rig, phase, fault, mode) for phase in phases for fault in FAULTS]
+            tried = [_tried(rig, phase, fault, mode) for phase in phases for fault in faults]
             return [result for result in tried if result is not None]
         finally:
             rig.stop()
@@ -79,7 +101,7 @@ def _tried(rig: Rig, phase: Phase, fault: Fault, mode: str) -> CellResult | None
 
 def _page(where: str, phases: Sequence[Phase], results: Sequence[CellResult], broken: Sequence[CellResult]) -> str:
     head = ["fault", *(phase.name for phase in phases)]
-    body = [[fault.name, *(_worst(results, phase, fault) for phase in phases)] for fault in FAULTS]
+    body = [[fault.name, *(_worst(results, phase, fault) for phase in phases)] for fault in (*FAULTS, *GRIPPER_FAULTS)]
     kept = f"{len(results) - len(broken)} of {len(results)} cells hold; those without a number were not reached."
     words = [f"* {r.phase.name}, {r.fault.name}: {'; '.join(r.broken())}" for r in broken]
     lines = ["# Fault matrix", "", where, "", METHOD, "", kept, "", *words, *markdown_table(head, body)]

@@ -264,6 +264,7 @@ class Daemon:
             if execution.run is not None:
                 execution.run.abort()
                 execution.run.wait(STREAM_END_S)
+            execution.close()
             self._keep(execution, result)
             self.stops.execution = None
             self._deliver(publisher)

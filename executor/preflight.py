@@ -20,6 +20,7 @@ from planner.calibration import DhTable, ImplausibleChain, calibrated, transform
 from planner.cell import Cell
 from planner.certificate import Examination
 from planner.errors import PlannerError
+from planner.grippers import CALLS
 from planner.kinematics import ChainDifference, chain_difference
 from planner.problem import ThrowProblem
 from planner.robots import ROBOT_NAMES, Robot, robot
@@ -132,7 +133,9 @@ def _other_flight(plan: Mapping[str, Any], own: Cell) -> str | None:
 
 
 def gripper_is_open(cell: Cell, state: RobotState) -> bool:
-    """Returns whether the gripper's output is at the level that opens it."""
+    """Returns whether the gripper's output is at the level that opens it; False where no output switches it."""
+    if cell.gripper.link is not None:
+        return False
     bit = OUTPUT_SHIFT[cell.gripper.output] + cell.gripper.index
     return bool(state.outputs >> bit & 1) == cell.gripper.open_level
 
@@ -151,7 +154,8 @@ def readiness(session: RobotSession) -> PreflightReport:
     serial = session.console.serial_number()
     info = session.kinematics()
     found = [*refusals(cell, state, mode, version), *serial_refusals(cell, serial), *kinematics_refusals(cell, info)]
-    return PreflightReport(found, [*control_warnings(mode, version), *kinematics_warnings(cell, info)], serial)
+    warnings = [*control_warnings(mode, version), *kinematics_warnings(cell, info), *gripper_warnings(cell)]
+    return PreflightReport(found, warnings, serial)
 
 
 def taken_words(host: str) -> str:
@@ -229,6 +233,12 @@ def kinematics_warnings(cell: Cell, info: KinematicsInfo | None) -> list[str]:
         return []
     advice = "`fling cell kinematics --from-robot` reads it"
     return [f"kinematic_calibration: none in the cell file; this arm is off by {apart.words()}; {advice}"]
+
+
+def gripper_warnings(cell: Cell) -> list[str]:
+    """Returns the warning that somebody's own code opens the gripper, with what that does to the timing."""
+    kind = cell.gripper.kind
+    return [f"gripper: {CALLS[kind]}"] if kind in CALLS else []
 
 
 def told_models(cell: Cell, info: KinematicsInfo) -> tuple[str, ...]:

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from executor import realtime
 from executor import shared_memory as shm
+from executor.grippers import GripperConnection
 from executor.records import RunResult
 from executor.robot import DashboardClient, GripperHold, ProgramWatch
 from executor.shared_memory import SharedMemory
@@ -96,21 +97,27 @@ class ChildProcess(subprocess.Popen[bytes]):
 class StreamRun:
     """One run of the streaming process. `result` is set when it has ended."""
 
-    def __init__(self, job: StreamJob, log: Path, keep_awake: bool = True) -> None:
+    def __init__(
+        self, job: StreamJob, log: Path, keep_awake: bool = True, gripper: GripperConnection | None = None
+    ) -> None:
         """Prepares a run.
 
         Args:
             job: what to stream.
             log: file for the output of the process.
             keep_awake: keep the stream's processor from sleeping meanwhile.
+            gripper: connection that the process inherits; None: outputs switch the gripper.
         """
         self.job = job
         self.log = log
         self.memory = SharedMemory.create(len(job.q) + SPARE_ROWS)
         self.memory.fields[shm.OUTPUT_SENT_S] = np.nan
+        self.memory.fields[shm.OUTPUT_CLOSED_S] = np.nan
         self.dashboard = DashboardClient(job.host)
         self.programs = ProgramWatch(job.host)
-        self.gripper = GripperHold(job.host)
+        self.outputs = GripperHold(job.host)
+        self.gripper = gripper
+        self.held_at_s: float | None = None  # plan time
         self.result: RunResult | None = None
         self._awake_core = job.core if keep_awake else realtime.ANY_CORE
         self._ended = threading.Event()
@@ -183,7 +190,7 @@ class StreamRun:
             OSError: neither primary interface nor dashboard answers.
         """
         self.programs.connect()
-        self.gripper.connect()
+        self.outputs.connect()
         try:
             self.dashboard.connect()
         except OSError:
@@ -197,7 +204,8 @@ class StreamRun:
         pulse = threading.get_native_id()  # this thread writes the pulse: the child checks whether it is frozen
         command = [sys.executable, "-P", "-m", "executor.streaming", *map(str, (job_fd, memory.fd, os.getpid(), pulse))]
         try:
-            self._child = ChildProcess(command, (job_fd, memory.fd), self.log)
+            inherited = (job_fd, memory.fd) if self.gripper is None else (job_fd, memory.fd, self.gripper.fileno())
+            self._child = ChildProcess(command, inherited, self.log)
         finally:
             os.close(job_fd)
 
@@ -212,7 +220,7 @@ class StreamRun:
             now = time.monotonic()
             fields[shm.DAEMON_PULSE] = now
             self.programs.poll()
-            self.gripper.drain()
+            self.outputs.drain()
             if self.state != state:
                 since = now
                 state = self.state
@@ -245,7 +253,9 @@ class StreamRun:
                     self.dashboard.ask("stop")
             child.reap()
         self.dashboard.close()
-        self.gripper.close()
+        self.outputs.close()
+        if self.gripper is not None:
+            self.gripper.close()
 
     def _hold_object(self) -> None:
         """Closes the gripper again while it still holds the object: the arm stops, and would drop it."""
@@ -254,8 +264,13 @@ class StreamRun:
         if row is None or np.isnan(self.memory.fields[shm.OUTPUT_SENT_S]):
             return
         clock = row[shm.SCALARS.index("clock_s")] + time.monotonic() - row[shm.SCALARS.index("host_s")]
-        if clock < job.first_clock_s + job.release_row * job.dt:
-            self.gripper.hold(job.output, job.output_index, not job.output_level)
+        if clock >= job.first_clock_s + job.release_row * job.dt:
+            self.outputs.end_blowing(job)
+            return
+        if self.gripper is None:
+            self.outputs.hold(job)
+        elif self.gripper.hold():
+            self.held_at_s = clock
 
     def _silent_outcome(self) -> str:
         """Returns the outcome of a process that reported none; where it failed in the library, the link failed."""
@@ -269,6 +284,7 @@ class StreamRun:
         memory = self.memory
         outcome, reason = self._verdict(failure)
         sent = float(fields[shm.OUTPUT_SENT_S])
+        closed = float(fields[shm.OUTPUT_CLOSED_S])
         return RunResult(
             outcome=outcome,
             reason=reason,
@@ -277,6 +293,8 @@ class StreamRun:
             realtime=bool(fields[shm.REALTIME]),
             output_sent_s=None if np.isnan(sent) else sent,
             output_late_s=float(fields[shm.OUTPUT_LATE_S]),
+            stayed_closed=bool(fields[shm.STAYED_CLOSED]),
+            output_closed_s=self.held_at_s if np.isnan(closed) else closed,
             timestamp_at_zero=float(fields[shm.TIMESTAMP_AT_ZERO]),
             in_order=not failure,
         )

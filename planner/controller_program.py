@@ -49,8 +49,8 @@ SET_OUTPUT = {
 }
 
 
-class ProgramTooLong(ValueError):
-    """The motion has more rows than a program may have."""
+class NoProgram(ValueError):
+    """A program of the controller cannot make the motion: it has too many rows, or another kind of gripper."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,7 +114,7 @@ class ControllerProgram:
     def __post_init__(self) -> None:
         if len(self.qd) > ROWS_MAX:
             seconds = (len(self.qd) - 1) * self.stride * self.dt
-            raise ProgramTooLong(
+            raise NoProgram(
                 f"{seconds:.1f} s of motion take {len(self.qd)} rows; a program holds {ROWS_MAX}: use speedj or servoj"
             )
 

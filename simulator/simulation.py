@@ -10,6 +10,7 @@ from planner.cell import Cell
 from simulator.client_interfaces import ClientInterfaces
 from simulator.clock import CyclePacing, LatenessHistogram, SlipCounts
 from simulator.controller import Controller
+from simulator.grippers import gripper_ports
 from simulator.interfaces import (
     DashboardServer,
     InterpreterServer,
@@ -61,6 +62,7 @@ class Simulation:
         self.client_interfaces = ClientInterfaces(c, values, derived, facts)
         self.network = Network(host)
         self.network.add(ServicePort("rtde", RTDE_PORT, self.rtde), *self.client_interfaces.ports)
+        self.network.add(*gripper_ports(cell.gripper, c.workcell.gripper, host))
         if c.identity.version[0] < POLYSCOPE_X_MAJOR:
             dashboard = DashboardServer(c.identity, c.stops, settings.programs)
             self.network.add(ServicePort("dashboard", DASHBOARD_PORT, dashboard))

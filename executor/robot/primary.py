@@ -12,7 +12,7 @@ import socket
 import struct
 import time
 
-from executor.robot.gripper_hold import PROGRAM as HOLD_PROGRAM
+from executor.grippers import PROGRAM as GRIPPER_PROGRAM
 from executor.robot.primary_packages import PORT, take_packages
 from planner.controller_program import PROGRAM
 
@@ -115,7 +115,7 @@ class ProgramWatch:
     def _key(self, title: str, program: str) -> None:
         if program in OWN_PROGRAMS:
             self._own_started = self._own_started or title == STARTED
-        elif self._own_started and program != HOLD_PROGRAM:
+        elif self._own_started and program != GRIPPER_PROGRAM:
             self.foreign = self.foreign or f"the program '{program}'"
 
 

@@ -95,6 +95,12 @@ class Rig:
         self.cell = load_cell(self.path)
         self._plans.clear()
 
+    def set_gripper(self, table: str) -> None:
+        """Gives the cell another gripper; `HOST` in its keys is the controller's address."""
+        head, _, rest = self.path.read_text().partition("[gripper]\n")
+        kept = [line for line in rest.splitlines(keepends=True) if not line.startswith(("output =", "open_level ="))]
+        self.rewrite(f"{head}[gripper]\n{table.replace('HOST', self.host)}{''.join(kept)}")
+
     # processes
 
     def start(self) -> None:
@@ -314,6 +320,7 @@ class Rig:
         self.fault("speed_slider", fraction=1.0)
         self.fault("gripper_stuck", on=False)
         self.fault("outputs_stuck", on=False)
+        self.fault("stall_connection", role="gripper", on=False)
         self.fault("mute", port="robot_api" if self.is_polyscope_x else "dashboard", on=False)
         if self.state()["robot_mode"] != ROBOT_RUNNING:
             console = Console(self.host)
