@@ -181,6 +181,7 @@ def _cell(document: dict[str, Any], source: CellSource) -> Cell:
         if not limits.q_lower[i] <= home[i] <= limits.q_upper[i]:
             bounds = f"[{limits.q_lower[i]:.6g}, {limits.q_upper[i]:.6g}]"
             raise CellError(f"home_rad[{i}]", float(home[i]), f"is outside the joint's limits {bounds}")
+    tool = _tool(document["tool"])
     controller = _link(document["link"])
     X_WB = _pose(document["base_in_world"], "position_m", "rotation_vector_rad", "base_in_world.", FARTHEST_M)
     return Cell(
@@ -190,7 +191,7 @@ def _cell(document: dict[str, Any], source: CellSource) -> Cell:
         calibration=calibration,
         home=home,
         X_WB=X_WB,
-        tool=_tool(document["tool"]),
+        tool=tool,
         limits=limits,
         surroundings=_surroundings(document["surroundings"], X_WB[:3, 3]),
         object=_object(document["object"]),
