@@ -108,6 +108,8 @@ def found_words(cell: Cell, found: FoundRobot) -> str:
 
 
 def _gripper_words(cell: Cell, state: RobotState | None) -> str:
+    if cell.gripper.link is not None:  # its state is not among the controller's
+        return f"gripper of the kind {cell.gripper.kind}"
     opens = f"gripper on {cell.gripper.output} {cell.gripper.index}"
     if state is None:
         return opens
@@ -240,8 +242,21 @@ def _link(cell: Cell) -> DoctorFinding:
 
 def _robot(cell: Cell, found: FoundRobot) -> list[DoctorFinding]:
     """Returns the findings about the robot: which one it is, whether its arm is the cell's, and whether it may move."""
-    findings = [grade_serial(cell, found.serial), grade_kinematics(cell, found.kinematics)]
+    findings = [grade_operation(found), grade_serial(cell, found.serial), grade_kinematics(cell, found.kinematics)]
     return findings if found.state is None else [*findings, grade_state(cell, found.state)]
+
+
+def grade_operation(found: FoundRobot) -> DoctorFinding:
+    """Returns the finding about the interface that powers the arm and tells who controls it."""
+    name = "operation"
+    if found.control is None:
+        text = "neither dashboard nor Robot API answers: power, brakes and protective stops are left to the pendant"
+        advice = "enable the dashboard on the pendant under Settings, Security, Services (PolyScope X has none)"
+        return DoctorFinding(name, "warning", text, advice)
+    text = f"by the {found.interface}"
+    if found.control == "local":
+        return DoctorFinding(name, "warning", f"{text}; the robot is in local control", "switch it on the pendant")
+    return DoctorFinding(name, "ok", f"{text}; remote control" if found.control == "remote" else text)
 
 
 def grade_state(cell: Cell, state: RobotState) -> DoctorFinding:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+import secrets
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,69 +12,26 @@ from executor.settings import ExecutorSettings
 from executor.stream_job import ExpectedLanding, JobRows, StreamJob
 from learning import FEEDBACK_GAIN, FEEDBACK_MAX, CellKnowledge
 from planner.approach import Approach, find_brakes
-from planner.cell import Cell
 from planner.certificate import window_landing_points
+from planner.controller_program import NUMBERS, Watch
 from planner.flight import landing_points
 from planner.geometry import tool_state
 from planner.problem import ThrowProblem
+from planner.stream_rows import StreamRows, controller_program, sample_rows
 from planner.trajectory import Trajectory
 
 Vector = NDArray[np.float64]
 
-LEAD_IN_S = 0.020  # [s] at rest before the plan begins: the stream is running smoothly by then
-SETTLE_S = 0.060  # [s] at rest after it: the measured motion, one lag behind, comes to its end
 TRACKING_MAX_RAD = 0.05  # [rad] 20 times the error of a gap of 10 ms at 15 rad/s^2
 LATENESS_MAX_S = 0.1
 LATENESS_STEP_S = 0.002  # [s] of the table of landings of an arm that is late, or early
 DIFFERENCE = 1e-5  # [rad, rad/s] step of the central differences of the landing
 NOWHERE_M = 1e3  # [m] shift where the object never lands
+LATE_STD = 3.0  # [-] standard deviations by which a gripper may open late: 99.7 % of normal delays
+REPORT_S = 0.05  # [s] more until it says so: within 20 ms fingers move by a step of what they report
 SILENT_S = 0.100  # [s] the daemon's pulse comes every 5 ms; this long without one it is frozen or dead
 SILENT_ORDINARY_S = 0.250  # [s] without real-time scheduling gaps of 20 to 100 ms were measured on a busy machine
-
-
-@dataclass(frozen=True)
-class StreamRows:
-    """A motion sampled on the controller's ticks.
-
-    Attributes:
-        first_clock_s: plan time of row 0 [s].
-        q, qd, qdd: (M, 6) [rad, rad/s, rad/s^2].
-        reference_q, reference_qd: (M, 6) one lag earlier [rad, rad/s].
-        release_row: row nearest to the release.
-        output_row: row with which the gripper's output is switched; -1 for a move that ends at rest.
-    """
-
-    first_clock_s: float
-    q: Vector
-    qd: Vector
-    qdd: Vector
-    reference_q: Vector
-    reference_qd: Vector
-    release_row: int
-    output_row: int
-
-
-def sample_rows(cell: Cell, trajectory: Trajectory, throws: bool) -> StreamRows:
-    """Samples a motion, at rest before and after, so that the gripper's command falls on a tick exactly.
-
-    Rows are on the plan's clock, on which the motion is measured; a row is sent one lag earlier, and so is the
-    gripper's command: at release - delay - lag, the plan's `command_time_s` (docs/conventions.md, Time).
-    """
-    dt = trajectory.dt
-    lag = cell.timing.lag_s
-    opens = trajectory.release_time_s - cell.gripper.delay_s  # plan time at which the output must physically change
-    origin = opens if throws else 0.0
-    first = origin - math.ceil((origin - min(origin, 0.0) + lag + LEAD_IN_S) / dt) * dt
-    count = math.ceil((trajectory.duration_s + lag + SETTLE_S - first) / dt) + 1
-    clock = first + np.arange(count) * dt
-    q, qd, qdd = trajectory.at(clock)
-    still = (clock <= 0.0) | (clock >= trajectory.duration_s)
-    qd[still] = 0.0
-    qdd[still] = 0.0
-    reference_q, reference_qd, _ = trajectory.at(clock - lag)
-    release_row = round((trajectory.release_time_s - first) / dt)
-    output_row = round((opens - first) / dt) if throws else -1
-    return StreamRows(first, q, qd, qdd, reference_q, reference_qd, release_row, output_row)
+RUNS = 2**28  # [-] numbers that tell one run in the controller from another
 
 
 def prepare_job(
@@ -86,19 +42,26 @@ def prepare_job(
     dry_run: bool,
     settings: ExecutorSettings,
     landing: ExpectedLanding | None = None,
+    gripper_fd: int = -1,
 ) -> StreamJob:
     """Returns the stream job of a certified plan and an approach to its start.
 
     Args:
         problem, trajectory: of the plan.
         approach: to its start.
-        mode: "speedj" or "servoj".
+        mode: "speedj", "servoj" or "script".
         dry_run: connect and record without any motion.
         settings: of the executor.
         landing: where the object is to land; None: it is let go wherever it lands.
+        gripper_fd: descriptor of the connection to a gripper that no output switches; -1: none.
+
+    Raises:
+        NoProgram: a program of the controller cannot make the motion.
     """
     cell = problem.cell
+    gripper = cell.gripper
     dt = 1.0 / cell.robot.sample_rate_hz
+    dead_man_s = settings.dead_man_s if mode == "script" and not dry_run else None
     rows = sample_rows(cell, trajectory, throws=not problem.ends_at_rest)
     return StreamJob(
         host=cell.link.host,
@@ -106,14 +69,19 @@ def prepare_job(
         dry_run=dry_run,
         dt=dt,
         lag_ticks=cell.timing.lag_s / dt,
-        **vars(_job_rows(problem, trajectory, rows)),
+        dead_man_s=settings.dead_man_s,
+        **vars(_job_rows(problem, trajectory, rows, dead_man_s)),
         release_row=rows.release_row,
         output_row=rows.output_row,
-        output=cell.gripper.output,
-        output_index=cell.gripper.index,
-        output_level=cell.gripper.open_level,
+        output=gripper.output,
+        output_index=gripper.index,
+        output_level=gripper.open_level,
+        second=gripper.second,
+        link=gripper.link,
+        gripper_fd=gripper_fd,
+        opens_in_s=0.0 if gripper.link is None else gripper.delay_s + LATE_STD * gripper.jitter_s + REPORT_S,
         landing=None if problem.ends_at_rest else landing,
-        approach=_approach_rows(approach),
+        approach=_approach_rows(approach, dead_man_s),
         qd_max=cell.robot.qd_max.tolist(),
         acceleration=float(np.min(cell.robot.qdd_max)),
         feedback_gain=FEEDBACK_GAIN,
@@ -126,12 +94,12 @@ def prepare_job(
     )
 
 
-def _approach_rows(approach: Approach) -> JobRows | None:
+def _approach_rows(approach: Approach, dead_man_s: float | None) -> JobRows | None:
     """Returns the rows of an approach; None where the arm is at the plan's start."""
     if approach.problem is None or approach.trajectory is None:
         return None
     sampled = sample_rows(approach.problem.cell, approach.trajectory, throws=False)
-    return _job_rows(approach.problem, approach.trajectory, sampled, gentle=True)
+    return _job_rows(approach.problem, approach.trajectory, sampled, dead_man_s, is_approach=True)
 
 
 def expected_landing(
@@ -186,10 +154,24 @@ def _landings(problem: ThrowProblem, q: Vector, qd: Vector) -> Vector:
     return landing_points(state.p_WT, leaves, problem.plane_z, problem.gravity, problem.drag)[:, :2]
 
 
-def _job_rows(problem: ThrowProblem, trajectory: Trajectory, rows: StreamRows, gentle: bool = False) -> JobRows:
-    """Returns the rows of a motion with the brake from each of them, as plain lists."""
+def _job_rows(
+    problem: ThrowProblem,
+    trajectory: Trajectory,
+    rows: StreamRows,
+    dead_man_s: float | None,
+    is_approach: bool = False,
+) -> JobRows:
+    """Returns the rows of a motion with the brake from each of them, as plain lists; and as a program with a dead-man.
+
+    An approach is braked gently, and its program may leave rows out.
+    """
     motion = (rows.q, rows.qd, rows.qdd, trajectory.dt)
-    brakes = find_brakes(problem.cell, *motion, problem.holds_object, gentle)
+    brakes = find_brakes(problem.cell, *motion, problem.holds_object, is_approach)
+    run = NUMBERS * secrets.randbelow(RUNS)
+    program = ""
+    if dead_man_s is not None:
+        compiled = controller_program(problem.cell, rows, brakes, thinned=is_approach)
+        program = compiled.text(Watch(run=run, dead_man_s=dead_man_s))
     return JobRows(
         first_clock_s=rows.first_clock_s,
         q=rows.q.tolist(),
@@ -199,4 +181,6 @@ def _job_rows(problem: ThrowProblem, trajectory: Trajectory, rows: StreamRows, g
         reference_qd=rows.reference_qd.tolist(),
         brake_row=brakes.row.tolist(),
         brake_ticks=brakes.ticks.tolist(),
+        run=run,
+        program=program,
     )

@@ -12,6 +12,8 @@ from planner.cell_folder import default_cells_folder
 
 WATCHDOG_MIN_HZ = 10.0
 WATCHDOG_MAX_HZ = 50.0  # [Hz] the arm moves on for 100 ms; a delay of 20 ms trips it
+DEAD_MAN_MIN_S = 0.02
+DEAD_MAN_MAX_S = 0.2  # [s] five heartbeats; the arm moves on for as long when nobody is left
 PACE_MIN = 0.1
 PACE_MAX = 2.0  # [-] range of an approach; above it is a throw
 SWITCH = {"on": True, "off": False}
@@ -28,6 +30,7 @@ class ExecutorSettings:
         data: folder of undelivered results and of a latched fault.
         read_only: connect and report, never move.
         watchdog_hz: lowest command rate accepted by the controller [Hz]; None: chosen by real-time permission.
+        dead_man_s: time without a heartbeat after which a program in the controller stops the arm [s].
         core: processor of the streaming process; -1: any.
         keep_awake: keep that processor from sleeping during an execution.
         approach_pace: pace of the approach to the plan's start [-]; 2 takes half as long as 1.
@@ -42,6 +45,7 @@ class ExecutorSettings:
     data: Path
     read_only: bool = False
     watchdog_hz: float | None = None
+    dead_man_s: float = 0.04
     core: int = realtime.ANY_CORE
     keep_awake: bool = True
     approach_pace: float = 1.0
@@ -50,6 +54,10 @@ class ExecutorSettings:
         if self.watchdog_hz is not None and not WATCHDOG_MIN_HZ <= self.watchdog_hz <= WATCHDOG_MAX_HZ:
             raise ValueError(
                 f"FLING_WATCHDOG_HZ {self.watchdog_hz:g} is not within {WATCHDOG_MIN_HZ:g} and {WATCHDOG_MAX_HZ:g} Hz"
+            )
+        if not DEAD_MAN_MIN_S <= self.dead_man_s <= DEAD_MAN_MAX_S:
+            raise ValueError(
+                f"FLING_DEAD_MAN_S {self.dead_man_s:g} is not within {DEAD_MAN_MIN_S:g} and {DEAD_MAN_MAX_S:g} s"
             )
         if not PACE_MIN <= self.approach_pace <= PACE_MAX:
             raise ValueError(f"FLING_APPROACH_PACE {self.approach_pace:g} is not within {PACE_MIN:g} and {PACE_MAX:g}")
@@ -74,6 +82,7 @@ class ExecutorSettings:
             data=stop_socket.executor_folder(this_machine.executors_folder(environment), name),
             read_only=read_only,
             watchdog_hz=float(hz) if (hz := environment.get("FLING_WATCHDOG_HZ")) else None,
+            dead_man_s=float(environment.get("FLING_DEAD_MAN_S") or 0.04),
             core=realtime.default_core(environment),
             keep_awake=_switch(environment, "FLING_KEEP_AWAKE"),
             approach_pace=float(environment.get("FLING_APPROACH_PACE") or 1.0),

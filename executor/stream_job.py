@@ -9,6 +9,8 @@ import json
 import os
 from dataclasses import asdict, dataclass, replace
 
+from planner.grippers import GripperLink, SecondOutput
+
 Row = list[float]
 
 APPROACH_LATE_S = 0.1  # [s] by which the arm may be late on an approach: it keeps to the path, and nothing is thrown
@@ -76,6 +78,7 @@ class JobRows:
         reference_q, reference_qd: rows (M, 6) one lag earlier: the expected measurement when row m is sent.
         brake_row: for every row the first row from which a verified brake starts.
         brake_ticks: for every row the duration of the brake from there [ticks].
+        run, program: number and text of the program that makes the motion inside the controller; "" if it is streamed.
     """
 
     first_clock_s: float
@@ -86,6 +89,8 @@ class JobRows:
     reference_qd: list[Row]
     brake_row: list[int]
     brake_ticks: list[int]
+    run: int
+    program: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +99,7 @@ class StreamJob(JobRows):
 
     Attributes:
         host: address of the controller.
-        mode: "speedj" or "servoj".
+        mode: "speedj" or "servoj", which stream it, or "script".
         dry_run: connect and record without any motion.
         dt: duration of one tick [s].
         lag_ticks: lag of the cell [ticks], not necessarily whole.
@@ -102,6 +107,10 @@ class StreamJob(JobRows):
         output_row: row whose tick opens the gripper; -1: never.
         output: "tool_digital", "standard_digital" or "configurable_digital".
         output_index, output_level: index of that output, and the level that opens the gripper.
+        second: an output that changes with it; None without one.
+        link: how the gripper is reached where no output switches it; None: outputs do.
+        gripper_fd: inherited descriptor of the connection to it; -1: none, the run lets go of nothing.
+        opens_in_s: longest time from one lag after the command until such a gripper reports that it opens [s].
         landing: where the object is to land; None: it is let go wherever it lands.
         approach: rows of the motion that leads to row 0; None: the arm stands there.
         qd_max: bounds of every command (6,) [rad/s].
@@ -109,6 +118,7 @@ class StreamJob(JobRows):
         feedback_gain, feedback_max: of the position feedback [1/s, rad/s].
         tracking_max: position error that ends the run [rad].
         watchdog_hz: lowest command rate accepted by the controller [Hz]; None: chosen by real-time permission.
+        dead_man_s: time without a heartbeat after which a program in the controller stops the arm [s].
         core: processor of the stream; -1: any.
         priority: SCHED_FIFO priority.
         daemon_silent_s: longest accepted silence of the daemon [s].
@@ -124,6 +134,10 @@ class StreamJob(JobRows):
     output: str
     output_index: int
     output_level: bool
+    second: SecondOutput | None
+    link: GripperLink | None
+    gripper_fd: int
+    opens_in_s: float
     landing: ExpectedLanding | None
     approach: JobRows | None
     qd_max: Row
@@ -132,6 +146,7 @@ class StreamJob(JobRows):
     feedback_max: float
     tracking_max: float
     watchdog_hz: float | None
+    dead_man_s: float
     core: int
     priority: int
     daemon_silent_s: float
@@ -148,8 +163,12 @@ class StreamJob(JobRows):
         fields = json.loads(os.pread(fd, os.fstat(fd).st_size, 0))
         approach = fields.pop("approach")
         landing = fields.pop("landing")
+        second = fields.pop("second")
+        link = fields.pop("link")
         return cls(
             **fields,
+            second=None if second is None else SecondOutput(**second),
+            link=None if link is None else GripperLink(**link),
             approach=None if approach is None else JobRows(**approach),
             landing=None if landing is None else ExpectedLanding(**landing),
         )
@@ -164,4 +183,5 @@ class StreamJob(JobRows):
         throws_nothing = {"output_row": -1, "release_row": len(self.approach.q) - 1, "landing": None}
         fastest = max(abs(v) for qd in self.approach.qd for v in qd)
         tracking_max = self.tracking_max + APPROACH_LATE_S * fastest
-        return replace(self, **rows, **throws_nothing, tracking_max=tracking_max, mode="speedj", approach=None)
+        mode = self.mode if self.mode == "script" else "speedj"
+        return replace(self, **rows, **throws_nothing, tracking_max=tracking_max, mode=mode, approach=None)

@@ -112,7 +112,7 @@ def iso_time(at: float) -> str:
 def command_time(cell: Cell, release_time_s: float) -> float:
     """Returns the time [s] of the gripper command, on the plan's clock (docs/conventions.md, Time).
 
-    For information: the executor switches the output at a row of its own (`executor.preparation.sample_rows`).
+    For information: the executor switches the output at a row of its own (`planner.stream_rows.sample_rows`).
     """
     return release_time_s - cell.gripper.delay_s - cell.timing.lag_s
 

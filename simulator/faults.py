@@ -10,13 +10,18 @@ import os
 import signal
 from collections.abc import Callable
 
+from simulator.grippers import PORT_NAME
 from simulator.interfaces import BadRequest, Connection, Document
 from simulator.program import PROGRAM_FATES
 from simulator.simulation import Simulation
 
 CONTROL_PORT_NAME = "control"
+EVERY = "every"
+RTDE_ROLES = {"control": ("control",), "io": ("io",), "receive": ("receive",), "inputs": ("control", "io")}
 INPUTS = "actual_digital_input_bits"
 INPUT_LINES = 18  # 8 standard, 8 configurable, 2 of the tool; RTDE guide
+OTHER_PORTS = ("dashboard", "robot_api", "script", "primary", "secondary", PORT_NAME)
+ROLES = (*RTDE_ROLES, "any", *OTHER_PORTS, EVERY)
 FREEZE_MAX_S = 60.0  # [s]
 DELAY_MAX_S = 10.0  # [s]
 
@@ -88,12 +93,24 @@ def stall_connection(s: Simulation, role: str = "control", on: bool = True) -> N
     s.network.changed()
 
 
-def disturb_connection(s: Simulation, role: str = "control", delay_s: float = 0.0, drop: float = 0.0) -> None:
-    """Delays everything on the connections of a role by `delay_s` [s] and loses a share `drop` of data packages."""
-    if not 0.0 <= drop <= 1.0 or not 0.0 <= delay_s <= DELAY_MAX_S:
-        raise BadRequest("drop must be within 0 and 1, delay_s within 0 and 10")
-    for connection in _of_role(s, role):
-        connection.disturbance.delay_s, connection.disturbance.drop = float(delay_s), float(drop)
+def disturb_connection(
+    s: Simulation, role: str = "control", delay_s: float = 0.0, jitter_s: float = 0.0, drop: float = 0.0
+) -> None:
+    """Delays everything on the connections of a role by `delay_s` [s] and loses a share `drop` of data packages.
+
+    `jitter_s` is the largest further delay, drawn anew for everything that is sent [s]. The role `every` has all
+    connections, also those to come.
+    """
+    if not 0.0 <= drop <= 1.0 or not 0.0 <= delay_s <= DELAY_MAX_S or not 0.0 <= jitter_s <= DELAY_MAX_S:
+        raise BadRequest("drop must be within 0 and 1, delay_s and jitter_s within 0 and 10")
+    disturbances = [connection.disturbance for connection in _of_role(s, role)]
+    if role == EVERY:
+        s.network.undisturbed = CONTROL_PORT_NAME
+        disturbances.append(s.network.disturbance)
+    for disturbance in disturbances:
+        disturbance.delay_s = float(delay_s)
+        disturbance.jitter_s = float(jitter_s)
+        disturbance.drop = float(drop)
 
 
 def offline(s: Simulation, on: bool = True, reset: bool = True) -> None:
@@ -133,6 +150,11 @@ def gripper_stuck(s: Simulation, on: bool = True) -> None:
     s.controller.workcell.gripper.stuck = on
 
 
+def object_lost(s: Simulation) -> None:
+    """Lets the object slip out of the closed gripper."""
+    s.controller.workcell.lose_object(s.controller.timeline.t)
+
+
 def outputs_stuck(s: Simulation, on: bool = True) -> None:
     """Keeps the digital outputs as they are, whatever they are told."""
     s.controller.workcell.outputs.stuck = on
@@ -147,18 +169,23 @@ def digital_input(s: Simulation, index: int = 0, on: bool = True) -> None:
 
 
 def _of_role(s: Simulation, role: str) -> list[Connection]:
-    """Returns the connections of control, receive, io, any (all three), dashboard, script, primary or secondary."""
-    if role in ("dashboard", "script", "primary", "secondary"):
+    """Returns the connections of a role.
+
+    `inputs` are control and io, `any` these and receive, `every` all but those of this port.
+    """
+    if role == EVERY:
+        return [c for c, port in list(s.network.connections.values()) if port.name != CONTROL_PORT_NAME]
+    if role in OTHER_PORTS:
         return [c for c, port in list(s.network.connections.values()) if port.name == role]
-    if role not in ("control", "receive", "io", "any"):
-        raise BadRequest(f"role {role!r} is none of control, receive, io, any, dashboard, script, primary, secondary")
-    return [c for c, session in list(s.rtde.sessions.items()) if role in ("any", session.role)]
+    if role != "any" and role not in RTDE_ROLES:
+        raise BadRequest(f"role {role!r} is none of {', '.join(ROLES)}")
+    return [c for c, session in list(s.rtde.sessions.items()) if role == "any" or session.role in RTDE_ROLES[role]]
 
 
 _STOPS = (protective_stop, emergency_stop, safeguard_stop, power_loss, clear)
 _PENDANT = (stop_program, pause_program, resume_program, local_mode, speed_slider)
 _NETWORK = (close_connection, stall_connection, disturb_connection, offline, mute)
-_PROCESS = (freeze, kill, gripper_stuck, outputs_stuck, digital_input)
+_PROCESS = (freeze, kill, gripper_stuck, object_lost, outputs_stuck, digital_input)
 FAULTS: dict[str, Callable[..., None]] = {f.__name__: f for f in (*_STOPS, *_PENDANT, *_NETWORK, *_PROCESS)}
 
 

@@ -19,6 +19,7 @@ ROOT = Path(__file__).parent.parent
 PACKAGES = ("fling", "planner", "api", "store", "learning", "jobs", "executor", "simulator", "benchmarks")
 WRITTEN_BY_COMMANDS = {
     "fault-matrix.md",
+    "script-mode.md",
     "streaming.md",
     "same-answers.md",
     "operations.md",

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from api.cli.support.options import calls_service
-from planner.documents import read_text
+from api.cli.support.plan_file import plan_in
 
 if TYPE_CHECKING:
     from api.cli.support.client import ServiceClient
     from api.report import ReportContent
 
 CSV = "text/csv"
-PLAN_BYTES = 50_000_000  # [byte] of a plan; one of a second has 300,000
-# Keys of a plan that a report needs; a list of plans leaves out the trajectory.
-NEEDED = ("trajectory", "certificate", "flight", "release", "request", "solver", "cell", "cell_sha256", "id")
 
 
 @click.command()
@@ -68,7 +64,7 @@ def _of_file(file: Path, cells: Path | None) -> ReportContent:
     from fling import plan_svg
     from planner.errors import PlannerError
 
-    plan = _plan_in(file)
+    plan = plan_in(file)
     try:
         cell = CellRepository(cells or parse_settings().cells).cell(plan["cell"])
         if cell is None or cell.sha256 != plan["cell_sha256"]:
@@ -76,26 +72,6 @@ def _of_file(file: Path, cells: Path | None) -> ReportContent:
         return ReportContent(plan, plan_svg(plan, cell), cell_model(cell), plan_curves(plan, cell))
     except (KeyError, TypeError, ValueError, PlannerError) as error:
         raise click.ClickException(f"{file} is not a plan: {error!r}") from error
-
-
-def _plan_in(file: Path) -> dict[str, Any]:
-    """Returns the plan in a file, with all keys of `NEEDED`; where there is none, the error says why in words."""
-    text = read_text(file, PLAN_BYTES)
-    try:
-        plan = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        why = f"it is not JSON ({error})" if text else "it is empty"
-        raise click.ClickException(f"{file} is not a plan: {why}") from error
-    if not isinstance(plan, dict):
-        raise click.ClickException(f"{file} is not a plan: it has another form")
-    if "title" in plan:
-        raise click.ClickException(
-            f"{file} is not a plan: it is the answer to a request that was refused: {plan['title']}"
-        )
-    for key in NEEDED:
-        if key not in plan:
-            raise click.ClickException(f"{file} is not a plan: it lacks {key!r}")
-    return plan
 
 
 def _of_plan(client: ServiceClient, id: str, **more: Any) -> ReportContent:

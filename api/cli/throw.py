@@ -34,7 +34,7 @@ WITHOUT_FAULT = ("refused", "aborted", "held")  # outcomes after which the execu
 @click.option("--name", default="", help="Name of the experiment.")
 @json_option
 @cell_option(service=True)
-@click.option("--mode", type=click.Choice(["speedj", "servoj"]), default="speedj", show_default=True)
+@click.option("--mode", type=click.Choice(["speedj", "servoj", "script"]), default="speedj", show_default=True)
 @click.option("--dry-run", is_flag=True, help="Everything except motion.")
 @click.option("--window", type=Finite(), help="A release early or late by up to this [s] still lands …")
 @click.option("--tolerance", type=Finite(), help="… within this distance of the target [m].")

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import BaseModel, Field
 
-from api.schemas.requests import Joints, Vector3
+from api.schemas.requests import MODE_HELP, ExecutionMode, Joints, Vector3
 from api.schemas.timing import TimingNumbers
 
 ExecutionState = Literal["queued", "preparing", "approaching", "streaming", "braking", "finished"]
@@ -73,7 +73,7 @@ class ExecutionAnswer(BaseModel):
     id: str
     plan_id: str
     cell: str
-    mode: Literal["speedj", "servoj"] = Field(description="UR command that streams the motion.")
+    mode: ExecutionMode = Field(description=MODE_HELP)
     dry_run: bool
     requested_by: str
     created_at: str = Field(description="UTC, ISO 8601.")

@@ -81,13 +81,20 @@ PlanRequestBody = Annotated[dict[str, Any], PlainValidator(read_request, json_sc
 PlanRequestEntry = Annotated[Any, PlainValidator(lambda value: value, json_schema_input_type=PlanRequest)]
 
 
+ExecutionMode = Literal["speedj", "servoj", "script"]
+MODE_HELP = (
+    "UR command by which the motion is streamed; `script`: it runs inside the controller, as one program, and neither "
+    "a busy machine nor a bad link costs it a tick."
+)
+
+
 class ExecuteRequest(RequestModel):
     """One run of one plan."""
 
     plan_id: str = Field(
         description="Id of the plan; `latest` is the newest one, on simulated cells only.", pattern=ID_PATTERN
     )
-    mode: Literal["speedj", "servoj"] = Field("speedj", description="UR command that streams the motion.")
+    mode: ExecutionMode = Field("speedj", description=MODE_HELP)
     dry_run: bool = Field(False, description="true: everything except motion.")
     experiment_id: str | None = Field(
         None, description="Experiment that the execution belongs to.", pattern=UUID_PATTERN

@@ -20,7 +20,7 @@ class TimingNumbers(BaseModel):
     first_order_std_s: PerJoint = Field(description="[s]")
     overshoot: PerJoint = Field(description="Mean excess in the 40 ms after the peak, as a share of the peak [-].")
     overshoot_std: PerJoint = Field(description="[-]")
-    mode: str = Field(description="speedj or servoj.")
+    mode: str = Field(description="speedj, servoj or script.")
     lag_change_s: float | None = Field(description="How far the lag is from the cell's, where that is significant [s].")
 
 

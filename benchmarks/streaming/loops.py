@@ -23,7 +23,6 @@ from typing import Any
 
 import numpy as np
 
-from executor.preparation import sample_rows
 from executor.realtime import default_core
 from executor.robot import simulator_client
 from planner.certificate import release_flight
@@ -31,6 +30,7 @@ from planner.flight import fly
 from planner.planning import plan
 from planner.problem import ThrowProblem
 from planner.request import problem_from_request
+from planner.stream_rows import sample_rows
 from planner.trajectory import Trajectory
 from tests.system.rig import LOB, ROOT, Rig
 from tests.system.rig import rows_of as rows_of_csv

@@ -31,7 +31,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=100)
     parser.add_argument("--busy", type=int, default=0, help="number of busy processes beside it")
-    parser.add_argument("--mode", default="speedj", choices=["speedj", "servoj"])
+    parser.add_argument("--mode", default="speedj", choices=["speedj", "servoj", "script"])
     parser.add_argument("--measured", action="store_true", help=f"{MEASURED}, instead of the {IDEAL}")
     parser.add_argument("--apart", action="store_true", help="simulator on another processor than the stream")
     options = parser.parse_args()
@@ -55,7 +55,7 @@ def throw_series(
     Args:
         folder: Folder for store and logs.
         count: Number of throws.
-        mode: "speedj" or "servoj".
+        mode: "speedj", "servoj" or "script".
         busy: Number of busy processes beside it, for the record.
         apart: Whether the simulator runs on another processor than the stream.
         arm: The arm that throws.

@@ -20,14 +20,14 @@ def arm_timing(cell: Cell, telemetry: Telemetry, mode: str, acceleration: float)
     Args:
         cell: with the lag that the run was streamed with.
         telemetry: of the run.
-        mode: "speedj" or "servoj"; servoj is sent positions, so the planned velocity stands for its command.
+        mode: "speedj", "servoj" or "script"; servoj is sent positions, so the planned velocity stands for its command.
         acceleration: argument of the speedj commands [rad/s^2].
     """
     if not len(telemetry):
         return None
     stamps = telemetry.scalar("timestamp_s")
     lag = cell.timing.lag_s
-    command = telemetry.vector("command" if mode == "speedj" else "planned_qd")
+    command = telemetry.vector("planned_qd" if mode == "servoj" else "command")
     if mode == "servoj":  # a planned row is what should be measured, one lag after its command
         command = columns_at(stamps + lag, stamps, command)
     try:

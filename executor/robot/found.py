@@ -6,8 +6,9 @@ import socket
 from contextlib import suppress
 from dataclasses import dataclass
 
-from executor.robot.dashboard import DashboardClient
+from executor.robot.console import Console
 from executor.robot.kinematics_client import KinematicsInfo, read_kinematics
+from executor.robot.operation import ControlMode
 from executor.robot.session import PORT, TIMEOUT_S, RobotState, RtdeReceiver
 
 
@@ -20,12 +21,16 @@ class FoundRobot:
         state: of the robot.
         kinematics: of its arm.
         serial: number of the robot.
+        control: who controls the robot.
+        interface: that told it.
     """
 
     polyscope: str | None = None
     state: RobotState | None = None
     kinematics: KinematicsInfo | None = None
     serial: str | None = None
+    control: ControlMode | None = None
+    interface: str | None = None
 
     @property
     def is_there(self) -> bool:
@@ -41,10 +46,12 @@ def find_robot(host: str) -> FoundRobot:
     with suppress(OSError, ValueError), socket.create_connection((host, PORT), TIMEOUT_S) as connection:
         receiver = RtdeReceiver(connection)
         state = receiver.receive()
-        polyscope = receiver.controller_version()
+        polyscope = ".".join(map(str, receiver.version))
     with suppress(OSError, ValueError):
         kinematics = read_kinematics(host)
-    dashboard = DashboardClient(host)
-    serial = dashboard.serial_number()
-    dashboard.close()
-    return FoundRobot(polyscope, state, kinematics, serial)
+    console = Console(host)
+    serial = console.serial_number()
+    control = console.control_mode()
+    interface = None if console.interface is None else console.interface.name
+    console.close()
+    return FoundRobot(polyscope, state, kinematics, serial, control, interface)

@@ -12,8 +12,8 @@ from executor import realtime
 from executor import shared_memory as shm
 from executor.stream_job import OUTCOMES, StreamJob
 from executor.streaming.approach import approach, close_gripper
-from executor.streaming.loop import Stream
 from executor.streaming.rtde_connection import RtdeConnection
+from executor.streaming.script_stream import stream_of
 from executor.streaming.state_checks import StopRequests, StreamFault
 
 
@@ -49,9 +49,10 @@ def run(
         verdict = approach(connection, requests)
     if verdict is None:
         memory.fields[shm.STATE] = memory.fields[shm.FURTHEST] = shm.STREAMING
-        verdict = Stream(connection, job, requests).run()
+        verdict = stream_of(connection, job, requests).run()
     memory.fields[shm.STATE] = shm.STOPPING
     connection.stop()
+    connection.gripper.finish()
     return verdict
 
 

@@ -108,7 +108,8 @@ class Stream:
         self.commands = CommandWatch()
         self.gripper = self._gripper_watch()
         self.watch = None if job.landing is None or job.dry_run else LandingWatch(job, job.landing)
-        self.fields[shm.TIMESTAMP_AT_ZERO] = self.clock.first - job.first_clock_s + job.lag_ticks * job.dt
+        self.decides_at = job.output_row  # row at which it is decided whether the object is kept
+        self._note_first(self.clock.first)
 
     def run(self) -> tuple[str, str]:
         """Streams to the end of the schedule; returns outcome and reason.
@@ -116,7 +117,7 @@ class Stream:
         Raises:
             StreamFault: the connection failed; nothing was sent after that.
         """
-        while self.clock.tick <= self.schedule.last or self._settles():
+        while self._goes_on():
             self.clock.wait()
             self.connection.read()
             self.commands.look(self.connection.target_qd, self.connection.stamp)
@@ -133,6 +134,14 @@ class Stream:
             self._open_gripper(row, command)
             self._record(reference, command)
         return self.verdict
+
+    def _note_first(self, first_s: float) -> None:
+        """Notes the controller's time of row 0 [s]."""
+        job = self.job
+        self.fields[shm.TIMESTAMP_AT_ZERO] = first_s - job.first_clock_s + job.lag_ticks * job.dt
+
+    def _goes_on(self) -> bool:
+        return self.clock.tick <= self.schedule.last or self._settles()
 
     def _settles(self) -> bool:
         """Returns whether the last row is held, for an arm that has not arrived there yet."""
@@ -193,21 +202,24 @@ class Stream:
             self._close_gripper()  # not released yet: keep hold of the object
 
     def _gripper_watch(self) -> GripperWatch | None:
-        """Returns what watches the gripper's output; None where it holds nothing, or nothing moves."""
-        watch = GripperWatch(self.job)
+        """Returns what watches the gripper; None where it holds nothing, or nothing moves."""
         throws = self.connection.job.output_row >= 0  # its approach too, which has no output row
-        holds = throws or not watch.opens(self.connection.outputs)
-        return watch if holds and not self.job.dry_run else None
+        holds = throws or self.connection.gripper.is_open() is False
+        return GripperWatch(self.job) if holds and not self.job.dry_run else None
 
     def _watch_gripper(self, row: int) -> None:
-        """Stops the motion where the gripper's output changed by itself, and closes it: the object may still be in it.
+        """Stops the motion where the gripper changed by itself, and closes it: the object may still be in it.
 
         Once the object has left in time there is nothing more to watch.
         """
+        port = self.connection.gripper
+        port.cycle(asks=not 0.0 <= (self.job.output_row - row) * self.job.dt <= port.quiet_s)
         if self.gripper is None:
             return
-        found = self.gripper.look(self.connection.outputs, self.connection.stamp)
+        reported = port.problem()
+        found = reported or self.gripper.look(port.is_open(), self.connection.stamp)
         if found is not None:
+            self.fields[shm.STAYED_CLOSED] = reported is None and found[0] == "not_released"
             self._brake(row, found)
             self._close_gripper()
             self.gripper = None
@@ -218,7 +230,8 @@ class Stream:
 
     def _close_gripper(self) -> None:
         """Tells the gripper to close, whatever it was told before."""
-        self.connection.output(not self.job.output_level)
+        self.connection.gripper.tell(False)
+        self.fields[shm.OUTPUT_CLOSED_S] = self.job.first_clock_s + (self.clock.tick - self.job.lag_ticks) * self.job.dt
         if self.gripper is not None:
             self.gripper.tell(False, self.connection.stamp)
 
@@ -241,7 +254,7 @@ class Stream:
         return command
 
     def _open_gripper(self, row: int, command: Row) -> None:
-        """Sends the gripper's output at the tick of its row, or at the next one after lost ticks.
+        """Tells the gripper to open at the tick of its row, or at the next one after lost ticks.
 
         Where the object would land beyond its tolerance the output is never sent: the arm flies on with it.
         """
@@ -250,7 +263,12 @@ class Stream:
             return
         if self._keeps(row, command) or row < job.output_row:
             return
-        self.connection.output(job.output_level)
+        self.connection.gripper.tell(True)
+        self._note_opening(row)
+
+    def _note_opening(self, row: int) -> None:
+        """Notes that the gripper was told to open with a row."""
+        job = self.job
         if self.gripper is not None:
             self.gripper.tell(True, self.connection.stamp)
         self.output_sent = True
@@ -267,7 +285,7 @@ class Stream:
         if job.mode == "speedj":
             feedback = [a - b for a, b in zip(command, self.schedule.command(row)[1], strict=True)]
         watch.add(row, (self.connection.q, self.connection.qd), feedback)
-        if row < job.output_row:
+        if row < self.decides_at:
             return False
         reason = watch.reason(row)
         if reason:

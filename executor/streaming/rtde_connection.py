@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from time import monotonic, sleep
-from typing import Any
+from typing import Any, NamedTuple
 
 from rtde_control import RTDEControlInterface
 from rtde_io import RTDEIOInterface
@@ -21,12 +21,12 @@ from executor.realtime import RunDelay, sleep_count
 from executor.shared_memory import IN_CALL, REALTIME, SharedMemory
 from executor.stream_job import StreamJob
 from executor.streaming import state_checks
+from executor.streaming.gripper_port import gripper_port
 from executor.streaming.library_sockets import LibrarySockets
 from executor.streaming.state_checks import StreamFault
+from planner import controller_program as registers
 
 CALL_MAX_S = 0.005  # [s] a real-time call takes 30 us, one that reconnects itself takes 160 ms (ur_rtde 1.6.5)
-INTERFACES = 3
-DRY_RUN_INTERFACES = 1  # [-] of the library, each with an RTDE connection of its own; receiving alone
 WATCHDOG_HZ = 50.0  # [Hz] 20 ms, just above the 16 ms after which the loop itself gives up as late
 WATCHDOG_ORDINARY_HZ = 20.0  # [Hz] 50 ms, just above the 40 ms accepted without real-time scheduling
 VARIABLES = [
@@ -42,6 +42,7 @@ VARIABLES = [
     "target_speed_fraction",
     "actual_digital_output_bits",
 ]
+PROGRAM_OUTPUTS = (registers.ROW, registers.BRAKE_ROW, registers.SWITCHED_ROW, registers.END, registers.RUN)
 SERVO_LOOKAHEAD_S = 0.03  # source: URScript manual, servoj, the smallest lookahead time
 SERVO_GAIN = 500.0  # source: URScript manual, servoj, between its 100 and 2000; the time constant is then two CB3 ticks
 SERVO_CONSTANT_S = SERVO_LOOKAHEAD_S * 300.0 / SERVO_GAIN  # [s] at gain 300 the lookahead time is the time constant
@@ -50,18 +51,33 @@ REST_WITHIN_S = 1.0  # [s] longest wait for the measured rest at the end
 STOP_DECELERATION = 20.0  # [rad/s^2] of the final speedStop, where only rounding is left to stop
 
 
+class ProgramState(NamedTuple):
+    """What a program in the controller publishes; see `planner.controller_program`."""
+
+    row: int
+    brake_row: int
+    switched_row: int
+    end: int
+    run: int
+
+
 class RtdeConnection:
     """Fresh ur_rtde interfaces to one controller, for one execution.
+
+    A motion that runs inside the controller has no control interface, and with it no program of ur_rtde's.
 
     Attributes:
         stamp: controller time of the newest state [s].
         q, qd, current: measured (6,), of that state [rad, rad/s, A].
         target_qd: joint speeds (6,) that the controller commands, of that state [rad/s].
         safety_bits, runtime_state, robot_mode, scaling, outputs: of that state; as in the RTDE guide.
+        program: what a motion inside the controller publishes, of that state; None where it is streamed.
+        plays: whether a program of ours is to play.
         delayed_s: time this thread waited for a processor between the last two readings [s].
         call_s: duration of the last command [s].
         sent_at: monotonic time at which the last command began [s].
         watchdog_hz: lowest command rate accepted by the controller [Hz].
+        gripper: what this run tells its gripper through.
     """
 
     call_s = delayed_s = 0.0
@@ -78,26 +94,34 @@ class RtdeConnection:
         self.memory = memory
         self._run_delay = RunDelay()
         self._delay_s = 0.0
+        self.in_controller = bool(job.program)
+        self.program: ProgramState | None = None
+        variables = VARIABLES
+        if self.in_controller:
+            variables = VARIABLES + [f"output_int_register_{number}" for number in PROGRAM_OUTPUTS]
         try:
-            self.receive = RTDEReceiveInterface(job.host, 1.0 / job.dt, VARIABLES)
-            self.control = None if job.dry_run else RTDEControlInterface(job.host, 1.0 / job.dt)
+            self.receive = RTDEReceiveInterface(job.host, 1.0 / job.dt, variables)
+            streams = not (job.dry_run or self.in_controller)
+            self.control = RTDEControlInterface(job.host, 1.0 / job.dt) if streams else None
             self.io = None if job.dry_run else RTDEIOInterface(job.host)
         except (RuntimeError, ValueError) as error:
             raise StreamFault("refused", f"connecting: {error}") from error
+        self.plays = self.control is not None
         self._sockets = LibrarySockets()
-        interfaces = DRY_RUN_INTERFACES if job.dry_run else INTERFACES
+        interfaces = sum(each is not None for each in (self.receive, self.control, self.io))  # each has a connection
         if self._sockets.count < interfaces:
             reason = f"{self._sockets.count} of {interfaces} RTDE connections are open right after connecting"
             raise StreamFault("refused", reason)
         self.send_output = (
-            None
+            {}
             if self.io is None
             else {
                 "tool_digital": self.io.setToolDigitalOut,
                 "standard_digital": self.io.setStandardDigitalOut,
                 "configurable_digital": self.io.setConfigurableDigitalOut,
-            }[job.output]
+            }
         )
+        self.gripper = gripper_port(self)
         self.read()
 
     def timestamp(self) -> float:
@@ -126,6 +150,8 @@ class RtdeConnection:
             self.robot_mode = receive.getRobotMode()
             self.scaling = receive.getSpeedScalingCombined()
             self.outputs = receive.getActualDigitalOutputBits()
+            if self.in_controller:
+                self.program = ProgramState(*map(receive.getOutputIntRegister, PROGRAM_OUTPUTS))
             if receive.getTimestamp() == self.stamp:
                 return
 
@@ -135,7 +161,7 @@ class RtdeConnection:
         Raises:
             StreamFault: the controller is not in normal operation.
         """
-        runtime = state_checks.PLAYING if self.control is None else self.runtime_state
+        runtime = self.runtime_state if self.plays else state_checks.PLAYING
         state_checks.check_state(self.safety_bits, runtime, self.scaling, self.robot_mode)
 
     def arm_watchdog(self) -> None:
@@ -157,10 +183,16 @@ class RtdeConnection:
         if self.control is not None:
             self._command("servoJ", self.control.servoJ, q, 0.0, 0.0, self.job.dt, SERVO_LOOKAHEAD_S, SERVO_GAIN)
 
-    def output(self, level: bool) -> None:
-        """Sets the gripper's output."""
-        if self.send_output is not None:
-            self._command("the digital output", self.send_output, self.job.output_index, level)
+    def output(self, kind: str, index: int, level: bool) -> None:
+        """Sets a digital output."""
+        if self.send_output:
+            self._command("the digital output", self.send_output[kind], index, level)
+
+    def beat(self, number: int, request: int) -> None:
+        """Raises the heartbeat of a program in the controller, and says what is asked of it."""
+        if self.io is not None:
+            self._command("the heartbeat", self.io.setInputIntRegister, registers.HEARTBEAT, number)
+            self._command("a request", self.io.setInputIntRegister, registers.REQUEST, request)
 
     def end_speeds(self) -> None:
         """Ends a stream of speeds at rest, so that another kind of motion may follow."""
@@ -169,16 +201,17 @@ class RtdeConnection:
 
     def stop(self) -> None:
         """Ends the stream at rest, and the program with it: the only way to disarm the watchdog."""
-        if self.control is None:
+        if self.job.dry_run:
             return
-        if self.job.mode == "servoj":
-            self.control.servoStop()
-        else:
-            self.control.speedStop(STOP_DECELERATION)
-        self.control.stopScript()
-        self._wait_for_rest()
+        if self.control is not None:
+            if self.job.mode == "servoj":
+                self.control.servoStop()
+            else:
+                self.control.speedStop(STOP_DECELERATION)
+            self.control.stopScript()
+        self.wait_for_rest()
 
-    def _wait_for_rest(self) -> None:
+    def wait_for_rest(self) -> None:
         """Returns at measured rest: the arm may lag behind the commands by more than the cell states."""
         end = monotonic() + REST_WITHIN_S
         while max(map(abs, self.qd)) > REST_RAD_S and monotonic() < end:

@@ -18,12 +18,26 @@ RESET = struct.pack("ii", 1, 0)  # SO_LINGER: close with RST instead of FIN
 
 @dataclass
 class Disturbance:
-    """Network faults of a connection: a stall, a delay [s], and the share of lost packages."""
+    """Network faults of a connection.
+
+    Attributes:
+        stalled: whether nothing is read or written.
+        delay_s: of everything [s].
+        jitter_s: largest further delay; what comes later never overtakes [s].
+        drop: share of lost packages.
+        draw: source of chance.
+    """
 
     stalled: bool = False
     delay_s: float = 0.0
+    jitter_s: float = 0.0
     drop: float = 0.0
     draw: random.Random = field(default_factory=lambda: random.Random(0))
+
+    @property
+    def delays(self) -> bool:
+        """Whether anything is delayed."""
+        return self.delay_s > 0.0 or self.jitter_s > 0.0
 
     def loses(self) -> bool:
         """Draws whether the present package is lost."""
@@ -43,7 +57,7 @@ class Connection:
 
     def send(self, data: bytes) -> None:
         """Sends as much as the socket takes; `flush` sends the rest."""
-        if self.disturbance.delay_s > 0.0 or self.delayed:
+        if self.disturbance.delays or self.delayed:
             self._delay(data, incoming=False)
         else:
             self.unsent += data
@@ -74,7 +88,7 @@ class Connection:
             data = b""
         if not data:
             self.open = False
-        elif self.disturbance.delay_s > 0.0:
+        elif self.disturbance.delays:
             self._delay(data, incoming=True)
         else:
             self.received += data
@@ -82,7 +96,9 @@ class Connection:
         return False
 
     def _delay(self, data: bytes, incoming: bool) -> None:
-        self.delayed.append((time.monotonic() + self.disturbance.delay_s, data, incoming))
+        disturbance = self.disturbance
+        due = time.monotonic() + disturbance.delay_s + disturbance.draw.uniform(0.0, disturbance.jitter_s)
+        self.delayed.append((max(due, self.delayed[-1][0]) if self.delayed else due, data, incoming))
 
     def deliver_delayed(self) -> bool:
         """Delivers delayed data that is due; returns whether some of it was incoming."""

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import random
 import socket
 from dataclasses import dataclass, replace
 
-from simulator.interfaces.connections import Connection, ConnectionHandler
+from simulator.interfaces.connections import Connection, ConnectionHandler, Disturbance
 
 BACKLOG = 16  # connections waiting to be accepted on a port
 CONNECTIONS_MAX = 100  # a port scan cannot starve the loop
@@ -26,6 +27,7 @@ class Network:
 
     Attributes:
         sockets: sockets to wait for.
+        disturbance: what a new connection begins with, but of the port named `undisturbed`.
     """
 
     def __init__(self, host: str) -> None:
@@ -34,6 +36,8 @@ class Network:
         self.listeners: dict[socket.socket, ServicePort] = {}
         self.connections: dict[socket.socket, tuple[Connection, ServicePort]] = {}
         self.sockets: list[socket.socket] = []
+        self.disturbance = Disturbance()
+        self.undisturbed = ""
 
     def add(self, *ports: ServicePort) -> None:
         """Adds ports and listens on them.
@@ -120,6 +124,8 @@ class Network:
     def connect(self, sock: socket.socket, port: ServicePort) -> Connection:
         """Serves a connected, non-blocking socket as a connection to `port`."""
         connection = Connection(sock)
+        if port.name != self.undisturbed:
+            connection.disturbance = replace(self.disturbance, draw=random.Random(len(self.connections)))
         if port.mute:  # its service never learns of this connection, not even of its end
             port = replace(port, handler=ConnectionHandler())
         self.connections[sock] = (connection, port)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from simulator.program import ProgramContext, ProgramError
-from simulator.urscript.nodes import Call, Index, Items, Literal, Name, Node, Operation
+from simulator.urscript.nodes import Call, Index, Items, Literal, Name, Node, Numbers, Operation
 from simulator.urscript.operators import OPERATORS
 from simulator.urscript.signatures import Signature
 from simulator.urscript.values import ScriptPose, item
@@ -58,6 +58,9 @@ class Expressions:
         if isinstance(node, Literal):
             value = node.value
             return lambda frame: value
+        if isinstance(node, Numbers):
+            numbers = node.values
+            return lambda frame: [*numbers]
         if isinstance(node, Name):
             return self._variable(node)
         if isinstance(node, Index):

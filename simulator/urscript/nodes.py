@@ -44,6 +44,13 @@ class Items(Node):
 
 
 @dataclass(frozen=True)
+class Numbers(Node):
+    """`[1.0, -2.0]`: a list of plain numbers."""
+
+    values: tuple[float, ...]
+
+
+@dataclass(frozen=True)
 class Operation(Node):
     """An operator on one or two operands."""
 

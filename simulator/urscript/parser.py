@@ -22,6 +22,7 @@ from simulator.urscript.nodes import (
     Literal,
     Name,
     Node,
+    Numbers,
     Operation,
     Place,
     ThreadCommand,
@@ -50,14 +51,18 @@ WORDS = (
     | CRITICAL.keys()
     | {"global", "local", "run", "kill", "join", "not", "and", "or", "xor"}
 )
+NUMBER = r"(?:\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+(?:[eE][-+]?\d+)?)"
+SIGNED = f"[ \\t]*-?{NUMBER}[ \\t]*"
+# A list of plain numbers is one token: programs that carry a motion have thousands of them.
 TOKEN = re.compile(
-    r"(?P<space>[ \t\r]+|#[^\n]*)|(?P<newline>\n)|(?P<number>\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+(?:[eE][-+]?\d+)?)"
+    rf"(?P<space>[ \t\r]+|#[^\n]*)|(?P<newline>\n)|(?P<number>{NUMBER})"
+    rf"|(?P<numbers>(?<![\w\])])\[{SIGNED}(?:,{SIGNED})*\])"
     r'|(?P<text>"[^"\n]*"|\'[^\'\n]*\')|(?P<word>[A-Za-z_]\w*)|(?P<sign>==|!=|<=|>=|[-+*/%<>=()\[\],:.])'
 )
 
 
 class Token(NamedTuple):
-    """A token: its kind (number, text, word, sign, newline, end), its text and its place."""
+    """A token: its kind (number, numbers, text, word, sign, newline, end), its text and its place."""
 
     kind: str
     text: str
@@ -112,6 +117,10 @@ def parse(text: str, one_line: bool = False) -> tuple[Node, ...]:
     if parser.now.kind != "end":
         raise syntax_error(text, parser.now.place)
     return block
+
+
+def _value(text: str) -> float:
+    return float(text) if "." in text or "e" in text.lower() else int(text)
 
 
 class _Parser:
@@ -285,7 +294,10 @@ class _Parser:
         token = self.now
         if token.kind == "number":
             self.take()
-            return Literal(token.place, float(token.text) if re.search(r"[.eE]", token.text) else int(token.text))
+            return Literal(token.place, _value(token.text))
+        if token.kind == "numbers":
+            self.take()
+            return Numbers(token.place, tuple(map(_value, token.text[1:-1].split(","))))
         if token.kind == "text":
             self.take()
             return Literal(token.place, token.text[1:-1])

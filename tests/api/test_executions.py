@@ -42,6 +42,10 @@ def test_an_execution_from_queue_to_metrics(service: RunningService, executor: F
     assert service.client.get("/executions").json()["executions"][0] == finished
 
 
+def test_a_motion_may_run_inside_the_controller(service: RunningService, executor: FakeExecutor, plan):
+    assert execute(service, plan["id"], mode="script").json()["mode"] == "script"
+
+
 def test_a_cell_runs_one_execution_at_a_time(service: RunningService, executor: FakeExecutor, plan):
     assert execute(service, plan["id"]).status_code == 202
     assert problem_of(execute(service, plan["id"]), 409, "robot-busy")["cell"] == "ur5e-sim"

@@ -8,7 +8,7 @@ from pathlib import Path
 import orjson
 import pytest
 
-from executor.preparation import StreamRows, prepare_job, sample_rows
+from executor.preparation import prepare_job
 from executor.settings import ExecutorSettings
 from executor.stream_job import StreamJob
 from planner.answer import plan_document
@@ -17,6 +17,7 @@ from planner.cell import Cell, load_cell
 from planner.planning import plan
 from planner.problem import ThrowProblem
 from planner.request import problem_from_request
+from planner.stream_rows import StreamRows, sample_rows
 from planner.trajectory import Trajectory
 
 CELLS = Path(__file__).parents[2] / "cells"

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from executor.preparation import sample_rows
+from planner.stream_rows import sample_rows
 from tests.executor.conftest import Prepared
 
 

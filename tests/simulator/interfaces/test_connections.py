@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import time
 from collections.abc import Iterator
 
@@ -39,6 +40,32 @@ def test_a_stalled_connection_keeps_what_it_should_have_sent(line: Line):
     line.connection.disturbance.stalled = False
     line.connection.flush()
     assert line.received() == b"a"
+
+
+def test_jitter_delays_each_by_its_own_and_keeps_the_order(line: Line):
+    line.connection.disturbance.jitter_s = 0.02
+    for number in range(50):
+        line.connection.send(bytes([number]))
+    begin = time.monotonic()
+    received = b""
+    while line.connection.delayed:
+        line.connection.deliver_delayed()
+        received += line.received()
+    assert time.monotonic() - begin > 0.01
+    assert received == bytes(range(50))
+
+
+def test_a_disturbance_of_every_connection_holds_for_those_to_come():
+    network = Network(unique_address())
+    network.disturbance.drop = 1.0
+    network.undisturbed = "control"
+    losses = {}
+    for name in ("rtde", "control"):
+        ours, served = socket.socketpair()
+        losses[name] = network.connect(served, ServicePort(name, PORT, Echo())).disturbance.loses()
+        ours.close()
+    network.close()
+    assert losses == {"rtde": True, "control": False}
 
 
 def test_delayed_data_is_delivered_in_order_once_due(line: Line):

@@ -1,6 +1,6 @@
 // Names for the documents of the service. They come from its OpenAPI schema: `make web` writes schema.d.ts.
 
-import type { CheckAnswer, ExecutionAnswer, MapAnswer, PlanAnswer, PlanRequest } from "./schema";
+import type { CheckAnswer, ExecuteRequest, ExecutionAnswer, MapAnswer, PlanAnswer, PlanRequest } from "./schema";
 
 export type {
   CellList,
@@ -22,6 +22,7 @@ export type {
 
 export type Plan = PlanAnswer;
 export type Check = CheckAnswer;
+export type ExecutionMode = NonNullable<ExecuteRequest["mode"]>;
 export type Outcome = NonNullable<ExecutionAnswer["outcome"]>;
 
 interface Violation {

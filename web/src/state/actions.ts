@@ -2,7 +2,7 @@
 
 import { call, ConnectionLost, get, keepToken, post, ProblemError, token } from "../service/client";
 import { planned } from "../service/events";
-import type { CellState, Curves, Execution, LandingAnswer, LandingRequest, MapRequest, Plan, ProfileList, ThrowMap } from "../service/types";
+import type { CellState, Curves, Execution, ExecutionMode, LandingAnswer, LandingRequest, MapRequest, Plan, ProfileList, ThrowMap } from "../service/types";
 import { type Draft, InvalidDraft, previewOf, requestOf, withNearest } from "./draft";
 import { doubtfulDistance, placeReport } from "./landing-report";
 import { hashOf, type Link } from "./links";
@@ -154,7 +154,7 @@ export function takeNearest(): void {
 }
 
 /** Throws the plan on the screen; refuses where it is not the answer to the request on the screen. */
-export async function execute(mode: "speedj" | "servoj", dryRun: boolean): Promise<void> {
+export async function execute(mode: ExecutionMode, dryRun: boolean): Promise<void> {
   const now = state.value;
   if (!armed.value || now.plan === null || now.cell === null) return;
   notice.value = null;

@@ -6,7 +6,7 @@ import { spanOf } from "../curves/zoom";
 import { endOf } from "../model/samples";
 import { type MapQuantity, pictureOfMap } from "../model/throw-map";
 import { ConnectionLost, ProblemError } from "../service/client";
-import type { CellModel, CellState, CellSummary, Curves, Execution, LandingAnswer, LandingRequest, Plan, PlanProgress, ProfileList, ThrowMap } from "../service/types";
+import type { CellModel, CellState, CellSummary, Curves, Execution, ExecutionMode, LandingAnswer, LandingRequest, Plan, PlanProgress, ProfileList, ThrowMap } from "../service/types";
 import { armKind, obstacleOf } from "./readiness";
 import { type Change, change, FIRST_STATE, isArmed, isRunning, planStanding, type State } from "./machine";
 
@@ -80,7 +80,7 @@ export const landingStd = signal("0.02"); // of a reported place, as typed [m]: 
 export const dark = signal(false);
 
 /** How a plan is executed. */
-export const mode = signal<"speedj" | "servoj">("speedj");
+export const mode = signal<ExecutionMode>("speedj");
 export const dryRun = signal(false);
 
 // Parts of the state, so that telemetry redraws nothing but what shows it.

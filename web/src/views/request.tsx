@@ -156,7 +156,7 @@ function Options({ draft }: { draft: Draft }): JSX.Element {
         />
         <NumberField label="Time limit" unit="s" path="time_limit_s" value={draft.timeLimit} placeholder="120" onInput={(timeLimit) => edit({ timeLimit })} />
         <SelectField
-          label="Stream by" options={[["speedj", "speedj"], ["servoj", "servoj"]]} value={mode.value}
+          label="Motion by" options={[["speedj", "speedj"], ["servoj", "servoj"], ["script", "the controller"]]} value={mode.value}
           onChoose={(chosen) => (mode.value = chosen)}
         />
       </div>

@@ -1,0 +1,104 @@
+"""A motion on the controller's ticks: the rows that are streamed, or compiled to a program of the controller."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.approach import Brakes
+from planner.cell import Cell
+from planner.controller_program import ROWS_MAX, STRIDE_MAX_S, ControllerProgram, GripperEdge, NoProgram
+from planner.trajectory import Trajectory
+
+Vector = NDArray[np.float64]
+
+LEAD_IN_S = 0.020  # [s] at rest before the plan begins: the stream is running smoothly by then
+SETTLE_S = 0.060  # [s] at rest after it: the measured motion, one lag behind, comes to its end
+
+
+@dataclass(frozen=True)
+class StreamRows:
+    """A motion sampled on the controller's ticks.
+
+    Attributes:
+        first_clock_s: plan time of row 0 [s].
+        q, qd, qdd: (M, 6) [rad, rad/s, rad/s^2].
+        reference_q, reference_qd: (M, 6) one lag earlier [rad, rad/s].
+        release_row: row nearest to the release.
+        output_row: row with which the gripper's output is switched; -1 for a move that ends at rest.
+    """
+
+    first_clock_s: float
+    q: Vector
+    qd: Vector
+    qdd: Vector
+    reference_q: Vector
+    reference_qd: Vector
+    release_row: int
+    output_row: int
+
+
+def sample_rows(cell: Cell, trajectory: Trajectory, throws: bool) -> StreamRows:
+    """Samples a motion, at rest before and after, so that the gripper's command falls on a tick exactly.
+
+    Rows are on the plan's clock, on which the motion is measured; a row is sent one lag earlier, and so is the
+    gripper's command: at release - delay - lag, the plan's `command_time_s` (docs/conventions.md, Time).
+    """
+    dt = trajectory.dt
+    lag = cell.timing.lag_s
+    opens = trajectory.release_time_s - cell.gripper.delay_s  # plan time at which the output must physically change
+    origin = opens if throws else 0.0
+    first = origin - math.ceil((origin - min(origin, 0.0) + lag + LEAD_IN_S) / dt) * dt
+    count = math.ceil((trajectory.duration_s + lag + SETTLE_S - first) / dt) + 1
+    clock = first + np.arange(count) * dt
+    q, qd, qdd = trajectory.at(clock)
+    still = (clock <= 0.0) | (clock >= trajectory.duration_s)
+    qd[still] = 0.0
+    qdd[still] = 0.0
+    reference_q, reference_qd, _ = trajectory.at(clock - lag)
+    release_row = round((trajectory.release_time_s - first) / dt)
+    output_row = round((opens - first) / dt) if throws else -1
+    return StreamRows(first, q, qd, qdd, reference_q, reference_qd, release_row, output_row)
+
+
+def controller_program(cell: Cell, rows: StreamRows, brakes: Brakes, thinned: bool = False) -> ControllerProgram:
+    """Returns the program that makes a motion inside the controller.
+
+    Args:
+        cell: the robot station.
+        rows: of the motion.
+        brakes: from each of them.
+        thinned: leave rows out, and ramp from one to the next, where a program does not hold all: an approach.
+
+    Raises:
+        NoProgram: there are too many rows, or more than one output opens the gripper.
+    """
+    gripper = cell.gripper
+    if rows.output_row >= 0 and (gripper.link is not None or gripper.second is not None):
+        how = "more than one output" if gripper.link is None else "no output of the controller"
+        raise NoProgram(f"a program opens grippers of one output; gripper.kind {gripper.kind!r} has {how}: use speedj")
+    dt = 1.0 / cell.robot.sample_rate_hz
+    lag_ticks = cell.timing.lag_s / dt
+    stride = 1
+    if thinned:
+        stride = min(math.ceil(len(rows.q) / ROWS_MAX), max(int(STRIDE_MAX_S / dt), 1))
+    own = brakes.row == np.arange(len(rows.q))
+    return ControllerProgram(
+        start=rows.q[0].tolist(),
+        qd=rows.qd[::stride].tolist(),
+        brake_ticks=np.where(own, brakes.ticks, -1)[::stride].tolist(),
+        dt=dt,
+        stride=stride,
+        rest_ticks=int(lag_ticks) + 3,
+        acceleration=float(np.min(cell.robot.qdd_max)),
+        gripper=GripperEdge(
+            output=gripper.output,
+            index=gripper.index,
+            open_level=gripper.open_level,
+            row=rows.output_row,
+            closes_until=math.ceil(rows.release_row + lag_ticks),
+        ),
+    )
