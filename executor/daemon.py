@@ -17,15 +17,17 @@ from executor.ownership import CellTaken, take_cell, take_controller
 from executor.preflight import ExecutionRefused, verify_content
 from executor.publisher import Publisher
 from executor.records import MIN_FREE_BYTES, ExecutionResult, Journal
-from executor.robot import RobotSession
+from executor.robot import ActionRefused, DashboardClient, RobotSession, stop_program
 from executor.stop_listener import StopListener
+from executor.streaming.state_checks import safety_words
 from executor.worker import Worker
 from fling import tracing
 from planner.cell import Cell, read_source
 from planner.errors import CellError
-from store import ExecutionRow, Store, StoreUnavailable, new_id
+from store import ExecutionRow, RobotAction, Store, StoreUnavailable, new_id
 
 POLL_S = 0.02  # [s] between two queries for a queued execution
+OPERATE_S = 0.1  # [s] between two looks whether somebody asks to operate the robot
 WATCH_S = 0.04  # [s] between two looks at a run for SIGTERM; the stop listener does not wait for them
 STORE_PAUSE_S = 1.0  # [s] without queries after one has failed: each may take five seconds
 STREAM_END_S = 30.0  # [s] longest wait for an aborted streaming process
@@ -49,6 +51,8 @@ class Daemon:
         self._store_paused_until = 0.0
         self._stream_log = session.settings.data / STREAM_LOG
         self._is_recovered = False
+        self._operate_at = 0.0
+        self._answered: tuple[str, bool, str] = ("", False, "")  # the newest request to operate the robot
         self.watch = CellWatch(session.cell, session.settings.cell_path)
         self.stops = StopListener(journal.folder)
         self.heartbeat = self._new_heartbeat()
@@ -77,6 +81,7 @@ class Daemon:
         """
         self.recover()
         self._note_version()
+        self._operate("the executor was started meanwhile")
         self.heartbeat.start()
         self.stops.start()
         try:
@@ -86,7 +91,7 @@ class Daemon:
         finally:
             for worker in self._workers():
                 worker.stop()
-            self.session.dashboard.close()
+            self.session.console.close()
             self._try_store(lambda: self.store.leave_cell(self.cell, self.executor_id))
         return not self.heartbeat.is_replaced
 
@@ -111,8 +116,7 @@ class Daemon:
         claimed = [row for row in left if row.cell == self.cell and row.claimed_at]
         if claimed:
             self._latch("executor_lost", "the executor was lost during an execution", claimed[0].id)
-            with contextlib.suppress(OSError):  # no controller: nothing moves
-                self.session.dashboard.ask("stop")
+            self._stop_controller()
             self.heartbeat.report()
         closed = self._try_store(lambda: self.store.close_open_executions(self.cell, reason))
         self._is_recovered = closed is not None
@@ -120,11 +124,18 @@ class Daemon:
     def _restart_words(self) -> str:
         """Returns why an execution was lost, with the controller's safety state where that is not the normal one."""
         reason = f"the executor was restarted{self._last_words()}"
-        try:
-            answer = self.session.dashboard.ask("safetystatus")
-        except OSError:
-            return reason
-        return reason if "NORMAL" in answer else f"{reason}; the controller reports '{answer}'"
+        state = self.session.monitor.fresh()
+        words = "" if state is None else safety_words(state.safety_bits)
+        return f"{reason}; the controller reports: {words}" if words else reason
+
+    def _stop_controller(self) -> None:
+        """Ends whatever program plays on the controller, by every way there is; without a controller nothing moves."""
+        host = self.session.cell.link.host
+        stop_program(host)
+        dashboard = DashboardClient(host)
+        with contextlib.suppress(OSError):  # PolyScope X has none
+            dashboard.ask("stop")
+        dashboard.close()
 
     def _last_words(self) -> str:
         """Returns for a reason how the stream of the lost execution ended by its own account, where it left one."""
@@ -160,7 +171,7 @@ class Daemon:
             self.session.cell = cell
         else:
             self.session.monitor.stop()
-            self.session.dashboard.close()
+            self.session.console.close()
             self.session = RobotSession.open(cell, self.session.settings)
             self.session.monitor.start()
         self.heartbeat = self._new_heartbeat()
@@ -177,9 +188,38 @@ class Daemon:
             self.recover()
             return
         self._deliver_kept()
+        if time.monotonic() >= self._operate_at:
+            self._operate_at = time.monotonic() + OPERATE_S
+            self._operate()
         row = self._try_store(lambda: self.store.claim_execution(self.cell, self.executor_id))
         if row is not None:
             self._execute(row, ended)
+            self._operate("an execution was running")
+
+    def _operate(self, refusal: str = "") -> None:
+        """Answers the request to operate the robot, if there is one: obeys it, or refuses it for a reason.
+
+        One that could not be answered in the store is not obeyed again.
+        """
+        row = self._try_store(lambda: self.store.cell_status(self.cell))
+        request = None if row is None else row.open_robot_request
+        if request is None:
+            return
+        id = request["id"]
+        if id != self._answered[0]:
+            done, text = (False, refusal) if refusal else self._act(request["action"])
+            self._answered = (id, done, text)
+            log("robot", cell=self.cell, action=request["action"], who=request["requested_by"], done=done, answer=text)
+        self._try_store(lambda: self.store.answer_robot_request(self.cell, *self._answered))
+
+    def _act(self, action: RobotAction) -> tuple[bool, str]:
+        """Operates the robot; returns whether that was done, and by what or why not."""
+        if self.session.settings.read_only:
+            return False, "this executor is read-only"
+        try:
+            return True, f"by the {self.session.console.act(action)}"
+        except ActionRefused as error:
+            return False, str(error)
 
     def _execute(self, row: ExecutionRow, ended: threading.Event) -> None:
         """Runs one execution within the trace of the request that queued it."""
@@ -224,6 +264,7 @@ class Daemon:
             if execution.run is not None:
                 execution.run.abort()
                 execution.run.wait(STREAM_END_S)
+            execution.close()
             self._keep(execution, result)
             self.stops.execution = None
             self._deliver(publisher)

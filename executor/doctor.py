@@ -18,7 +18,7 @@ from typing import Any
 
 from executor import realtime
 from executor.preflight import KINEMATICS_M, difference_from, kinematics_refusals, serial_refusals, told_models
-from executor.robot import DashboardClient, KinematicsInfo, read_kinematics, receive_timestamps
+from executor.robot import Console, KinematicsInfo, read_kinematics, receive_timestamps
 from learning import cell_in_use, pooled_document, timing_runs
 from planner.cell import Cell
 from store import Store, StoreError, StoreUnavailable
@@ -201,14 +201,29 @@ def _link(cell: Cell) -> DoctorFinding:
 
 def _robot(cell: Cell) -> list[DoctorFinding]:
     """Returns the findings about the robot: which one it is, and whether its arm is the cell's."""
-    dashboard = DashboardClient(cell.link.host)
-    serial = dashboard.serial_number()
-    dashboard.close()
+    console = Console(cell.link.host)
+    serial = console.serial_number()
+    operation = grade_operation(console)
+    console.close()
     try:
         info = read_kinematics(cell.link.host)
     except (OSError, ValueError):
         info = None
-    return [grade_serial(cell, serial), grade_kinematics(cell, info)]
+    return [operation, grade_serial(cell, serial), grade_kinematics(cell, info)]
+
+
+def grade_operation(console: Console) -> DoctorFinding:
+    """Returns the finding about the interface that powers the arm and tells who controls it."""
+    name = "operation"
+    mode = console.control_mode()
+    if mode is None or console.interface is None:
+        text = "neither dashboard nor Robot API answers: power, brakes and protective stops are left to the pendant"
+        advice = "enable the dashboard on the pendant under Settings, Security, Services (PolyScope X has none)"
+        return DoctorFinding(name, "warning", text, advice)
+    text = f"by the {console.interface.name}"
+    if mode == "local":
+        return DoctorFinding(name, "warning", f"{text}; the robot is in local control", "switch it on the pendant")
+    return DoctorFinding(name, "ok", f"{text}; remote control" if mode == "remote" else text)
 
 
 def grade_serial(cell: Cell, serial: str | None) -> DoctorFinding:

@@ -11,7 +11,8 @@ import orjson
 
 from executor import records
 from executor import shared_memory as shm
-from executor.lost_object import object_words
+from executor.grippers import GripperConnection, GripperUnavailable
+from executor.lost_object import object_words, told_opening
 from executor.preflight import ExecutionRefused, gripper_is_open, readiness, verify_plan
 from executor.preparation import expected_landing, prepare_job
 from executor.robot import RobotSession, RobotState
@@ -23,7 +24,7 @@ from learning import CellKnowledge, knowledge_of
 from planner.answer import aimed_problem, promised_tolerance
 from planner.approach import Approach, find_approach, jog_advice, obstacle_words
 from planner.certificate import Check, release_flight
-from planner.controller_program import ProgramTooLong
+from planner.controller_program import NoProgram
 from store import ExecutionRow, ProfileRow, new_id
 
 SAFETY_WAIT_S = 0.2  # [s] after a fault, for a state that is newer than the fault
@@ -42,6 +43,7 @@ class Execution:
     row: ExecutionRow
     log: list[tuple[float, str]] = field(default_factory=list)
     run: StreamRun | None = None
+    gripper: GripperConnection | None = None
     profile: ProfileRow | None = None
     span: tracing.TracedSpan = field(default_factory=tracing.TracedSpan)
 
@@ -65,6 +67,7 @@ class Execution:
         for warning in ready.warnings:
             self.note(f"warning: {warning}")
         self.note(f"robot: {cell.robot.name}, serial number {ready.serial or 'not told'}")
+        self._connect_gripper()
         state = session.monitor.fresh()
         if state is None:
             raise ExecutionRefused("the controller stopped sending its state")
@@ -74,10 +77,30 @@ class Execution:
             duration_s = approach.trajectory.duration_s
             self.note(f"planned approach of {duration_s:.1f} s; a straight move: {obstacle_words(failures)}")
         how = (self.row.mode, self.row.dry_run, session.settings, self._expected_landing(document))
+        gripper_fd = -1 if self.gripper is None else self.gripper.fileno()
         try:
-            return prepare_job(self.problem, self.trajectory, approach, *how)
-        except ProgramTooLong as error:
+            return prepare_job(self.problem, self.trajectory, approach, *how, gripper_fd)
+        except NoProgram as error:
             raise ExecutionRefused(str(error)) from error
+
+    def _connect_gripper(self) -> None:
+        """Connects to the gripper, and checks it; a run that lets go of nothing leaves it alone.
+
+        Raises:
+            ExecutionRefused: it does not answer, or is not ready.
+        """
+        link = self.session.cell.gripper.link
+        if link is None or self.problem.ends_at_rest or self.row.dry_run:
+            return
+        try:
+            self.gripper = GripperConnection(link, self.session.cell.link.host)
+        except GripperUnavailable as error:
+            raise ExecutionRefused(str(error)) from error
+
+    def close(self) -> None:
+        """Gives back what the run did not: it may have been refused."""
+        if self.gripper is not None:
+            self.gripper.close()
 
     def _expected_landing(self, document: bytes) -> ExpectedLanding | None:
         """Returns where the object is to land; None where the plan promises no tolerance."""
@@ -104,13 +127,18 @@ class Execution:
         goal = self.trajectory.q[0]
         carried = True
         approach, failures = find_approach(cell, now, goal, pace)
-        if approach is None and gripper_is_open(cell, state):
+        if approach is None and self._is_open(state):
             carried = False
             approach, failures = find_approach(cell, now, goal, pace, carried)
         if approach is not None:
             return approach, failures
         reason = f"no certified approach to the plan's start was found; a straight move: {obstacle_words(failures)}"
         raise ExecutionRefused("; ".join(filter(None, [reason, jog_advice(cell, now, carried)])))
+
+    def _is_open(self, state: RobotState) -> bool:
+        if self.gripper is not None:
+            return self.gripper.driver.is_open() is True
+        return gripper_is_open(self.session.cell, state)
 
     def start(self, job: StreamJob) -> None:
         """Starts the streaming process; in a simulated cell the throw is announced before, with its bin.
@@ -122,7 +150,7 @@ class Execution:
             self._announce()
         settings = self.session.settings
         self.session.monitor.forget()
-        self.run = StreamRun(job, settings.data / STREAM_LOG, settings.keep_awake)
+        self.run = StreamRun(job, settings.data / STREAM_LOG, settings.keep_awake, self.gripper)
         self.run.start()
 
     def _announce(self) -> None:
@@ -187,7 +215,8 @@ class Execution:
     def _object_words(self, ended: records.RunResult) -> str:
         """Returns what became of the object in a run that was stopped; empty where the gripper stayed closed."""
         states = list(self.session.monitor.history)
-        return object_words(self.problem, self.trajectory, states, ended.output_sent_s is not None)
+        told = told_opening(self.problem.cell, ended)
+        return object_words(self.problem, self.trajectory, states, ended.output_sent_s is not None, told)
 
     def _observation(self, observed: records.ObservedLanding | None) -> dict[str, Any] | None:
         """Returns the observation of the simulated camera, to be stored once."""

@@ -18,7 +18,7 @@ BEAT_S = 0.25  # [s] the service considers an executor gone after two seconds
 class Heartbeat(Worker):
     """Reports to the store several times a second that this executor is alive, with the robot's live state.
 
-    A thread with a dashboard connection of its own: verifying a plan takes seconds.
+    A thread with connections of its own: verifying a plan takes seconds.
 
     Attributes:
         idle: whether nothing moves.
@@ -37,7 +37,7 @@ class Heartbeat(Worker):
         """Prepares it.
 
         Args:
-            session: with a dashboard of its own.
+            session: with a console of its own.
             store: to report to.
             journal: has the latched fault.
             watch: of the cell file.
@@ -52,13 +52,13 @@ class Heartbeat(Worker):
         self.executor_id = executor_id
         self.watch = watch
         self.is_replaced = False
-        self.idle = True  # the dashboard is queried only while nothing moves
+        self.idle = True  # the controller is asked only while nothing moves
         self._ready = PreflightReport([])
 
     def stop(self) -> None:
         """Ends the thread."""
         super().stop()
-        self.session.dashboard.close()
+        self.session.console.close()
 
     def beat(self) -> None:
         """Looks at the robot where nothing moves, and reports."""
@@ -75,7 +75,8 @@ class Heartbeat(Worker):
                 self._acknowledge()
             ready = self._ready
             refusals = [*self.unfit(), *ready.refusals]
-            findings = robot_document(session.monitor.fresh(), refusals, ready.warnings, ready.serial)
+            known = (ready.serial, session.monitor.version)
+            findings = robot_document(session.monitor.fresh(), refusals, ready.warnings, *known)
             robot = {**findings, "cell_sha256": cell.sha256}
             fault = self.journal.fault() or self.watch.fault
             read_only = session.settings.read_only

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from executor.preflight import gripper_is_open
+from executor.records import RunResult
 from executor.robot import RATE_HZ, RobotState
 from planner.cell import Cell
 from planner.certificate import release_flight
@@ -31,21 +32,31 @@ OUT_OF_SIGHT_S = 0.5  # [s] without a state the controller cannot be seen
 DOUBT_STD = 3.0  # [-] standard deviations of the gripper's delay within which it is open whether the object left
 
 
-def object_words(problem: ThrowProblem, trajectory: Trajectory, states: Sequence[RobotState], was_told: bool) -> str:
-    """Returns what became of the object, in words; empty where the gripper's output never opened.
+Opening = tuple[float, float | None]  # controller's times at which the gripper was opened, and closed again [s]
+
+
+def object_words(
+    problem: ThrowProblem,
+    trajectory: Trajectory,
+    states: Sequence[RobotState],
+    was_told: bool,
+    told: Opening | None = None,
+) -> str:
+    """Returns what became of the object, in words; empty where the gripper never opened.
 
     Args:
         problem, trajectory: of the plan.
         states: published since the run began, in order.
         was_told: whether the run told the gripper to open.
+        told: when it did, for a gripper whose outputs do not show that; None: it is not known to have opened.
     """
     cell = problem.cell
-    opening = _opening(cell, states)
+    opening = _opening(cell, states) if cell.gripper.link is None else told
     if opening is None:
         if not was_told:
             return ""
         if states and time.monotonic() - states[-1].seen_at < OUT_OF_SIGHT_S:
-            return "the gripper's output was told to open and stayed closed: the object is held"
+            return "the gripper was told to open and stayed closed: the object is held"
         return "the gripper was told to open and cannot be seen any more: the object may have left"
     opened, closed = opening
     left = opened + cell.gripper.delay_s
@@ -56,13 +67,13 @@ def object_words(problem: ThrowProblem, trajectory: Trajectory, states: Sequence
     return f"the object {word} the gripper {_landing(problem, trajectory, states, left)}"
 
 
-def _opening(cell: Cell, states: Sequence[RobotState]) -> tuple[float, float | None] | None:
+def _opening(cell: Cell, states: Sequence[RobotState]) -> Opening | None:
     """Returns when the output opened the gripper and when it closed it again, the longest time [s].
 
     None where it was never seen to open: a gripper that is open at first is empty. The second is None where it stayed
     open.
     """
-    found: list[tuple[float, float | None]] = []
+    found: list[Opening] = []
     for before, after in pairwise(states):
         was_open = gripper_is_open(cell, before)
         is_open = gripper_is_open(cell, after)
@@ -72,6 +83,15 @@ def _opening(cell: Cell, states: Sequence[RobotState]) -> tuple[float, float | N
         elif was_open and not is_open and found:
             found[-1] = (found[-1][0], at)
     return max(found, key=lambda seen: math.inf if seen[1] is None else seen[1] - seen[0], default=None)
+
+
+def told_opening(cell: Cell, ended: RunResult) -> Opening | None:
+    """Returns when outputs that were told the same would have changed; None where it was seen to stay closed."""
+    if ended.output_sent_s is None or ended.stayed_closed:
+        return None
+    at_zero = ended.timestamp_at_zero + cell.timing.lag_s
+    closed = ended.output_closed_s
+    return at_zero + ended.output_sent_s, None if closed is None else at_zero + closed
 
 
 def _landing(problem: ThrowProblem, trajectory: Trajectory, states: Sequence[RobotState], left: float) -> str:

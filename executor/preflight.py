@@ -12,14 +12,15 @@ import numpy as np
 import orjson
 from numpy.typing import NDArray
 
-from executor.robot import OWNER_INPUT, KinematicsInfo, RobotSession, RobotState
-from executor.streaming.state_checks import NORMAL, OUTPUT_SHIFT, ROBOT_RUNNING, SAFETY_WORDS
+from executor.robot import OWNER_INPUT, ControlMode, KinematicsInfo, RobotSession, RobotState
+from executor.streaming.state_checks import OUTPUT_SHIFT, ROBOT_RUNNING, safety_words
 from learning import cell_with_profile
 from planner.answer import aim_shift, plan_from_document
 from planner.calibration import DhTable, ImplausibleChain, calibrated, transforms_of_table
 from planner.cell import Cell
 from planner.certificate import Examination
 from planner.errors import PlannerError
+from planner.grippers import CALLS
 from planner.kinematics import ChainDifference, chain_difference
 from planner.problem import ThrowProblem
 from planner.robots import ROBOT_NAMES, Robot, robot
@@ -40,6 +41,8 @@ ROBOT_MODES = {
     6: "in backdrive",
     8: "updating its firmware",
 }
+POLYSCOPE_X = 10  # major version; ur_rtde connects to a dashboard below it
+MENDED_BY = {3: "power-on", 5: "brake-release"}  # robot_mode -> command of `fling robot` that ends it
 REST_RAD_S = 0.01  # [rad/s] an arm this slow counts as at rest; above the noise of a measured joint speed
 PAYLOAD_KG = 0.05  # [kg] accepted difference of the controller's payload from the tool, or tool and object
 TCP_M = 1e-3
@@ -130,7 +133,9 @@ def _other_flight(plan: Mapping[str, Any], own: Cell) -> str | None:
 
 
 def gripper_is_open(cell: Cell, state: RobotState) -> bool:
-    """Returns whether the gripper's output is at the level that opens it."""
+    """Returns whether the gripper's output is at the level that opens it; False where no output switches it."""
+    if cell.gripper.link is not None:
+        return False
     bit = OUTPUT_SHIFT[cell.gripper.output] + cell.gripper.index
     return bool(state.outputs >> bit & 1) == cell.gripper.open_level
 
@@ -144,11 +149,13 @@ def readiness(session: RobotSession) -> PreflightReport:
         return PreflightReport(refusals(cell, None, None))
     if session.monitor.owned is False:
         return PreflightReport([taken_words(session.monitor.host)])
-    remote = session.remote_control()
-    serial = None if remote is None else session.dashboard.serial_number()  # a silent dashboard takes a second
+    version = session.monitor.version
+    mode = session.console.control_mode()
+    serial = session.console.serial_number()
     info = session.kinematics()
-    found = [*refusals(cell, state, remote), *serial_refusals(cell, serial), *kinematics_refusals(cell, info)]
-    return PreflightReport(found, kinematics_warnings(cell, info), serial)
+    found = [*refusals(cell, state, mode, version), *serial_refusals(cell, serial), *kinematics_refusals(cell, info)]
+    warnings = [*control_warnings(mode, version), *kinematics_warnings(cell, info), *gripper_warnings(cell)]
+    return PreflightReport(found, warnings, serial)
 
 
 def taken_words(host: str) -> str:
@@ -156,17 +163,20 @@ def taken_words(host: str) -> str:
     return f"another executor is connected to the controller at {host}: it holds {OWNER_INPUT}"
 
 
-def refusals(cell: Cell, state: RobotState | None, remote: str | None) -> list[str]:
-    """Returns every reason not to move a robot that its state and dashboard give; empty where it may move.
+def refusals(
+    cell: Cell, state: RobotState | None, mode: ControlMode | None, version: tuple[int, ...] | None = None
+) -> list[str]:
+    """Returns every reason not to move a robot that its state and control mode give; empty where it may move.
 
     Args:
         cell: as the executor reads it.
         state: the robot's live state; None without a connection.
-        remote: the dashboard's answer to "is in remote control"; None without an answer.
+        mode: who controls the robot; None where neither dashboard nor Robot API answers.
+        version: of the controller's software; None where it is not known.
     """
     if state is None:
         return [f"no state arrives from the controller at {cell.link.host}"]
-    return [*_control(cell, remote), *_condition(state), *_tool(cell, state)]
+    return [*_control(cell, mode, version), *_condition(state), *_tool(cell, state)]
 
 
 def serial_refusals(cell: Cell, serial: str | None) -> list[str]:
@@ -225,6 +235,12 @@ def kinematics_warnings(cell: Cell, info: KinematicsInfo | None) -> list[str]:
     return [f"kinematic_calibration: none in the cell file; this arm is off by {apart.words()}; {advice}"]
 
 
+def gripper_warnings(cell: Cell) -> list[str]:
+    """Returns the warning that somebody's own code opens the gripper, with what that does to the timing."""
+    kind = cell.gripper.kind
+    return [f"gripper: {CALLS[kind]}"] if kind in CALLS else []
+
+
 def told_models(cell: Cell, info: KinematicsInfo) -> tuple[str, ...]:
     """Returns the models of which a controller's arm can be: the closest one, and those with the same kinematics.
 
@@ -255,21 +271,38 @@ def difference_from(cell: Cell, info: KinematicsInfo) -> ChainDifference | None:
     return chain_difference(told, cell.robot)
 
 
-def _control(cell: Cell, remote: str | None) -> Iterator[str]:
-    if remote is None:
-        yield f"the dashboard at {cell.link.host} does not answer"
-    elif "false" in remote.lower():
-        yield "the robot is not in remote control: switch it on the pendant"
-    elif "true" not in remote.lower() and cell.robot.generation != "CB3":
-        yield f"the dashboard does not report remote control: {remote!r}"
+def control_warnings(mode: ControlMode | None, version: tuple[int, ...] | None) -> list[str]:
+    """Returns the warning that nobody can tell whether a PolyScope X is in remote control; what it refuses, it says."""
+    if not _is_polyscope_x(version) or mode in ("remote", "local"):
+        return []
+    missing = "the Robot API does not answer" if mode is None else "its Robot API tells it from PolyScope 10.12 on"
+    return [f"whether the robot is in remote control is not known ({missing}): see its pendant"]
+
+
+def _control(cell: Cell, mode: ControlMode | None, version: tuple[int, ...] | None) -> Iterator[str]:
+    if mode == "local":
+        where = "in the safety overview, in automatic mode" if _is_polyscope_x(version) else "at the top right"
+        yield f"the robot is not in remote control: switch it on the pendant, {where}"
+    elif _is_polyscope_x(version) or mode == "remote":
+        return
+    elif mode is None:
+        services = "enable it on the pendant under Settings, Security, Services"
+        yield f"the dashboard at {cell.link.host} does not answer, and ur_rtde needs it on this PolyScope: {services}"
+    elif cell.robot.generation != "CB3":
+        yield "the dashboard does not tell whether the robot is in remote control"
+
+
+def _is_polyscope_x(version: tuple[int, ...] | None) -> bool:
+    return version is not None and version[0] >= POLYSCOPE_X
 
 
 def _condition(state: RobotState) -> Iterator[str]:
     if state.robot_mode != ROBOT_RUNNING:
-        yield f"the robot is {ROBOT_MODES.get(state.robot_mode, f'in mode {state.robot_mode}')}"
-    if state.safety_bits != NORMAL:
-        words = [name for bit, name in SAFETY_WORDS.items() if state.safety_bits >> bit & 1]
-        yield f"safety: {', '.join(words) or 'unknown'}"
+        command = MENDED_BY.get(state.robot_mode)
+        words = ROBOT_MODES.get(state.robot_mode, f"in mode {state.robot_mode}")
+        yield f"the robot is {words}{f' (fling robot {command})' if command else ''}"
+    if words := safety_words(state.safety_bits):
+        yield f"safety: {words}"
     if abs(state.speed - 1.0) > SPEED:
         yield f"the speed slider is at {state.speed:.0%}: a throw needs 100 %"
     if (speed := max(map(abs, state.qd))) > REST_RAD_S:

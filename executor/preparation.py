@@ -27,6 +27,8 @@ LATENESS_MAX_S = 0.1
 LATENESS_STEP_S = 0.002  # [s] of the table of landings of an arm that is late, or early
 DIFFERENCE = 1e-5  # [rad, rad/s] step of the central differences of the landing
 NOWHERE_M = 1e3  # [m] shift where the object never lands
+LATE_STD = 3.0  # [-] standard deviations by which a gripper may open late: 99.7 % of normal delays
+REPORT_S = 0.05  # [s] more until it says so: within 20 ms fingers move by a step of what they report
 SILENT_S = 0.100  # [s] the daemon's pulse comes every 5 ms; this long without one it is frozen or dead
 SILENT_ORDINARY_S = 0.250  # [s] without real-time scheduling gaps of 20 to 100 ms were measured on a busy machine
 RUNS = 2**28  # [-] numbers that tell one run in the controller from another
@@ -40,6 +42,7 @@ def prepare_job(
     dry_run: bool,
     settings: ExecutorSettings,
     landing: ExpectedLanding | None = None,
+    gripper_fd: int = -1,
 ) -> StreamJob:
     """Returns the stream job of a certified plan and an approach to its start.
 
@@ -50,11 +53,13 @@ def prepare_job(
         dry_run: connect and record without any motion.
         settings: of the executor.
         landing: where the object is to land; None: it is let go wherever it lands.
+        gripper_fd: descriptor of the connection to a gripper that no output switches; -1: none.
 
     Raises:
-        ProgramTooLong: the controller cannot hold the motion as a program.
+        NoProgram: a program of the controller cannot make the motion.
     """
     cell = problem.cell
+    gripper = cell.gripper
     dt = 1.0 / cell.robot.sample_rate_hz
     dead_man_s = settings.dead_man_s if mode == "script" and not dry_run else None
     rows = sample_rows(cell, trajectory, throws=not problem.ends_at_rest)
@@ -68,9 +73,13 @@ def prepare_job(
         **vars(_job_rows(problem, trajectory, rows, dead_man_s)),
         release_row=rows.release_row,
         output_row=rows.output_row,
-        output=cell.gripper.output,
-        output_index=cell.gripper.index,
-        output_level=cell.gripper.open_level,
+        output=gripper.output,
+        output_index=gripper.index,
+        output_level=gripper.open_level,
+        second=gripper.second,
+        link=gripper.link,
+        gripper_fd=gripper_fd,
+        opens_in_s=0.0 if gripper.link is None else gripper.delay_s + LATE_STD * gripper.jitter_s + REPORT_S,
         landing=None if problem.ends_at_rest else landing,
         approach=_approach_rows(approach, dead_man_s),
         qd_max=cell.robot.qd_max.tolist(),

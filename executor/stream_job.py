@@ -9,6 +9,8 @@ import json
 import os
 from dataclasses import asdict, dataclass, replace
 
+from planner.grippers import GripperLink, SecondOutput
+
 Row = list[float]
 
 APPROACH_LATE_S = 0.1  # [s] by which the arm may be late on an approach: it keeps to the path, and nothing is thrown
@@ -105,6 +107,10 @@ class StreamJob(JobRows):
         output_row: row whose tick opens the gripper; -1: never.
         output: "tool_digital", "standard_digital" or "configurable_digital".
         output_index, output_level: index of that output, and the level that opens the gripper.
+        second: an output that changes with it; None without one.
+        link: how the gripper is reached where no output switches it; None: outputs do.
+        gripper_fd: inherited descriptor of the connection to it; -1: none, the run lets go of nothing.
+        opens_in_s: longest time from one lag after the command until such a gripper reports that it opens [s].
         landing: where the object is to land; None: it is let go wherever it lands.
         approach: rows of the motion that leads to row 0; None: the arm stands there.
         qd_max: bounds of every command (6,) [rad/s].
@@ -128,6 +134,10 @@ class StreamJob(JobRows):
     output: str
     output_index: int
     output_level: bool
+    second: SecondOutput | None
+    link: GripperLink | None
+    gripper_fd: int
+    opens_in_s: float
     landing: ExpectedLanding | None
     approach: JobRows | None
     qd_max: Row
@@ -153,8 +163,12 @@ class StreamJob(JobRows):
         fields = json.loads(os.pread(fd, os.fstat(fd).st_size, 0))
         approach = fields.pop("approach")
         landing = fields.pop("landing")
+        second = fields.pop("second")
+        link = fields.pop("link")
         return cls(
             **fields,
+            second=None if second is None else SecondOutput(**second),
+            link=None if link is None else GripperLink(**link),
             approach=None if approach is None else JobRows(**approach),
             landing=None if landing is None else ExpectedLanding(**landing),
         )

@@ -1,7 +1,8 @@
 """Supervision of the streaming process, from a thread of its own that stops it whatever happens.
 
-A separate thread, so that a slow database never delays the pulse. Unless the process ends at rest and in order, the
-controller is stopped over the dashboard, and the process is killed and reaped.
+A separate thread, so that a slow database never delays the pulse. Unless the process ends at rest and in order, it is
+killed and reaped, and the controller's program is ended: over the primary interface, which every controller has, and
+over the dashboard where there is one.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from numpy.typing import NDArray
 
 from executor import realtime
 from executor import shared_memory as shm
+from executor.grippers import GripperConnection
 from executor.records import RunResult
 from executor.robot import DashboardClient, GripperHold, ProgramWatch
 from executor.shared_memory import SharedMemory
@@ -40,6 +42,8 @@ LIMIT_S = {  # longest silence in each state [s]
 }
 FOREIGN_WAIT_S = 0.35  # [s] messages come ten times a second; some more for a program that begins only now
 EXPLAINED_BY_FOREIGN = ("aborted", "tracking", "late", "link_lost")  # what another program looks like to the stream
+# Return codes that only the library causes: ur_rtde 1.6.5 crashes as it reconnects to a controller without dashboard.
+CRASHES = (-signal.SIGSEGV, -signal.SIGABRT, -signal.SIGBUS)
 EXTERNAL_SIGNALS = (-signal.SIGKILL, -signal.SIGTERM, -signal.SIGINT)  # return codes that no library causes
 
 
@@ -93,21 +97,27 @@ class ChildProcess(subprocess.Popen[bytes]):
 class StreamRun:
     """One run of the streaming process. `result` is set when it has ended."""
 
-    def __init__(self, job: StreamJob, log: Path, keep_awake: bool = True) -> None:
+    def __init__(
+        self, job: StreamJob, log: Path, keep_awake: bool = True, gripper: GripperConnection | None = None
+    ) -> None:
         """Prepares a run.
 
         Args:
             job: what to stream.
             log: file for the output of the process.
             keep_awake: keep the stream's processor from sleeping meanwhile.
+            gripper: connection that the process inherits; None: outputs switch the gripper.
         """
         self.job = job
         self.log = log
         self.memory = SharedMemory.create(len(job.q) + SPARE_ROWS)
         self.memory.fields[shm.OUTPUT_SENT_S] = np.nan
+        self.memory.fields[shm.OUTPUT_CLOSED_S] = np.nan
         self.dashboard = DashboardClient(job.host)
         self.programs = ProgramWatch(job.host)
-        self.gripper = GripperHold(job.host)
+        self.outputs = GripperHold(job.host)
+        self.gripper = gripper
+        self.held_at_s: float | None = None  # plan time
         self.result: RunResult | None = None
         self._awake_core = job.core if keep_awake else realtime.ANY_CORE
         self._ended = threading.Event()
@@ -162,10 +172,8 @@ class StreamRun:
     def _run(self) -> None:
         failure = "the supervision failed"
         try:
-            failure = f"the dashboard at {self.dashboard.host}"
-            self.dashboard.connect()
-            self.programs.connect()
-            self.gripper.connect()
+            failure = f"no way to stop the controller at {self.job.host}"
+            self._connect()
             failure = "starting the streaming process"
             self._spawn()
             failure = self._watch()
@@ -175,6 +183,20 @@ class StreamRun:
             self._make_safe(failure)
             self.result = self._result(failure)
 
+    def _connect(self) -> None:
+        """Opens the ways to stop the controller's program and to keep the object, so that one packet is enough.
+
+        Raises:
+            OSError: neither primary interface nor dashboard answers.
+        """
+        self.programs.connect()
+        self.outputs.connect()
+        try:
+            self.dashboard.connect()
+        except OSError:
+            if not self.programs.is_connected:
+                raise
+
     def _spawn(self) -> None:
         job_fd = self.job.write()
         memory = self.memory
@@ -182,7 +204,8 @@ class StreamRun:
         pulse = threading.get_native_id()  # this thread writes the pulse: the child checks whether it is frozen
         command = [sys.executable, "-P", "-m", "executor.streaming", *map(str, (job_fd, memory.fd, os.getpid(), pulse))]
         try:
-            self._child = ChildProcess(command, (job_fd, memory.fd), self.log)
+            inherited = (job_fd, memory.fd) if self.gripper is None else (job_fd, memory.fd, self.gripper.fileno())
+            self._child = ChildProcess(command, inherited, self.log)
         finally:
             os.close(job_fd)
 
@@ -197,7 +220,7 @@ class StreamRun:
             now = time.monotonic()
             fields[shm.DAEMON_PULSE] = now
             self.programs.poll()
-            self.gripper.drain()
+            self.outputs.drain()
             if self.state != state:
                 since = now
                 state = self.state
@@ -214,7 +237,9 @@ class StreamRun:
         if self.state == shm.FAULT:
             return "fault"
         self._failed_by_itself = not child.was_killed
-        return ": ".join([f"the streaming process ended with {child.poll()}", *child.last_line()])
+        code = child.poll()
+        how = f"ur_rtde crashed ({code})" if code in CRASHES else f"the streaming process ended with {code}"
+        return ": ".join([how, *child.last_line()])
 
     def _make_safe(self, failure: str) -> None:
         """Kills the process and stops the controller's program, unless the run ended in order."""
@@ -223,11 +248,14 @@ class StreamRun:
             if failure:
                 child.kill()  # first: a call that hangs in the library may resume and upload the program again
                 self._hold_object()
-                with contextlib.suppress(OSError):  # then only the controller's own watchdog is left, and it is armed
+                self.programs.stop()
+                with contextlib.suppress(OSError):  # it has none, or the controller's own watchdog is left, and armed
                     self.dashboard.ask("stop")
             child.reap()
         self.dashboard.close()
-        self.gripper.close()
+        self.outputs.close()
+        if self.gripper is not None:
+            self.gripper.close()
 
     def _hold_object(self) -> None:
         """Closes the gripper again while it still holds the object: the arm stops, and would drop it."""
@@ -236,21 +264,27 @@ class StreamRun:
         if row is None or np.isnan(self.memory.fields[shm.OUTPUT_SENT_S]):
             return
         clock = row[shm.SCALARS.index("clock_s")] + time.monotonic() - row[shm.SCALARS.index("host_s")]
-        if clock < job.first_clock_s + job.release_row * job.dt:
-            self.gripper.hold(job.output, job.output_index, not job.output_level)
+        if clock >= job.first_clock_s + job.release_row * job.dt:
+            self.outputs.end_blowing(job)
+            return
+        if self.gripper is None:
+            self.outputs.hold(job)
+        elif self.gripper.hold():
+            self.held_at_s = clock
 
     def _silent_outcome(self) -> str:
         """Returns the outcome of a process that reported none; where it failed in the library, the link failed."""
         if self._child is None:
             return "refused"
         in_library = self.memory.fields[shm.IN_CALL] and self._failed_by_itself
-        return "link_lost" if in_library else "executor_lost"
+        return "link_lost" if in_library or self._child.poll() in CRASHES else "executor_lost"
 
     def _result(self, failure: str) -> RunResult:
         fields = self.memory.fields
         memory = self.memory
         outcome, reason = self._verdict(failure)
         sent = float(fields[shm.OUTPUT_SENT_S])
+        closed = float(fields[shm.OUTPUT_CLOSED_S])
         return RunResult(
             outcome=outcome,
             reason=reason,
@@ -259,6 +293,8 @@ class StreamRun:
             realtime=bool(fields[shm.REALTIME]),
             output_sent_s=None if np.isnan(sent) else sent,
             output_late_s=float(fields[shm.OUTPUT_LATE_S]),
+            stayed_closed=bool(fields[shm.STAYED_CLOSED]),
+            output_closed_s=self.held_at_s if np.isnan(closed) else closed,
             timestamp_at_zero=float(fields[shm.TIMESTAMP_AT_ZERO]),
             in_order=not failure,
         )

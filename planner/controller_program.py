@@ -4,7 +4,7 @@ A row is one line: the joint speeds of a cycle, and how long the verified brake 
 row a cycle by speedj, switches the gripper's output at its row, and flies the brake of the present row where that is
 asked for. It stops the arm at once where the controller's own target has left the motion: no brake is verified there. A
 *watched* program begins when an RTDE client tells it to, and stops the arm, too, once that client has not raised its
-heartbeat for the dead-man time; one for the pendant has no such client (docs/decisions/0028-script-mode.md).
+heartbeat for the dead-man time; one for the pendant has no such client (docs/decisions/0029-script-mode.md).
 `executor.streaming.script_stream` watches it.
 
 Source of the functions: Universal Robots, "The URScript Programming Language". No numpy: the streaming process imports
@@ -51,8 +51,8 @@ SET_OUTPUT = {
 }
 
 
-class ProgramTooLong(ValueError):
-    """The motion has more rows than a program may have."""
+class NoProgram(ValueError):
+    """A program of the controller cannot make the motion: it has too many rows, or another kind of gripper."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,7 +116,7 @@ class ControllerProgram:
     def __post_init__(self) -> None:
         if len(self.qd) > ROWS_MAX:
             seconds = (len(self.qd) - 1) * self.stride * self.dt
-            raise ProgramTooLong(
+            raise NoProgram(
                 f"{seconds:.1f} s of motion take {len(self.qd)} rows; a program holds {ROWS_MAX}: use speedj or servoj"
             )
 

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner import native
 from planner.arrays import Array
+from planner.native import loops
 
 AIR_DENSITY_KG_M3 = 1.204  # source: ISO 2533 standard atmosphere, dry air at 20 degC and 101,325 Pa
 STEP_S = 0.004  # [s] Runge-Kutta step: landing error below 1e-9 m for |v| <= 10 m/s and k <= 1 /m (see the tests)
@@ -186,7 +186,7 @@ def paths(p: Array, v: Array, times: Array, gravity: float, drag: float) -> Arra
     durations = np.diff(times, axis=1, prepend=0.0)
     steps = np.ceil(durations.max(axis=0, initial=0.0) / STEP_S).astype(np.intp)
     h = durations / np.maximum(steps, 1)
-    return native.drag_paths(np.concatenate([p, v], axis=1), steps, h, (gravity, drag))
+    return loops.drag_paths(np.concatenate([p, v], axis=1), steps, h, (gravity, drag))
 
 
 def positions_after(p: ArrayLike, v: ArrayLike, times: ArrayLike, gravity: float, drag: float = 0.0) -> Array:
@@ -205,7 +205,7 @@ def positions_after(p: ArrayLike, v: ArrayLike, times: ArrayLike, gravity: float
     if drag <= 0.0 or times.size == 0:
         return p + v * times - np.array([0.0, 0.0, 0.5 * gravity]) * times**2
     steps = np.array([max(1, math.ceil(float(np.max(times)) / STEP_S))])
-    return native.drag_paths(np.concatenate([p, v], axis=1), steps, times / steps, (gravity, drag))[:, 0]
+    return loops.drag_paths(np.concatenate([p, v], axis=1), steps, times / steps, (gravity, drag))[:, 0]
 
 
 def landing_sensitivity(
@@ -343,7 +343,7 @@ def _advance(state: Array, duration: ArrayLike, gravity: float, drag: float) -> 
 
 
 def _fly_with_drag(p: Array, v: Array, plane_z: float, gravity: float, drag: float) -> Flight | None:
-    found = native.drag_landings(np.concatenate([p, v])[None], plane_z, (STEP_S, FLIGHT_MAX_S), (gravity, drag))[0]
+    found = loops.drag_landings(np.concatenate([p, v])[None], plane_z, (STEP_S, FLIGHT_MAX_S), (gravity, drag))[0]
     if math.isnan(found[6]):
         return None
     return Flight(found[:3], found[3:6], float(found[6]), float(found[7]), float(np.linalg.norm(v)))
@@ -351,7 +351,7 @@ def _fly_with_drag(p: Array, v: Array, plane_z: float, gravity: float, drag: flo
 
 def _landing_states_with_drag(state: Array, plane_z: float, gravity: float, drag: float) -> LandingStates:
     """Returns the landing of flights from states (n, 6), as `_fly_with_drag` finds it."""
-    found = native.drag_landings(state, plane_z, (STEP_S, FLIGHT_MAX_S), (gravity, drag))
+    found = loops.drag_landings(state, plane_z, (STEP_S, FLIGHT_MAX_S), (gravity, drag))
     return LandingStates(found[:, :3], found[:, 3:6], found[:, 6])
 
 

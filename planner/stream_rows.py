@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from planner.approach import Brakes
 from planner.cell import Cell
-from planner.controller_program import ROWS_MAX, STRIDE_MAX_S, ControllerProgram, GripperEdge
+from planner.controller_program import ROWS_MAX, STRIDE_MAX_S, ControllerProgram, GripperEdge, NoProgram
 from planner.trajectory import Trajectory
 
 Vector = NDArray[np.float64]
@@ -74,15 +74,18 @@ def controller_program(cell: Cell, rows: StreamRows, brakes: Brakes, thinned: bo
         thinned: leave rows out, and ramp from one to the next, where a program does not hold all: an approach.
 
     Raises:
-        ProgramTooLong: there are too many rows.
+        NoProgram: there are too many rows, or more than one output opens the gripper.
     """
+    gripper = cell.gripper
+    if rows.output_row >= 0 and (gripper.link is not None or gripper.second is not None):
+        how = "more than one output" if gripper.link is None else "no output of the controller"
+        raise NoProgram(f"a program opens grippers of one output; gripper.kind {gripper.kind!r} has {how}: use speedj")
     dt = 1.0 / cell.robot.sample_rate_hz
     lag_ticks = cell.timing.lag_s / dt
     stride = 1
     if thinned:
         stride = min(math.ceil(len(rows.q) / ROWS_MAX), max(int(STRIDE_MAX_S / dt), 1))
     own = brakes.row == np.arange(len(rows.q))
-    gripper = cell.gripper
     return ControllerProgram(
         start=rows.q[0].tolist(),
         qd=rows.qd[::stride].tolist(),

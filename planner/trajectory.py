@@ -13,9 +13,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner import native
 from planner.arrays import Array, read_only
-from planner.native import Pinned
+from planner.native import Pinned, loops
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +79,7 @@ class Trajectory:
     def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """Returns exact q, qd, qdd (..., n) at times `t` (...,) [s]; times outside [0, duration] are clipped to it."""
         t = np.asarray(t, float)
-        found = native.states_at(t.ravel(), float(self.sample_rate_hz), self.samples)
+        found = loops.states_at(t.ravel(), float(self.sample_rate_hz), self.samples)
         q, qd, qdd = found.reshape(3, *t.shape, self.q.shape[1])
         return q, qd, qdd
 

@@ -7,13 +7,14 @@ import gc
 import os
 import signal
 import sys
+from dataclasses import replace
 from pathlib import Path
 
-from planner.cell import Cell, load_cell
+from planner.cell import Cell, checked_polyscope, load_cell
 from planner.errors import CellError
 from simulator import scheduling
 from simulator.loop import SimulatorLoop
-from simulator.settings import SimulatorSettings
+from simulator.settings import POLYSCOPE_X, SimulatorSettings
 from simulator.simulation import Simulation
 from simulator.truth import TruthError, load_truth, truth_of
 
@@ -22,7 +23,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Runs the simulator; prints "ready" once it listens. Returns the exit status."""
     options = parse(arguments)
     try:
-        cell = load_cell(options.cell)
+        cell = cell_of(options)
         settings = settings_of(options, cell)
         truth = load_truth(options.truth, cell, hidden=not options.reveal) if options.truth else truth_of(cell)
         simulation = Simulation(cell, settings, options.host or cell.link.host, truth)
@@ -38,9 +39,23 @@ def main(arguments: list[str] | None = None) -> int:
     gc.freeze()
     granted = scheduling.request_real_time(options.priority, options.core)
     simulation.pacing.is_real_time = scheduling.is_real_time()
-    print(f"ready: {cell.robot.name} {cell.sim.polyscope} on {simulation.network.host}, {granted}", flush=True)
+    api = "".join(f", Robot API on port {p.number}" for p in simulation.network.ports if p.name == "robot_api")
+    print(f"ready: {cell.robot.name} {cell.sim.polyscope} on {simulation.network.host}{api}, {granted}", flush=True)
     loop.run()
     return 0
+
+
+def cell_of(options: argparse.Namespace) -> Cell:
+    """Returns the cell, with another version of PolyScope where the options ask for one.
+
+    Raises:
+        CellError: the file is refused, or the version is none for its arm.
+    """
+    cell = load_cell(options.cell)
+    if options.polyscope is None:
+        return cell
+    asked = POLYSCOPE_X if options.polyscope.lower() == "x" else options.polyscope
+    return replace(cell, sim=replace(cell.sim, polyscope=checked_polyscope(asked, cell.robot)))
 
 
 def settings_of(options: argparse.Namespace, cell: Cell) -> SimulatorSettings:
@@ -65,6 +80,8 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     core = scheduling.default_core(os.environ)
     add("--cell", type=Path, required=True, help="cell file (TOML)")
     add("--host", help="address to listen on; the cell's link.host by default")
+    x_help = f"version to present, or x for PolyScope X ({POLYSCOPE_X}); the cell's sim.polyscope by default"
+    add("--polyscope", help=x_help)
     add("--truth", type=Path, help="truth file (TOML): how arm, gripper, object and camera really behave")
     add("--reveal", action="store_true", help="tell what is hidden under --truth, as without it")
     add("--priority", type=int, default=scheduling.REALTIME_PRIORITY, help="SCHED_FIFO priority, 0 for none")

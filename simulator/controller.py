@@ -163,7 +163,7 @@ def installation_of(cell: Cell) -> Installation:
     up_W = np.array([0.0, 0.0, cell.surroundings.gravity_m_s2])
     installation = Installation(cell.tool.mass_kg, cog_m, (cell.X_WB[:3, :3].T @ up_W).tolist())
     installation.set_tcp(kinematics.from_matrix(cell.tool.X_FT))
-    if cell.gripper.output == "tool_digital":
+    if cell.gripper.link is None and cell.gripper.output == "tool_digital":
         installation.tool_voltage_v = TOOL_VOLTAGE_V
     return installation
 

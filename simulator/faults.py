@@ -10,6 +10,7 @@ import os
 import signal
 from collections.abc import Callable
 
+from simulator.grippers import PORT_NAME
 from simulator.interfaces import BadRequest, Connection, Document
 from simulator.program import PROGRAM_FATES
 from simulator.simulation import Simulation
@@ -17,9 +18,10 @@ from simulator.simulation import Simulation
 CONTROL_PORT_NAME = "control"
 EVERY = "every"
 RTDE_ROLES = {"control": ("control",), "io": ("io",), "receive": ("receive",), "inputs": ("control", "io")}
-ROLES = (*RTDE_ROLES, "any", "dashboard", "script", "primary", "secondary", EVERY)
 INPUTS = "actual_digital_input_bits"
 INPUT_LINES = 18  # 8 standard, 8 configurable, 2 of the tool; RTDE guide
+OTHER_PORTS = ("dashboard", "robot_api", "script", "primary", "secondary", PORT_NAME)
+ROLES = (*RTDE_ROLES, "any", *OTHER_PORTS, EVERY)
 FREEZE_MAX_S = 60.0  # [s]
 DELAY_MAX_S = 10.0  # [s]
 
@@ -148,6 +150,11 @@ def gripper_stuck(s: Simulation, on: bool = True) -> None:
     s.controller.workcell.gripper.stuck = on
 
 
+def object_lost(s: Simulation) -> None:
+    """Lets the object slip out of the closed gripper."""
+    s.controller.workcell.lose_object(s.controller.timeline.t)
+
+
 def outputs_stuck(s: Simulation, on: bool = True) -> None:
     """Keeps the digital outputs as they are, whatever they are told."""
     s.controller.workcell.outputs.stuck = on
@@ -168,7 +175,7 @@ def _of_role(s: Simulation, role: str) -> list[Connection]:
     """
     if role == EVERY:
         return [c for c, port in list(s.network.connections.values()) if port.name != CONTROL_PORT_NAME]
-    if role in ("dashboard", "script", "primary", "secondary"):
+    if role in OTHER_PORTS:
         return [c for c, port in list(s.network.connections.values()) if port.name == role]
     if role != "any" and role not in RTDE_ROLES:
         raise BadRequest(f"role {role!r} is none of {', '.join(ROLES)}")
@@ -178,7 +185,7 @@ def _of_role(s: Simulation, role: str) -> list[Connection]:
 _STOPS = (protective_stop, emergency_stop, safeguard_stop, power_loss, clear)
 _PENDANT = (stop_program, pause_program, resume_program, local_mode, speed_slider)
 _NETWORK = (close_connection, stall_connection, disturb_connection, offline, mute)
-_PROCESS = (freeze, kill, gripper_stuck, outputs_stuck, digital_input)
+_PROCESS = (freeze, kill, gripper_stuck, object_lost, outputs_stuck, digital_input)
 FAULTS: dict[str, Callable[..., None]] = {f.__name__: f for f in (*_STOPS, *_PENDANT, *_NETWORK, *_PROCESS)}
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import time
 from typing import Any
 
@@ -9,10 +10,28 @@ from planner.cell import Cell
 from simulator.client_interfaces import ClientInterfaces
 from simulator.clock import CyclePacing, LatenessHistogram, SlipCounts
 from simulator.controller import Controller
-from simulator.interfaces import DashboardServer, InterpreterServer, Network, RobotFacts, RtdeServer, ServicePort
+from simulator.grippers import gripper_ports
+from simulator.interfaces import (
+    DashboardServer,
+    InterpreterServer,
+    Network,
+    RobotApiServer,
+    RobotFacts,
+    RtdeServer,
+    ServicePort,
+)
 from simulator.output_values import OutputValues
 from simulator.physics import told_checksums
-from simulator.settings import DASHBOARD_PORT, INTERPRETER_PORT, RTDE_PORT, SimulatorSettings
+from simulator.settings import (
+    DASHBOARD_PORT,
+    INTERPRETER_PORT,
+    POLYSCOPE_X_MAJOR,
+    ROBOT_API_PORT,
+    ROBOT_API_SINCE,
+    ROBOT_API_SPARE_PORT,
+    RTDE_PORT,
+    SimulatorSettings,
+)
 from simulator.truth import Truth
 
 CB3_GENERATION = 3  # major version of its software
@@ -41,13 +60,15 @@ class Simulation:
         table = c.arm.chain.table
         facts = RobotFacts(cell.robot, table, told_checksums(cell.robot, table))
         self.client_interfaces = ClientInterfaces(c, values, derived, facts)
-        dashboard = DashboardServer(c.identity, c.stops, settings.programs)
         self.network = Network(host)
-        self.network.add(
-            ServicePort("rtde", RTDE_PORT, self.rtde),
-            ServicePort("dashboard", DASHBOARD_PORT, dashboard),
-            *self.client_interfaces.ports,
-        )
+        self.network.add(ServicePort("rtde", RTDE_PORT, self.rtde), *self.client_interfaces.ports)
+        self.network.add(*gripper_ports(cell.gripper, c.workcell.gripper, host))
+        if c.identity.version[0] < POLYSCOPE_X_MAJOR:
+            dashboard = DashboardServer(c.identity, c.stops, settings.programs)
+            self.network.add(ServicePort("dashboard", DASHBOARD_PORT, dashboard))
+        elif c.identity.version >= ROBOT_API_SINCE:
+            robot_api = RobotApiServer(c.identity, c.stops, settings.programs)
+            self.network.add(ServicePort("robot_api", robot_api_port(host), robot_api))
         if c.identity.version[0] > CB3_GENERATION:
             server = InterpreterServer(c.context.interpreter)
             self.network.add(ServicePort("interpreter", INTERPRETER_PORT, server))
@@ -80,3 +101,12 @@ class Simulation:
         self.controller.stream.reset()
         self.pacing.lateness, self.pacing.slips = LatenessHistogram(), SlipCounts()
         self.rtde.malformed = 0
+
+
+def robot_api_port(host: str) -> int:
+    """Returns the port on which this process can offer the Robot API: that of a robot, else the spare one."""
+    try:
+        socket.create_server((host, ROBOT_API_PORT)).close()
+    except OSError:
+        return ROBOT_API_SPARE_PORT
+    return ROBOT_API_PORT

@@ -10,7 +10,7 @@ from sqlalchemy import Connection, select, update
 
 from store.database import Repository, insert_if_new, reading, writing
 from store.idempotency_and_audit import write_audit
-from store.rows import AuditLine, CellRow, CellVersionRow
+from store.rows import AuditLine, CellRow, CellVersionRow, new_id
 from store.tables import cell_versions, cells
 
 
@@ -99,6 +99,26 @@ class CellStatusRepository(Repository):
         """Records that the executor handled the acknowledgement."""
         with writing(self._engine) as connection:
             connection.execute(update(cells).where(cells.c.cell == cell).values(acknowledge_handled_at=time.time()))
+
+    def request_robot_action(self, cell: str, action: str, who: str, audit: AuditLine | None = None) -> None:
+        """Records that a person asks the cell's executor to operate its robot; a newer request replaces an older one.
+
+        Args:
+            cell: Name of the cell.
+            action: One of `RobotAction`.
+            who: The person.
+            audit: Line of the audit trail.
+        """
+        request = {"id": new_id(), "action": action, "requested_by": who, "requested_at": time.time()}
+        with writing(self._engine) as connection:
+            connection.execute(update(cells).where(cells.c.cell == cell).values(robot_request=request))
+            write_audit(connection, audit, f"/cells/{cell}")
+
+    def answer_robot_request(self, cell: str, request_id: str, done: bool, text: str) -> None:
+        """Records what became of a request to operate the robot."""
+        answer = {"id": request_id, "done": done, "text": text}
+        with writing(self._engine) as connection:
+            connection.execute(update(cells).where(cells.c.cell == cell).values(robot_answer=answer))
 
 
 class CellVersionRepository(Repository):

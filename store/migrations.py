@@ -125,6 +125,10 @@ STEPS: tuple[tuple[str, ...], ...] = (
         "UPDATE cells SET held_by = 'an executor of an earlier version'",
     ),
     ("ALTER TABLE plans ADD COLUMN sha256 TEXT",),
+    (
+        "ALTER TABLE cells ADD COLUMN robot_request JSON",
+        "ALTER TABLE cells ADD COLUMN robot_answer JSON",
+    ),
 )
 
 LATEST = len(STEPS)

@@ -8,7 +8,7 @@ import time
 import uuid
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import orjson
@@ -18,6 +18,7 @@ from store.samples import join_plan, samples_csv, samples_of_csv, trajectory_jso
 
 HEARTBEAT_FRESH_S = 2.0  # [s] an executor beats several times a second
 DRIVER_FRESH_S = 10.0  # [s] the driver of a batch beats every second, but waits for other writers meanwhile
+RobotAction = Literal["power_on", "brake_release", "unlock_protective_stop", "power_off"]
 MAP_FRESH_S = 60.0  # [s] answers of a map are stored every second; a landing cell takes a few seconds at most
 
 
@@ -222,11 +223,13 @@ class CellVersionRow:
 
 @dataclass(frozen=True)
 class CellRow:
-    """Last heartbeat of a cell's executor, and the acknowledgement of its fault by a person.
+    """Last heartbeat of a cell's executor, and what a person asked of it: to clear its fault, to operate its robot.
 
     Attributes:
         executor_id: The executor that holds the cell, or held it last.
         held_by: Where that runs, in words; None: it has given the cell up.
+        robot_request: The newest one to operate the robot: id, action, requested_by, requested_at.
+        robot_answer: What became of one: its id, whether it was done, and the words for it.
     """
 
     cell: str
@@ -240,6 +243,15 @@ class CellRow:
     acknowledge_handled_at: float | None = None
     acknowledged_by: str | None = None
     held_by: str | None = None
+    robot_request: Mapping[str, Any] | None = None
+    robot_answer: Mapping[str, Any] | None = None
+
+    @property
+    def open_robot_request(self) -> Mapping[str, Any] | None:
+        """The request to operate the robot that nobody has answered; None without one."""
+        request = self.robot_request
+        answered = None if self.robot_answer is None else self.robot_answer["id"]
+        return None if request is None or request["id"] == answered else request
 
     @property
     def is_alive(self) -> bool:

@@ -70,7 +70,7 @@ events = _table("events", EventRow)  # written by executor; the first event of a
 recordings = _table("recordings", RecordingRow, earlier_csv="csv")  # written by executor
 landings = _table("landings", LandingRow)  # written by api; by executor for a simulated camera; withdrawn_* by api
 
-# api: acknowledge_requested_at, acknowledged_by. executor: all others.
+# api: acknowledge_requested_at, acknowledged_by, robot_request. executor: all others.
 cells = _table("cells", CellRow)
 cell_versions = _table("cell_versions", CellVersionRow)  # append only: api or executor, whoever sees a version first
 

@@ -28,6 +28,7 @@ COMMANDS = {
     "export": ("export", "export", "A plan as a URScript program for the pendant."),
     "abort": ("throw", "abort", "Ask for the brake of a running execution."),
     "acknowledge": ("throw", "acknowledge", "Clear a latched fault, after checking the robot."),
+    "robot": ("robot", "robot", "Power an arm, release its brakes, unlock a protective stop."),
     "doctor": ("serve", "doctor", "Check this machine's timing and the link to the controller."),
     "cell": ("admin", "cell", "Check cell files, import an arm's kinematics."),
     "token": ("admin", "token", "Create, list and revoke tokens for the service."),

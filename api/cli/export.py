@@ -48,7 +48,7 @@ def _program_text(plan: dict[str, Any], cells: Path | None) -> str:
 
     Raises:
         click.ClickException: the plan does not belong to the cell file, or fails its certificate.
-        ProgramTooLong: a program does not hold it.
+        NoProgram: a program cannot make it.
         PlannerError: the plan does not fit the cell, or the cell file is refused.
     """
     from planner.answer import plan_from_document

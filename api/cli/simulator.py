@@ -37,11 +37,12 @@ def _controller_options(command: Any) -> Any:
     """Adds the simulator's own options, which are passed through to it."""
     kind = click.Path(exists=True, file_okay=False, path_type=Path)
     for option in (
+        click.option("--polyscope", metavar="x|VERSION", help="Version to present; x: PolyScope X."),
         click.option("--strict-clock", is_flag=True, help="The clock never slips, for machines that do not stall."),
         click.option("--no-noise", is_flag=True, help="Measured joint positions and speeds are the true ones."),
         click.option("--no-remote-control", is_flag=True, help="Remote control is off in the settings."),
         click.option("--serial-number", help="Of the robot; default: the cell's link.serial, or a made-up one."),
-        click.option("--programs", type=kind, help="Folder of stored programs (NAME.script) for the dashboard."),
+        click.option("--programs", type=kind, help="Folder of stored programs (NAME.script) to load."),
     ):
         command = option(command)
     return command
@@ -81,6 +82,7 @@ def _behaviour(
     reveal: bool,
     programs: Path | None,
     serial_number: str | None,
+    polyscope: str | None,
     no_remote_control: bool,
     no_noise: bool,
     strict_clock: bool,
@@ -97,6 +99,7 @@ def _behaviour(
         truth = Path(twin_file(read_profile(profile, lambda: ServiceClient(service_url(url), token))))
     arguments = [*truth_arguments(truth, reveal), *(["--programs", str(programs)] if programs else [])]
     arguments += ["--serial-number", serial_number] if serial_number else []
+    arguments += ["--polyscope", polyscope] if polyscope else []
     flags = {"--no-remote-control": no_remote_control, "--no-noise": no_noise, "--strict-clock": strict_clock}
     return arguments + [name for name, on in flags.items() if on]
 

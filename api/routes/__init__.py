@@ -11,6 +11,7 @@ from api.routes import (
     pages,
     plans,
     profiles,
+    robot,
 )
 
 __all__ = ["ROUTERS"]
@@ -22,6 +23,7 @@ ROUTERS = (
     landings.router,
     experiments.router,
     cells.router,
+    robot.router,
     maps.router,
     profiles.router,
     health.router,

@@ -58,6 +58,7 @@ def read_robot_state(name: CellName, service: ServiceDep, caller: AnyCaller) -> 
     row = service.store.cell_status(name)
     document = {"cell": name, "executor": _executor(row), "execution_id": service.store.open_execution(name)}
     document["not_executable"] = reason_not_executable(service, caller, cell, row)
+    document["robot_request"] = robot_request_document(row)
     robot, fault = (row.robot if row.is_alive else None, row.fault) if row is not None else (None, None)
     return JSONResponse({**document, "robot": robot, "fault": fault})
 
@@ -119,6 +120,18 @@ def read_timing(name: CellName, service: ServiceDep, caller: AnyCaller) -> JSONR
     assumed_s = cell_in_use(service.store, cell)[0].timing.lag_s
     pooled = pooled_document([timing for _, timing in found], assumed_s)
     return JSONResponse({"cell": name, "assumed_lag_s": assumed_s, "pooled": pooled, "runs": runs})
+
+
+def robot_request_document(row: CellRow | None) -> dict[str, Any] | None:
+    """Returns the newest request to operate a cell's robot as JSON; None without one."""
+    request = None if row is None else row.robot_request
+    if row is None or request is None:
+        return None
+    document = {**request, "requested_at": iso_time(request["requested_at"])}
+    answer = row.robot_answer
+    if answer is None or row.open_robot_request is not None:
+        return {**document, "state": "waiting", "text": ""}
+    return {**document, "state": "done" if answer["done"] else "refused", "text": answer["text"]}
 
 
 def _summary(service: Service, name: str, row: CellRow | None) -> dict[str, Any]:

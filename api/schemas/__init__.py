@@ -1,7 +1,15 @@
 """Request and response bodies as pydantic models; OpenAPI is generated from them."""
 
 from api.schemas.batches import BATCH_EXAMPLES, BatchAnswer, BatchList, BatchRequest, BatchResultList
-from api.schemas.cell_states import Acknowledged, CellHistory, CellList, CellState
+from api.schemas.cell_states import (
+    ROBOT_EXAMPLES,
+    Acknowledged,
+    CellHistory,
+    CellList,
+    CellState,
+    RobotActionAnswer,
+    RobotActionRequest,
+)
 from api.schemas.execution_records import ExecutionAnswer, ExecutionList, Outcome, StateEvent, TelemetryEvent
 from api.schemas.experiments import (
     EXPERIMENT_EXAMPLES,
@@ -43,6 +51,7 @@ __all__ = [
     "LANDING_EXAMPLES",
     "MAP_EXAMPLES",
     "PLAN_EXAMPLES",
+    "ROBOT_EXAMPLES",
     "UUID_PATTERN",
     "Acknowledged",
     "Adoption",
@@ -79,6 +88,8 @@ __all__ = [
     "ProfileAnswer",
     "ProfileList",
     "Readiness",
+    "RobotActionAnswer",
+    "RobotActionRequest",
     "StateEvent",
     "TelemetryEvent",
     "TimingAnswer",

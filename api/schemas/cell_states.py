@@ -6,7 +6,8 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, Field
 
-from api.schemas.requests import Joints
+from api.schemas.requests import Joints, RequestModel
+from store import RobotAction
 
 
 class ExecutorAnswer(BaseModel):
@@ -45,6 +46,7 @@ class RobotStateAnswer(BaseModel):
     warnings: list[str] = Field([], description="What a person should know, and does not keep it from moving.")
     cell_sha256: str | None = Field(None, description="Hash of the cell file that the executor uses.")
     serial_number: str | None = Field(None, description="Of the robot, as its controller tells it.")
+    polyscope: str | None = Field(None, description="Version of the controller's software.")
     timestamp_s: float | None = Field(None, description="The controller's time [s].")
     positions: Joints | None = Field(None, description="Measured joint positions [rad].")
     velocities: Joints | None = Field(None, description="Measured joint velocities [rad/s].")
@@ -67,6 +69,26 @@ class FaultAnswer(BaseModel):
     at: float | None = Field(None, description="Seconds since the epoch [s].")
 
 
+class RobotActionRequest(RequestModel):
+    """What a person asks of a robot."""
+
+    action: RobotAction = Field(
+        description="`power_on`: the arm, brakes stay engaged; `brake_release`; `unlock_protective_stop`: once its "
+        "cause was looked for; `power_off`."
+    )
+
+
+class RobotActionAnswer(BaseModel):
+    """A request to operate a robot, and what became of it."""
+
+    id: str
+    action: RobotAction
+    requested_by: str
+    requested_at: str = Field(description="UTC, ISO 8601.")
+    state: Literal["waiting", "done", "refused"] = Field(description="waiting: for the executor, or the controller.")
+    text: str = Field(description="By which interface it was done, or why not; empty while it waits.")
+
+
 class CellState(BaseModel):
     """The live state of a cell's robot, as its executor last reported it."""
 
@@ -77,6 +99,7 @@ class CellState(BaseModel):
         description="Latched until a person acknowledges it; a refused cell file: until it is repaired."
     )
     execution_id: str | None = Field(description="The unfinished execution of the cell.")
+    robot_request: RobotActionAnswer | None = Field(None, description="The newest `POST /cells/{name}/robot`.")
     not_executable: str | None = Field(
         None, description="Why `POST /execute` by this caller would be refused now; null: it would be queued."
     )
@@ -113,3 +136,6 @@ class CellHistory(BaseModel):
 
     cell: str
     versions: list[CellVersion]
+
+
+ROBOT_EXAMPLES = {"power-on": {"summary": "Power the arm on", "value": {"action": "power_on"}}}

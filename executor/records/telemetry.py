@@ -27,6 +27,8 @@ class RunResult:
         realtime: whether real-time scheduling and locked memory were granted.
         output_sent_s: plan time at which the gripper's output was sent [s]; None where it was not.
         output_late_s: delay of that against the plan [s].
+        output_closed_s: plan time at which it was closed again [s]; None where it was not.
+        stayed_closed: whether the gripper was seen not to open when it was told.
         timestamp_at_zero: the controller's time at plan time 0 [s].
         in_order: whether the process itself brought the arm to rest.
     """
@@ -40,6 +42,8 @@ class RunResult:
     output_late_s: float
     timestamp_at_zero: float
     in_order: bool
+    output_closed_s: float | None = None
+    stayed_closed: bool = False
 
 
 @dataclass(frozen=True, eq=False)

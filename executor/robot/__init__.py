@@ -1,10 +1,12 @@
-"""The daemon's own view of the robot: live state, dashboard, and the simulator's control port."""
+"""The daemon's own view of the robot: live state, operation, stops, and the simulator's control port."""
 
 from executor.robot import simulator_client
+from executor.robot.console import PENDANT, Console
 from executor.robot.dashboard import DashboardClient
 from executor.robot.gripper_hold import GripperHold
 from executor.robot.kinematics_client import KinematicsInfo, read_kinematics
-from executor.robot.primary import ProgramWatch
+from executor.robot.operation import ActionRefused, ControlMode
+from executor.robot.primary import ProgramWatch, stop_program
 from executor.robot.session import (
     OWNER_INPUT,
     RATE_HZ,
@@ -17,7 +19,11 @@ from executor.robot.session import (
 
 __all__ = [
     "OWNER_INPUT",
+    "PENDANT",
     "RATE_HZ",
+    "ActionRefused",
+    "Console",
+    "ControlMode",
     "DashboardClient",
     "GripperHold",
     "KinematicsInfo",
@@ -29,4 +35,5 @@ __all__ = [
     "receive_timestamps",
     "robot_document",
     "simulator_client",
+    "stop_program",
 ]

@@ -9,14 +9,26 @@ import contextlib
 import re
 import socket
 
+from executor.robot.operation import ActionRefused, ControlMode
+from store import RobotAction
+
 PORT = 29999
-TIMEOUT_S = 1.0  # [s] a controller answers within milliseconds
+TIMEOUT_S = 0.5  # [s] a controller answers within milliseconds; heartbeats wait for this
 LINE_MAX = 4096  # [bytes]
+CONTROL_MODES: dict[str, ControlMode] = {"true": "remote", "false": "local"}  # of "is in remote control"
+ACTIONS: dict[RobotAction, tuple[str, str]] = {  # action -> command, and how the answer begins where it is obeyed
+    "power_on": ("power on", "Powering on"),
+    "brake_release": ("brake release", "Brake releasing"),
+    "unlock_protective_stop": ("unlock protective stop", "Protective stop releasing"),
+    "power_off": ("power off", "Powering off"),
+}
 SERIAL_NUMBER = re.compile(r"[A-Za-z0-9]+")  # anything else is a complaint about the command
 
 
 class DashboardClient:
     """One connection, opened when first needed and reopened after a failure. Not safe for two threads."""
+
+    name = "dashboard"
 
     def __init__(self, host: str) -> None:
         self.host = host
@@ -38,13 +50,34 @@ class DashboardClient:
             self.close()
             raise
 
+    def control_mode(self) -> ControlMode:
+        """Returns who controls the robot; "unknown" before 5.6, which does not tell.
+
+        Raises:
+            OSError: no answer in time.
+        """
+        return CONTROL_MODES.get(self.ask("is in remote control").lower(), "unknown")
+
     def serial_number(self) -> str | None:
-        """Returns the robot's serial number; None without an answer, and from a version that does not tell it."""
-        try:
-            answer = self.ask("get serial number")
-        except OSError:
-            return None
+        """Returns the robot's serial number; None from a version that does not tell it.
+
+        Raises:
+            OSError: no answer in time.
+        """
+        answer = self.ask("get serial number")
         return answer if SERIAL_NUMBER.fullmatch(answer) else None
+
+    def act(self, action: RobotAction) -> None:
+        """Operates the robot.
+
+        Raises:
+            OSError: no answer in time.
+            ActionRefused: the controller refuses it.
+        """
+        command, obeyed = ACTIONS[action]
+        answer = self.ask(command)
+        if not answer.startswith(obeyed):
+            raise ActionRefused(f"the dashboard refuses it: {answer}")
 
     def connect(self) -> None:
         """Opens the connection, unless it is open.

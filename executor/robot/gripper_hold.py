@@ -8,10 +8,13 @@ from __future__ import annotations
 
 import contextlib
 import socket
+from collections.abc import Sequence
+
+from executor.grippers import PROGRAM
+from executor.stream_job import StreamJob
 
 PORT = 30002
 CONNECT_S = 0.5  # [s] a controller answers within milliseconds; without this interface a run goes on
-PROGRAM = "fling_hold"
 FUNCTIONS = {
     "tool_digital": "set_tool_digital_out",
     "standard_digital": "set_standard_digital_out",
@@ -40,11 +43,25 @@ class GripperHold:
                 while self._socket.recv(65536):
                     pass
 
-    def hold(self, output: str, index: int, level: bool) -> bool:
-        """Sets an output to `level`; returns whether that was sent."""
+    def hold(self, job: StreamJob) -> bool:
+        """Closes a run's gripper again; returns whether that was sent."""
+        levels = [(job.output, job.output_index, not job.output_level)]
+        if job.second is not None:
+            levels.append((job.second.output, job.second.index, not job.second.open_level))
+        return self._set(levels)
+
+    def end_blowing(self, job: StreamJob) -> bool:
+        """Ends what a run's second output does for a while, if it does; returns whether that was sent."""
+        second = job.second
+        if second is None or second.lasts_s is None:
+            return False
+        return self._set([(second.output, second.index, not second.open_level)])
+
+    def _set(self, levels: Sequence[tuple[str, int, bool]]) -> bool:
         if self._socket is None:
             return False
-        script = f"sec {PROGRAM}():\n  {FUNCTIONS[output]}({index}, {level})\nend\n"
+        lines = [f"  {FUNCTIONS[output]}({index}, {level})" for output, index, level in levels]
+        script = "\n".join([f"sec {PROGRAM}():", *lines, "end", ""])
         try:
             return self._socket.send(script.encode()) == len(script)
         except OSError:

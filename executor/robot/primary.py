@@ -1,7 +1,8 @@
-"""Listens to a controller's primary interface: which program took the place of ours.
+"""A controller's primary interface: which program took the place of ours, and the stop of last resort.
 
 Source: Universal Robots, "Primary and secondary interfaces": the body of a robot message (type 20) is a timestamp
-(uint64), its source (int8), its own type (uint8) and fields.
+(uint64), its source (int8), its own type (uint8) and fields. The line that ends a program is that of UR's client
+library, `PrimaryClient::commandStop`. Every controller has this interface; PolyScope X has no dashboard.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import socket
 import struct
 import time
 
-from executor.robot.gripper_hold import PROGRAM as HOLD_PROGRAM
+from executor.grippers import PROGRAM as GRIPPER_PROGRAM
 from executor.robot.primary_packages import PORT, take_packages
 from planner.controller_program import PROGRAM
 
@@ -21,6 +22,8 @@ KEY_HEADER = struct.Struct(">iiB")  # code, argument, length of the title
 ROBOT_MESSAGE = 20
 KEY = 7
 RUNTIME_EXCEPTION = 10
+STOP = b"stop program\n"
+TAKEN_S = 0.2  # [s] a connection stays open after a stop: the controller looks at it once a cycle
 OWN_PROGRAMS = ("rtde_control", PROGRAM)  # source: ur_rtde 1.6.5; that of a motion inside the controller
 STARTED = "PROGRAM_XXX_STARTED"
 COMPILE_ERRORS = ("compile_error", "syntax_error")  # first words of errors in a script that has just arrived
@@ -45,6 +48,20 @@ class ProgramWatch:
         with contextlib.suppress(OSError):
             self._socket = socket.create_connection((self.host, PORT), CONNECT_S)
             self._socket.setblocking(False)
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether the interface answered, and has not ended the connection."""
+        return self._socket is not None
+
+    def stop(self) -> None:
+        """Ends whatever program plays, over a connection of its own where this one has ended."""
+        try:
+            if self._socket is not None and self._socket.send(STOP) == len(STOP):
+                return
+        except OSError:
+            pass
+        stop_program(self.host)
 
     def close(self) -> None:
         """Closes the connection, if any."""
@@ -98,5 +115,19 @@ class ProgramWatch:
     def _key(self, title: str, program: str) -> None:
         if program in OWN_PROGRAMS:
             self._own_started = self._own_started or title == STARTED
-        elif self._own_started and program != HOLD_PROGRAM:
+        elif self._own_started and program != GRIPPER_PROGRAM:
             self.foreign = self.foreign or f"the program '{program}'"
+
+
+def stop_program(host: str) -> None:
+    """Ends whatever program plays on the controller at `host`; does nothing where its primary interface is not there.
+
+    What the controller sends meanwhile is read: a connection closed over unread data is reset, and may lose the stop.
+    """
+    with contextlib.suppress(OSError), socket.create_connection((host, PORT), CONNECT_S) as connection:
+        connection.sendall(STOP)
+        end = time.monotonic() + TAKEN_S
+        while (left := end - time.monotonic()) > 0.0:
+            connection.settimeout(left)
+            if not connection.recv(65536):
+                return

@@ -1,4 +1,4 @@
-"""The session with one robot: cell, settings, dashboard and live state.
+"""The session with one robot: cell, settings, operation and live state.
 
 The live state comes from an RTDE receiver in plain Python, independent of ur_rtde. It subscribes to outputs, and
 at most keeps one input that no program reads: it can never move the arm, and cannot hang the daemon as ur_rtde can.
@@ -16,7 +16,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
-from executor.robot.dashboard import DashboardClient
+from executor.robot.console import Console
 from executor.robot.kinematics_client import KinematicsInfo, KinematicsReader
 from executor.settings import ExecutorSettings
 from executor.streaming.state_checks import NORMAL, POWER_ON
@@ -30,6 +30,7 @@ RATE_HZ = 125.0  # [Hz] of the states, the rate of a CB3: where an object left i
 HISTORY = 500  # states kept: four seconds, in which a motion stops and its object lands
 FRESH_S = 0.25  # [s] age at which a state is out of date
 VERSION = 86
+CONTROLLER_VERSION = 118
 SETUP_OUTPUTS = 79
 SETUP_INPUTS = 73
 START = 83
@@ -38,6 +39,7 @@ NOT_FOUND = "NOT_FOUND"
 IN_USE = "IN_USE"
 OWNER_INPUT = "input_bit_register_127"  # the last of those for RTDE clients (64 to 127); source: RTDE guide, inputs
 RECLAIM_S = 1.0  # [s] after which a controller is asked again for an input that another connection has
+CONTROLLER_VERSION_BODY = struct.Struct(">3I")  # major, minor, bugfix; a build number may follow
 FORMATS = {"DOUBLE": "d", "UINT64": "Q", "UINT32": "I", "INT32": "i", "VECTOR6D": "6d"}
 OUTPUTS = {  # RTDE outputs, and the fields of `RobotState` that they fill
     "timestamp": "timestamp_s",
@@ -95,6 +97,7 @@ class Monitor(Worker):
         stop_seen: the first state with a safety stop or without power since `forget`; None without one.
         history: the newest states since `forget`, in order.
         owned: whether this connection has `OWNER_INPUT`; None without a connection, or where it does not ask for it.
+        version: of the controller's software; None without a connection.
         looked: set once it has tried to connect.
     """
 
@@ -106,6 +109,7 @@ class Monitor(Worker):
         self.stop_seen: RobotState | None = None
         self.history: deque[RobotState] = deque(maxlen=HISTORY)
         self.owned: bool | None = None
+        self.version: tuple[int, ...] | None = None
         self.looked = threading.Event()
         self._owns = owns
 
@@ -121,10 +125,12 @@ class Monitor(Worker):
                 with socket.create_connection((self.host, PORT), TIMEOUT_S) as connection:
                     receiver = RtdeReceiver(connection, owns=self._owns)
                     self.owned = receiver.owned
+                    self.version = receiver.version
                     self._follow(receiver)
             except (OSError, ValueError):
                 self.state = None
                 self.owned = None
+                self.version = None
                 self.looked.set()
                 self.ended.wait(RETRY_S)
 
@@ -149,6 +155,7 @@ class RtdeReceiver:
 
     Attributes:
         owned: whether the connection has `OWNER_INPUT`; None where it did not ask, or the controller has none.
+        version: of the controller's software: major, minor, bugfix.
     """
 
     def __init__(self, connection: socket.socket, rate_hz: float = RATE_HZ, owns: bool = False) -> None:
@@ -168,6 +175,8 @@ class RtdeReceiver:
         self.buffer = b""
         self._send(VERSION, struct.pack(">H", 2))
         self._await(VERSION)
+        self._send(CONTROLLER_VERSION, b"")
+        self.version = self._controller_version(self._await(CONTROLLER_VERSION))
         self.names = self._set_up([*OUTPUTS])
         self.owned = self._claim() if owns else None
         self._send(START, b"")
@@ -185,6 +194,12 @@ class RtdeReceiver:
         fields = dict(zip(self.names, self._unpack(body), strict=True))
         fields["speed"] *= fields.pop("slider")
         return RobotState(seen_at, **fields)
+
+    @staticmethod
+    def _controller_version(body: bytes) -> tuple[int, ...]:
+        if len(body) < CONTROLLER_VERSION_BODY.size:
+            raise ValueError("the controller does not tell its version")
+        return CONTROLLER_VERSION_BODY.unpack_from(body)
 
     def _set_up(self, names: list[str]) -> list[str]:
         self._send(SETUP_OUTPUTS, struct.pack(">d", self.rate_hz) + ",".join(names).encode())
@@ -268,22 +283,15 @@ class RobotSession:
     cell: Cell
     settings: ExecutorSettings
     monitor: Monitor
-    dashboard: DashboardClient
+    console: Console
     kinematics_reader: KinematicsReader
 
     @classmethod
     def open(cls, cell: Cell, settings: ExecutorSettings, monitor: Monitor | None = None) -> RobotSession:
-        """Returns a session with a dashboard of its own, and with `monitor` or a new one."""
+        """Returns a session with a console of its own, and with `monitor` or a new one."""
         host = cell.link.host
         monitor = monitor or Monitor(host, owns=not settings.read_only)
-        return cls(cell, settings, monitor, DashboardClient(host), KinematicsReader(host))
-
-    def remote_control(self) -> str | None:
-        """Returns the dashboard's answer about remote control; None without an answer."""
-        try:
-            return self.dashboard.ask("is in remote control")
-        except OSError:
-            return None
+        return cls(cell, settings, monitor, Console(host), KinematicsReader(host))
 
     def kinematics(self) -> KinematicsInfo | None:
         """Returns what the controller reports about its arm; None without an answer."""
@@ -291,7 +299,11 @@ class RobotSession:
 
 
 def robot_document(
-    state: RobotState | None, refusals: list[str], warnings: list[str] | None = None, serial_number: str | None = None
+    state: RobotState | None,
+    refusals: list[str],
+    warnings: list[str] | None = None,
+    serial_number: str | None = None,
+    version: tuple[int, ...] | None = None,
 ) -> dict[str, Any]:
     """Returns the live state as `GET /cells/{name}/state` shows it.
 
@@ -300,6 +312,7 @@ def robot_document(
         refusals: reasons not to move.
         warnings: what does not keep it from moving, and a person should know.
         serial_number: of the robot; None where its controller does not tell it.
+        version: of the controller's software; None where it is not known yet.
     """
     findings = {"refusals": refusals, "warnings": warnings or []}
     if state is None:
@@ -308,6 +321,7 @@ def robot_document(
         "connected": True,
         **findings,
         "serial_number": serial_number,
+        "polyscope": None if version is None else ".".join(map(str, version)),
         "timestamp_s": state.timestamp_s,
         "positions": list(state.q),
         "velocities": list(state.qd),

@@ -52,6 +52,7 @@ def run(
         verdict = stream_of(connection, job, requests).run()
     memory.fields[shm.STATE] = shm.STOPPING
     connection.stop()
+    connection.gripper.finish()
     return verdict
 
 

@@ -202,21 +202,24 @@ class Stream:
             self._close_gripper()  # not released yet: keep hold of the object
 
     def _gripper_watch(self) -> GripperWatch | None:
-        """Returns what watches the gripper's output; None where it holds nothing, or nothing moves."""
-        watch = GripperWatch(self.job)
+        """Returns what watches the gripper; None where it holds nothing, or nothing moves."""
         throws = self.connection.job.output_row >= 0  # its approach too, which has no output row
-        holds = throws or not watch.opens(self.connection.outputs)
-        return watch if holds and not self.job.dry_run else None
+        holds = throws or self.connection.gripper.is_open() is False
+        return GripperWatch(self.job) if holds and not self.job.dry_run else None
 
     def _watch_gripper(self, row: int) -> None:
-        """Stops the motion where the gripper's output changed by itself, and closes it: the object may still be in it.
+        """Stops the motion where the gripper changed by itself, and closes it: the object may still be in it.
 
         Once the object has left in time there is nothing more to watch.
         """
+        port = self.connection.gripper
+        port.cycle(asks=not 0.0 <= (self.job.output_row - row) * self.job.dt <= port.quiet_s)
         if self.gripper is None:
             return
-        found = self.gripper.look(self.connection.outputs, self.connection.stamp)
+        reported = port.problem()
+        found = reported or self.gripper.look(port.is_open(), self.connection.stamp)
         if found is not None:
+            self.fields[shm.STAYED_CLOSED] = reported is None and found[0] == "not_released"
             self._brake(row, found)
             self._close_gripper()
             self.gripper = None
@@ -227,7 +230,8 @@ class Stream:
 
     def _close_gripper(self) -> None:
         """Tells the gripper to close, whatever it was told before."""
-        self.connection.output(not self.job.output_level)
+        self.connection.gripper.tell(False)
+        self.fields[shm.OUTPUT_CLOSED_S] = self.job.first_clock_s + (self.clock.tick - self.job.lag_ticks) * self.job.dt
         if self.gripper is not None:
             self.gripper.tell(False, self.connection.stamp)
 
@@ -250,7 +254,7 @@ class Stream:
         return command
 
     def _open_gripper(self, row: int, command: Row) -> None:
-        """Sends the gripper's output at the tick of its row, or at the next one after lost ticks.
+        """Tells the gripper to open at the tick of its row, or at the next one after lost ticks.
 
         Where the object would land beyond its tolerance the output is never sent: the arm flies on with it.
         """
@@ -259,7 +263,7 @@ class Stream:
             return
         if self._keeps(row, command) or row < job.output_row:
             return
-        self.connection.output(job.output_level)
+        self.connection.gripper.tell(True)
         self._note_opening(row)
 
     def _note_opening(self, row: int) -> None:

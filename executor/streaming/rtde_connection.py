@@ -21,6 +21,7 @@ from executor.realtime import RunDelay, sleep_count
 from executor.shared_memory import IN_CALL, REALTIME, SharedMemory
 from executor.stream_job import StreamJob
 from executor.streaming import state_checks
+from executor.streaming.gripper_port import gripper_port
 from executor.streaming.library_sockets import LibrarySockets
 from executor.streaming.state_checks import StreamFault
 from planner import controller_program as registers
@@ -76,6 +77,7 @@ class RtdeConnection:
         call_s: duration of the last command [s].
         sent_at: monotonic time at which the last command began [s].
         watchdog_hz: lowest command rate accepted by the controller [Hz].
+        gripper: what this run tells its gripper through.
     """
 
     call_s = delayed_s = 0.0
@@ -111,14 +113,15 @@ class RtdeConnection:
             reason = f"{self._sockets.count} of {interfaces} RTDE connections are open right after connecting"
             raise StreamFault("refused", reason)
         self.send_output = (
-            None
+            {}
             if self.io is None
             else {
                 "tool_digital": self.io.setToolDigitalOut,
                 "standard_digital": self.io.setStandardDigitalOut,
                 "configurable_digital": self.io.setConfigurableDigitalOut,
-            }[job.output]
+            }
         )
+        self.gripper = gripper_port(self)
         self.read()
 
     def timestamp(self) -> float:
@@ -180,10 +183,10 @@ class RtdeConnection:
         if self.control is not None:
             self._command("servoJ", self.control.servoJ, q, 0.0, 0.0, self.job.dt, SERVO_LOOKAHEAD_S, SERVO_GAIN)
 
-    def output(self, level: bool) -> None:
-        """Sets the gripper's output."""
-        if self.send_output is not None:
-            self._command("the digital output", self.send_output, self.job.output_index, level)
+    def output(self, kind: str, index: int, level: bool) -> None:
+        """Sets a digital output."""
+        if self.send_output:
+            self._command("the digital output", self.send_output[kind], index, level)
 
     def beat(self, number: int, request: int) -> None:
         """Raises the heartbeat of a program in the controller, and says what is asked of it."""

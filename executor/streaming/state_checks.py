@@ -50,6 +50,14 @@ class StreamFault(Exception):
         self.reason = reason
 
 
+def safety_words(safety_bits: int) -> str:
+    """Returns what `safety_status_bits` say, in words; empty in normal operation."""
+    if safety_bits == NORMAL:
+        return ""
+    words = [name for bit, name in SAFETY_WORDS.items() if safety_bits >> bit & 1]
+    return ", ".join(words) or "safety state unknown"
+
+
 def check_state(safety_bits: int, runtime_state: int, speed_scaling: float, robot_mode: int = ROBOT_RUNNING) -> None:
     """Checks for normal operation: no safety stop, power on, the program playing, full speed.
 
@@ -57,9 +65,8 @@ def check_state(safety_bits: int, runtime_state: int, speed_scaling: float, robo
         StreamFault: for the first of safety state, power, program state and speed scaling that is wrong.
     """
     if safety_bits != NORMAL:
-        words = [name for bit, name in SAFETY_WORDS.items() if safety_bits >> bit & 1]
         outcome = "emergency_stop" if safety_bits & EMERGENCY_BITS else "protective_stop"
-        raise StreamFault(outcome, ", ".join(words) or "safety state unknown")
+        raise StreamFault(outcome, safety_words(safety_bits))
     if robot_mode < POWER_ON:
         raise StreamFault("power_off", f"the arm has no power (robot mode {robot_mode})")
     if runtime_state != PLAYING:

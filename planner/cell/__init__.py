@@ -7,7 +7,7 @@ from planner.cell.arm_data import completed_arm
 from planner.cell.changes import cell_of_keys
 from planner.cell.faults import cell_faults, mended_cell
 from planner.cell.fields import choice, merge_defaults, number, vector
-from planner.cell.file import DEFAULTS, cell_of, load_cell, parse_cell
+from planner.cell.file import DEFAULTS, cell_of, checked_polyscope, load_cell, parse_cell
 from planner.cell.model import (
     CONTACT_M,
     FARTHEST_M,
@@ -15,6 +15,7 @@ from planner.cell.model import (
     Box,
     Cell,
     ControllerAddress,
+    Gripper,
     Limits,
     Safety,
     ToolCapsule,
@@ -30,6 +31,7 @@ __all__ = [
     "Cell",
     "CellSource",
     "ControllerAddress",
+    "Gripper",
     "Limits",
     "Safety",
     "ToolCapsule",
@@ -37,6 +39,7 @@ __all__ = [
     "cell_faults",
     "cell_of",
     "cell_of_keys",
+    "checked_polyscope",
     "choice",
     "completed_arm",
     "load_cell",

@@ -14,6 +14,8 @@ from typing import Any
 from planner.arrays import Array, read_only
 from planner.errors import CellError
 
+LIMIT_MIN = 1e-6  # [any unit] smallest limit that is accepted: a limit of zero forbids every motion
+
 
 def merge_defaults(given: Mapping[str, Any], defaults: Mapping[str, Any], where: str = "") -> dict[str, Any]:
     """Returns `given` with missing keys filled in from `defaults`, in nested tables too.
@@ -42,6 +44,11 @@ def number(table: Mapping[str, Any], key: str, where: str, lower: float = -math.
         CellError: the value is not a number, not finite, or out of bounds.
     """
     return _checked(table[key], where + key, lower, upper)
+
+
+def optional(table: Mapping[str, Any], key: str, where: str, upper: float) -> float | None:
+    """Returns a number above 0 and up to `upper`; None where it is absent."""
+    return None if table[key] is None else number(table, key, where, LIMIT_MIN, upper)
 
 
 def vector(

@@ -6,7 +6,6 @@ unchanged, with the defaults filled in.
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping
 from dataclasses import replace
@@ -18,13 +17,13 @@ import numpy as np
 from planner.arrays import Array, read_only
 from planner.calibration import CalibrationFile, parse_calibration
 from planner.cell.arm_data import ARM_DATA, completed_arm
-from planner.cell.fields import beyond_arm, choice, exactly, merge_defaults, number, per_joint, tables, vector
+from planner.cell.fields import beyond_arm, choice, exactly, merge_defaults, number, optional, per_joint, tables, vector
+from planner.cell.gripper import GRIPPER, gripper_of
 from planner.cell.model import (
     FARTHEST_M,
     Box,
     Cell,
     ControllerAddress,
-    Gripper,
     Limits,
     Safety,
     Sim,
@@ -75,16 +74,7 @@ DEFAULTS: dict[str, Any] = {
         "keep_out": [],
     },
     "object": {"mass_kg": 0.05, "radius_m": 0.02, "drag_coefficient": 0.0},
-    "gripper": {
-        "output": "tool_digital",
-        "index": 0,
-        "open_level": True,
-        "delay_s": 0.040,
-        "jitter_s": 0.0,
-        "opening_direction": None,
-        "opening_cone_rad": None,
-        "hold_acceleration_m_s2": None,
-    },
+    "gripper": GRIPPER,
     "safety": {
         "tool_speed_m_s": None,
         "elbow_speed_m_s": None,
@@ -105,14 +95,9 @@ DEFAULTS: dict[str, Any] = {
     },
 }
 
-# Number of outputs of each kind on a UR controller.
-GRIPPER_OUTPUTS = {"tool_digital": 2, "standard_digital": 8, "configurable_digital": 8}
 POLYSCOPE = {"CB3": "3.15", "e-Series": "5.11.1"}  # default versions of the simulated controller
 FLIGHT_CLEARANCE_MIN_M = 0.001  # [m] least flight clearance: meshes, calibration and flight are no better than that
 JERK_MAX = 1e5  # [rad/s^3] far above any arm; catches typing errors
-LIMIT_MIN = 1e-6  # [any unit] smallest limit that is accepted: a limit of zero forbids every motion
-# [m/s^2] a grip that withstands less holds nothing, and one that withstands a thousand times gravity is not limited
-HOLD_ACCELERATION_RANGE = 1e-3, 1e4
 GRAVITY_RANGE = 1.0, 30.0  # [m/s^2] from below the Moon's, 1.62: without any, no flight comes down
 SPEED_MAX = 20.0  # [m/s] far above any arm; catches typing errors
 SAFETY_MAX = {  # far above what a pendant takes; catches typing errors
@@ -196,6 +181,8 @@ def _cell(document: dict[str, Any], source: CellSource) -> Cell:
         if not limits.q_lower[i] <= home[i] <= limits.q_upper[i]:
             bounds = f"[{limits.q_lower[i]:.6g}, {limits.q_upper[i]:.6g}]"
             raise CellError(f"home_rad[{i}]", float(home[i]), f"is outside the joint's limits {bounds}")
+    tool = _tool(document["tool"])
+    controller = _link(document["link"])
     X_WB = _pose(document["base_in_world"], "position_m", "rotation_vector_rad", "base_in_world.", FARTHEST_M)
     return Cell(
         name=source.name,
@@ -204,14 +191,14 @@ def _cell(document: dict[str, Any], source: CellSource) -> Cell:
         calibration=calibration,
         home=home,
         X_WB=X_WB,
-        tool=_tool(document["tool"]),
+        tool=tool,
         limits=limits,
         surroundings=_surroundings(document["surroundings"], X_WB[:3, 3]),
         object=_object(document["object"]),
-        gripper=_gripper(document["gripper"]),
+        gripper=gripper_of(document["gripper"], controller),
         safety=safety,
         timing=Timing(number(document["timing"], "lag_s", "timing.", 0.0, 0.5)),
-        link=_link(document["link"]),
+        link=controller,
         sim=_sim(document["sim"], arm),
         document=document,
     )
@@ -323,54 +310,8 @@ def _object(table: Mapping[str, Any]) -> ThrownObject:
     )
 
 
-def _gripper(table: Mapping[str, Any]) -> Gripper:
-    output = choice(table, "output", "gripper.", GRIPPER_OUTPUTS)
-    index = number(table, "index", "gripper.", 0, GRIPPER_OUTPUTS[output] - 1)
-    if not isinstance(table["open_level"], bool):
-        raise CellError("gripper.open_level", table["open_level"], "must be true or false")
-    if index != int(index):
-        raise CellError("gripper.index", index, "must be a whole number")
-    return Gripper(
-        output,
-        int(index),
-        table["open_level"],
-        delay_s=number(table, "delay_s", "gripper.", 0.0, 2.0),
-        jitter_s=number(table, "jitter_s", "gripper.", 0.0, 0.5),
-        opening_direction=_direction(table, "opening_direction", "gripper."),
-        opening_cone_rad=_optional(table, "opening_cone_rad", "gripper.", math.pi),
-        hold_acceleration_m_s2=_hold_acceleration(table),
-    )
-
-
-def _direction(table: Mapping[str, Any], key: str, where: str) -> Array | None:
-    """Returns a direction (3,) as a unit vector; None where it is absent."""
-    if table[key] is None:
-        return None
-    direction = vector(table, key, where, 3)
-    length = float(np.linalg.norm(direction))
-    if length < 1e-9:
-        raise CellError(where + key, direction.tolist(), "must not be zero")
-    return read_only(direction / length)
-
-
-def _hold_acceleration(table: Mapping[str, Any]) -> Array | None:
-    """Returns what the grip withstands: one number for any direction (1,), or one for each axis (3,) [m/s^2]."""
-    key = "hold_acceleration_m_s2"
-    where = "gripper."
-    if table[key] is None:
-        return None
-    if isinstance(table[key], list | tuple):
-        return vector(table, key, where, 3, *HOLD_ACCELERATION_RANGE)
-    return read_only([number(table, key, where, *HOLD_ACCELERATION_RANGE)])
-
-
 def _safety(table: Mapping[str, Any]) -> Safety:
-    return Safety(**{key: _optional(table, key, "safety.", most) for key, most in SAFETY_MAX.items()})
-
-
-def _optional(table: Mapping[str, Any], key: str, where: str, upper: float) -> float | None:
-    """Returns a number above 0 and up to `upper`; None where it is absent."""
-    return None if table[key] is None else number(table, key, where, LIMIT_MIN, upper)
+    return Safety(**{key: optional(table, key, "safety.", most) for key, most in SAFETY_MAX.items()})
 
 
 def _link(table: Mapping[str, Any]) -> ControllerAddress:
@@ -385,15 +326,23 @@ def _link(table: Mapping[str, Any]) -> ControllerAddress:
     return ControllerAddress(kind, table["host"], serial)
 
 
-def _sim(table: dict[str, Any], arm: Robot) -> Sim:
-    table["polyscope"] = table["polyscope"] or POLYSCOPE[arm.generation]
-    polyscope = table["polyscope"]
+def checked_polyscope(polyscope: Any, arm: Robot) -> str:
+    """Returns a version of PolyScope that a simulated controller of an arm may present.
+
+    Raises:
+        CellError: it is no version, or does not run on this arm.
+    """
     if not isinstance(polyscope, str) or not re.fullmatch(r"\d+\.\d+(\.\d+)?", polyscope):
         raise CellError("sim.polyscope", polyscope, 'must be a version such as "5.11.1"')
     if (int(polyscope.split(".")[0]) <= 3) != (arm.generation == "CB3"):
         raise CellError("sim.polyscope", polyscope, f"does not run on a {arm.generation} arm")
+    return polyscope
+
+
+def _sim(table: dict[str, Any], arm: Robot) -> Sim:
+    table["polyscope"] = table["polyscope"] or POLYSCOPE[arm.generation]
     return Sim(
-        polyscope=polyscope,
+        polyscope=checked_polyscope(table["polyscope"], arm),
         lag_s=number(table, "lag_s", "sim.", 0.0, 0.5),
         gripper_delay_s=number(table, "gripper_delay_s", "sim.", 0.0, 2.0),
         gripper_jitter_s=number(table, "gripper_jitter_s", "sim.", 0.0, 0.5),

@@ -12,6 +12,7 @@ from planner.arrays import Array, read_only
 from planner.calibration import CalibrationFile
 from planner.cell.content import content_sha256
 from planner.errors import CellError
+from planner.grippers import GripperLink, SecondOutput
 from planner.robots import Robot, capsule_rows
 
 # [m] from an arm: none throws as far, and most places in a cell are farther if they are taken in millimetres
@@ -167,14 +168,18 @@ class ThrownObject:
 
 @dataclass(frozen=True, eq=False)
 class Gripper:
-    """The gripper: its digital output, its delay, and how it holds the object.
+    """The gripper: what opens it, its delay, and how it holds the object.
 
     Attributes:
         output: kind of output: tool_digital, standard_digital or configurable_digital.
         index: number of the output.
         open_level: level of the output that opens the gripper.
-        delay_s: time from the change of the output to the object leaving [s].
-        jitter_s: standard deviation of that time [s].
+        delay_s: time from the change of the output to the object leaving [s]; with a `link`, from one lag after the
+            command was sent, when an output would have changed.
+        jitter_s: standard deviation of that time, that of the period at which the gripper takes commands included [s].
+        kind: one of `planner.grippers.KINDS`.
+        second: a second output; None without one.
+        link: how it is reached where no output switches it; None: outputs do.
         opening_direction: unit vector (3,) in the tool frame along which the object can leave; None: any.
         opening_cone_rad: largest angle between the object's way out and that direction [rad]; None: any.
         hold_acceleration_m_s2: largest acceleration against free fall that the grip withstands [m/s^2], (1,) in any
@@ -188,6 +193,9 @@ class Gripper:
     open_level: bool
     delay_s: float
     jitter_s: float
+    kind: str = "digital"
+    second: SecondOutput | None = None
+    link: GripperLink | None = None
     opening_direction: Array | None = None
     opening_cone_rad: float | None = None
     hold_acceleration_m_s2: Array | None = None

@@ -23,8 +23,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planner import native
 from planner.arrays import Array, Index, Mask
+from planner.native import loops
 from planner.trajectory import Trajectory
 
 ROUNDS = 16  # [-] bisections of an interval: 2^-16 of a coarse one is below a microsecond
@@ -48,7 +48,7 @@ class Rates:
     def __init__(self, rows: Array) -> None:
         """Takes the four rows (4, n, m)."""
         self.rows = rows
-        self.bounds = native.derivative_bounds(rows[:3])
+        self.bounds = loops.derivative_bounds(rows[:3])
         self.qd, self.qdd, self.jerk, self.jumps = rows
         self.sums = self.bounds[:3]
         self.totals = self.bounds[3:7]
@@ -64,7 +64,7 @@ def joint_rates(trajectory: Trajectory, knots: Index | None = None) -> Rates:
     """
     if knots is None:
         knots = np.arange(len(trajectory.q))
-    return Rates(native.joint_rates(trajectory.samples, trajectory.dt, knots))
+    return Rates(loops.joint_rates(trajectory.samples, trajectory.dt, knots))
 
 
 def point_bound(lever: Array, rates: Rates, derivative: int) -> Array:

@@ -30,12 +30,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planner import native
 from planner.arrays import Array, Index, Mask
 from planner.certificate.bounds import EVALUATIONS_MAX, ROUNDS, joint_rates
 from planner.certificate.flight import Flights
 from planner.certificate.samples import ArmSamples
 from planner.kinematics import LinkMotion, dot, flange_poses
+from planner.native import loops
 
 FREE_M = 0.001  # [m] displacements below this are ignored: chosen, a fraction of the play between object and palm
 OUT_MAX_S = 0.5  # [s] after the release: an object that moves with the tool for longer is not proven to leave it
@@ -308,7 +308,7 @@ class Exits:
         """Returns what is known of cells."""
         w = self._ways(cells.r, cells.s)
         s0 = cells.s[cells.corners[0]]
-        rows = native.exit_cells(w, cells.s, cells.corners, bounds.deviation(*cells.size, s0), self.cone)
+        rows = loops.exit_cells(w, cells.s, cells.corners, bounds.deviation(*cells.size, s0), self.cone)
         last = cells.corners[3]
         return Seen(rows[:4], rows[4], rows[5], rows[6] > 0.0, cells.r[last] + cells.s[last])
 
@@ -319,7 +319,7 @@ class Exits:
         cell = motion.problem.cell
         X_WF = flange_poses(cell.robot, motion.trajectory.at(r + s)[0], cell.X_WB)
         fallen = self.flights.flown(arm.p_WT[:, release], arm.v_WT[:, release], s)
-        return native.ways(X_WF, cell.tool.X_FT, fallen, s, arm.felt[:, release])
+        return loops.ways(X_WF, cell.tool.X_FT, fallen, s, arm.felt[:, release])
 
     def _releases(self, r: Array) -> tuple[ArmSamples, Index]:
         """Returns the arm at releases (k,), and which of its instants each is."""

@@ -6,10 +6,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from planner import native
 from planner.arrays import Array
 from planner.certificate.certificate import Check, at_most
 from planner.certificate.samples import MotionSamples
+from planner.native import loops
 from planner.trajectory import Trajectory
 
 START_TOLERANCE = 1e-6  # [rad, rad/s, rad/s^2] rounding only; far below the step of an encoder
@@ -100,7 +100,7 @@ def _extremes(trajectory: Trajectory) -> Array:
     infinite. Inside a tick a velocity is largest where the acceleration changes sign; a joint turns back only where its
     velocity changes sign, or its acceleration does.
     """
-    return native.joint_extremes(trajectory.dt, trajectory.samples)
+    return loops.joint_extremes(trajectory.dt, trajectory.samples)
 
 
 def _joint(motion: MotionSamples, index: int) -> str:

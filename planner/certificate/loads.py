@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planner import native
 from planner.arrays import Array
 from planner.cell import Cell
 from planner.certificate.bounds import Rates
 from planner.dynamics import WatchedPoint, elbow_points, payload_of, tool_points
 from planner.geometry import levers
+from planner.native import loops
 
 CELLS_KEPT = 32  # cells whose loads are cached; bounds are kept for the checks of one motion
 
@@ -122,5 +122,5 @@ def load_bounds(loads: Loads, rates: Rates, gravity: float) -> LoadBounds:
         gravity: [m/s^2].
     """
     bodies = loads.lever, loads.moment_arm, loads.mass, loads.turned_inertia, loads.mass_matrix
-    rows = native.load_bounds((rates.rows, rates.bounds), bodies, float(loads.inertia.sum()), gravity)
+    rows = loops.load_bounds((rates.rows, rates.bounds), bodies, float(loads.inertia.sum()), gravity)
     return LoadBounds(rows[:6], rows[6:12], rows[12:30].reshape(3, 6, -1), rows[30], rows[31:])

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner import native
 from planner.arrays import Array
 from planner.cell import Cell
 from planner.kinematics import LinkMotion, link_poses
+from planner.native import loops
 from planner.robots import Link, Robot
 
 
@@ -98,7 +98,7 @@ def chain_torques(chain: LinkMotion, carried: Bodies, gravity: ArrayLike, p_F: A
     """
     upward = -np.asarray(gravity, dtype=np.float64)  # gravity acts as an upward acceleration of the base
     place = np.zeros(3) if p_F is None else p_F
-    return native.chain_torques(chain.X, (chain.qd, chain.qdd), carried.arrays, upward, place)
+    return loops.chain_torques(chain.X, (chain.qd, chain.qdd), carried.arrays, upward, place)
 
 
 class TorqueTerms(NamedTuple):
@@ -118,7 +118,7 @@ class TorqueTerms(NamedTuple):
 def torque_terms(chain: LinkMotion, carried: Bodies, gravity: ArrayLike, p_F: Array) -> TorqueTerms:
     """Returns the torques of `chain_torques` with their terms (2, 6, N) each."""
     upward = -np.asarray(gravity, dtype=np.float64)
-    return TorqueTerms(*native.torque_terms(chain.X, (chain.qd, chain.qdd), carried.arrays, upward, p_F))
+    return TorqueTerms(*loops.torque_terms(chain.X, (chain.qd, chain.qdd), carried.arrays, upward, p_F))
 
 
 def bodies(robot: Robot, payload: Payload | None) -> Bodies:

@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planner import native
 from planner.arrays import Array
 from planner.cell import Cell
 from planner.dynamics.inverse_dynamics import Bodies, bodies, payload_of
 from planner.geometry import arm_capsules
 from planner.kinematics import LinkMotion, link_poses
+from planner.native import loops
 
 CELLS_KEPT = 32  # cells whose bodies are cached
 
@@ -62,12 +62,12 @@ def point_velocity(chain: LinkMotion, point: WatchedPoint) -> Array:
 def fastest(chain: LinkMotion, points: tuple[WatchedPoint, ...]) -> Array:
     """Returns the speed (N,) [m/s] of the fastest of some points."""
     _, frames, places = zip(*points, strict=True)
-    return native.fastest(chain.X, chain.qd, np.array(frames), np.array(places))
+    return loops.fastest(chain.X, chain.qd, np.array(frames), np.array(places))
 
 
 def momentum(chain: LinkMotion, carried: Bodies) -> Array:
     """Returns the linear momentum (3, N) [kg m/s] of the bodies: the sum of mass times velocity."""
-    return native.momentum(chain.X, chain.qd, carried.mass, carried.fixed[0])
+    return loops.momentum(chain.X, chain.qd, carried.mass, carried.fixed[0])
 
 
 class Use(NamedTuple):

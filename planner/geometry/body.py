@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planner import native
 from planner.arrays import Array, Index, Mask
 from planner.cell import Cell
 from planner.errors import Violation
@@ -16,6 +15,7 @@ from planner.geometry.capsules import Capsule, body_capsules, levers
 from planner.geometry.distances import pair_distances, segment_box_distance
 from planner.geometry.self_collision import SELF_CLEARANCE_M, object_pairs, self_collision_pairs
 from planner.kinematics import forward, jacobian, link_poses
+from planner.native import loops
 
 CELLS_KEPT = 32  # cells whose models are cached
 LEVEL_RAD = 1e-6  # [rad] rounding: the first axis of an upright arm is that near to vertical
@@ -137,11 +137,11 @@ class BodyModel:
 
     def end_points(self, X_WL: Array) -> Array:
         """Returns the ends of all capsules in the world (k, 2, 3, n) [m] for link poses (n, 7, 4, 4)."""
-        return native.end_points(X_WL, self.frames, self.ends)
+        return loops.end_points(X_WL, self.frames, self.ends)
 
     def end_points_of(self, item: Index, X_WL: Array) -> Array:
         """Returns the ends of one capsule a sample: (n, 2, 3) [m] of capsule `item[i]` for `X_WL[i]` (4, 4)."""
-        return native.end_points_of(X_WL, self.frames[item], self.ends[item])
+        return loops.end_points_of(X_WL, self.frames[item], self.ends[item])
 
     def heights(self, ends: Array) -> Array:
         """Returns the heights above the floor (j, n) [m] of the moving capsules with `ends` (k, 2, 3, n)."""

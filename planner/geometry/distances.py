@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner import native
 from planner.arrays import Array, Index
+from planner.native import loops
 
 POINT_M2 = 1e-18  # [m^2] squared length below which a segment is a point: a capsule shorter than 1e-9 m is a sphere
 
@@ -43,7 +43,7 @@ def pair_distances(ends: Array, pairs: Index) -> Array:
         ends: of k segments at n instants (k, 2, 3, n) [m].
         pairs: indices of two segments each.
     """
-    return native.pair_distances(ends, pairs, POINT_M2)
+    return loops.pair_distances(ends, pairs, POINT_M2)
 
 
 def _clamped(share: Array) -> Array:
@@ -74,7 +74,7 @@ def segment_box_distance(p0: ArrayLike, p1: ArrayLike, lower: ArrayLike, upper: 
         lower, upper: corners of the box (..., 3) [m].
     """
     arrays = np.broadcast_arrays(*(np.asarray(x, dtype=np.float64) for x in (p0, p1, lower, upper)))
-    return native.box_distances(*(x.reshape(-1, 3) for x in arrays)).reshape(arrays[0].shape[:-1])
+    return loops.box_distances(*(x.reshape(-1, 3) for x in arrays)).reshape(arrays[0].shape[:-1])
 
 
 def _dot(a: Array, b: Array) -> Array:

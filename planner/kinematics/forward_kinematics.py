@@ -11,9 +11,9 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner import native
 from planner.arrays import Array
 from planner.kinematics.link_motion import LinkMotion
+from planner.native import loops
 from planner.robots import Robot
 from planner.rotations import matrix_to_rotation_vector, rotation_vector_rate
 
@@ -34,8 +34,8 @@ def link_poses(robot: Robot, q: ArrayLike, X_WB: ArrayLike | None = None) -> Arr
     rows = q.reshape(-1, 6)
     base = np.eye(4) if X_WB is None else np.asarray(X_WB, dtype=np.float64)
     if robot.fixed is not None:
-        return native.fixed_chain_poses(np.cos(rows), np.sin(rows), robot.fixed, base).reshape(*q.shape[:-1], 7, 4, 4)
-    return native.link_poses(np.cos(rows), np.sin(rows), _dh(robot), base).reshape(*q.shape[:-1], 7, 4, 4)
+        return loops.fixed_chain_poses(np.cos(rows), np.sin(rows), robot.fixed, base).reshape(*q.shape[:-1], 7, 4, 4)
+    return loops.link_poses(np.cos(rows), np.sin(rows), _dh(robot), base).reshape(*q.shape[:-1], 7, 4, 4)
 
 
 def flange_poses(robot: Robot, q: ArrayLike, X_WB: ArrayLike | None = None) -> Array:
@@ -44,10 +44,8 @@ def flange_poses(robot: Robot, q: ArrayLike, X_WB: ArrayLike | None = None) -> A
     rows = q.reshape(-1, 6)
     base = np.eye(4) if X_WB is None else np.asarray(X_WB, dtype=np.float64)
     if robot.fixed is not None:
-        return native.fixed_chain_poses(np.cos(rows), np.sin(rows), robot.fixed, base)[:, 6].reshape(
-            *q.shape[:-1], 4, 4
-        )
-    return native.flange_poses(np.cos(rows), np.sin(rows), _dh(robot), base).reshape(*q.shape[:-1], 4, 4)
+        return loops.fixed_chain_poses(np.cos(rows), np.sin(rows), robot.fixed, base)[:, 6].reshape(*q.shape[:-1], 4, 4)
+    return loops.flange_poses(np.cos(rows), np.sin(rows), _dh(robot), base).reshape(*q.shape[:-1], 4, 4)
 
 
 @cache
@@ -67,7 +65,7 @@ def jacobian(robot: Robot, q: ArrayLike, X_FT: ArrayLike | None = None) -> Array
     """Returns the geometric Jacobian (..., 6, 6) of the tool in the base: linear [m/rad], then angular [1] rows."""
     X = link_poses(robot, q)
     p_F = np.zeros(3) if X_FT is None else np.asarray(X_FT, dtype=np.float64)[:3, 3]
-    return native.jacobians(X.reshape(-1, 7, 4, 4), p_F).reshape(*X.shape[:-3], 6, 6)
+    return loops.jacobians(X.reshape(-1, 7, 4, 4), p_F).reshape(*X.shape[:-3], 6, 6)
 
 
 def point_motion(robot: Robot, q: Array, p_F: Array) -> tuple[Array, Array]:
@@ -79,7 +77,7 @@ def point_motion(robot: Robot, q: Array, p_F: Array) -> tuple[Array, Array]:
         p_F: the point in the flange (3,) [m].
     """
     X = link_poses(robot, q)
-    return X[:, 6, :3, :3] @ p_F + X[:, 6, :3, 3], native.jacobians(X, p_F)[:, :3]
+    return X[:, 6, :3, :3] @ p_F + X[:, 6, :3, 3], loops.jacobians(X, p_F)[:, :3]
 
 
 def _tool_point(X: Array, X_FT: ArrayLike | None) -> Array:

@@ -16,10 +16,10 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner import native
 from planner.arrays import Array, Index
 from planner.kinematics.forward_kinematics import forward, jacobian
 from planner.kinematics.singularities import SINGULARITIES, signed_singularity_distances
+from planner.native import loops
 from planner.robots import Robot
 from planner.rotations import invert_pose, matrix_to_rotation_vector
 
@@ -100,7 +100,7 @@ def inverse_branches(robot: Robot, X_BT: ArrayLike, X_FT: ArrayLike | None = Non
     if X_FT is not None:
         X_BF = X_BF @ invert_pose(X_FT)
     lengths = np.array([*robot.d[[0, 3, 4, 5]], *robot.a[[1, 2]], REACH_TOLERANCE_M, WRIST_FREE])
-    found = native.branches(X_BF.reshape(-1, 4, 4), lengths).reshape(*X_BF.shape[:-2], len(_SIGNS), 7)
+    found = loops.branches(X_BF.reshape(-1, 4, 4), lengths).reshape(*X_BF.shape[:-2], len(_SIGNS), 7)
     q = found[..., :6]
     excess = found[..., 6]
     if robot.fixed is not None:

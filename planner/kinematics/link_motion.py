@@ -9,8 +9,8 @@ from functools import cached_property
 
 import numpy as np
 
-from planner import native
 from planner.arrays import Array
+from planner.native import loops
 
 
 class LinkMotion:
@@ -54,11 +54,11 @@ class LinkMotion:
 
     def velocity(self, point: Array) -> Array:
         """Returns velocities (3, N) [m/s] of a point (3, N) that moves with the flange."""
-        return native.point_velocity(self.X, self.qd, point)
+        return loops.point_velocity(self.X, self.qd, point)
 
     def acceleration(self, point: Array) -> Array:
         """Returns accelerations (3, N) [m/s^2] of a point (3, N) that moves with the flange."""
-        return native.point_acceleration(self.X, self.qd, self.qdd, point)
+        return loops.point_acceleration(self.X, self.qd, self.qdd, point)
 
 
 def accumulate(v: Array) -> Array:

@@ -1,78 +1,11 @@
 """C that is compiled when the package is built: the kernel, and the optimiser with its calls of fatrop.
 
 numpy takes about as long for one instant as for a hundred: what counts is the number of its operations. The kernel does
-the planner's hot loops in one pass. tests/planner/native has a numpy oracle for each of its functions. The executor,
-which certifies too, loads the kernel alone.
+the planner's hot loops in one pass. `loops` calls it, and tests/planner/native has a numpy oracle for each of its
+functions. The executor, which certifies too, loads the kernel alone.
 """
 
 from planner.native.arguments import Pinned
-from planner.native.functions import (
-    box_distances,
-    branches,
-    capsule_bounds,
-    chain_torques,
-    derivative_bounds,
-    distinct_rows,
-    drag_landings,
-    drag_paths,
-    end_points,
-    end_points_of,
-    exit_cells,
-    fastest,
-    fixed_chain_poses,
-    flange_poses,
-    jacobians,
-    joint_extremes,
-    joint_rates,
-    largest_shares,
-    least_norms,
-    link_poses,
-    load_bounds,
-    lower_shares,
-    momentum,
-    pair_distances,
-    patch_distances,
-    penalised_bounds,
-    point_acceleration,
-    point_velocity,
-    states_at,
-    torque_terms,
-    ways,
-)
 from planner.native.libraries import OPTIMISER
 
-__all__ = [
-    "OPTIMISER",
-    "Pinned",
-    "box_distances",
-    "branches",
-    "capsule_bounds",
-    "chain_torques",
-    "derivative_bounds",
-    "distinct_rows",
-    "drag_landings",
-    "drag_paths",
-    "end_points",
-    "end_points_of",
-    "exit_cells",
-    "fastest",
-    "fixed_chain_poses",
-    "flange_poses",
-    "jacobians",
-    "joint_extremes",
-    "joint_rates",
-    "largest_shares",
-    "least_norms",
-    "link_poses",
-    "load_bounds",
-    "lower_shares",
-    "momentum",
-    "pair_distances",
-    "patch_distances",
-    "penalised_bounds",
-    "point_acceleration",
-    "point_velocity",
-    "states_at",
-    "torque_terms",
-    "ways",
-]
+__all__ = ["OPTIMISER", "Pinned"]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from planner import native
 from planner.arrays import Array, Index
 from planner.cell import Limits
+from planner.native import loops
 from planner.problem import ThrowProblem
 from planner.seeds.aspects import aspects, first_rows
 
@@ -54,7 +54,7 @@ def penalised_bound(problem: ThrowProblem, q: Array, qd: Array) -> Array:
     """
     limits = problem.limits
     bounds = limits.qd_max, limits.qdd_max
-    return native.penalised_bounds(q, qd.reshape(-1, 6), problem.start, bounds, TOO_FAST_S).reshape(qd.shape[:-1])
+    return loops.penalised_bounds(q, qd.reshape(-1, 6), problem.start, bounds, TOO_FAST_S).reshape(qd.shape[:-1])
 
 
 def _soonest(problem: ThrowProblem, q: Array, qd: Array) -> Index:
@@ -68,5 +68,5 @@ def _soonest(problem: ThrowProblem, q: Array, qd: Array) -> Index:
     if len(usable) == 0:
         return order[:STATES_MAX]
     first = first_rows(aspects(problem.cell.robot, q[usable]))
-    others = native.distinct_rows(q[usable], APART_RAD, STATES_MAX)
+    others = loops.distinct_rows(q[usable], APART_RAD, STATES_MAX)
     return usable[np.concatenate([others, first[~np.isin(first, others)]])]

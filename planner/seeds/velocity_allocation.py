@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from planner import native
 from planner.arrays import Array, Mask, read_only
 from planner.kinematics import jacobian, point_motion
+from planner.native import loops
 from planner.problem import ThrowProblem
 
 REDUCIBLE_EXCESS = 1.5  # [-] times a limit; the maximum norm seldom reduces the largest share by a greater factor
@@ -81,12 +81,12 @@ def tool_velocity(J: Array, qd: Array) -> Array:
 
 def largest_share(qd: Array, qd_max: Array) -> Array:
     """Returns the largest share (...,) [-] of the speed limits (6,) in joint velocities `qd` (..., 6)."""
-    return native.largest_shares(qd.reshape(-1, 6), qd_max).reshape(qd.shape[:-1])
+    return loops.largest_shares(qd.reshape(-1, 6), qd_max).reshape(qd.shape[:-1])
 
 
 def _least_norm(J: Array, v: Array, qd_max: Array) -> Array:
     """Returns the joint velocities (..., n, 6) of least norm, weighted with qd_max^2, for v (..., n, 3)."""
-    qd = native.least_norms(J, qd_max**2, np.ascontiguousarray(v).reshape(-1, 3), GRAM_FLOOR)
+    qd = loops.least_norms(J, qd_max**2, np.ascontiguousarray(v).reshape(-1, 3), GRAM_FLOOR)
     return qd.reshape(*v.shape[:-1], 6)
 
 
@@ -95,4 +95,4 @@ def _towards_maximum_norm(J: Array, v: Array, qd: Array, qd_max: Array) -> Array
 
     Source: Burrus, Iterative Reweighted Least Squares, 2012.
     """
-    return native.lower_shares((J, v, qd), qd_max, NORMS, (SHARE_FLOOR, GRAM_FLOOR), REFINEMENTS)
+    return loops.lower_shares((J, v, qd), qd_max, NORMS, (SHARE_FLOOR, GRAM_FLOOR), REFINEMENTS)

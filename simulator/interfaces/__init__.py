@@ -8,6 +8,7 @@ from simulator.interfaces.network import Network, ServicePort
 from simulator.interfaces.primary_server import PrimaryServer
 from simulator.interfaces.realtime_server import RealtimeServer
 from simulator.interfaces.recipes import InputValues
+from simulator.interfaces.robot_api_server import RobotApiServer
 from simulator.interfaces.robot_state import RobotFacts
 from simulator.interfaces.rtde_server import RtdeServer
 from simulator.interfaces.script_server import Commands, ScriptServer
@@ -28,6 +29,7 @@ __all__ = [
     "Network",
     "PrimaryServer",
     "RealtimeServer",
+    "RobotApiServer",
     "RobotFacts",
     "RtdeServer",
     "ScriptServer",

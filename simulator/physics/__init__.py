@@ -3,6 +3,7 @@
 from simulator.physics import kinematics
 from simulator.physics.arm import Arm, MotionConflict
 from simulator.physics.controller_kinematics import told_checksums
+from simulator.physics.gripper import SimulatedGripper
 from simulator.physics.kinematics import Transform
 from simulator.physics.obstacles import RoundBin
 from simulator.physics.workcell import Workcell
@@ -11,6 +12,7 @@ __all__ = [
     "Arm",
     "MotionConflict",
     "RoundBin",
+    "SimulatedGripper",
     "Transform",
     "Workcell",
     "kinematics",

@@ -14,6 +14,11 @@ TIME_TOLERANCE_S = 1e-9  # [s] rounding of a sum of times
 OUTPUT_KINDS = {"standard_digital": (0, 8), "configurable_digital": (8, 8), "tool_digital": (16, 2)}
 
 
+def output_bit(kind: str, index: int) -> int:
+    """Returns the bit of one output line."""
+    return 1 << OUTPUT_KINDS[kind][0] + index
+
+
 class Outputs:
     """Output lines of the controller.
 

@@ -39,12 +39,11 @@ class Workcell:
         self.truth = truth
         self.moved_at = 0.0
         home = cell.home.tolist()
-        gripper = cell.gripper
         timing = truth.timing
         noise = (settings.position_noise_rad, settings.velocity_noise_rad_s)
         chain = KinematicChain(controller_table(cell.robot, truth.arm.dh_deviation))
         self.arm = Arm(chain, dt, home, _response(truth, dt, home), noise, truth.seed)
-        self.gripper = SimulatedGripper(gripper.output, gripper.index, gripper.open_level, truth.gripper, truth.seed)
+        self.gripper = SimulatedGripper(cell.gripper, 2.0 * cell.object.radius_m, truth.gripper, truth.seed)
         self.outputs = Outputs(dt, timing.output_delay_s, self.gripper.closed_bits)
         self.world = World(cell, settings.restitution, truth)
         self.tool = kinematics.from_matrix(cell.tool.X_FT)
@@ -58,11 +57,18 @@ class Workcell:
             self.moved_at = t
         for at, bits in self.outputs.cycle(t):
             self.gripper.output_changed(at, bits)
+        self.gripper.cycle(t, self.outputs.delay_s, self.dt)
         self.world.cycle(t, self.dt)
         left_at = self.gripper.take_release(t)
         if left_at is not None:
             self.world.release(self.gripper.let_go(), left_at, self._object_state(t - left_at), t)
         self.gripper.rearm(self.arm.stands)
+
+    def lose_object(self, t: float) -> None:
+        """Fault: the held object slips out of the gripper at `t` [s]."""
+        number = self.gripper.lose()
+        if number is not None:
+            self.world.release(number, t, self._object_state(0.0), t)
 
     def _object_state(self, back_s: float) -> tuple[float, ...]:
         """Returns position and velocity in the world with which the held object left, `back_s` [s] ago."""

@@ -55,6 +55,8 @@ COMMANDS: dict[int, Callable[[ControlProgram], Thread | None]] = {
 FUNCTIONS = {  # command -> script function it calls; without it in the text, the command has no effect
     25: "tool_contact", 51: "tool_contact", 26: "get_steptime", 27: "get_actual_joint_positions_history",
     28: "get_target_waypoint", 31: "protective_stop", 40: "get_tcp_offset",
+    67: "get_mass_matrix", 68: "get_coriolis_and_centrifugal_torques", 69: "get_target_joint_accelerations",
+    70: "get_jacobian", 71: "get_jacobian_time_derivative",
     60: "get_inverse_kin_has_solution", 61: "get_inverse_kin_has_solution",
 }  # fmt: skip
 ARGUMENTS = {  # command -> number of double registers the script reads for it, from 0 on; others read none

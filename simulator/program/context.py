@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from planner.dynamics import Payload, joint_torques
 from planner.kinematics import inverse
 from planner.robots import Robot
 from simulator.physics import Arm, Transform, kinematics
@@ -73,9 +74,9 @@ class OffsetRegisters:
         """Writes an output integer register; the value wraps as a signed 32-bit integer."""
         self.registers.int_out[index + self.offset_int][0] = (int(value) + 2**31) % 2**32 - 2**31
 
-    def doubles_out(self, values: list[float]) -> None:
-        """Writes output double registers from index 0 on."""
-        for i, value in enumerate(values, self.offset_double):
+    def doubles_out(self, values: list[float], index: int = 0) -> None:
+        """Writes output double registers from `index` on."""
+        for i, value in enumerate(values, index + self.offset_double):
             self.registers.double_out[i][0] = float(value)
 
 
@@ -182,6 +183,19 @@ class ProgramContext:
     def tcp(self) -> Transform:
         """Pose of the tool centre point in the flange, as the controller believes it."""
         return self.installation.tcp
+
+    def inertia(self) -> np.ndarray:
+        """Returns the inertia matrix (6, 6) [kg m2] of links and payload at the present posture; no rotors."""
+        return self._torques(np.zeros(6), np.eye(6)).T
+
+    def coriolis(self) -> np.ndarray:
+        """Returns the Coriolis and centrifugal torques (6,) [N m] of links and payload at the present motion."""
+        return self._torques(np.array(self.arm.qd), np.zeros(6))
+
+    def _torques(self, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
+        installation = self.installation
+        payload = Payload(installation.payload_kg, np.array(installation.payload_cog_m), np.zeros((3, 3)))
+        return joint_torques(self.robot, self.arm.q, qd, qdd, np.zeros(3), payload)
 
     def solve(self, pose: Sequence[float], near: list[float] | None = None) -> list[float] | None:
         """Returns the joint angles of a tool pose, or None if there are none.

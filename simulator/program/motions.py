@@ -12,15 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planner.dynamics import Payload, joint_torques
 from simulator.physics import Transform
 from simulator.program.context import ProgramContext
 from simulator.program.paths import Arc, JointPath, Path, StraightLine, joint_rates
 from simulator.program.progress import PathProgress, SpeedTrapezoid
 from simulator.program.threads import SuddenTargetChange, Thread
 
-WEIGHTLESS = (0.0, 0.0, 0.0)  # [m/s^2] gravity, which the controller compensates
-AT_REST = (0.0,) * 6
 Vector = Sequence[float]
 Waiting = Generator[None, None, bool]
 
@@ -309,14 +306,7 @@ def _approach(c: ProgramContext, missing: float, speed: float, aim: float, const
 def torque_joints(c: ProgramContext, torque: Vector) -> Thread:
     """direct_torque: for one cycle the joints have these torques (6,) [Nm] beyond what holds the arm up."""
     arm = c.arm
-    cog_m = np.array(c.installation.payload_cog_m)
-    payload = Payload(c.installation.payload_kg, cog_m, np.zeros((3, 3)))
-
-    def torques(qd: Vector, qdd: Vector) -> np.ndarray:
-        return joint_torques(c.robot, np.array(arm.q), np.array(qd), np.array(qdd), WEIGHTLESS, payload)
-
-    inertia = np.array([torques(AT_REST, unit) for unit in np.eye(6).tolist()]).T
-    acceleration = np.linalg.solve(inertia, np.array(torque) - torques(arm.qd, AT_REST))
+    acceleration = np.linalg.solve(c.inertia(), np.array(torque) - c.coriolis())
     qd = (np.array(arm.qd) + arm.dt * acceleration).tolist()
     c.motion.blended = None
     arm.drive([q + 0.5 * arm.dt * (a + b) for q, a, b in zip(arm.q, arm.qd, qd, strict=True)], qd)

@@ -204,6 +204,7 @@ def test_every_call_of_the_contract_is_there(service: RunningService):
         "GET /executions/{id}/recording",
         "POST /executions/{id}/abort",
         "POST /cells/{name}/acknowledge",
+        "POST /cells/{name}/robot",
         "GET /cells",
         "GET /cells/{name}",
         "GET /cells/{name}/history",

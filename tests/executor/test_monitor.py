@@ -62,6 +62,8 @@ class FakeReceiver:
         elif kind == session.SETUP_INPUTS:
             assert body.decode() == OWNER_INPUT
             self._send(connection, kind, self.claim)
+        elif kind == session.CONTROLLER_VERSION:
+            self._send(connection, kind, struct.pack(">4I", 10, 14, 0, 7))
         else:
             self._send(connection, kind, b"\x01")
         while kind == session.START:

@@ -9,8 +9,8 @@ import numpy as np
 import orjson
 import pytest
 
-from executor.preflight import ExecutionRefused, gripper_is_open, refusals, verify_plan
-from executor.robot import RobotState
+from executor.preflight import ExecutionRefused, control_warnings, gripper_is_open, refusals, verify_plan
+from executor.robot import ControlMode, RobotState
 from store import ProfileRow
 from tests.executor.conftest import Prepared
 
@@ -26,7 +26,7 @@ def state(prepared: Prepared) -> RobotState:
 
 
 def test_a_robot_in_order_is_not_refused(prepared: Prepared, state: RobotState) -> None:
-    assert refusals(prepared.cell, state, "true") == []
+    assert refusals(prepared.cell, state, "remote") == []
 
 
 @pytest.mark.parametrize(
@@ -46,31 +46,51 @@ def test_a_robot_in_order_is_not_refused(prepared: Prepared, state: RobotState) 
     ],
 )
 def test_each_reason_is_reported(prepared: Prepared, state: RobotState, change: dict, word: str) -> None:
-    reasons = refusals(prepared.cell, replace(state, **change), "true")
+    reasons = refusals(prepared.cell, replace(state, **change), "remote")
     assert len(reasons) == 1
     assert word in reasons[0]
 
 
 def test_all_reasons_are_reported_at_once(prepared: Prepared, state: RobotState) -> None:
-    assert len(refusals(prepared.cell, replace(state, robot_mode=3, speed=0.5), "false")) == 3
+    assert len(refusals(prepared.cell, replace(state, robot_mode=3, speed=0.5), "local")) == 3
 
 
-@pytest.mark.parametrize(("remote", "word"), [("false", "remote control"), (None, "does not answer")])
-def test_remote_control_must_be_on(prepared: Prepared, state: RobotState, remote: str | None, word: str) -> None:
-    assert word in refusals(prepared.cell, state, remote)[0]
+@pytest.mark.parametrize(
+    ("mode", "version", "word"),
+    [
+        ("local", (5, 11, 1), "at the top right"),
+        ("local", (10, 14, 0), "in the safety overview"),
+        (None, (5, 11, 1), "does not answer, and ur_rtde needs it"),
+        (None, None, "the dashboard at 127.0.0."),
+    ],
+)
+def test_remote_control_must_be_on(
+    prepared: Prepared, state: RobotState, mode: ControlMode | None, version: tuple[int, ...] | None, word: str
+) -> None:
+    (reason,) = refusals(prepared.cell, state, mode, version)
+    assert word in reason
 
 
 def test_a_controller_that_does_not_know_remote_control_may_be_cb3(prepared: Prepared, state: RobotState) -> None:
-    reasons = refusals(prepared.cell, state, "could not understand: 'is in remote control'")
-    assert bool(reasons) == (prepared.cell.robot.generation != "CB3")
+    assert bool(refusals(prepared.cell, state, "unknown")) == (prepared.cell.robot.generation != "CB3")
+
+
+@pytest.mark.parametrize(("mode", "word"), [(None, "does not answer"), ("unknown", "from PolyScope 10.12 on")])
+def test_polyscope_x_may_move_without_a_dashboard_and_says_what_nobody_knows(
+    prepared: Prepared, state: RobotState, mode: ControlMode | None, word: str
+) -> None:
+    assert refusals(prepared.cell, state, mode, (10, 11, 0)) == []
+    (warning,) = control_warnings(mode, (10, 11, 0))
+    assert word in warning
+    assert control_warnings(mode, (5, 11, 1)) == control_warnings("remote", (10, 11, 0)) == []
 
 
 def test_values_that_the_controller_does_not_publish_are_not_checked(prepared: Prepared, state: RobotState) -> None:
-    assert refusals(prepared.cell, replace(state, payload_kg=None, tcp_offset=None), "true") == []
+    assert refusals(prepared.cell, replace(state, payload_kg=None, tcp_offset=None), "remote") == []
 
 
 def test_without_a_state_nothing_moves(prepared: Prepared) -> None:
-    assert "no state" in refusals(prepared.cell, None, "true")[0]
+    assert "no state" in refusals(prepared.cell, None, "remote")[0]
 
 
 class TestPlan:

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from executor.robot import ProgramWatch
+from executor.robot import ProgramWatch, stop_program
 from executor.robot.primary import PORT
 
 
@@ -91,3 +91,41 @@ def test_without_the_interface_a_run_goes_on() -> None:
         programs.connect()
         programs.poll()
         assert programs.wait(30.0) == ""
+
+
+def test_a_stop_goes_over_the_connection_that_is_open(watch: tuple[ProgramWatch, socket.socket]) -> None:
+    programs, controller = watch
+    assert programs.is_connected
+    programs.stop()
+    assert controller.recv(100) == b"stop program\n"
+
+
+@pytest.mark.parametrize("ends", [True, False])
+def test_a_stop_finds_its_way_where_that_connection_has_ended(ends: bool) -> None:
+    """A controller that sends states all the while: a stop whose connection is closed over them may be lost."""
+    with socket.create_server(("127.99.1.8", PORT)) as listener:
+        programs = ProgramWatch("127.99.1.8")
+        programs.connect()
+        first, _ = listener.accept()
+        first.close()
+        received: list[bytes] = []
+
+        def serve() -> None:
+            connection, _ = listener.accept()
+            with connection:
+                connection.sendall(STATE * 1000)
+                received.append(connection.recv(100))
+                if not ends:
+                    received.append(connection.recv(100))  # nothing more; no reset either
+
+        server = threading.Thread(target=serve)
+        server.start()
+        programs.poll()
+        programs.stop()
+        server.join(30.0)
+        programs.close()
+    assert b"".join(received) == b"stop program\n"
+
+
+def test_without_the_interface_a_stop_does_nothing() -> None:
+    stop_program("127.99.1.9")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import pytest
 
 from executor.daemon import Daemon
 from executor.records import Journal
-from executor.robot import RobotSession
+from executor.robot import ActionRefused, RobotSession
 from planner.cell import load_cell
 from store import PlanRow, Store, StoreUnavailable, new_id
 from tests.executor.conftest import CELLS, settings
@@ -140,3 +141,67 @@ def test_an_acknowledgement_of_nothing_clears_nothing(store: Store, start: Calla
     daemon.journal.latch(FAULT)
     daemon.heartbeat.report()
     assert store.cell_status(CELL).fault == FAULT
+
+
+class FakeConsole:
+    """What operates the robot; `refusal` is what it answers, in words."""
+
+    def __init__(self) -> None:
+        self.acts: list[str] = []
+        self.refusal = ""
+
+    def act(self, action: str) -> str:
+        self.acts.append(action)
+        if self.refusal:
+            raise ActionRefused(self.refusal)
+        return "dashboard"
+
+
+@pytest.fixture
+def operated(start: Callable[[], Daemon]) -> tuple[Daemon, FakeConsole]:
+    daemon = start()
+    daemon.session.console = console = FakeConsole()
+    daemon.recover()
+    return daemon, console
+
+
+@pytest.mark.parametrize(("refusal", "text"), [("", "by the dashboard"), ("not now", "not now")])
+def test_a_request_to_operate_the_robot_is_obeyed_once(
+    store: Store, operated: tuple[Daemon, FakeConsole], refusal: str, text: str
+) -> None:
+    daemon, console = operated
+    console.refusal = refusal
+    store.request_robot_action(CELL, "power_on", "a person")
+    for _ in range(3):
+        daemon._operate_at = 0.0
+        daemon._poll(threading.Event())
+    assert console.acts == ["power_on"]
+    answer = store.cell_status(CELL).robot_answer
+    assert (answer["done"], answer["text"]) == (not refusal, text)
+
+
+def test_a_request_is_not_obeyed_again_where_its_answer_was_not_stored(
+    store: Store, operated: tuple[Daemon, FakeConsole], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    daemon, console = operated
+    store.request_robot_action(CELL, "power_off", "a person")
+    with monkeypatch.context() as patch:
+        patch.setattr(store, "answer_robot_request", lose)
+        daemon._operate()
+    daemon._store_paused_until = 0.0
+    assert store.cell_status(CELL).open_robot_request is not None
+    daemon._operate()
+    assert console.acts == ["power_off"]
+    assert store.cell_status(CELL).open_robot_request is None
+
+
+@pytest.mark.parametrize("words", ["an execution was running", "the executor was started meanwhile"])
+def test_a_request_that_met_something_else_is_refused_and_not_kept(
+    store: Store, operated: tuple[Daemon, FakeConsole], words: str
+) -> None:
+    daemon, console = operated
+    store.request_robot_action(CELL, "power_on", "a person")
+    daemon._operate(words)
+    daemon._operate()
+    assert console.acts == []
+    assert store.cell_status(CELL).robot_answer["text"] == words

@@ -87,6 +87,43 @@ def greet(dashboard: socket.socket) -> socket.socket:
     return connection
 
 
+def test_the_primary_interface_alone_is_enough_to_start(
+    prepared: Prepared, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """PolyScope X has no dashboard."""
+    monkeypatch.setattr(sys, "executable", "/nowhere/python")
+    with socket.create_server(("127.0.42.5", 30001)):
+        run = ended_run(prepared, tmp_path, "127.0.42.5")
+    assert run.result is not None
+    assert "starting the streaming process" in run.result.reason
+
+
+@pytest.mark.parametrize(
+    ("number", "outcome"), [("SEGV", "link_lost"), ("ABRT", "link_lost"), ("KILL", "executor_lost")]
+)
+def test_a_crash_of_the_library_is_a_lost_link_and_ends_the_program(
+    prepared: Prepared, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: str, outcome: str
+) -> None:
+    """ur_rtde crashes as it reconnects to a controller without a dashboard; nobody but the library raises these."""
+    crashing = tmp_path / "python"
+    crashing.write_text(f"#!/bin/sh\nulimit -c 0\nkill -{number} $$\n")
+    crashing.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(crashing))
+    with socket.create_server(("127.0.42.7", 30001)) as primary:
+        run = ended_run(prepared, tmp_path, "127.0.42.7")
+        with primary.accept()[0] as connection:
+            assert connection.recv(100) == b"stop program\n"
+    assert run.result is not None
+    assert run.result.outcome == outcome
+    assert ("ur_rtde crashed" in run.result.reason) is (outcome == "link_lost")
+
+
+def test_without_a_way_to_stop_nothing_starts(prepared: Prepared, tmp_path: Path) -> None:
+    run = ended_run(prepared, tmp_path, "127.0.42.6")
+    assert run.result is not None
+    assert "no way to stop the controller at 127.0.42.6" in run.result.reason
+
+
 def test_a_stream_that_cannot_be_started_leaves_none_either(
     prepared: Prepared, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

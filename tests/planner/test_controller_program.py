@@ -25,9 +25,10 @@ from planner.controller_program import (
     RUN,
     SWITCHED_ROW,
     UNHEARD,
-    ProgramTooLong,
+    NoProgram,
     Watch,
 )
+from planner.grippers import SecondOutput
 from planner.stream_rows import StreamRows, controller_program
 from simulator.interfaces import InputValues
 from tests.executor.conftest import Prepared, prepare
@@ -235,7 +236,7 @@ def test_an_approach_leaves_rows_out_and_arrives(prepared: Prepared) -> None:
         ticks=np.concatenate([np.zeros(rest, np.int64), prepared.brakes.ticks]),
     )
     if prepared.cell.robot.sample_rate_hz < 500:  # a CB3's rows lie as far apart as those of an approach may
-        with pytest.raises(ProgramTooLong):
+        with pytest.raises(NoProgram):
             controller_program(prepared.cell, extended, brakes, thinned=True)
         return
     assert controller_program(prepared.cell, extended, brakes, thinned=True).stride == 2
@@ -249,8 +250,15 @@ def test_an_approach_leaves_rows_out_and_arrives(prepared: Prepared) -> None:
 def test_a_motion_that_no_program_holds_is_refused(prepared: Prepared) -> None:
     rows = replace(prepared.rows, qd=np.zeros((ROWS_MAX + 1, 6)), q=np.zeros((ROWS_MAX + 1, 6)))
     brakes = replace(prepared.brakes, row=np.arange(ROWS_MAX + 1), ticks=np.zeros(ROWS_MAX + 1, np.int64))
-    with pytest.raises(ProgramTooLong, match=f"{ROWS_MAX + 1} rows; a program holds {ROWS_MAX}"):
+    with pytest.raises(NoProgram, match=f"{ROWS_MAX + 1} rows; a program holds {ROWS_MAX}"):
         controller_program(prepared.cell, rows, brakes)
+
+
+def test_a_gripper_of_two_outputs_is_refused(prepared: Prepared) -> None:
+    second = SecondOutput("standard_digital", 3, open_level=False, lasts_s=None)
+    cell = replace(prepared.cell, gripper=replace(prepared.cell.gripper, second=second))
+    with pytest.raises(NoProgram, match="'digital' has more than one output: use speedj"):
+        controller_program(cell, prepared.rows, prepared.brakes)
 
 
 def test_on_the_pendant_it_moves_only_from_its_start(prepared: Prepared) -> None:

@@ -15,7 +15,7 @@ import pytest
 from tests.simulator.conftest import Start
 from tests.simulator.contract import CALLS, SIMULATED_ONLY, ContractClient, move_until_contact
 
-VERSIONS = {"3.15": "ur5", "5.11.1": "ur5e", "5.22": "ur5e"}
+VERSIONS = {"3.15": "ur5", "5.11.1": "ur5e", "5.23.0": "ur5e", "10.14.0": "ur7e"}
 Call = Callable[[ContractClient], None]
 Verdicts = dict[tuple[str, Call], Exception | None]
 

@@ -52,6 +52,20 @@ def test_an_acknowledgement_is_handled_once(store):
     assert store.acknowledge_requested("a")
 
 
+def test_a_request_to_operate_the_robot_is_answered_once(store):
+    assert store.take_cell("a", "one", "sim", "here")
+    assert store.cell_status("a").open_robot_request is None
+    store.request_robot_action("a", "power_on", "me", AuditLine("me", "robot power_on", "127.0.0.1"))
+    asked = store.cell_status("a").open_robot_request
+    assert (asked["action"], asked["requested_by"]) == ("power_on", "me")
+    store.answer_robot_request("a", asked["id"], True, "by the dashboard")
+    assert store.cell_status("a").open_robot_request is None
+    store.request_robot_action("a", "power_off", "you")
+    store.answer_robot_request("a", asked["id"], True, "late")  # of the one before
+    assert store.cell_status("a").open_robot_request["action"] == "power_off"
+    assert store.audit_lines(1)[0]["action"] == "robot power_on"
+
+
 def test_the_audit_trail_is_newest_first(store):
     store.add_audit(AuditLine("me", "execute", "127.0.0.1"))
     store.add_audit(AuditLine("you", "abort", "127.0.0.2"))

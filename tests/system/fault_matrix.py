@@ -20,7 +20,7 @@ import numpy as np
 import psutil
 
 from executor import realtime
-from tests.system.rig import LONG_LOB, Rig
+from tests.system.rig import LONG_LOB, OTHER_INTERFACES, Rig
 
 REST_S = 0.150  # [s] of the controller's time from the fault to rest: the promise of docs/executor.md
 ORDINARY_S = 0.030  # [s] more without real-time scheduling: its watchdog is slower
@@ -35,6 +35,9 @@ THROW = {**LONG_LOB, "velocities": [0.92 * v for v in LONG_LOB["velocities"]]}
 PUBLISHED_S = 2.0  # [s] a heartbeat comes four times a second
 POLL_S = 0.0005  # [s] between two looks at the controller while a moment is awaited
 
+
+ROBOTIQ = 'kind = "robotiq"\nmodel = "2f85"\n'  # the gripper of `GRIPPER_FAULTS`
+LEAVES_M_S = 3.0  # [m/s] of an object that leaves in THROW, at most
 
 Undo = Callable[[], None]
 
@@ -224,11 +227,16 @@ def _both_killed(rig: Rig) -> Trigger:
     return lambda: [process.kill() for process in found]
 
 
-def _killed_without_dashboard(rig: Rig) -> Trigger:
-    """The dashboard's connections are silent, so that nobody can stop the program over them."""
-    stream = _process(rig, "stream")
-    rig.fault("stall_connection", role="dashboard")
-    return stream.kill
+def _killed_behind(*stalled: str) -> Callable[[Rig], Trigger]:
+    """Returns what kills the stream while the connections of some interfaces are silent: no stop gets over them."""
+
+    def prepare(rig: Rig) -> Trigger:
+        stream = _process(rig, "stream")
+        for role in stalled:
+            rig.fault("stall_connection", role=role)
+        return stream.kill
+
+    return prepare
 
 
 def _all_stalled(rig: Rig) -> Trigger:
@@ -272,6 +280,16 @@ def _database_locked(rig: Rig) -> Trigger:
     return lock
 
 
+def _gripper_told(text: str) -> Callable[[Rig], Trigger]:
+    """Returns what sends a command to a gripper with a socket, as another client of it."""
+
+    def prepare(rig: Rig) -> Trigger:
+        assert rig.cell.gripper.link is not None
+        return _script(rig.cell.gripper.link.port, text)(rig)
+
+    return prepare
+
+
 LOST = ("executor_lost",)
 GRIPPER = ("released_early", "not_released")
 CATEGORY_2_S = 0.03  # [s] the controller's own stop of this category brakes at 20 rad/s^2, a program's end at 30
@@ -279,13 +297,13 @@ OUTPUT_S = 0.03  # [s] a script begins at the next cycle, and the output changes
 LINK = ("link_lost", "aborted", "late")
 PLAYS = "def other():\n  while True:\n    sync()\n  end\nend\n"
 MOVES = "movej([0, -1, 1, 0, 0, 0], a=1.4, v=1)\n"
-OTHER_INTERFACES = ("dashboard", "script", "primary", "secondary")
 LONG_S = (0.3, 3.0)  # [s] of freezing
 
 # Commands go by the control connection, and the heartbeat of a program in the controller by that of IO.
 FAULTS = (
     Fault("stream killed", _signalled("stream", signal.SIGKILL), LOST),
-    Fault("stream killed, dashboard stalled", _killed_without_dashboard, LOST),
+    Fault("stream killed, dashboard stalled", _killed_behind("dashboard"), LOST),
+    Fault("stream killed, no stop gets through", _killed_behind("dashboard", "primary"), LOST),
     Fault("daemon killed", _signalled("daemon", signal.SIGKILL), LOST),
     Fault("daemon and stream killed", _both_killed, LOST, leaves_nobody=True),
     Fault("stream frozen 5 ms", _frozen(0.005, "stream"), (*LOST, "late"), harmless=True),
@@ -335,8 +353,18 @@ FAULTS = (
     Fault("power lost", _told("power_loss"), ("power_off",)),
     Fault("database locked", _database_locked, (), harmless=True),
 )
+SILENT_S = 0.15  # [s] after which a gripper that does not answer ends a run
+SEEN_S = 0.03  # [s] until fingers that move are asked for where they are, and have moved enough
+GRIPPER_FAULTS = (  # of a gripper on a network, in the phases of a throw; with the object gone nothing is left to fail
+    Fault("gripper silent", _told("stall_connection", role="gripper"), GRIPPER, True, SILENT_S),
+    Fault("gripper late by 300 ms", _told("disturb_connection", role="gripper", delay_s=0.3), GRIPPER, True, SILENT_S),
+    Fault("gripper's connection closed", _told("close_connection", role="gripper"), GRIPPER, True),
+    Fault("object lost by the gripper", _told("object_lost"), GRIPPER, True, SEEN_S, lets_go=True),
+    Fault("networked gripper opened", _gripper_told("SET POS 0 GTO 1\n"), GRIPPER, True, SEEN_S, lets_go=True),
+)
+THROWS = tuple(phase for phase in PHASES if phase.begin is _begin_throw)
 PHASE = {phase.name: phase for phase in PHASES}
-FAULT = {fault.name: fault for fault in FAULTS}
+FAULT = {fault.name: fault for fault in (*FAULTS, *GRIPPER_FAULTS)}
 
 
 # Cells
@@ -351,6 +379,7 @@ class CellResult:
         outcome, reason: of the execution.
         rest_s: from the fault to the arm's last motion, by the controller's clock [s].
         landing_error_m: of the object that left; None where none did.
+        landed_m: landing error of an object that was let go as planned [m].
         told: whether the execution says what became of the object.
         latched: whether a fault is latched.
         was_held, is_held: whether the gripper held an object before, and at the end.
@@ -362,6 +391,7 @@ class CellResult:
     reason: str
     rest_s: float
     landing_error_m: float | None
+    landed_m: float
     told: bool
     latched: bool
     was_held: bool
@@ -388,7 +418,7 @@ class CellResult:
         if self.phase.holds and self.outcome != "completed" and not self.fault.lets_go:
             return "the object was lost"
         is_told = (self.told or self.fault.leaves_nobody) and self.outcome != "completed"
-        if error_m > LANDED_M and not is_told:
+        if error_m > self.landed_m and not is_told:
             return f"the object landed {1e3 * error_m:.0f} mm off, and nobody says so"
         return ""
 
@@ -417,7 +447,17 @@ def run_cell(rig: Rig, phase: Phase, fault: Fault, mode: str = "speedj") -> Cell
     told = measured or "the object" in (row.reason or "")
     latched = row.outcome != "completed" and _latches(rig)
     return CellResult(
-        phase, fault, str(row.outcome), row.reason or "", rest_s, error, told, latched, was_held, _holds(rig)
+        phase,
+        fault,
+        str(row.outcome),
+        row.reason or "",
+        rest_s,
+        error,
+        _landed_m(rig),
+        told,
+        latched,
+        was_held,
+        _holds(rig),
     )
 
 
@@ -441,6 +481,12 @@ def _landing_error(rig: Rig, id: str, newest: int) -> float | None:
     rig.until(lambda: _landings(rig, number))
     planned = rig.document(id)["flight"]["landing_point"]
     return float(np.linalg.norm(np.subtract(_landings(rig, number)[0], planned)[:2]))
+
+
+def _landed_m(rig: Rig) -> float:
+    """Returns how far off an object may land that was let go as planned [m]: a gripper may take commands at times."""
+    link = rig.cell.gripper.link
+    return LANDED_M + (0.0 if link is None else 0.5 * link.quantum_s * LEAVES_M_S)
 
 
 def _landings(rig: Rig, number: int) -> list[list[float]]:

@@ -18,7 +18,7 @@ import numpy as np
 import orjson
 import psutil
 
-from executor.robot import DashboardClient, simulator_client
+from executor.robot import Console, simulator_client
 from planner.answer import plan_document, plan_from_document
 from planner.cell import load_cell
 from planner.planning import plan
@@ -44,6 +44,13 @@ TOSS = {"kind": "joint", "positions": [0.25, -1.45, 1.45, -1.5, -1.45, 0.1],
 NUDGE = {"kind": "joint", "positions": [0.03, -1.57, 1.57, -1.57, -1.57, 0.0], "velocities": [0.0] * 6}
 FAR = {**NUDGE, "positions": [2.4, -1.57, 1.57, -1.57, -1.57, 0.0]}
 LOB = {"kind": "target", "position": [1.2, 0.3, 0.0]}
+OTHER_INTERFACES = ("dashboard", "robot_api", "script", "primary", "secondary")  # than RTDE
+POLYSCOPE_X = {'polyscope = "5.11.1"': 'polyscope = "10.14.0"'}  # of a cell: a controller without dashboard
+CELLS = {  # name of a cell -> the shipped one that it is, and what differs: 500 Hz with PolyScope 5 and X, 125 Hz
+    "ur5e-sim": ("ur5e-sim", {}),
+    "ur5e-sim-x": ("ur5e-sim", POLYSCOPE_X),
+    "ur5-sim": ("ur5-sim", {}),
+}
 LONG_LOB = {  # to the same place, in a launch of 0.39 s: fast for long before the gripper gets its command
     "kind": "joint",
     "positions": [-0.793535074, -1.715249993, 0.861325679, -1.839990554, -1.394005193, -0.523414694],
@@ -77,11 +84,22 @@ class Rig:
         self._plans: dict[str, str] = {}
         self._queued = ""  # newest execution
 
+    @property
+    def is_polyscope_x(self) -> bool:
+        """Whether the controller is one without a dashboard."""
+        return self.cell.sim.polyscope.startswith("10.")
+
     def rewrite(self, text: str) -> None:
         """Replaces the cell file."""
         self.path.write_text(text)
         self.cell = load_cell(self.path)
         self._plans.clear()
+
+    def set_gripper(self, table: str) -> None:
+        """Gives the cell another gripper; `HOST` in its keys is the controller's address."""
+        head, _, rest = self.path.read_text().partition("[gripper]\n")
+        kept = [line for line in rest.splitlines(keepends=True) if not line.startswith(("output =", "open_level ="))]
+        self.rewrite(f"{head}[gripper]\n{table.replace('HOST', self.host)}{''.join(kept)}")
 
     # processes
 
@@ -294,19 +312,21 @@ class Rig:
     def recover(self) -> None:
         """Recovers the robot: every cause of a stop removed, arm powered, remote control, full speed."""
         self.fault("offline", on=False)
-        self.fault("stall_connection", role="any", on=False)
+        for role in ("any", *OTHER_INTERFACES):
+            self.fault("stall_connection", role=role, on=False)
         self.fault("disturb_connection", role="every")
         self.fault("clear")
         self.fault("local_mode", on=False)
         self.fault("speed_slider", fraction=1.0)
         self.fault("gripper_stuck", on=False)
         self.fault("outputs_stuck", on=False)
-        self.fault("mute", port="dashboard", on=False)
+        self.fault("stall_connection", role="gripper", on=False)
+        self.fault("mute", port="robot_api" if self.is_polyscope_x else "dashboard", on=False)
         if self.state()["robot_mode"] != ROBOT_RUNNING:
-            dashboard = DashboardClient(self.host)
-            dashboard.ask("power on")
-            dashboard.ask("brake release")
-            dashboard.close()
+            console = Console(self.host)
+            console.act("power_on")
+            console.act("brake_release")
+            console.close()
 
     def throw_when_ready(self, release: Mapping[str, Any] = NUDGE) -> ExecutionRow:
         """Throws as soon as the executor sees its robot in order again."""

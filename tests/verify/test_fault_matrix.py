@@ -12,6 +12,7 @@ import pytest
 from tests.system.conftest import STALL_RETRIES
 from tests.system.fault_matrix import FAULT, FAULTS, PHASE, run_cell
 from tests.system.lost_objects import MOMENTS_S, STOPS, stop_between_command_and_release
+from tests.system.rig import CELLS as RIG_CELLS
 from tests.system.rig import Rig
 
 pytestmark = [pytest.mark.slow, pytest.mark.flaky(reruns=STALL_RETRIES)]
@@ -20,18 +21,26 @@ PROCESSES = ("stream", "daemon", "another client", "gripper")  # their faults in
 IN_LAUNCH = tuple(fault.name for fault in FAULTS if not fault.name.startswith(PROCESSES))
 AT_500_HZ = {
     "approach": (
-        "stream killed, dashboard stalled",
+        "stream killed, no stop gets through",
         "daemon and stream killed",
         "cable out",
         "control connection stalled",
     ),
-    "launch": ("stream killed, dashboard stalled", *IN_LAUNCH),
+    "launch": ("stream killed, dashboard stalled", "stream killed, no stop gets through", *IN_LAUNCH),
     "before the command": ("stream killed", "program stopped"),
     "after the command": ("daemon frozen 300 ms", "cable out"),
     "flight": ("cable out", "protective stop"),
     "brake": ("daemon and stream frozen 3000 ms", "power lost"),
     "way home": ("stream frozen 300 ms", "every connection silent"),
     "calibration": ("stream killed, dashboard stalled", "speed slider at 50 %"),
+}
+WITHOUT_DASHBOARD = {
+    "approach": ("stream killed", "control connection stalled"),
+    "launch": ("stream killed, no stop gets through", "daemon killed", "receive connection reset", "protective stop"),
+    "before the command": ("program stopped",),
+    "flight": ("cable out",),
+    "brake": ("control connection closed",),
+    "way home": ("stream frozen 300 ms",),
 }
 AT_125_HZ = {
     "approach": ("every connection silent",),
@@ -41,7 +50,7 @@ AT_125_HZ = {
 }
 CELLS = [
     (base, phase, fault)
-    for base, table in (("ur5e-sim", AT_500_HZ), ("ur5-sim", AT_125_HZ))
+    for base, table in (("ur5e-sim", AT_500_HZ), ("ur5e-sim-x", WITHOUT_DASHBOARD), ("ur5-sim", AT_125_HZ))
     for phase in table
     for fault in table[phase]
 ]
@@ -54,7 +63,7 @@ def rig_of(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str],
 
     def started(base: str) -> Rig:
         if base not in rigs:
-            rigs[base] = Rig(tmp_path_factory.mktemp(base), base)
+            rigs[base] = Rig(tmp_path_factory.mktemp(base), *RIG_CELLS[base])
             rigs[base].start()
         return rigs[base]
 

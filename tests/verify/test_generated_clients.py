@@ -42,6 +42,7 @@ JOINT = {
     "positions": [0.4, -1.4, 1.2, -1.2, -1.57, 0.0],
     "velocities": [0.8, 0.6, -0.5, 0.3, 0.0, 0.0],
 }
+POWER_ON = {"action": "power_on"}  # it has power: nothing changes
 
 
 @dataclass(frozen=True)
@@ -242,6 +243,8 @@ def _read_everything(client: PythonClient, plan: str, execution: str, experiment
     for operation in ("read_cell", "read_timing", "read_history", "list_profiles"):
         client.call(operation, 200, cell)
     client.call("acknowledge_fault", 200, cell)
+    asked = client.call("operate_robot", 202, cell, body=client.body("RobotActionRequest", POWER_ON))
+    assert (asked.action, asked.state) == ("power_on", "waiting")
     profile = client.call("estimate_profile_of_cell", 201, cell)
     client.call("read_profile", 200, profile.id)
     client.call("adopt_profile", 200, profile.id)
@@ -278,6 +281,7 @@ def _provoke(client: PythonClient, plan: str) -> None:
                       "read_cell_map", "cancel_cell_map"):  # fmt: skip
         client.call(operation, 404, "nowhere")
     client.call("acknowledge_fault", 409, "spare")
+    client.call("operate_robot", 409, "spare", body=client.body("RobotActionRequest", POWER_ON))
 
 
 def _without_token(client: PythonClient, document: dict[str, Any]) -> None:
@@ -289,6 +293,7 @@ def _without_token(client: PythonClient, document: dict[str, Any]) -> None:
         "make_batch": ("BatchRequest", {"requests": [{"release": JOINT}]}),
         "make_cell_map": ("MapBody", {}),
         "report_landing": ("LandingRequest", {"result": "hit", "radius_m": 0.1}),
+        "operate_robot": ("RobotActionRequest", POWER_ON),
     }
     for path, methods in document["paths"].items():
         for operation in (op for op in methods.values() if "security" in op):

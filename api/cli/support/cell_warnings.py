@@ -10,10 +10,17 @@ if TYPE_CHECKING:
 LAG_S = 0.002  # [s] by which a simulated arm may be later than its cell says: a tick of the e-Series
 
 
+def _called_gripper(cell: Cell) -> list[str]:
+    """Returns a warning of a gripper whose timing depends on somebody's code."""
+    from planner.grippers import CALLS
+
+    return [f"gripper.kind is {cell.gripper.kind!r}: {CALLS[cell.gripper.kind]}"] if cell.gripper.kind in CALLS else []
+
+
 def warnings_of(cell: Cell) -> list[str]:
     """Returns warnings of a cell, in words."""
     found = [*_elsewhere(cell), *_far_boxes(cell), *_far_floor(cell), *_wrong_lag(cell)]
-    return [*found, *_unpublished(cell), *_assumed_shape(cell), *_no_clearance(cell)]
+    return [*found, *_unpublished(cell), *_assumed_shape(cell), *_no_clearance(cell), *_called_gripper(cell)]
 
 
 def _elsewhere(cell: Cell) -> list[str]:

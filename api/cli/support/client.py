@@ -11,6 +11,7 @@ import click
 from fling import Client
 from planner.errors import TIME_LIMIT, figures
 
+OPERATE_TIMEOUT_S = 30.0  # [s] an arm powers on within 10 s or so
 ACKNOWLEDGE_TIMEOUT_S = 5.0  # [s] the executor acknowledges at its next heartbeat
 
 
@@ -33,6 +34,15 @@ class ServiceClient(Client):
         deadline = time.monotonic() + ACKNOWLEDGE_TIMEOUT_S
         while self.get(f"/cells/{cell}/state")["fault"] is not None and time.monotonic() < deadline:
             time.sleep(0.1)
+        return answer
+
+    def operate(self, cell: str, action: str) -> dict[str, Any]:
+        """Asks for a robot's power, brakes or unlocking; returns what became of it, or of a newer request."""
+        answer = self.post(f"/cells/{cell}/robot", {"action": action})
+        deadline = time.monotonic() + OPERATE_TIMEOUT_S
+        while answer["state"] == "waiting" and time.monotonic() < deadline:
+            time.sleep(0.1)
+            answer = self.get(f"/cells/{cell}/state")["robot_request"]
         return answer
 
 

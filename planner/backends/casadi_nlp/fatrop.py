@@ -28,8 +28,7 @@ from planner.backends.casadi_nlp.symbols import FORMULAS
 from planner.backends.casadi_nlp.transcription import ALL_SHARED, RowIndex, transcription
 from planner.native import OPTIMISER
 
-ROWS_MAX = 64
-OBJECTS_MAX = 2  # [-] of a block, and whose states there may be, as in launch.c
+ROWS_MAX = 64  # [-] of a block, as in launch.c
 SOLVED = 0
 LATE = -2
 OUT_OF_TIME = -3  # status of a call, as in launch.c
@@ -46,7 +45,7 @@ class _Block(ctypes.Structure):
         ("jacobian", ctypes.c_void_p),
         ("hessian", ctypes.c_void_p),
         ("position", ctypes.c_void_p),
-        *((name, ctypes.c_int) for name in ("variables", "rows", "object", "following", "into")),
+        *((name, ctypes.c_int) for name in ("variables", "rows", "following", "into")),
         *((name, ctypes.c_int) for name in ("first", "last", "parameters", "each")),
     )
 
@@ -58,8 +57,7 @@ class _Problem(ctypes.Structure):
         ("block", ctypes.POINTER(_Block)),
         ("own", ctypes.c_void_p),
         ("owned", ctypes.c_void_p),
-        *((name, ctypes.c_int) for name in ("blocks", "cost", "stages", "rows")),
-        ("thrown", ctypes.c_int * OBJECTS_MAX),
+        *((name, ctypes.c_int) for name in ("blocks", "cost", "stages", "rows", "thrown")),
     )
 
 
@@ -95,9 +93,8 @@ class Launch:
         own = self._integers([rows.start for rows in _own_rows(index)])
         names = list(index.blocks)
         stages = index.stages
-        none = (stages.stages + 1,) * (OBJECTS_MAX - len(stages.objects))
-        thrown = (ctypes.c_int * OBJECTS_MAX)(*stages.objects, *none)
-        self._problem = _Problem(blocks, own, owned, len(names), names.index("cost"), stages.stages, index.size, thrown)
+        sizes = (len(names), names.index("cost"), stages.stages, index.size, stages.thrown)
+        self._problem = _Problem(blocks, own, owned, *sizes)
 
     def solve(
         self,
@@ -175,7 +172,6 @@ class Launch:
             self._integers(np.concatenate([np.zeros(0), *positions])),
             block.variables,
             block.n,
-            0,
             following.stop - following.start,
             following.start,
             knots.start,

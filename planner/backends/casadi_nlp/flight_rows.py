@@ -8,11 +8,11 @@ candidate's own flight decides.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from planner.backends.casadi_nlp.layout import FLIGHT, FLIGHT_EDGES, NO_EDGE, FlightEdge, Vector
+from planner.backends.casadi_nlp.layout import FLIGHT, FLIGHT_EDGES, Vector
 from planner.backends.casadi_nlp.margins import Margins
 from planner.backends.casadi_nlp.release_rows import aims, bin_of, lands_on
 from planner.cell import CONTACT_M, Box
@@ -23,6 +23,10 @@ from planner.seeds import Candidate
 UNBOUNDED_RADIUS_M = 1.0e3  # [m] radius where there is no bin
 LEAST_SPEED_M_S = 0.05  # [m/s] a flight slower than this along an axis hardly crosses the planes across it
 DOWN = (0.0, 0.0, -1.0)
+
+# A half-space in which the flight x(t) has to be at one time, as the parameters of a slot (8,): direction @ x(t) >=
+# bound. That time is (offset - normal @ p) / (normal @ v + steady) for a release at p with velocity v, in x and y.
+Edge = list[float]
 
 
 def constrains_flight(problem: ThrowProblem) -> bool:
@@ -42,7 +46,7 @@ def flight_parameters(problem: ThrowProblem, candidate: Candidate, margins: Marg
         margins: room beside edges and within the opening's cone.
         aim: landing point of the drag-free flight (3,) [m].
     """
-    edges: list[FlightEdge] = []
+    edges: list[Edge] = []
     mouth = [*aim, UNBOUNDED_RADIUS_M, 0.0]
     goal = lands_on(problem)
     if goal is not None:
@@ -52,9 +56,9 @@ def flight_parameters(problem: ThrowProblem, candidate: Candidate, margins: Marg
         if bin_ is not None:
             x, y, z = goal
             mouth = [x, y, z + bin_.rim_height_m, bin_.radius_m, arcs.radius_m + margins.mouth_m]
-    edges += [NO_EDGE] * (FLIGHT_EDGES - len(edges))
+    edges += [edge_at(0.0, (0.0, 0.0, 0.0), -1.0)] * (FLIGHT_EDGES - len(edges))  # hold with 1 m to spare
     opening = _opening(problem, margins.opening_rad)
-    return FLIGHT.pack({"edges": np.array([edge.row for edge in edges]), "mouth": mouth, "opening": opening})
+    return FLIGHT.pack({"edges": np.array(edges), "mouth": mouth, "opening": opening})
 
 
 def _flight(problem: ThrowProblem, candidate: Candidate) -> Arcs:
@@ -74,7 +78,7 @@ def _opening(problem: ThrowProblem, margin_rad: float) -> list[float]:
     return [*direction, math.cos(gripper.opening_cone_rad - min(margin_rad, 0.5 * gripper.opening_cone_rad)), out_m]
 
 
-def _box_edges(problem: ThrowProblem, arcs: Arcs, room_m: float) -> list[FlightEdge]:
+def _box_edges(problem: ThrowProblem, arcs: Arcs, room_m: float) -> list[Edge]:
     """Returns two edges a box at most, the boxes that the flight passes most closely first."""
     passed = []
     around = problem.cell.surroundings
@@ -88,7 +92,7 @@ def _box_edges(problem: ThrowProblem, arcs: Arcs, room_m: float) -> list[FlightE
     return [edge for _, edges in sorted(passed, key=lambda way: way[0]) for edge in edges]
 
 
-def _ways_past(box: Box, arcs: Arcs, room_m: float) -> Iterator[tuple[float, list[FlightEdge]]]:
+def _ways_past(box: Box, arcs: Arcs, room_m: float) -> Iterator[tuple[float, list[Edge]]]:
     """Yields the ways over, beside or below a box: the flight's room [m] and the edges; none where it stays away."""
     grown = arcs.radius_m + room_m
     lower = box.lower - grown
@@ -105,12 +109,12 @@ def _ways_past(box: Box, arcs: Arcs, room_m: float) -> Iterator[tuple[float, lis
         crossed = [face for face, t in zip(faces, times, strict=True) if t < arcs.until_s]
         for direction, bound in _sides(axis, lower, upper):
             room = min(float(arcs.at(np.asarray(t)) @ direction) for t in ends) - bound
-            yield room, [_edge(axis, face, speed, direction, bound) for face in crossed]
-        edges = [_edge(axis, face, speed, np.array(DOWN), -float(lower[2])) for face in crossed]
+            yield room, [edge_across(axis, face, speed, direction, bound) for face in crossed]
+        edges = [edge_across(axis, face, speed, DOWN, -float(lower[2])) for face in crossed]
         yield _way_below(arcs, float(lower[2]), ends, edges)
 
 
-def _way_onto(box: Box, arcs: Arcs, room_m: float) -> Iterator[tuple[float, list[FlightEdge]]]:
+def _way_onto(box: Box, arcs: Arcs, room_m: float) -> Iterator[tuple[float, list[Edge]]]:
     """Yields the way onto a box: room [m] over the edge that the flight comes in by; none where it ends elsewhere."""
     coming = float(arcs.until_over(box.lower, box.upper).until_s)
     if coming == arcs.until_s:
@@ -121,16 +125,16 @@ def _way_onto(box: Box, arcs: Arcs, room_m: float) -> Iterator[tuple[float, list
     axis = int(np.abs(x[:2] - faces).argmin())
     starts_over = coming == 0.0 or abs(arcs.v[axis]) < LEAST_SPEED_M_S
     up = np.array([0.0, 0.0, 1.0])
-    edges = [] if starts_over else [_edge(axis, float(faces[axis]), float(arcs.v[axis]), up, bound)]
+    edges = [] if starts_over else [edge_across(axis, float(faces[axis]), float(arcs.v[axis]), up, bound)]
     yield math.inf if starts_over else float(x[2]) - bound, edges
 
 
-def _way_below(arcs: Arcs, height: float, ends: Vector, edges: list[FlightEdge]) -> tuple[float, list[FlightEdge]]:
+def _way_below(arcs: Arcs, height: float, ends: Vector, edges: list[Edge]) -> tuple[float, list[Edge]]:
     """Returns the room [m] below `height` between two times, and the edges: unlike over a box, the apex is nearest."""
     apex_s = float(arcs.v[2]) / arcs.gravity
     if not ends[0] < apex_s < ends[1]:
         return height - float(arcs.height_at(ends).max()), edges
-    return height - float(arcs.height_at(np.asarray(apex_s))), [FlightEdge.at_time(apex_s, DOWN, -height)]
+    return height - float(arcs.height_at(np.asarray(apex_s))), [edge_at(apex_s, DOWN, -height)]
 
 
 def _sides(axis: int, lower: Vector, upper: Vector) -> Iterator[tuple[Vector, float]]:
@@ -141,6 +145,13 @@ def _sides(axis: int, lower: Vector, upper: Vector) -> Iterator[tuple[Vector, fl
     yield -other, -float(lower[1 - axis])
 
 
-def _edge(axis: int, face: float, speed: float, direction: Vector, bound: float) -> FlightEdge:
-    x, y, z = direction.tolist()
-    return FlightEdge.across((float(axis == 0), float(axis == 1)), float(face), speed, (x, y, z), bound)
+def edge_across(axis: int, face_m: float, speed_m_s: float, direction: Iterable[float], bound_m: float) -> Edge:
+    """Returns the edge at the time at which the flight crosses a face along `axis` (0 or 1), at about this speed."""
+    normal = [0.0, 0.0]
+    normal[axis] = 1.0 / speed_m_s
+    return [*normal, 0.0, face_m / speed_m_s, *direction, bound_m]
+
+
+def edge_at(time_s: float, direction: Iterable[float], bound_m: float) -> Edge:
+    """Returns the edge at a time after the release."""
+    return [0.0, 0.0, 1.0, time_s, *direction, bound_m]

@@ -1,9 +1,9 @@
-"""Casadi functions: blocks of rows with their derivatives, and calls through numpy buffers."""
+"""Casadi functions: blocks of rows with their derivatives."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache
 from typing import Any
 
 import casadi as ca
@@ -18,7 +18,6 @@ SX = Any
 Vector = NDArray[np.float64]
 
 KINDS = ("value", "slope", "curve")
-SIGNATURES_KEPT = 256  # functions whose signatures are cached: more than there are solvers and blocks
 
 
 @dataclass(frozen=True)
@@ -92,53 +91,10 @@ def build_block(name: str, formula: BlockFormula) -> Block:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Signature:
-    """Argument names and sizes; result shapes, and rows and columns of the results' nonzeros."""
-
-    names: tuple[str, ...]
-    sizes: tuple[int, ...]
-    shapes: tuple[tuple[int, int], ...]
-    nonzeros: tuple[tuple[NDArray[np.intp], NDArray[np.intp]], ...]
-
-
-@lru_cache(maxsize=SIGNATURES_KEPT)
-def _signature(function: Any) -> _Signature:
-    inputs = range(function.n_in())
-    outputs = range(function.n_out())
-    triplets = (function.sparsity_out(i).get_triplet() for i in outputs)
-    return _Signature(
-        names=tuple(function.name_in(i) for i in inputs),
-        sizes=tuple(function.numel_in(i) for i in inputs),
-        shapes=tuple(function.size_out(i) for i in outputs),
-        nonzeros=tuple((np.array(rows, np.intp), np.array(columns, np.intp)) for rows, columns in triplets),
-    )
-
-
 def evaluate(function: Any, *arguments: Vector) -> list[Vector]:
     """Returns every result of a function, dense (rows, columns).
 
-    Called with arrays, casadi copies each of them entry by entry: 0.1 ms each way, ten times the duration of a stage's
-    function. Its buffers take numpy's memory as it is.
-
     Raises:
-        ValueError: an argument has another size than the function takes.
+        RuntimeError: an argument has another size than the function takes.
     """
-    known = _signature(function)
-    buffer, trigger = function.buffer()
-    given = [np.ascontiguousarray(values, dtype=np.float64) for values in arguments]
-    for i, (values, name, size) in enumerate(zip(given, known.names, known.sizes, strict=True)):
-        if values.size != size:
-            raise ValueError(f"{function.name()}: {name} has {values.size} entries instead of {size}")
-        buffer.set_arg(i, values.data)
-    results = [np.zeros(len(rows)) for rows, _ in known.nonzeros]
-    for i, result in enumerate(results):
-        buffer.set_res(i, result.data)
-    trigger()
-    return [_dense(*each) for each in zip(results, known.shapes, known.nonzeros, strict=True)]
-
-
-def _dense(values: Vector, shape: tuple[int, int], nonzeros: tuple[NDArray[np.intp], NDArray[np.intp]]) -> Vector:
-    dense = np.zeros(shape)
-    dense[nonzeros] = values
-    return dense
+    return [result.full() for result in function.call(list(arguments))]

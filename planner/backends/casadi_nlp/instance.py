@@ -175,16 +175,16 @@ class Instance:
 
     def object_path(self, q: Vector, qd: Vector) -> Vector:
         """Returns the `OBJECT_PATH` vector for joint states (6,) at the release."""
-        path = path_parameters(self.problem, q, qd, self.margins.passing_m, bool(self.stages.objects))
+        path = path_parameters(self.problem, q, qd, self.margins.passing_m, self.stages.has_thrown)
         return np.round(path, DECIMALS)
 
     def with_object(self, z: Vector) -> Vector:
         """Returns a solver's variables: those of the arm (N + 1, NZ), scaled, and the object's, rounded."""
         pieces = [z.ravel()[: self.transcription.row_index.core]]
-        for first in self.stages.objects:
-            release = z[first] * self.scales
+        if self.stages.has_thrown:
+            release = z[self.stages.launch] * self.scales
             thrown = np.concatenate(thrown_state(self.problem, release[Q], release[QD]))
-            pieces.append(np.tile(np.round(thrown, DECIMALS), self.stages.stages + 1 - first))
+            pieces.append(np.tile(np.round(thrown, DECIMALS), self.stages.stages + 1 - self.stages.launch))
         return np.concatenate(pieces)
 
     @cached_property

@@ -129,7 +129,9 @@ RELEASE = VectorLayout({"target": 3, "gravity_z": 1, "tan_elevation": 2})
 BOXES = VectorLayout({"boxes": 6 * KEEP_OUT_BOXES, "box_clearance": 1})  # lower (3) and upper (3) corner of each [m]
 FLIGHT = VectorLayout(
     {
-        "edges": 8 * FLIGHT_EDGES,  # per slot: normal (2), steady, offset, direction (3), bound; see `FlightEdge`
+        # per slot: normal (2), steady and offset, which tell the edge's time, direction (3) and bound [m]; see
+        # `flight_rows`
+        "edges": 8 * FLIGHT_EDGES,
         "mouth": 5,  # of a bin: centre (2), height of the rim, its radius, and the object's radius [m]
         # of the gripper: direction in the flange frame (3), cosine of the largest angle from it [-], way out [m]
         "opening": 5,
@@ -174,55 +176,6 @@ FAR = 1.0e3  # [m] distance added where a pair cannot meet
 ABSENT_BOX = 1.0e3  # [m] coordinates of an absent keep-out box
 UNLIMITED_GRIP = 1.0e4  # [m/s^2] stands for a grip without limit
 
-
-@dataclass(frozen=True)
-class FlightEdge:
-    """A half-space that the object's flight x(t) must be in at one time: direction @ x(t) >= bound.
-
-    The time is (offset - normal @ p) / (normal @ v + steady) for a release at p with velocity v in the plane (x, y),
-    the release itself at the earliest.
-
-    Attributes:
-        normal: of a vertical plane that the flight crosses at that time, over the speed at which it is expected to
-            cross it (2,) [s/m]; zero for a time that is given.
-        steady: 0 for a plane, 1 for a time that is given.
-        offset: of the plane over that speed, or the given time [s].
-        direction: unit vector (3,).
-        bound: [m].
-    """
-
-    normal: tuple[float, float]
-    steady: float
-    offset: float
-    direction: tuple[float, float, float]
-    bound: float
-
-    @classmethod
-    def across(
-        cls,
-        normal: tuple[float, float],
-        offset_m: float,
-        speed_m_s: float,
-        direction: tuple[float, float, float],
-        bound: float,
-    ) -> FlightEdge:
-        """Returns the edge passed where the flight crosses normal @ (x, y) = offset_m, at about `speed_m_s`."""
-        x, y = normal
-        return cls((x / speed_m_s, y / speed_m_s), 0.0, offset_m / speed_m_s, direction, bound)
-
-    @classmethod
-    def at_time(cls, time_s: float, direction: tuple[float, float, float], bound: float) -> FlightEdge:
-        """Returns the edge passed at a time after the release [s]."""
-        return cls((0.0, 0.0), 1.0, time_s, direction, bound)
-
-    @property
-    def row(self) -> list[float]:
-        """The slot's parameters (8,)."""
-        return [*self.normal, self.steady, self.offset, *self.direction, self.bound]
-
-
-NO_EDGE = FlightEdge.at_time(0.0, (0.0, 0.0, 0.0), -1.0)  # holds with 1 m to spare
-
 WATCHED_AFTER = 2  # stages after the release (or its window) on which singularities are avoided
 LEAVING_STAGES = 1  # stages after the release (or its window), 20 to 40 ms, in which the object leaves the open grip
 OUT_STAGES = 2  # the same where its way out is followed, until it is out
@@ -259,9 +212,14 @@ class StageLayout:
         return self.launch + self.brake
 
     @property
-    def objects(self) -> tuple[int, ...]:
-        """The stage from which on the object has states; none where its path is given, or no row depends on it."""
-        return (self.launch,) if self.aims and {"leaving", "passing"} & set(self.groups) else ()
+    def has_thrown(self) -> bool:
+        """Whether the object has states from the release on: not where its path is given, or no row depends on it."""
+        return self.aims and bool({"leaving", "passing"} & set(self.groups))
+
+    @property
+    def thrown(self) -> int:
+        """The stage from which on the object has states; one that does not exist where it has none."""
+        return self.launch if self.has_thrown else self.stages + 1
 
     def with_groups(self, groups: Collection[str]) -> StageLayout:
         """Returns the layout with only those of its groups that are in `groups`."""
@@ -277,7 +235,7 @@ class StageLayout:
     def includes(self, block: str) -> bool:
         """Returns whether a block is part of the problem."""
         if block in OF_THE_OBJECT:
-            return bool(self.objects)
+            return self.has_thrown
         group = group_of(block)
         return group not in LAZY_GROUPS or group in self.groups
 

@@ -59,9 +59,8 @@ class RowIndex:
         self.rows: dict[tuple[str, int], Indices] = {}
         self.dynamics: list[Indices] = []
         self.per_stage: list[int] = []
-        self.core = self.variables = stages.stages * NZ + NX
-        for first in stages.objects:
-            self.variables += N_THROWN * (stages.stages + 1 - first)
+        self.core = stages.stages * NZ + NX
+        self.variables = self.core + N_THROWN * (stages.stages + 1 - stages.thrown)
         self.size = 0
         for k in range(stages.stages + 1):
             self._add_stage(k)
@@ -85,7 +84,7 @@ class RowIndex:
 
     def states(self, k: int) -> int:
         """Returns the number of states of a stage."""
-        return NX + N_THROWN * sum(k >= first for first in self.stages.objects)
+        return NX + N_THROWN * (k >= self.stages.thrown)
 
     def following(self, block: str) -> slice:
         """Returns which of the next stage's states a block's first rows are; none for most blocks."""
@@ -107,9 +106,9 @@ class RowIndex:
 
     def thrown(self, k: int) -> Indices:
         """Returns the positions of the object's states of a stage; -1 where it has none."""
-        if not self.stages.objects or k < self.stages.launch:
+        if k < self.stages.thrown:
             return np.full(N_THROWN, -1)
-        return self.core + N_THROWN * (k - self.stages.launch) + np.arange(N_THROWN)
+        return self.core + N_THROWN * (k - self.stages.thrown) + np.arange(N_THROWN)
 
     def _in_group(self, group: str) -> Indices:
         return np.concatenate([rows for name, rows in self.rows_of.items() if group_of(name) == group])

@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from planner import native
 from planner.arrays import Array, Mask
 from planner.cell import CONTACT_M
 from planner.certificate.bounds import EVALUATIONS_MAX, ROUNDS
@@ -31,6 +30,7 @@ from planner.certificate.flight.patches import (
 from planner.certificate.samples import MotionSamples
 from planner.flight import time_of_flight
 from planner.kinematics import dot
+from planner.native import loops
 
 CLOSE_M = 0.03  # [m] a bound below it is refined until it is within `ACCURACY_M` of the least gap found there
 ACCURACY_M = 0.01  # [m]
@@ -271,7 +271,7 @@ def _capsule_distances(flights: Flights, grid: Grid, s: Array, h: Array) -> Arra
     bounds = grid.bounds
     capsules = body.frames[: body.object], body.ends[: body.object]
     moving = np.array([bounds.speed(s), bounds.time_bend(s, h)])
-    return native.capsule_bounds((grid.x, grid.X_WL, h), capsules, grid.rates, bounds.reach, moving)
+    return loops.capsule_bounds((grid.x, grid.X_WL, h), capsules, grid.rates, bounds.reach, moving)
 
 
 def _decided(flights: Flights, grid: Grid, lower: Array) -> tuple[Mask, Mask, Mask]:

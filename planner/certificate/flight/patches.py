@@ -27,13 +27,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planner import native
 from planner.arrays import Array, Index, Mask
 from planner.certificate.bounds import joint_rates
 from planner.certificate.flight.boxes import box_gaps
 from planner.certificate.flight.flights import TINY_M, Flights
 from planner.certificate.flight.separation import mean
 from planner.kinematics import dot
+from planner.native import loops
 
 
 class Patches(NamedTuple):
@@ -225,7 +225,7 @@ class PatchBounds:
             body = flights.motion.body
             capsule = item[is_capsule] - count
             poses = flights.motion.distinct_poses(t[:2, is_capsule])
-            found = native.patch_distances(poses, (body.frames[capsule], body.ends[capsule]), corners[:, :, is_capsule])
+            found = loops.patch_distances(poses, (body.frames[capsule], body.ends[capsule]), corners[:, :, is_capsule])
             bound[is_capsule] = found[0]
             sampled[:, is_capsule] = found[1:]
         return bound, sampled

@@ -18,13 +18,11 @@
 #define CONTROLS 7
 #define VARIABLES (STATES + CONTROLS)
 #define TIME 18 /* among the states: before the release, negative */
-#define OBJECTS_MAX 2 /* in flight, on some stages */
 #define THROWN 6
-#define WITH_ONE (VARIABLES + THROWN)                  /* with the states of one object */
-#define WITH_THROWN (VARIABLES + OBJECTS_MAX * THROWN) /* with those of all */
-#define ROWS_MAX 64                                    /* of a block */
-#define ENTRIES_MAX (ROWS_MAX * WITH_ONE)              /* of its derivatives */
-#define BROKEN (-1)                                    /* status of a call, beside fatrop's */
+#define WITH_THROWN (VARIABLES + THROWN)     /* with the states of the object in flight, on some stages */
+#define ROWS_MAX 64                          /* of a block */
+#define ENTRIES_MAX (ROWS_MAX * WITH_THROWN) /* of its derivatives */
+#define BROKEN (-1)                          /* status of a call, beside fatrop's */
 #define LATE (-2)
 #define OUT_OF_TIME (-3)
 #define FREE 0x7fffffff                      /* column of a row without bounds */
@@ -39,19 +37,18 @@ struct block {
     void (*curve)(const lanes *z, const void *p, const lanes *multipliers, lanes *gradient, lanes *hessian);
     const long long *jacobian, *hessian; /* sparsity: rows, columns, first entry of each column, row of each entry */
     const int *position;                 /* of each row on each of its stages in the whole problem */
-    int variables;                       /* that its rows are of: those of a stage, and an object's or not */
-    int rows, object;                    /* which object */
+    int variables, rows;                 /* the variables that its rows are of: a stage's, and the object's or not */
     int following, into;                 /* the first `following` rows are the next stage's states `into` .. */
     int first, last;                     /* stages first .. last - 1 */
     int parameters, each;                /* where its parameters begin, and how many each stage has of its own */
 };
 
 /* `own`: where the rows of each stage begin, beside the next state, and how many there are; `block[cost]` is the
-   objective's. From stage `thrown` on, each object has states; `stages` + 1 where it has none. */
+   objective's. From stage `thrown` on, the object has states; `stages` + 1 where it has none. */
 struct problem {
     const struct block *block;
     const int *own, *owned;
-    int blocks, cost, stages, rows, thrown[OBJECTS_MAX];
+    int blocks, cost, stages, rows, thrown;
 };
 
 /* One call of the solver. `columns`: of each row, then of each variable, in the matrix of its stage: of equalities
@@ -70,47 +67,28 @@ struct call {
     volatile int iterations; /* begun, by the second derivatives evaluated */
 };
 
-static int has_thrown(const struct problem *of, int stage, int object) { return stage >= of->thrown[object]; }
+static int has_thrown(const struct problem *of, int stage) { return stage >= of->thrown; }
 static int controls(const struct problem *of, int stage) { return stage < of->stages ? CONTROLS : 0; }
 
-/* How many objects have states: the first so many, as each is released after the one before. */
-static int objects(const struct problem *of, int stage) {
-    int n = 0;
-    while (n < OBJECTS_MAX && has_thrown(of, stage, n)) n++;
-    return n;
-}
+static int states(const struct problem *of, int stage) { return STATES + (has_thrown(of, stage) ? THROWN : 0); }
 
-static int states(const struct problem *of, int stage) { return STATES + THROWN * objects(of, stage); }
-
-/* Variables in Python's order, the objects' last, one object after the other. */
+/* Variables in Python's order, the object's last. */
 static int core(const struct problem *of) { return of->stages * VARIABLES + STATES; }
 
-static int first_thrown(const struct problem *of, int stage, int object) {
-    int first = core(of);
-    for (int i = 0; i < object; i++) first += THROWN * (of->stages + 1 - of->thrown[i]);
-    return first + THROWN * (stage - of->thrown[object]);
-}
+static int first_thrown(const struct problem *of, int stage) { return core(of) + THROWN * (stage - of->thrown); }
+static int variables(const struct problem *of) { return first_thrown(of, of->stages + 1); }
 
-static int variables(const struct problem *of) { return first_thrown(of, of->stages + 1, OBJECTS_MAX - 1); }
-
-/* Those of a stage in the order of `z`, in which every stage has all of them: state, control, objects. */
+/* Those of a stage in the order of `z`, in which every stage has all of them: state, control, object. */
 static int exists(const struct problem *of, int stage, int i) {
-    return i < STATES || (i < VARIABLES ? stage < of->stages : has_thrown(of, stage, (i - VARIABLES) / THROWN));
+    return i < STATES || (i < VARIABLES ? stage < of->stages : has_thrown(of, stage));
 }
-
-/* Position in that order of variable i of a block. */
-static int whole(const struct block *b, int i) { return i < VARIABLES ? i : i + THROWN * b->object; }
 
 /* Position of variable i of a stage among fatrop's: controls, states, the object's states. */
 static int placed(int i, int controls) {
     return i < STATES ? i + controls : i < VARIABLES ? i - STATES : i - CONTROLS + controls;
 }
 
-static double *thrown_at(double *z, int stage, int object) {
-    return z + WITH_THROWN * stage + VARIABLES + THROWN * object;
-}
-
-#define FOR_OBJECTS(of, k, object) for (int object = 0; object < objects(of, k); object++)
+static double *thrown_at(double *z, int stage) { return z + WITH_THROWN * stage + VARIABLES; }
 
 static void read_variables(const struct call *call, const double *primal, const dims *s) {
     for (int k = 0; k <= call->of->stages; k++) {
@@ -118,8 +96,7 @@ static void read_variables(const struct call *call, const double *primal, const 
         const double *from = primal + s->ux_offs[k];
         memcpy(call->z + WITH_THROWN * k, from + n, STATES * sizeof(double));
         memcpy(call->z + WITH_THROWN * k + STATES, from, (size_t)n * sizeof(double));
-        FOR_OBJECTS(call->of, k, i)
-            memcpy(thrown_at(call->z, k, i), from + n + STATES + THROWN * i, THROWN * sizeof(double));
+        if (has_thrown(call->of, k)) memcpy(thrown_at(call->z, k), from + n + STATES, THROWN * sizeof(double));
     }
 }
 
@@ -127,14 +104,14 @@ static void read_variables(const struct call *call, const double *primal, const 
 static void unpack(const struct problem *of, const double *x, double *z) {
     for (int k = 0; k <= of->stages; k++) {
         memcpy(z + WITH_THROWN * k, x + VARIABLES * k, (size_t)(STATES + controls(of, k)) * sizeof(double));
-        FOR_OBJECTS(of, k, i) memcpy(thrown_at(z, k, i), x + first_thrown(of, k, i), THROWN * sizeof(double));
+        if (has_thrown(of, k)) memcpy(thrown_at(z, k), x + first_thrown(of, k), THROWN * sizeof(double));
     }
 }
 
 static void pack(const struct problem *of, double *z, double *x) {
     for (int k = 0; k <= of->stages; k++) {
         memcpy(x + VARIABLES * k, z + WITH_THROWN * k, (size_t)(STATES + controls(of, k)) * sizeof(double));
-        FOR_OBJECTS(of, k, i) memcpy(x + first_thrown(of, k, i), thrown_at(z, k, i), THROWN * sizeof(double));
+        if (has_thrown(of, k)) memcpy(x + first_thrown(of, k), thrown_at(z, k), THROWN * sizeof(double));
     }
 }
 
@@ -142,7 +119,7 @@ static void pack(const struct problem *of, double *z, double *x) {
 static void gather(const struct call *call, const struct block *b, int k, lanes *z) {
     for (int lane = 0; lane < LANES; lane++) {
         const double *from = call->z + WITH_THROWN * (k + lane < b->last ? k + lane : b->last - 1);
-        for (int i = 0; i < b->variables; i++) z[i][lane] = from[whole(b, i)];
+        for (int i = 0; i < b->variables; i++) z[i][lane] = from[i];
     }
 }
 
@@ -275,12 +252,12 @@ static int jacobian(const double *primal, const double *stage_p, const double *g
             FOR_LANES(b, k, lane) {
                 const int *at = positions(b, k + lane), free = controls(of, k + lane);
                 for (int j = 0; j < b->variables; j++)
-                    for (long long e = first[j]; e < first[j + 1] && exists(of, k + lane, whole(b, j)); e++) {
+                    for (long long e = first[j]; e < first[j + 1] && exists(of, k + lane, j); e++) {
                         const int column =
                             row[e] < b->following ? b->into + (int)row[e] : call->columns[n + at[row[e]]];
                         matrix *A = (row[e] < b->following ? dynamics : column < 0 ? equal : unequal) + k + lane;
                         if (column != FREE)
-                            BLASFEO_DMATEL(A, placed(whole(b, j), free), column < 0 ? -1 - column : column) =
+                            BLASFEO_DMATEL(A, placed(j, free), column < 0 ? -1 - column : column) =
                                 entries[e][lane];
                     }
             }
@@ -349,7 +326,7 @@ static int hessian(double scale, const double *primal, const double *given, cons
     const struct problem *of = call->of;
     const int n = variables(of);
     double *slope = call->gradient;
-    lanes z[WITH_THROWN], apart[ROWS_MAX], weights[ROWS_MAX], gradient[WITH_ONE], entries[WITH_ONE * WITH_ONE];
+    lanes z[WITH_THROWN], apart[ROWS_MAX], weights[ROWS_MAX], gradient[WITH_THROWN], entries[WITH_THROWN * WITH_THROWN];
     (void)stage_p, (void)global_p;
     products = 0;
     call->iterations = call->iterations + 1;
@@ -377,12 +354,11 @@ static int hessian(double scale, const double *primal, const double *given, cons
             FOR_LANES(b, k, lane) {
                 const int free = controls(of, k + lane);
                 for (int j = 0; j < b->variables; j++) {
-                    const int column = whole(b, j);
-                    if (!exists(of, k + lane, column)) continue;
-                    slope[WITH_THROWN * (k + lane) + column] += gradient[j][lane];
+                    if (!exists(of, k + lane, j)) continue;
+                    slope[WITH_THROWN * (k + lane) + j] += gradient[j][lane];
                     for (long long e = first[j]; e < first[j + 1]; e++)
-                        if (exists(of, k + lane, whole(b, (int)row[e])))
-                            BLASFEO_DMATEL(out + k + lane, placed(whole(b, (int)row[e]), free), placed(column, free)) +=
+                        if (exists(of, k + lane, (int)row[e]))
+                            BLASFEO_DMATEL(out + k + lane, placed((int)row[e], free), placed(j, free)) +=
                                 entries[e][lane];
                 }
             }
@@ -468,8 +444,7 @@ static int bounds_of(double *lower, double *upper, int k, void *data) {
 static int guessed_state(double *x, int k, void *data) {
     const struct call *call = data;
     memcpy(x, call->guess + VARIABLES * k, STATES * sizeof(double));
-    FOR_OBJECTS(call->of, k, i)
-        memcpy(x + STATES + THROWN * i, call->guess + first_thrown(call->of, k, i), THROWN * sizeof(double));
+    if (has_thrown(call->of, k)) memcpy(x + STATES, call->guess + first_thrown(call->of, k), THROWN * sizeof(double));
     return 0;
 }
 

@@ -12,6 +12,7 @@ import pytest
 
 from executor import shared_memory as shm
 from executor.preparation import expected_landing, prepare_job
+from executor.streaming.gripper_port import OutputPort
 from executor.streaming.loop import Stream
 from learning import prior_knowledge
 from learning.streamed_arm import StreamedArm
@@ -51,6 +52,7 @@ class OffArm:
         self.stamp = self.safety_bits = self.runtime_state = self.scaling = self.outputs = 0.0
         self.current = self.target_qd = [0.0] * 6
         self.true_q, self.true_qd = np.array(self.job.q[0]), np.zeros(6)
+        self.gripper = OutputPort(self)
 
     def timestamp(self) -> float:
         self.tick += 1
@@ -74,7 +76,7 @@ class OffArm:
     def speed(self, qd: list) -> None:
         self.sent.append(qd)
 
-    def output(self, level: bool) -> None:
+    def output(self, kind: str, index: int, level: bool) -> None:
         self.opened = True
 
     def at(self, row: float) -> tuple[np.ndarray, np.ndarray]:

@@ -13,6 +13,7 @@ import pytest
 from executor.preparation import prepare_job
 from executor.stream_job import StreamJob
 from executor.streaming import script_stream
+from executor.streaming.gripper_port import OutputPort
 from executor.streaming.rtde_connection import PROGRAM_OUTPUTS, ProgramState
 from executor.streaming.script_stream import ScriptStream
 from executor.streaming.state_checks import StreamFault, check_state
@@ -37,6 +38,8 @@ class DrivenConnection(Driven):
     def __init__(self, prepared: Prepared, job: StreamJob) -> None:
         super().__init__(prepared.cell, script=job.program)
         self.job = job
+        connection: Any = self
+        self.gripper = OutputPort(connection)
         self.memory: Any = SimpleNamespace(fields=defaultdict(float), add_row=lambda values: None)
         self.read()
 
@@ -61,7 +64,7 @@ class DrivenConnection(Driven):
     def beat(self, number: int, request: int) -> None:
         self.controller.take_inputs(InputValues([(HEARTBEAT, number), (REQUEST, request)], []))
 
-    def output(self, level: bool) -> None:
+    def output(self, kind: str, index: int, level: bool) -> None:
         pass
 
     def wait_for_rest(self) -> None:

@@ -10,6 +10,7 @@ import pytest
 
 from planner import flight
 from planner.backends.casadi_nlp import Margins, functions, layout, transcription
+from planner.backends.casadi_nlp.flight_rows import edge_across, edge_at
 from planner.backends.casadi_nlp.instance import stage_layout
 from planner.backends.casadi_nlp.margins import LINKS
 from planner.backends.casadi_nlp.parameters import arm_parameters, box_parameters, scale_parameters, variable_scales
@@ -179,9 +180,9 @@ def test_derivatives_of_the_whole_problem(stages: layout.StageLayout) -> None:
 
 def _flight_parameters() -> np.ndarray:
     """An edge that crosses x = 0.9 above 0.5, one at a fixed time, a bin's mouth and an opening along y."""
-    edges = np.tile(layout.NO_EDGE.row, (layout.FLIGHT_EDGES, 1))
-    edges[0] = layout.FlightEdge.across((1.0, 0.0), 0.9, EXPECTED_SPEED, (0.0, 0.0, 1.0), 0.5).row
-    edges[3] = layout.FlightEdge.at_time(0.2, (0.6, 0.0, 0.8), 0.2).row
+    edges = np.tile(edge_at(0.0, (0.0, 0.0, 0.0), -1.0), (layout.FLIGHT_EDGES, 1))
+    edges[0] = edge_across(0, 0.9, EXPECTED_SPEED, (0.0, 0.0, 1.0), 0.5)
+    edges[3] = edge_at(0.2, (0.6, 0.0, 0.8), 0.2)
     mouth = [1.5, 0.5, -1.0, 0.1, 0.03]
     opening = [0.0, 1.0, 0.0, 0.3, 0.02]
     return layout.FLIGHT.pack({"edges": edges, "mouth": mouth, "opening": opening})

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planner import native
 from planner.cell import Box
 from planner.certificate import certify
 from planner.certificate.bounds import joint_rates
@@ -19,6 +18,7 @@ from planner.dynamics import joint_torques, payload_of
 from planner.flight import landing_points
 from planner.geometry import body_capsules, capsule_endpoints, segment_box_distance, tool_state
 from planner.kinematics import signed_singularity_distances
+from planner.native import loops
 from planner.problem import TargetRelease
 from planner.trajectory import Trajectory, integrate
 from tests.planner.certificate.test_certificate import random_trajectories
@@ -108,7 +108,7 @@ def test_a_cell_in_a_cone_is_as_deep_as_claimed(half_rad):
     share = rng.dirichlet(np.ones(4), 400)
     for _ in range(200):
         corner = rng.uniform(-1.0, 1.0, 3) + rng.uniform(0.0, 1.0) * rng.uniform(-1.0, 1.0, (4, 3))
-        claimed = native.exit_cells(corner.T, np.zeros(4), np.arange(4)[:, None], np.zeros(1), cone)[5, 0]
+        claimed = loops.exit_cells(corner.T, np.zeros(4), np.arange(4)[:, None], np.zeros(1), cone)[5, 0]
         w = share @ corner
         size = np.linalg.norm(w, axis=1)
         angle = np.arccos(np.clip(w @ cone.direction / size, -1.0, 1.0))

@@ -41,7 +41,7 @@ def truth(cell: Any, **parts: Any) -> Truth:
 
 def delays(opening: GripperOpening, count: int = 4000) -> np.ndarray:
     """Returns the delays of `count` openings of one gripper [s]."""
-    gripper = SimulatedGripper("tool_digital", 0, True, opening, 5)
+    gripper = SimulatedGripper(make_cell().gripper, 0.04, opening, 5)
     found = []
     for _ in range(count):
         gripper.output_changed(0.0, gripper.open_bits)

@@ -131,9 +131,8 @@ def test_jitter_scatters_the_delay_and_the_seed_repeats_it():
     cell = make_cell(gripper_delay_s=0.04, gripper_jitter_s=0.003, seed=7)
 
     def delays():
-        wiring = (cell.gripper.output, cell.gripper.index, cell.gripper.open_level)
         truth = truth_of(cell)
-        gripper = SimulatedGripper(*wiring, truth.gripper, truth.seed)
+        gripper = SimulatedGripper(cell.gripper, 0.04, truth.gripper, truth.seed)
         found = []
         for _ in range(400):
             gripper.output_changed(0.0, gripper.open_bits)

@@ -107,6 +107,8 @@ assert.equal(done("read_cell_model", await client.GET("/cells/{name}/model", cel
 assert(done("read_robot_state", await client.GET("/cells/{name}/state", cell)).robot?.connected);
 done("read_timing", await client.GET("/cells/{name}/timing", cell));
 done("acknowledge_fault", await client.POST("/cells/{name}/acknowledge", cell));
+const power = { action: "power_on" as const };
+assert.equal(done("operate_robot", await client.POST("/cells/{name}/robot", { ...cell, body: power })).state, "waiting");
 const learnt = done("estimate_profile_of_cell", await client.POST("/cells/{name}/profiles", cell));
 const profile = { params: { path: { id: learnt.id } } };
 done("list_profiles", await client.GET("/cells/{name}/profiles", cell));

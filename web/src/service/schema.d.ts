@@ -301,6 +301,29 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/cells/{name}/robot": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Operate a robot
+         * @description Powers an arm on or off, releases its brakes, or unlocks a protective stop: once somebody has looked at it.
+         *
+         *     The executor does it between executions; `robot_request` of `GET /cells/{name}/state` tells what became of it.
+         *     **Brakes that are released let the arm sink a little.**
+         */
+        post: operations["operate_robot"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/cells/{name}/state": {
         parameters: {
             query?: never;
@@ -1255,6 +1278,8 @@ export interface components {
             not_executable?: string | null;
             /** @description null without an executor. */
             robot: components["schemas"]["RobotStateAnswer"] | null;
+            /** @description The newest `POST /cells/{name}/robot`. */
+            robot_request?: components["schemas"]["RobotActionAnswer"] | null;
         };
         /**
          * CellSummary
@@ -3485,6 +3510,49 @@ export interface components {
             velocity?: number | number[] | null;
         };
         /**
+         * RobotActionAnswer
+         * @description A request to operate a robot, and what became of it.
+         */
+        RobotActionAnswer: {
+            /**
+             * Action
+             * @enum {string}
+             */
+            action: "power_on" | "brake_release" | "unlock_protective_stop" | "power_off";
+            /** Id */
+            id: string;
+            /**
+             * Requested At
+             * @description UTC, ISO 8601.
+             */
+            requested_at: string;
+            /** Requested By */
+            requested_by: string;
+            /**
+             * State
+             * @description waiting: for the executor, or the controller.
+             * @enum {string}
+             */
+            state: "waiting" | "done" | "refused";
+            /**
+             * Text
+             * @description By which interface it was done, or why not; empty while it waits.
+             */
+            text: string;
+        };
+        /**
+         * RobotActionRequest
+         * @description What a person asks of a robot.
+         */
+        RobotActionRequest: {
+            /**
+             * Action
+             * @description `power_on`: the arm, brakes stay engaged; `brake_release`; `unlock_protective_stop`: once its cause was looked for; `power_off`.
+             * @enum {string}
+             */
+            action: "power_on" | "brake_release" | "unlock_protective_stop" | "power_off";
+        };
+        /**
          * RobotStateAnswer
          * @description The live state of a robot, four times a second; what its controller does not tell is absent or null.
          */
@@ -3509,6 +3577,11 @@ export interface components {
              * @description Configured on the controller [kg].
              */
             payload_kg?: number | null;
+            /**
+             * Polyscope
+             * @description Version of the controller's software.
+             */
+            polyscope?: string | null;
             /**
              * Positions
              * @description Measured joint positions [rad].
@@ -4282,6 +4355,8 @@ export type ProfileSummary = components['schemas']['ProfileSummary'];
 export type Readiness = components['schemas']['Readiness'];
 export type ReleaseState = components['schemas']['ReleaseState'];
 export type RequestLimits = components['schemas']['RequestLimits'];
+export type RobotActionAnswer = components['schemas']['RobotActionAnswer'];
+export type RobotActionRequest = components['schemas']['RobotActionRequest'];
 export type RobotStateAnswer = components['schemas']['RobotStateAnswer'];
 export type RunTiming = components['schemas']['RunTiming'];
 export type SafetyLimitsAnswer = components['schemas']['SafetyLimitsAnswer'];
@@ -5578,6 +5653,114 @@ export interface operations {
                 };
             };
             /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    operate_robot: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Name of a cell. */
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["RobotActionRequest"];
+            };
+        };
+        responses: {
+            /** @description Asked of the executor. */
+            202: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["RobotActionAnswer"];
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `request-timeout` */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `robot-busy`, `robot-not-ready` */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `too-large` */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `unsupported-media-type` */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `shutting-down`, `not-ready` */
             503: {
                 headers: {
                     [name: string]: unknown;

@@ -277,7 +277,7 @@ def _in_cone(leaving: SX, direction: SX, opening: SX) -> SX:
 
 
 def _beyond(edge: SX, position: SX, velocity: SX, gravity: SX) -> SX:
-    """Returns how far beyond the bound of a `FlightEdge` the flight is at the edge's time [m], times a square.
+    """Returns how far beyond its bound the flight is at the time of an edge of `flight_rows` [m], times a square.
 
     The time is ahead / speed. A division would have no bound where the flight turns parallel to the edge's plane, and
     the solver would not return from there; so the row is multiplied by speed^2, which is 1 at the expected speed.

@@ -11,6 +11,6 @@ MODULES = (arm, candidates, distances, flights, motions)
 
 
 def twin(name: str) -> Callable[..., Any]:
-    """Returns the numpy function of the name of one of `planner.native`."""
+    """Returns the numpy function of the name of one of `planner.native.loops`."""
     (found,) = {getattr(module, name) for module in MODULES if hasattr(module, name)}
     return found

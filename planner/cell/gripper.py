@@ -1,0 +1,218 @@
+"""The table `[gripper]` of a cell file: outputs, buses, snippets and calls, and how the object is held."""
+
+from __future__ import annotations
+
+import math
+import urllib.parse
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from planner.arrays import Array, read_only
+from planner.cell.fields import choice, number, optional, vector
+from planner.cell.model import ControllerAddress, Gripper
+from planner.errors import CellError
+from planner.grippers import KINDS, MODELS, NOT_SUPPORTED, PORTS, UNTIMED, WIRED, GripperLink, SecondOutput
+
+WHERE = "gripper."
+# [m/s^2] a grip that withstands less holds nothing, and one that withstands a thousand times gravity is not limited
+HOLD_ACCELERATION_RANGE = 1e-3, 1e4
+OUTPUTS = {"tool_digital": 2, "standard_digital": 8, "configurable_digital": 8}  # of each kind on a UR controller
+BLOW_OFF_MAX_S = 10.0  # [s] of compressed air after a release; catches milliseconds
+TEXT_MAX = 4000  # characters of a snippet; it is sent in one piece
+OPEN_LEVEL = {"digital": True, "vacuum": False}  # of the first output: a vacuum is off
+OF_BUS = ("model", "transport", "host", "port", "slave_id", "open_width_m")
+KEYS: dict[
+    str, tuple[str, ...]
+] = {  # of each kind, beyond those that all have; None in `GRIPPER` means that a key is absent
+    "digital": ("close_output", "close_index"),
+    "vacuum": ("blow_off_output", "blow_off_index", "blow_off_s"),
+    "robotiq": OF_BUS,
+    "onrobot": OF_BUS,
+    "script": ("open_script", "close_script"),
+    "http": ("open_url", "close_url"),
+}
+GRIPPER: dict[str, Any] = {
+    "kind": "digital",
+    "output": "tool_digital",
+    "index": 0,
+    "open_level": None,
+    **{key: None for keys in KEYS.values() for key in keys},
+    "delay_s": 0.040,
+    "jitter_s": 0.0,
+    "opening_direction": None,
+    "opening_cone_rad": None,
+    "hold_acceleration_m_s2": None,
+}
+
+
+def gripper_of(table: dict[str, Any], controller: ControllerAddress) -> Gripper:
+    """Returns the gripper that the table describes; fills in the defaults that depend on its kind.
+
+    Raises:
+        CellError: a field is refused.
+    """
+    kind = _kind(table)
+    if table["open_level"] is None:
+        table["open_level"] = OPEN_LEVEL.get(kind, True)
+    if not isinstance(table["open_level"], bool):
+        raise CellError("gripper.open_level", table["open_level"], "must be true or false")
+    output, index = _line(table, "output", "index")
+    link = None if kind in WIRED else _link(table, kind, controller)
+    quantum_s = 0.0 if link is None else link.quantum_s
+    return Gripper(
+        output,
+        index,
+        table["open_level"],
+        delay_s=number(table, "delay_s", WHERE, 0.0, 2.0),
+        jitter_s=math.hypot(_jitter(table, kind), quantum_s / math.sqrt(12.0)),  # that of an even distribution
+        kind=kind,
+        second=_second(table, kind, (output, index)),
+        link=link,
+        opening_direction=_direction(table, "opening_direction"),
+        opening_cone_rad=optional(table, "opening_cone_rad", WHERE, math.pi),
+        hold_acceleration_m_s2=_hold_acceleration(table),
+    )
+
+
+def _kind(table: Mapping[str, Any]) -> str:
+    kind = table["kind"]
+    if isinstance(kind, str) and kind in NOT_SUPPORTED:
+        raise CellError("gripper.kind", kind, NOT_SUPPORTED[kind])
+    kind = choice(table, "kind", WHERE, KINDS)
+    for other, keys in KEYS.items():
+        for key in keys:
+            if table[key] is not None and key not in KEYS[kind]:
+                raise CellError(WHERE + key, table[key], f'is a key of kind "{other}", and the kind is "{kind}"')
+    return kind
+
+
+def _line(table: Mapping[str, Any], output: str, index: str) -> tuple[str, int]:
+    """Returns kind and number of a digital output."""
+    kind = choice(table, output, WHERE, OUTPUTS)
+    return kind, _whole(table, index, 0, OUTPUTS[kind] - 1)
+
+
+def _whole(table: Mapping[str, Any], key: str, lower: int, upper: int) -> int:
+    value = number(table, key, WHERE, lower, upper)
+    if value != int(value):
+        raise CellError(WHERE + key, value, "must be a whole number")
+    return int(value)
+
+
+def _second(table: Mapping[str, Any], kind: str, first: tuple[str, int]) -> SecondOutput | None:
+    """Returns the output that closes the gripper, or that blows the object off; None without one."""
+    if kind not in WIRED:
+        return None
+    keys = KEYS[kind]
+    missing = [key for key in keys if table[key] is None]
+    if len(missing) == len(keys):
+        return None
+    if missing:
+        raise CellError(WHERE + missing[0], None, f"is missing: {' and '.join(keys)} belong together")
+    output, index, *_ = keys
+    line = _line(table, output, index)
+    if line == first:
+        raise CellError(WHERE + output, line[0], "is the output that opens the gripper")
+    blows = kind == "vacuum"
+    lasts_s = number(table, "blow_off_s", WHERE, 1e-3, BLOW_OFF_MAX_S) if blows else None
+    return SecondOutput(*line, open_level=blows, lasts_s=lasts_s)
+
+
+def _jitter(table: Mapping[str, Any], kind: str) -> float:
+    """Returns the stated standard deviation [s]; of a kind that nobody has timed it has to be stated."""
+    jitter_s = number(table, "jitter_s", WHERE, 0.0, 0.5)
+    if jitter_s == 0.0 and kind in UNTIMED:
+        why = f'must be stated for kind "{kind}": {UNTIMED[kind]}. `fling calibrate gripper` measures it'
+        raise CellError("gripper.jitter_s", jitter_s, why)
+    return jitter_s
+
+
+def _link(table: dict[str, Any], kind: str, controller: ControllerAddress) -> GripperLink:
+    if kind == "script":
+        open_text, close_text = _texts(table, "script")
+        return GripperLink(kind=kind, port=PORTS["secondary"], open_text=open_text, close_text=close_text)
+    if kind == "http":
+        return _http(table)
+    return _bus(table, kind, controller)
+
+
+def _texts(table: Mapping[str, Any], name: str) -> list[str]:
+    """Returns what opens and what closes the gripper."""
+    texts = []
+    for does in ("open", "close"):
+        text = table[f"{does}_{name}"]
+        if not isinstance(text, str) or not text.strip():
+            raise CellError(f"{WHERE}{does}_{name}", text, f"is missing: what {does}s the gripper")
+        if len(text) > TEXT_MAX:
+            raise CellError(f"{WHERE}{does}_{name}", f"{len(text)} characters", f"must be at most {TEXT_MAX} long")
+        texts.append(text)
+    return texts
+
+
+def _http(table: Mapping[str, Any]) -> GripperLink:
+    texts = _texts(table, "url")
+    where = set()
+    for does, text in zip(("open", "close"), texts, strict=True):
+        field = f"{WHERE}{does}_url"
+        try:
+            parts = urllib.parse.urlsplit(text)
+            port = parts.port or 80
+        except ValueError as error:
+            raise CellError(field, text, str(error)) from error
+        if parts.scheme != "http" or not parts.hostname or not text.isascii() or not text.isprintable():
+            raise CellError(field, text, "must be a URL that begins with http://; encryption takes too long for a tick")
+        where.add((parts.hostname, port))
+    if len(where) > 1:
+        raise CellError("gripper.close_url", texts[1], "must be of the same host and port as open_url")
+    ((host, port),) = where
+    return GripperLink(kind="http", host=host, port=port, open_text=texts[0], close_text=texts[1])
+
+
+def _bus(table: dict[str, Any], kind: str, controller: ControllerAddress) -> GripperLink:
+    name = choice(table, "model", WHERE, [name for name, model in MODELS.items() if model.kind == kind])
+    model = MODELS[name]
+    table["transport"] = table["transport"] or model.transports[0]
+    transport = choice(table, "transport", WHERE, model.transports)
+    if table["host"] is None and transport == "modbus_tcp" and controller.kind != "sim":
+        why = "is missing: the address of the compute box, 192.168.1.1 as delivered"
+        raise CellError("gripper.host", None, why)
+    if table["host"] is not None and (not isinstance(table["host"], str) or not table["host"].strip()):
+        raise CellError("gripper.host", table["host"], "must be a host name or address")
+    defaults = {"port": PORTS[transport], "slave_id": model.slave_id, "open_width_m": model.stroke_m}
+    for key, value in defaults.items():
+        table[key] = value if table[key] is None else table[key]
+    if model.stroke_m == 0.0 and table["open_width_m"] != 0.0:
+        raise CellError("gripper.open_width_m", table["open_width_m"], f"a {name} has no fingers")
+    return GripperLink(
+        kind=kind,
+        model=name,
+        transport=transport,
+        host=table["host"] or "",
+        port=_whole(table, "port", 1, 65535),
+        slave_id=_whole(table, "slave_id", 1, 247),
+        stroke_m=model.stroke_m,
+        open_width_m=number(table, "open_width_m", WHERE, 0.0 if model.stroke_m == 0.0 else 1e-3, model.stroke_m),
+    )
+
+
+def _direction(table: Mapping[str, Any], key: str) -> Array | None:
+    """Returns a direction (3,) as a unit vector; None where it is absent."""
+    if table[key] is None:
+        return None
+    direction = vector(table, key, WHERE, 3)
+    length = float(np.linalg.norm(direction))
+    if length < 1e-9:
+        raise CellError(WHERE + key, direction.tolist(), "must not be zero")
+    return read_only(direction / length)
+
+
+def _hold_acceleration(table: Mapping[str, Any]) -> Array | None:
+    """Returns what the grip withstands: one number for any direction (1,), or one for each axis (3,) [m/s^2]."""
+    key = "hold_acceleration_m_s2"
+    if table[key] is None:
+        return None
+    if isinstance(table[key], list | tuple):
+        return vector(table, key, WHERE, 3, *HOLD_ACCELERATION_RANGE)
+    return read_only([number(table, key, WHERE, *HOLD_ACCELERATION_RANGE)])

@@ -1,0 +1,120 @@
+"""The grippers that Fling can drive: kinds, models, where each is reached, and what is published of its timing.
+
+Of the standard library alone: planner, streaming process and simulated controller read the same facts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+WIRED = ("digital", "vacuum")  # kinds that digital outputs of the controller switch
+# [s] the URCap's socket passes on what the gripper's registers say, which change at 100 Hz; on the bus itself 5 ms must
+# pass between two commands; source: Robotiq, instruction manual of 2F-85 and 2F-140, Modbus RTU
+QUANTUM_S = {"socket": 0.010, "tool_serial": 0.005}
+PORTS = {
+    "socket": 63352,  # source: Robotiq's URCap, the server that its own programs use
+    "tool_serial": 54321,  # source: Universal Robots, ROS driver, "tool communication": the bytes of the tool's line
+    "modbus_tcp": 502,  # source: Modbus, assigned port
+    "secondary": 30002,  # source: Universal Robots, client interfaces
+}
+
+
+@dataclass(frozen=True)
+class GripperModel:
+    """A gripper with a bus.
+
+    Attributes:
+        kind: of gripper, as in a cell file.
+        stroke_m: widest opening of its fingers [m]; 0: vacuum cups.
+        transports: how it is reached; the first is the default.
+        slave_id: its address on a Modbus.
+    """
+
+    kind: str
+    stroke_m: float
+    transports: tuple[str, ...]
+    slave_id: int
+
+
+ROBOTIQ = ("socket", "tool_serial")
+COMPUTE_BOX = ("modbus_tcp",)
+# source of strokes: data sheets of the makers; of addresses: their manuals, as delivered
+MODELS = {
+    "2f85": GripperModel("robotiq", 0.085, ROBOTIQ, 9),
+    "2f140": GripperModel("robotiq", 0.140, ROBOTIQ, 9),
+    "hande": GripperModel("robotiq", 0.050, ROBOTIQ, 9),
+    "rg2": GripperModel("onrobot", 0.110, COMPUTE_BOX, 65),
+    "rg6": GripperModel("onrobot", 0.160, COMPUTE_BOX, 65),
+    "vg10": GripperModel("onrobot", 0.0, COMPUTE_BOX, 65),
+}
+KINDS = ("digital", "vacuum", "robotiq", "onrobot", "script", "http")
+NOT_SUPPORTED = {
+    "schunk": (
+        'is not supported: Fling knows no protocol of these grippers. One with digital inputs is a "digital", and a '
+        'driver of its own can be called by "http" or "script"'
+    )
+}
+UNTIMED = {  # kinds of whose timing nothing is published: what their own part of it depends on
+    "onrobot": "the compute box passes a command on when its own bus is free",
+    "script": "the controller compiles the snippet, and runs it in one of its next cycles",
+    "http": "the call crosses a network and a server",
+}
+
+
+@dataclass(frozen=True)
+class SecondOutput:
+    """An output that changes with the one that opens the gripper: it closes the gripper, or blows the object off.
+
+    Attributes:
+        output, index: kind and number of the output.
+        open_level: its level while the gripper is open.
+        lasts_s: how long it has that level [s]; None: as long as the gripper is open.
+    """
+
+    output: str
+    index: int
+    open_level: bool
+    lasts_s: float | None
+
+
+CALLS = {  # kinds that run somebody's own code: what that does to the timing of a release
+    "script": (
+        "the snippet starts milliseconds after its command, at another delay each time, and what it waits for comes "
+        "on top; nothing tells whether the gripper opened. It must not move the arm"
+    ),
+    "http": (
+        "each call takes as long as network and server do, and one that is answered only once the gripper is open is "
+        "taken for one that does not open; nothing else tells what the gripper did"
+    ),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class GripperLink:
+    """How a gripper is reached that no digital output switches, and what it is told.
+
+    Attributes:
+        kind, model, transport: as in the cell file; empty where the kind has none.
+        host: network address; empty: the controller's.
+        port: TCP port.
+        slave_id: address on a Modbus; 0 without one.
+        stroke_m: widest opening [m].
+        open_width_m: how far it opens [m].
+        open_text, close_text: snippets of URScript, or URLs.
+    """
+
+    kind: str
+    port: int
+    model: str = ""
+    transport: str = ""
+    host: str = ""
+    slave_id: int = 0
+    stroke_m: float = 0.0
+    open_width_m: float = 0.0
+    open_text: str = ""
+    close_text: str = ""
+
+    @property
+    def quantum_s(self) -> float:
+        """Period at which the gripper takes commands [s]; 0 where it is not published."""
+        return QUANTUM_S.get(self.transport, 0.0)

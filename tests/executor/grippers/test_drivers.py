@@ -1,0 +1,170 @@
+"""Each driver against its gripper's twin, over a socket: closed, open, deaf, silent, late, without its object."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+
+import pytest
+
+from executor.grippers import GripperConnection, GripperUnavailable
+from executor.streaming.gripper_port import SocketPort
+from tests.gripper_twins import TwinOnWire, until
+
+ONROBOT = 'kind = "onrobot"\njitter_s = 0.003\nport = 5020\nmodel = '
+TABLES = {
+    "socket": 'kind = "robotiq"\nmodel = "2f85"\nopen_width_m = 0.07\n',
+    "serial": 'kind = "robotiq"\nmodel = "hande"\ntransport = "tool_serial"\n',
+    "fingers": f'{ONROBOT}"rg2"\nopen_width_m = 0.08\n',
+    "vacuum": f'{ONROBOT}"vg10"\n',
+    "http": 'kind = "http"\njitter_s = 0.01\nopen_url = "http://HOST:8085/o"\nclose_url = "http://HOST:8085/c"\n',
+}
+REPORTING = ["socket", "serial", "fingers", "vacuum"]
+WITH_FINGERS = ["socket", "serial", "fingers"]
+
+
+@pytest.fixture
+def twin(request: pytest.FixtureRequest) -> Iterator[TwinOnWire]:
+    made = TwinOnWire(TABLES[request.param])
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def port(twin: TwinOnWire) -> Iterator[SocketPort]:
+    """What the stream has once the daemon found the gripper ready, told to close."""
+    connection = GripperConnection(twin.link, twin.host)
+    made = SocketPort(twin.job(os.dup(connection.fileno())))
+    connection.close()
+    made.tell(False)
+    until(lambda: made.is_open() is False, made.cycle)
+    yield made
+    made.close()
+
+
+@pytest.mark.parametrize("twin", TABLES, indirect=True)
+def test_it_closes_opens_and_closes_again(twin: TwinOnWire, port: SocketPort) -> None:
+    assert port.is_open() is False
+    port.tell(True)
+    until(lambda: twin.gripper.holds is None, port.cycle)
+    until(port.is_open, port.cycle)
+    if twin.link.stroke_m:
+        until(lambda: not twin.gripper.is_busy, port.cycle)
+        assert twin.gripper.width_m == pytest.approx(twin.link.open_width_m, abs=2e-4)
+    port.tell(False)
+    until(lambda: port.is_open() is False, port.cycle)
+    until(lambda: twin.gripper.holds == 2 and not twin.gripper.is_busy, port.cycle)
+    assert port.is_open() is False
+    assert port.problem() is None
+
+
+@pytest.mark.parametrize("twin", WITH_FINGERS, indirect=True)
+def test_one_that_is_stuck_reports_that_it_stays_closed(twin: TwinOnWire, port: SocketPort) -> None:
+    twin.gripper.stuck = True
+    port.tell(True)
+    for _ in range(50):
+        until(lambda: True, port.cycle)
+        port.cycle()
+    assert port.is_open() is False
+    assert port.problem() is None
+
+
+@pytest.mark.parametrize("twin", REPORTING, indirect=True)
+def test_another_client_that_opens_it_is_seen(twin: TwinOnWire, port: SocketPort) -> None:
+    other = GripperConnection(twin.link, twin.host)
+    other._socket.sendall(other.driver.tell(True))
+    until(port.is_open, port.cycle)
+    other.close()
+
+
+@pytest.mark.parametrize("twin", WITH_FINGERS, indirect=True)
+def test_a_lost_object_is_released_early(twin: TwinOnWire, port: SocketPort) -> None:
+    until(lambda: port._driver.fingers._gripped, port.cycle)
+    twin.gripper.rearm = lambda stands: None
+    twin.gripper.lose()
+    until(port.problem, port.cycle)
+    outcome, reason = port.problem()
+    assert (outcome, "lost the object" in reason) == ("released_early", True)
+
+
+@pytest.mark.parametrize("twin", REPORTING, indirect=True)
+def test_a_silent_one_is_a_problem(twin: TwinOnWire, port: SocketPort) -> None:
+    for connection, _ in twin.network.connections.values():
+        connection.disturbance.stalled = True
+    twin.network.changed()
+    until(port.problem, port.cycle)
+    outcome, reason = port.problem()
+    assert outcome == "not_released"
+    assert f"{twin.host}:{twin.link.port} has not answered for" in reason
+
+
+@pytest.mark.parametrize("twin", REPORTING, indirect=True)
+def test_one_that_goes_is_a_problem(twin: TwinOnWire, port: SocketPort) -> None:
+    for connection, _ in [*twin.network.connections.values()]:
+        connection.open = False
+    until(port.problem, port.cycle)
+    assert "closed the connection" in port.problem()[1] or "is lost" in port.problem()[1]
+
+
+@pytest.mark.parametrize("twin", ["http"], indirect=True)
+def test_a_server_may_end_an_idle_connection(twin: TwinOnWire, port: SocketPort) -> None:
+    before = {*twin.network.connections}
+    for connection, _ in [*twin.network.connections.values()]:
+        connection.open = False
+    until(lambda: {*twin.network.connections} - before, port.cycle)
+    port.tell(True)
+    until(lambda: twin.gripper.holds is None, port.cycle)
+    until(port.is_open, port.cycle)
+    assert port.problem() is None
+
+
+@pytest.mark.parametrize("twin", REPORTING, indirect=True)
+def test_the_daemon_holds_the_object_over_the_same_connection(twin: TwinOnWire) -> None:
+    connection = GripperConnection(twin.link, twin.host)
+    assert connection.hold()
+    until(lambda: twin.gripper.goal_m == 0.0)
+    connection.close()
+
+
+@pytest.mark.parametrize("twin", TABLES, indirect=True)
+def test_one_that_is_not_there_is_unavailable(twin: TwinOnWire) -> None:
+    twin.close()
+    with pytest.raises(GripperUnavailable, match="does not answer"):
+        GripperConnection(twin.link, twin.host)
+
+
+@pytest.mark.parametrize("twin", REPORTING, indirect=True)
+def test_one_that_says_nothing_is_unavailable(twin: TwinOnWire) -> None:
+    twin.network.ports[0].mute = True
+    with pytest.raises(GripperUnavailable, match="does not answer"):
+        GripperConnection(twin.link, twin.host)
+
+
+@pytest.mark.parametrize("twin", REPORTING, indirect=True)
+def test_one_that_answers_late_is_unavailable(twin: TwinOnWire, monkeypatch: pytest.MonkeyPatch) -> None:
+    connect = twin.network.connect
+
+    def late(*arguments):
+        connection = connect(*arguments)
+        connection.disturbance.delay_s = 0.08
+        return connection
+
+    monkeypatch.setattr(twin.network, "connect", late)
+    with pytest.raises(GripperUnavailable, match=r"answers after 1\d\d ms"):
+        GripperConnection(twin.link, twin.host)
+
+
+@pytest.mark.parametrize("twin", ["socket"], indirect=True)
+def test_one_that_is_not_activated_is_unavailable(twin: TwinOnWire) -> None:
+    with twin.connect() as pendant:
+        pendant.sendall(b"SET ACT 0\n")
+        assert pendant.recv(64) == b"ack"
+    with pytest.raises(GripperUnavailable, match="activate it on the pendant"):
+        GripperConnection(twin.link, twin.host)
+
+
+@pytest.mark.parametrize("twin", ["fingers"], indirect=True)
+def test_a_compute_box_without_the_gripper_refuses(twin: TwinOnWire) -> None:
+    twin.network.ports[0].handler.registers.read = lambda first, count: None
+    with pytest.raises(GripperUnavailable, match="Modbus exception 2"):
+        GripperConnection(twin.link, twin.host)
