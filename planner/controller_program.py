@@ -2,9 +2,10 @@
 
 A row is one line: the joint speeds of a cycle, and how long the verified brake from there takes. The program sends a
 row a cycle by speedj, switches the gripper's output at its row, and flies the brake of the present row where that is
-asked for, or where the controller's own target has left the motion. A *watched* program begins when an RTDE client
-tells it to, and stops the arm by itself once that client has not raised its heartbeat for the dead-man time; one for
-the pendant has no such client (docs/decisions/0029-script-mode.md). `executor.streaming.script_stream` watches it.
+asked for. It stops the arm at once where the controller's own target has left the motion: no brake is verified there. A
+*watched* program begins when an RTDE client tells it to, and stops the arm, too, once that client has not raised its
+heartbeat for the dead-man time; one for the pendant has no such client (docs/decisions/0029-script-mode.md).
+`executor.streaming.script_stream` watches it.
 
 Source of the functions: Universal Robots, "The URScript Programming Language". No numpy: the streaming process imports
 this module.
@@ -26,7 +27,7 @@ BRAKE_ROW = 13  # output: row from which the brake is flown; -1: none
 SWITCHED_ROW = 14  # output: row at which the gripper was told to open; -1: not yet
 END = 15  # output: one of the words below
 RUN = 16  # output: the run's number, so that a program's outputs are not taken for those of the one before
-RUNNING, FINISHED, BRAKED, UNHEARD = range(4)
+RUNNING, FINISHED, BRAKED, UNHEARD, OFF_COURSE = range(5)
 GO, KEEP, BRAKE = range(3)  # what is asked for, added to the run's number: any other number is a brake
 NUMBERS = 4  # [-] from one run's number to the next
 
@@ -37,7 +38,8 @@ ROWS_MAX = 1000
 STRIDE_MAX_S = 0.01  # [s] from one row of an approach to the next; a request for its brake waits for as long
 PULL_PER_S = 5.0
 PULL_MAX_RAD_S = 0.05  # [1/s, rad/s] feedback: as the streamed one, but from the controller's target: nothing lags
-OFF_COURSE_RAD = 0.05  # [rad] of the controller's target from the motion: its speed slider was moved, or it was stopped
+OFF_COURSE_RAD = 0.05  # [rad] of the controller's target from the motion: it was slowed down, or paused
+OFF_SPEED_RAD_S = 0.1  # [rad/s] the same of its speed, beyond what a cycle may change
 FINAL_STOP_RAD_S2 = 20.0  # [rad/s^2] of the final stopj, where only rounding is left to stop
 AT_START_RAD = 0.01  # [rad] as an execution accepts it
 BEGIN_S = 10.0  # [s] for which a watched program waits for its start
@@ -118,6 +120,11 @@ class ControllerProgram:
                 f"{seconds:.1f} s of motion take {len(self.qd)} rows; a program holds {ROWS_MAX}: use speedj or servoj"
             )
 
+    @property
+    def off_speed(self) -> float:
+        """Difference of the controller's target speed from the motion's at which the arm is stopped [rad/s]."""
+        return OFF_SPEED_RAD_S + self.acceleration * self.dt  # the target that is read may be a cycle old
+
     def text(self, watch: Watch | None, header: Sequence[str] = ()) -> str:
         """Returns the program.
 
@@ -133,6 +140,7 @@ class ControllerProgram:
             *(f"# {line}".rstrip() for line in header),
             f"def {PROGRAM}():",
             self._state(),
+            self._give_up(watch),
             *([_LISTEN.format(**self._listening(watch))] if watch else []),
             self._step(watch),
             self._brake(watch),
@@ -153,10 +161,7 @@ class ControllerProgram:
         return {
             "heartbeat": HEARTBEAT,
             "cycles": max(round(watch.dead_man_s / (self.stride * self.dt)), 1),
-            "close": self._closing("      "),
-            "end": END,
             "unheard": UNHEARD,
-            "deceleration": f"{self.acceleration:.3f}",
             "request": REQUEST,
             "keep": watch.run + KEEP,
             "go": watch.run + GO,
@@ -168,10 +173,15 @@ class ControllerProgram:
         lines = [f"if opened and row < {gripper.closes_until}:", f"  {gripper.text(False)}", "end"]
         return "\n".join(indent + line for line in lines)
 
+    def _give_up(self, watch: Watch | None) -> str:
+        tell = f"    write_output_integer_register({END}, end_word)\n" if watch else ""
+        return _GIVE_UP.format(close=self._closing("    "), tell=tell, deceleration=f"{self.acceleration:.3f}")
+
     def _step(self, watch: Watch | None) -> str:
         tell = f"    write_output_integer_register({ROW}, row)\n" if watch else ""
-        numbers = {"gain": PULL_PER_S, "most": PULL_MAX_RAD_S, "off": OFF_COURSE_RAD, "half": 0.5 * self.dt}
-        return _STEP.format(tell=tell, dt=self.dt, acceleration=f"{self.acceleration:.3f}", **numbers)
+        numbers = {"gain": PULL_PER_S, "most": PULL_MAX_RAD_S, "half": 0.5 * self.dt}
+        off = {"off": OFF_COURSE_RAD, "off_speed": f"{self.off_speed:.3f}", "off_course": OFF_COURSE}
+        return _STEP.format(tell=tell, dt=self.dt, acceleration=f"{self.acceleration:.3f}", **numbers, **off)
 
     def _brake(self, watch: Watch | None) -> str:
         tell = f"    write_output_integer_register({BRAKE_ROW}, row)\n" if watch else ""
@@ -243,6 +253,14 @@ _STATE = """\
   global heard = 0
   global silent = 0"""
 
+_GIVE_UP = """\
+  # Stops the arm at once, and ends the program.
+  def give_up(end_word):
+{close}
+{tell}    stopj({deceleration})
+    halt
+  end"""
+
 _LISTEN = """\
   # Stops the arm where the heartbeat has stopped; takes requests.
   def listen():
@@ -254,10 +272,7 @@ _LISTEN = """\
       silent = 0
     end
     if silent >= {cycles}:
-{close}
-      write_output_integer_register({end}, {unheard})
-      stopj({deceleration})
-      halt
+      give_up({unheard})
     end
     local asked = read_input_integer_register({request})
     if asked == {keep}:
@@ -280,8 +295,8 @@ _STEP = """\
     local j = 0
     while j < 6:
       error = planned[j] - q[j]
-      if norm(error) > {off}:
-        braking = True
+      if norm(error) > {off} or norm(before[j] - now[j]) > {off_speed}:
+        give_up({off_course})
       end
       pull = {gain} * error
       if pull > {most}:

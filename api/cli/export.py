@@ -104,7 +104,9 @@ def _head(plan: dict[str, Any], cell: Cell, trajectory: Trajectory, program: Con
         f"The speed slider is at 100 %, the tool centre point at {_rounded(tcp)} m;",
         f"payload {cell.tool.mass_kg:g} kg, and {cell.object.mass_kg:g} kg of the object.",
         "Nobody watches it: there is no dead-man. The pendant's stop and emergency stop end it, and the arm's own",
-        f"safety limits. It brakes by itself where the controller's target is {OFF_COURSE_RAD:g} rad from the motion.",
+        f"safety limits. It stops by itself where the controller's target is {OFF_COURSE_RAD:g} rad or "
+        f"{program.off_speed:.2f} rad/s off the motion:",
+        "under a speed slider, or resumed after a pause.",
         f"{len(program.qd)} rows of at most {ROWS_MAX}.",
     ]
 

@@ -24,9 +24,7 @@ WAITS_S = 1.0  # [s] without a new state, while nothing moves: a controller comp
 BEAT_S = 0.004  # [s] from one heartbeat to the next: ten within the dead-man time
 POLL_S = 2e-4  # [s] between two looks for a new state: it is watched, and nothing has to be sent at once
 OWN_GAP_S = 0.010  # [s] between two looks: this process was suspended, and the state's age is unknown
-KEEP_AHEAD_S = (
-    0.010  # [s] before the gripper's command at which it is decided: a state arrives, and a request goes back
-)
+KEEP_AHEAD_S = 0.010  # [s] before the gripper's command at which it is decided: a request has to get there
 
 
 class Upload:
@@ -176,11 +174,8 @@ class ScriptStream(Stream):
         self.clock.stale_s = self.job.dead_man_s
         self.clock.silent_s = 0.0
         self.clock.request = self.job.run + controller_program.GO
-        while self.clock.program.row < 0:
+        while self.clock.program.row < 0:  # it may move by now: a request to stop is for the run, which waits for rest
             self._look()
-            if (early := self.requests.pending()) is not None:
-                self._ask(controller_program.BRAKE)
-                return early
         self.clock.first = self.clock.stamp - self.clock.tick * self.job.dt
         self._note_first(self.clock.first)
         return None
@@ -202,6 +197,10 @@ class ScriptStream(Stream):
         program = self.clock.program
         if program.end == controller_program.UNHEARD:
             raise self._unheard()
+        if program.end == controller_program.OFF_COURSE:
+            self.connection.plays = False
+            self.connection.check()  # what slowed the controller down, or stopped it
+            raise StreamFault("tracking", "the controller's target left the motion: its program stopped the arm")
         if not program.end:
             self.connection.check()
             self._check_advance(program.row)
@@ -209,7 +208,7 @@ class ScriptStream(Stream):
             self.schedule.divert(program.brake_row)
             self.fields[shm.STATE] = shm.BRAKING
             if not self.asked_to_brake:
-                self.verdict = ("tracking", "the controller's target left the motion, and its program braked")
+                self.verdict = ("aborted", "the program on the controller was asked to brake by another client")
         if program.switched_row >= 0 and not self.output_sent:
             self._note_opening(program.switched_row)
             if self.verdict[0] == "held":  # the program heard it too late

@@ -18,6 +18,7 @@ from planner.controller_program import (
     GO,
     HEARTBEAT,
     KEEP,
+    OFF_COURSE,
     REQUEST,
     ROW,
     ROWS_MAX,
@@ -36,6 +37,7 @@ from tests.simulator.conftest import Driven
 WATCH = Watch(run=800, dead_man_s=0.04)
 NUMBERS = r"follow\(\[([^\]]*)\], (-?\d+)\)"
 BRAKE_RAD = 1e-3  # [rad] the acceleration at which a brake begins is a difference of two rows
+STOPPED_RAD = 0.01  # [rad] of a joint that sped up for a cycle and was stopped
 PUBLISHED_RAD_S = 1e-6  # [rad/s] to which speeds are written
 
 
@@ -188,14 +190,35 @@ def test_without_a_heartbeat_it_stops_within_the_dead_man_time(prepared: Prepare
     assert running.controller.timeline.t - begin < WATCH.dead_man_s + braking_s + 4.0 * dt
 
 
-def test_a_controller_that_is_slowed_down_brakes(prepared: Prepared) -> None:
+@pytest.mark.parametrize("fraction", [0.9, 0.5, 0.3])
+def test_under_a_speed_slider_it_stops_and_keeps_the_object(prepared: Prepared, fraction: float) -> None:
+    """A slider stretches the time of a row: the arm stays near its course, at another speed."""
     running = Running(prepared)
     running.starts()
     running.go(until_row=prepared.rows.release_row // 3)
-    running.controller.slider = running.controller.speed_scaling = 0.3
+    running.controller.slider = running.controller.speed_scaling = fraction
     running.go()
-    assert running.out_int(END) == BRAKED
+    assert running.out_int(END) == OFF_COURSE
+    assert running.out_int(SWITCHED_ROW) == -1
     assert not any(running.arm.qd)
+
+
+@pytest.mark.parametrize("watch", [WATCH, None], ids=["watched", "pendant"])
+@pytest.mark.parametrize("speed", [0.5, 2.0])
+def test_a_paused_program_that_is_resumed_does_not_move(prepared: Prepared, watch: Watch | None, speed: float) -> None:
+    running = Running(prepared, watch)
+    running.tell(GO)
+    while np.abs(running.arm.qd).max() < speed:
+        running.go(cycles=1)
+    before = running.controller.workcell.outputs.bits
+    running.controller.runner.pause()
+    running.cycle(500)
+    stands = running.arm.q
+    assert running.controller.runner.resume()
+    running.go()
+    running.cycle(100)
+    assert running.arm.q == pytest.approx(stands, abs=STOPPED_RAD)
+    assert running.controller.workcell.outputs.bits == before
 
 
 def test_an_approach_leaves_rows_out_and_arrives(prepared: Prepared) -> None:

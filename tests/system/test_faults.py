@@ -11,6 +11,7 @@ import time
 
 import pytest
 
+from planner.controller_program import HEARTBEAT, REQUEST
 from tests.system.rig import FAST_RAD_S, LOB, NUDGE, Rig
 
 SEEN_S = 0.2  # [s] the executor receives a state every 40 ms
@@ -80,16 +81,21 @@ def test_preflight_refuses_in_words(rig: Rig, name: str, parameters: dict, word:
     assert rig.throw_when_ready().outcome == "completed"  # a refusal latches nothing
 
 
-def test_registers_in_use_are_a_refusal(rig: Rig) -> None:  # R15
+@pytest.mark.parametrize(
+    ("mode", "register"), [("speedj", 0), ("script", HEARTBEAT), ("script", REQUEST)], ids=lambda value: str(value)
+)
+def test_registers_in_use_are_a_refusal(rig: Rig, mode: str, register: int) -> None:  # R15
     with socket.create_connection((rig.host, 30004)) as other:
         other.sendall(struct.pack(">HBH", 5, 86, 2))
         other.recv(64)
-        names = b"input_int_register_0"
+        names = b"input_int_register_%d" % register
         other.sendall(struct.pack(">HB", 3 + len(names), 73) + names)
         other.recv(64)
-        row = rig.throw(NUDGE)
+        before = rig.state()["q"]
+        row = rig.throw(NUDGE, mode)
     assert row.outcome == "refused"
     assert "in use" in row.reason
+    assert rig.state()["q"] == pytest.approx(before, abs=1e-9)
     rig.acknowledge()
     assert rig.throw(NUDGE).outcome == "completed"
 
