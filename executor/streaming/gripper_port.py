@@ -144,11 +144,14 @@ class SocketPort:
         self._driver = driver_of(job.link)
         self._socket = socket.socket(fileno=job.gripper_fd)
         self._socket.setblocking(False)
-        self._peer = self._socket.getpeername()
         self._received = bytearray()
         self._unanswered = 0
         self._asked_at = 0.0  # the oldest request without an answer, or later
         self._failure = ""
+        try:
+            self._peer = self._socket.getpeername()
+        except OSError as error:  # reset since the daemon found it ready
+            self._failure = f"is lost: {error}"
         self._name = f"the gripper at {job.link.host or job.host}:{job.link.port}"
         self.quiet_s = self._driver.quiet_s
         self.closes_in_s = REPORTS_IN_S if self._driver.reports else UNSEEN_S

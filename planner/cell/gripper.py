@@ -161,8 +161,9 @@ def _http(table: Mapping[str, Any]) -> GripperLink:
             port = parts.port or 80
         except ValueError as error:
             raise CellError(field, text, str(error)) from error
-        if parts.scheme != "http" or not parts.hostname or not text.isascii() or not text.isprintable():
-            raise CellError(field, text, "must be a URL that begins with http://; encryption takes too long for a tick")
+        if parts.scheme != "http" or not parts.hostname or not text.isascii() or not text.isprintable() or " " in text:
+            why = "must be a URL that begins with http://, without blanks; encryption takes too long for a tick"
+            raise CellError(field, text, why)
         where.add((parts.hostname, port))
     if len(where) > 1:
         raise CellError("gripper.close_url", texts[1], "must be of the same host and port as open_url")

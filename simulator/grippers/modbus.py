@@ -1,4 +1,4 @@
-"""Modbus as a server: registers are read (3, 4) and written (6, 16), in frames of Modbus TCP or of RTU.
+"""Modbus as a server: registers are read (3, 4), written (6, 16), or both (23), in frames of Modbus TCP or of RTU.
 
 Source: Modbus application protocol 1.1b3; Modbus over serial line 1.02.
 """
@@ -13,6 +13,7 @@ from simulator.interfaces import Connection, ConnectionHandler
 READS = (3, 4)
 WRITE_ONE = 6
 WRITE = 16
+READ_WRITE = 23
 REFUSED = 0x80
 ILLEGAL_FUNCTION = 1
 ILLEGAL_ADDRESS = 2
@@ -70,7 +71,10 @@ class RtuFraming:
     def take(self, received: bytearray) -> tuple[bytes, int, bytes] | None:
         """Takes a request."""
         while len(received) >= 8:
-            size = 9 + received[6] if received[1] == WRITE else 8
+            count_at = {WRITE: 6, READ_WRITE: 10}.get(received[1])  # the byte that counts those which follow
+            if count_at is not None and len(received) <= count_at:
+                return None
+            size = 8 if count_at is None else count_at + 3 + received[count_at]
             if len(received) < size:
                 return None
             if _crc(received[: size - 2]) == received[size - 2 : size]:
@@ -104,21 +108,29 @@ class ModbusServer(ConnectionHandler):
 
     def _answer(self, pdu: bytes) -> bytes:
         function = pdu[0]
-        if function not in (*READS, WRITE_ONE, WRITE) or len(pdu) < 5:
+        if function not in (*READS, WRITE_ONE, WRITE, READ_WRITE) or len(pdu) < 5:
             return bytes([function | REFUSED, ILLEGAL_FUNCTION])
         first, second = struct.unpack_from(">HH", pdu, 1)
-        if function in READS:
-            found = self.registers.read(first, second) if 0 < second <= REGISTERS_MAX else None
+        if function == WRITE_ONE:
+            done = self.registers.write(first, [second])
+        elif function == WRITE:
+            done = self._write(pdu, 1)
+        else:  # what is written takes effect before the rest is read
+            done = function in READS or self._write(pdu, 5)
+            found = self.registers.read(first, second) if done and 0 < second <= REGISTERS_MAX else None
             if found is not None:
                 return struct.pack(f">BB{second}H", function, 2 * second, *found)
-        elif function == WRITE_ONE:
-            if self.registers.write(first, [second]):
-                return pdu[:5]
-        elif 0 < second <= REGISTERS_MAX and len(pdu) == 6 + 2 * second:
-            values = [*struct.unpack_from(f">{second}H", pdu, 6)]
-            if self.registers.write(first, values):
-                return pdu[:5]
-        return bytes([function | REFUSED, ILLEGAL_ADDRESS])
+            done = False
+        return pdu[:5] if done else bytes([function | REFUSED, ILLEGAL_ADDRESS])
+
+    def _write(self, pdu: bytes, at: int) -> bool:
+        """Writes the registers that a request lists from its byte `at` on; returns whether it could."""
+        if len(pdu) < at + 5:
+            return False
+        first, count = struct.unpack_from(">HH", pdu, at)
+        if not 0 < count <= REGISTERS_MAX or len(pdu) != at + 5 + 2 * count:
+            return False
+        return self.registers.write(first, [*struct.unpack_from(f">{count}H", pdu, at + 5)])
 
 
 def _crc(data: bytes | bytearray) -> bytes:

@@ -81,6 +81,7 @@ HTTP = TIMED + 'kind = "http"\nopen_url = "{}"\nclose_url = "http://h/c"\n'
         (TIMED + SCRIPT.replace("a()", 2000 * "a()"), "open_script", "4000"),
         (HTTP.format("http://h/o").replace("0.01", "0.0"), "jitter_s", "network"),
         (HTTP.format("https://h/o"), "open_url", "http://"),
+        (HTTP.format("http://h/o p"), "open_url", "blanks"),
         (HTTP.format("http://h:x/o"), "open_url", "ort"),
         (HTTP.format("http://other/o"), "close_url", "same host"),
     ],

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+import select
+import socket
+import struct
 from collections.abc import Iterator
 
 import pytest
@@ -104,6 +107,22 @@ def test_one_that_goes_is_a_problem(twin: TwinOnWire, port: SocketPort) -> None:
         connection.open = False
     until(port.problem, port.cycle)
     assert "closed the connection" in port.problem()[1] or "is lost" in port.problem()[1]
+
+
+@pytest.mark.parametrize("twin", ["socket"], indirect=True)
+def test_one_that_was_reset_before_the_stream_began_is_a_problem(twin: TwinOnWire) -> None:
+    connection = GripperConnection(twin.link, twin.host)
+    for accepted, _ in [*twin.network.connections.values()]:
+        accepted.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # RST, not FIN
+        accepted.open = False
+    poll = select.poll()
+    poll.register(connection.fileno(), select.POLLHUP)
+    until(lambda: poll.poll(0))
+    port = SocketPort(twin.job(os.dup(connection.fileno())))
+    connection.close()
+    outcome, reason = port.problem()
+    assert (outcome, "is lost" in reason) == ("not_released", True)
+    port.close()
 
 
 @pytest.mark.parametrize("twin", ["http"], indirect=True)
