@@ -151,7 +151,7 @@ class Violation:
         limit: the bound that it violates [unit], None likewise.
         unit: of both.
         at_s: time on the trajectory [s], None where there is no such time.
-        detail: joint, pair of links or box concerned, in words.
+        detail: joint, pair of links or shape concerned, in words.
         proven: whether no motion can avoid it; otherwise motions without it were searched for in vain.
     """
 

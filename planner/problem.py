@@ -11,7 +11,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from planner.arrays import Array, Mask
-from planner.cell import STANDING_RAD, Box, Cell, Limits
+from planner.cell import STANDING_RAD, Box, Cell, Limits, Shape
 from planner.errors import FieldError, InvalidProblem
 from planner.flight import drag_constant
 from planner.geometry import (
@@ -23,7 +23,7 @@ from planner.geometry import (
     misfit,
     passable,
     point_segment_distance,
-    segment_box_distance,
+    segment_shape_distance,
 )
 from planner.releases import JointRelease, Opening, PointRelease, PoseRelease, Release, Target, TargetRelease
 from planner.rotations import unit_hint
@@ -164,42 +164,42 @@ class ThrowProblem:
 
     @cached_property
     def carriers(self) -> Mask:
-        """Which keep-out boxes (b,) carry a surface on which the object lands, or lie below one."""
-        boxes = self.cell.surroundings.keep_out
-        lower, upper = (np.array([getattr(box, side) for box in boxes]).reshape(-1, 3) for side in ("lower", "upper"))
-        carriers = np.zeros(len(boxes), np.bool_)
-        for surface in self.surfaces:
-            meets = ((lower[:, :2] <= surface.upper) & (upper[:, :2] >= surface.lower)).all(axis=1)
-            within = ((lower[:, :2] >= surface.lower) & (upper[:, :2] <= surface.upper)).all(axis=1)
-            above_m = upper[:, 2] - surface.height_m
-            carriers |= (above_m <= LEVEL_M) & (within | (meets & (above_m >= -LEVEL_M)))
-        return carriers
+        """Which keep-out shapes (b,) carry a surface on which the object lands, or lie below one."""
+
+        def carries(shape: Shape, surface: Surface) -> bool:
+            above_m = shape.upper[2] - surface.height_m
+            is_level = above_m >= -LEVEL_M and surface.meets(shape)
+            return bool(above_m <= LEVEL_M) and (is_level or surface.is_within(shape))
+
+        shapes = self.cell.surroundings.keep_out
+        return np.array([any(carries(shape, surface) for surface in self.surfaces) for shape in shapes], np.bool_)
 
     @cached_property
     def flight_clearances(self) -> tuple[Array, Array]:
-        """The distances [m] that the object in flight keeps from keep-out boxes (b,) and what the base carries (k,).
+        """The distances [m] that the object in flight keeps from keep-out shapes (b,) and what the base carries (k,).
 
-        That is the cell's, but 0 for what it lands on. Beside its target the object comes as near as it lies there:
-        half of that distance, less the landing tolerance, is enough.
+        That is the cell's or the shape's own, but 0 for what it lands on. Beside its target the object comes as near as
+        it lies there: half of that distance, less the landing tolerance, is enough.
         """
         around = self.cell.surroundings
         usual = around.flight_clearance_m
+        own = around.flight_clearances
         base = body_model(self.cell).base_shapes
         if self.target is None:
-            return np.where(self.carriers, 0.0, usual), np.full(len(base[2]), usual)
+            return np.where(self.carriers, 0.0, own), np.full(len(base[2]), usual)
         p = self.target.p_W - self.aim_shift
         centre = p + np.array([0.0, 0.0, self.landing_radius_m])
-        boxes = [float(segment_box_distance(centre, centre, box.lower, box.upper)) for box in around.keep_out]
-        shapes = [float(point_segment_distance(centre, p0, p1)) - radius for p0, p1, radius in zip(*base, strict=True)]
+        stands = [float(segment_shape_distance(centre, centre, shape)) for shape in around.keep_out]
+        carried = [float(point_segment_distance(centre, p0, p1)) - radius for p0, p1, radius in zip(*base, strict=True)]
         spare = self.cell.object.radius_m + (self.landing_tolerance_m if self.is_robust else 0.0)
-        beside = [0.5 * np.maximum(np.array(gaps) - spare, 0.0) for gaps in (boxes, shapes)]
-        return np.where(self.carriers, 0.0, np.minimum(beside[0], usual)), np.minimum(beside[1], usual)
+        beside = [0.5 * np.maximum(np.array(gaps) - spare, 0.0) for gaps in (stands, carried)]
+        return np.where(self.carriers, 0.0, np.minimum(beside[0], own)), np.minimum(beside[1], usual)
 
     @cached_property
     def landing_radius_m(self) -> float:
         """Height of the centre above the landing plane at which a flight to the target is over [m].
 
-        On the floor or a box, which the object touches then, its radius; 0 in the air, where it flies on.
+        On the floor or a shape, which the object touches then, its radius; 0 in the air, where it flies on.
         """
         return self.carrier_z + self.cell.object.radius_m - self.plane_z if self.surfaces else 0.0
 
@@ -215,7 +215,7 @@ class ThrowProblem:
         return max((surface.height_m for surface in self.surfaces), default=self.plane_z)
 
     def is_met_lying(self, top_z: Array) -> Mask:
-        """Returns which boxes that end at `top_z` (...) [m] are higher than what the object lies on at the target."""
+        """Returns which shapes that end at `top_z` (...) [m] are higher than what the object lies on at the target."""
         return np.asarray((top_z > self.carrier_z + LEVEL_M) & (self.lies_z is not None))
 
     @property

@@ -38,7 +38,7 @@ class ViolationAnswer(BaseModel):
     limit: float | None = Field(description="In `unit`.")
     unit: str
     at_s: float | None = Field(None, description="Time on the trajectory [s].")
-    detail: str = Field("", description="Joint, pair of links or box concerned.")
+    detail: str = Field("", description="Joint, pair of links or shape concerned.")
     proven: bool = Field(False, description="Whether no motion can avoid it; otherwise none was found.")
 
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 from planner.calibration import fixed_transforms
-from planner.cell import Box, Cell
+from planner.cell import Cell, Shape, Surroundings
 from planner.flight import drag_constant
 from planner.geometry import SELF_CLEARANCE_M, body_model
 
@@ -74,11 +73,27 @@ def _limits(cell: Cell) -> dict[str, Any]:
 def _surroundings(cell: Cell) -> dict[str, Any]:
     around = cell.surroundings
     heights = {"floor_z_m": around.floor_z_m, "clearance_m": around.clearance_m, "gravity_m_s2": around.gravity_m_s2}
-    return {**heights, "keep_in": _boxes(around.keep_in), "keep_out": _boxes(around.keep_out)}
+    return {**heights, "keep_in": [_corners(box) for box in around.keep_in], "keep_out": _shapes(around)}
 
 
-def _boxes(boxes: Sequence[Box]) -> list[dict[str, Any]]:
-    return [{"lower_m": box.lower.tolist(), "upper_m": box.upper.tolist()} for box in boxes]
+def _shapes(around: Surroundings) -> list[dict[str, Any]]:
+    clearances = (around.clearance_m + around.further_clearances).tolist()
+    rows = zip(around.keep_out_names, around.keep_out, clearances, strict=True)
+    return [
+        {
+            **_corners(shape),
+            "name": name,
+            "shape": shape.kind,
+            "pose": shape.X_WC.tolist(),
+            "extent_m": shape.extent.tolist(),
+            "clearance_m": clearance_m,
+        }
+        for name, shape, clearance_m in rows
+    ]
+
+
+def _corners(shape: Shape) -> dict[str, list[float]]:
+    return {"lower_m": shape.lower.tolist(), "upper_m": shape.upper.tolist()}
 
 
 def _drag(cell: Cell) -> float:

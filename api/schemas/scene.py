@@ -54,14 +54,24 @@ class BoxAnswer(BaseModel):
     upper_m: Vector3 = Field(description="Upper corner [m].")
 
 
+class ShapeAnswer(BoxAnswer):
+    """A convex body, and the axis-aligned box in the world that bounds it."""
+
+    name: str = Field(description="As violations and checks tell it.")
+    shape: Literal["box", "cylinder", "sphere", "capsule"]
+    pose: Transform = Field(description="Pose of its centre and axes in the world; rows [m].")
+    extent_m: Vector3 = Field(description="Its extent along its own axes, round ends included; z is a cylinder's [m].")
+    clearance_m: float = Field(description="Least distance to it [m].")
+
+
 class SurroundingsAnswer(BaseModel):
-    """Floor, boxes and gravity, in the world."""
+    """Floor, shapes and gravity, in the world."""
 
     floor_z_m: float = Field(description="Height of the floor [m].")
-    clearance_m: float = Field(description="Least distance to the floor and to every keep-out box [m].")
+    clearance_m: float = Field(description="Least distance to the floor, and to shapes without their own [m].")
     gravity_m_s2: float = Field(description="Along -z [m/s^2].")
     keep_in: list[BoxAnswer] = Field(description="The tool centre point stays in every one.")
-    keep_out: list[BoxAnswer] = Field(description="Nothing of arm, tool and object enters one.")
+    keep_out: list[ShapeAnswer] = Field(description="Nothing of arm, tool and object enters one.")
 
 
 class ObjectAnswer(BaseModel):
@@ -123,7 +133,7 @@ class CellModel(BaseModel):
 class SeriesAnswer(BaseModel):
     """One quantity over time."""
 
-    name: str = Field(description="Joint, point, box or singularity.")
+    name: str = Field(description="Joint, point, shape or singularity.")
     lower: float | None = Field(description="Least allowed value; null: no such limit.")
     upper: float | None = Field(description="Largest allowed value; null: no such limit.")
     values: list[float | None] = Field(description="One an instant, in the curve's unit; null where it has none.")

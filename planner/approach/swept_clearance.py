@@ -1,7 +1,7 @@
 """Clearance of the body along paths in joint space, bounded between evaluated positions too.
 
 Between two positions a point deviates from its chord by at most sup|p''| h^2 / 8, bounded by the rotations of the
-joints as in the certificate. A height is then at least the lower end less that; a distance d from a box at least
+joints as in the certificate. A height is then at least the lower end less that; a distance d from a shape at least
 (d0 + d1 - |p1 - p0|) / 2 less that; and the distance of two links at least (d0 + d1 - L) / 2, where L sums the
 rotations of the joints between them times their levers. The rule is that of the certificate: what these bounds leave
 open, positions closer together decide.
@@ -97,16 +97,17 @@ def swept_clearances(cell: Cell, paths: SweptPaths, with_object: bool = True) ->
     rates = Rates(np.array([turn, bend, *np.zeros((2, *turn.shape))]))
     bends = point_bound(body.levers, rates, 2).reshape(-1, *paths.turn.shape[:2])
     heights = body.heights(ends).reshape(-1, *shape)
-    boxes = body.box_distances(ends).reshape(-1, len(body.moving), *shape)
+    stands = body.shape_distances(ends).reshape(-1, len(body.moving), *shape)
+    clearances = (around.clearance_m + around.further_clearances).tolist()
     for item, capsule in enumerate(body.moving):
         if capsule == body.object and not with_object:
             continue
         name = body.names[capsule]
         yield _smooth(f"{name} and the floor", heights[item], bends[capsule], around.clearance_m)
-        for box, distances in zip(around.keep_out_names, boxes[:, item], strict=True):
+        for other, distances, clearance_m in zip(around.keep_out_names, stands[:, item], clearances, strict=True):
             chords = _longest_chords(ends[capsule].reshape(2, 3, *shape))
             between = slope_bound(*_neighbours(distances), chords, ONE_STEP) - bends[capsule] / 8.0
-            yield SweptClearance(f"{name} and keep-out {box}", distances, between, around.clearance_m)
+            yield SweptClearance(f"{name} and keep-out {other}", distances, between, clearance_m)
     for i, distances in enumerate(body.wall_distances(ends).reshape(-1, *shape)):
         yield _smooth(f"the tool and the wall of keep-in box {i}", distances, bends[body.object], 0.0)
     approaches = (body.pair_levers @ (turn + bend)).reshape(-1, *paths.turn.shape[:2])

@@ -12,14 +12,15 @@ from planner.cell.model import (
     CONTACT_M,
     FARTHEST_M,
     STANDING_RAD,
-    Box,
     Cell,
     ControllerAddress,
     Gripper,
     Limits,
     Safety,
+    Surroundings,
     ToolCapsule,
 )
+from planner.cell.shapes import Box, Shape, nearest_on_cores, shape_of
 from planner.cell.source import CellSource, calibration_path, read_source
 
 __all__ = [
@@ -34,6 +35,8 @@ __all__ = [
     "Gripper",
     "Limits",
     "Safety",
+    "Shape",
+    "Surroundings",
     "ToolCapsule",
     "calibration_path",
     "cell_faults",
@@ -45,8 +48,10 @@ __all__ = [
     "load_cell",
     "mended_cell",
     "merge_defaults",
+    "nearest_on_cores",
     "number",
     "parse_cell",
     "read_source",
+    "shape_of",
     "vector",
 ]

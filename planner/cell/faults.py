@@ -16,12 +16,17 @@ FAULTS_MAX = 100  # a file with more of them is no cell file
 # Of required keys, so that the others can be read.
 STAND_IN = {"robot": "ur5e", "link.kind": "sim", "arm_data.source": "a stand-in"}
 OF_ARM = ("limits.joint_", "home_rad", "sim.polyscope", "kinematics.")  # not judged without knowing the arm
-ENTRY = {  # of tools and boxes, which have no defaults
+ENTRY = {  # of tools and shapes, which have no defaults
     "from_m": [0.0, 0.0, 0.0],
     "to_m": [0.0, 0.0, 0.0],
     "radius_m": 0.01,
     "lower_m": [-1.0, -1.0, -1.0],
     "upper_m": [1.0, 1.0, 1.0],
+    "shape": "box",
+    "pose": {"position_m": [0.0, 0.0, -1.0], "rotation_vector_rad": [0.0, 0.0, 0.0]},
+    "size_m": [0.1, 0.1, 0.1],
+    "length_m": 0.1,
+    "clearance_m": 0.0,
 }
 
 

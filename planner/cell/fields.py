@@ -13,6 +13,7 @@ from typing import Any
 
 from planner.arrays import Array, read_only
 from planner.errors import CellError
+from planner.rotations import beyond_full_turn, pose, rotation_vector_to_matrix
 
 LIMIT_MIN = 1e-6  # [any unit] smallest limit that is accepted: a limit of zero forbids every motion
 
@@ -63,6 +64,26 @@ def vector(
     if not isinstance(value, list | tuple) or len(value) != size:
         raise CellError(where + key, value, f"must be a list of {size} numbers")
     return read_only([_checked(entry, f"{where}{key}[{i}]", lower, upper) for i, entry in enumerate(value)])
+
+
+def placement(
+    table: Mapping[str, Any], position: str, rotation: str, where: str, farthest_m: float = math.inf
+) -> Array:
+    """Returns a pose (4, 4) of which no coordinate is farther from the origin than `farthest_m` [m].
+
+    Args:
+        table, where: as of all readers.
+        position, rotation: names of its fields.
+        farthest_m: largest coordinate [m].
+
+    Raises:
+        CellError: one of them is refused.
+    """
+    p = vector(table, position, where, 3, -farthest_m, farthest_m)
+    turn = vector(table, rotation, where, 3)
+    if reason := beyond_full_turn(turn):
+        raise CellError(where + rotation, turn.tolist(), reason)
+    return read_only(pose(p, rotation_vector_to_matrix(turn)))
 
 
 def per_joint(table: Mapping[str, Any], key: str, where: str, own: Array, lower: float = 0.0) -> Array:

@@ -17,11 +17,23 @@ import numpy as np
 from planner.arrays import Array, read_only
 from planner.calibration import CalibrationFile, parse_calibration
 from planner.cell.arm_data import ARM_DATA, completed_arm
-from planner.cell.fields import beyond_arm, choice, exactly, merge_defaults, number, optional, per_joint, tables, vector
+from planner.cell.fields import (
+    beyond_arm,
+    choice,
+    exactly,
+    merge_defaults,
+    number,
+    optional,
+    per_joint,
+    placement,
+    tables,
+    vector,
+)
 from planner.cell.gripper import GRIPPER, gripper_of
+from planner.cell.keep_out import corners, keep_out_shapes
 from planner.cell.model import (
     FARTHEST_M,
-    Box,
+    FLIGHT_CLEARANCE_MIN_M,
     Cell,
     ControllerAddress,
     Limits,
@@ -37,7 +49,6 @@ from planner.cell.source import CellSource, calibration_name, read_source
 from planner.documents import NotToml, parse_toml
 from planner.errors import CellError
 from planner.robots import Robot
-from planner.rotations import beyond_full_turn, pose, rotation_vector_to_matrix
 
 NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")  # a cell's name is part of URLs and file names
 SERIAL_PATTERN = re.compile(r"[A-Za-z0-9]{1,64}")  # a robot's serial number, as its dashboard tells it
@@ -96,7 +107,6 @@ DEFAULTS: dict[str, Any] = {
 }
 
 POLYSCOPE = {"CB3": "3.15", "e-Series": "5.11.1"}  # default versions of the simulated controller
-FLIGHT_CLEARANCE_MIN_M = 0.001  # [m] least flight clearance: meshes, calibration and flight are no better than that
 JERK_MAX = 1e5  # [rad/s^3] far above any arm; catches typing errors
 GRAVITY_RANGE = 1.0, 30.0  # [m/s^2] from below the Moon's, 1.62: without any, no flight comes down
 SPEED_MAX = 20.0  # [m/s] far above any arm; catches typing errors
@@ -183,7 +193,7 @@ def _cell(document: dict[str, Any], source: CellSource) -> Cell:
             raise CellError(f"home_rad[{i}]", float(home[i]), f"is outside the joint's limits {bounds}")
     tool = _tool(document["tool"])
     controller = _link(document["link"])
-    X_WB = _pose(document["base_in_world"], "position_m", "rotation_vector_rad", "base_in_world.", FARTHEST_M)
+    X_WB = placement(document["base_in_world"], "position_m", "rotation_vector_rad", "base_in_world.", FARTHEST_M)
     return Cell(
         name=source.name,
         sha256=source.sha256,
@@ -216,15 +226,6 @@ def _robot(document: Mapping[str, Any], calibration: bytes | None) -> tuple[Cali
     return parse_calibration(calibration, name, published)
 
 
-def _pose(table: Mapping[str, Any], position: str, rotation: str, where: str, farthest_m: float) -> Array:
-    """Returns a pose (4, 4) of which no coordinate is farther from the origin than `farthest_m` [m]."""
-    p = vector(table, position, where, 3, -farthest_m, farthest_m)
-    turn = vector(table, rotation, where, 3)
-    if reason := beyond_full_turn(turn):
-        raise CellError(where + rotation, turn.tolist(), reason)
-    return read_only(pose(p, rotation_vector_to_matrix(turn)))
-
-
 def _tool(table: Mapping[str, Any]) -> Tool:
     capsules = []
     for i, entry in enumerate(tables(table["capsules"], "tool.capsules")):
@@ -232,7 +233,7 @@ def _tool(table: Mapping[str, Any]) -> Tool:
         entry = exactly(entry, ("from_m", "to_m", "radius_m"), where)
         ends = (vector(entry, end, where, 3, -TOOL_MAX_M, TOOL_MAX_M) for end in ("from_m", "to_m"))
         capsules.append(ToolCapsule(*ends, radius_m=number(entry, "radius_m", where, TOOL_RADIUS_MIN_M, 1.0)))
-    X_FT = _pose(table, "tcp_position_m", "tcp_rotation_vector_rad", "tool.", TOOL_MAX_M)
+    X_FT = placement(table, "tcp_position_m", "tcp_rotation_vector_rad", "tool.", TOOL_MAX_M)
     return Tool(X_FT, number(table, "mass_kg", "tool.", 0.0), tuple(capsules))
 
 
@@ -269,7 +270,8 @@ def _limits(table: dict[str, Any], arm: Robot) -> Limits:
 
 def _surroundings(table: dict[str, Any], base: Array) -> Surroundings:
     where = "surroundings."
-    keep_in = _boxes(table, "keep_in")
+    entries = tables(table["keep_in"], f"{where}keep_in")
+    keep_in = tuple(corners(entry, f"{where}keep_in[{i}].") for i, entry in enumerate(entries))
     for i, box in enumerate(keep_in):
         for side in ("lower", "upper"):
             away_m = np.abs(getattr(box, side) - base)
@@ -286,20 +288,8 @@ def _surroundings(table: dict[str, Any], base: Array) -> Surroundings:
         flight_clearance_m=number(table, "flight_clearance_m", where, FLIGHT_CLEARANCE_MIN_M, 1.0),
         gravity_m_s2=number(table, "gravity_m_s2", where, *GRAVITY_RANGE),
         keep_in=keep_in,
-        keep_out=_boxes(table, "keep_out"),
+        keep_out=keep_out_shapes(table),
     )
-
-
-def _boxes(table: Mapping[str, Any], key: str) -> tuple[Box, ...]:
-    boxes = []
-    for i, entry in enumerate(tables(table[key], f"surroundings.{key}")):
-        where = f"surroundings.{key}[{i}]."
-        entry = exactly(entry, ("lower_m", "upper_m"), where)
-        box = Box(vector(entry, "lower_m", where, 3), vector(entry, "upper_m", where, 3))
-        if not np.all(box.lower < box.upper):
-            raise CellError(f"{where}lower_m", box.lower.tolist(), "must be below upper_m in every axis")
-        boxes.append(box)
-    return tuple(boxes)
 
 
 def _object(table: Mapping[str, Any]) -> ThrownObject:

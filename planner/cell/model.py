@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from planner.arrays import Array, read_only
 from planner.calibration import CalibrationFile
 from planner.cell.content import content_sha256
+from planner.cell.shapes import ROW, Box, Shape
 from planner.errors import CellError
 from planner.grippers import GripperLink, SecondOutput
 from planner.robots import Robot, capsule_rows
@@ -20,6 +22,7 @@ FARTHEST_M = 100.0
 CONTACT_M = 1e-6  # [m] rounding: so deep in it, a point still stands on a box or on the floor
 PAYLOAD_ROUNDING = 1e-9  # [-] of the sum of two masses
 LIMIT_ROUNDING = 1e-9  # [-] of a limit that was written as text with twelve digits
+FLIGHT_CLEARANCE_MIN_M = 0.001  # [m] least flight clearance: meshes, calibration and flight are no better than that
 STANDING_RAD = 1e-3  # [rad] by which an arm may stand beyond its range; its controller lets it no farther, and back
 OUT_M = 0.01  # [m] least displacement at which an object is out of the grip
 
@@ -114,29 +117,16 @@ class Limits:
 
 
 @dataclass(frozen=True, eq=False)
-class Box:
-    """An axis-aligned box: lower and upper corner in the world frame (3,) [m], and a name where it has one."""
-
-    lower: Array
-    upper: Array
-    name: str = ""
-
-    def depth(self, p: Array) -> Array:
-        """Returns how deep points (..., 3) lie in the box [m], negative outside."""
-        return np.asarray(np.minimum(p - self.lower, self.upper - p).min(axis=-1))
-
-
-@dataclass(frozen=True, eq=False)
 class Surroundings:
     """Obstacles and gravity, in the world frame.
 
     Attributes:
         floor_z_m: height of the floor, a horizontal plane [m].
-        clearance_m: least distance to the floor and to every keep-out box [m].
-        flight_clearance_m: least distance of the object in flight to the arm and every keep-out box [m].
+        clearance_m: least distance to the floor and to every keep-out shape without its own [m].
+        flight_clearance_m: least distance of the object in flight to the arm and every such shape [m].
         gravity_m_s2: gravity along -z [m/s^2].
         keep_in: boxes that contain the tool centre point at all times.
-        keep_out: boxes that arm, tool and held object stay out of.
+        keep_out: shapes that arm, tool and held object stay out of.
     """
 
     floor_z_m: float
@@ -144,12 +134,29 @@ class Surroundings:
     flight_clearance_m: float
     gravity_m_s2: float
     keep_in: tuple[Box, ...]
-    keep_out: tuple[Box, ...]
+    keep_out: tuple[Shape, ...]
 
-    @property
+    @cached_property
     def keep_out_names(self) -> tuple[str, ...]:
-        """What each keep-out box is called: by its name, or by its number."""
-        return tuple(box.name or f"box {i}" for i, box in enumerate(self.keep_out))
+        """What each keep-out shape is called: by its name, or by its kind and number."""
+        return tuple(shape.called(i) for i, shape in enumerate(self.keep_out))
+
+    @cached_property
+    def keep_out_rows(self) -> Array:
+        """The keep-out shapes as the kernel takes them (b, 20)."""
+        return np.array([shape.row for shape in self.keep_out]).reshape(-1, ROW)
+
+    @cached_property
+    def further_clearances(self) -> Array:
+        """What the clearance of each keep-out shape (b,) is beyond the cell's [m]; 0 without one of its own."""
+        own = (shape.clearance_m for shape in self.keep_out)
+        return np.array([0.0 if each is None else each - self.clearance_m for each in own])
+
+    @cached_property
+    def flight_clearances(self) -> Array:
+        """Least distance of the object in flight from each keep-out shape (b,) [m]."""
+        own = (shape.clearance_m for shape in self.keep_out)
+        return np.array([self.flight_clearance_m if m is None else max(m, FLIGHT_CLEARANCE_MIN_M) for m in own])
 
 
 @dataclass(frozen=True)
@@ -368,17 +375,18 @@ class Cell:
         """
         return self._changed({"tool": keys})
 
-    def with_obstacles(self, *boxes: Mapping[str, Any]) -> Cell:
-        """Returns this cell with more boxes that arm, tool and held object stay out of, and a hash of its own.
+    def with_obstacles(self, *shapes: Mapping[str, Any]) -> Cell:
+        """Returns this cell with more shapes that arm, tool and held object stay out of, and a hash of its own.
 
         Args:
-            boxes: as in `surroundings.keep_out` of a cell file: `{"lower_m": [3], "upper_m": [3]}`.
+            shapes: as in `surroundings.keep_out` of a cell file: `{"lower_m": [3], "upper_m": [3]}`, or
+                `{"shape": "cylinder", "pose": {"position_m": [3]}, "radius_m": 0.05, "length_m": 0.8}`.
 
         Raises:
-            CellError: a box is refused, or home is too close to it.
+            CellError: a shape is refused, or home is too close to it.
         """
         there = self.document["surroundings"]["keep_out"]
-        return self._changed({"surroundings": {"keep_out": [*there, *boxes]}})
+        return self._changed({"surroundings": {"keep_out": [*there, *shapes]}})
 
     def _changed(self, tables: Mapping[str, Mapping[str, Any]]) -> Cell:
         from planner.cell.changes import changed  # reads keys as the file's, and so stands above the model

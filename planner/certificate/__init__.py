@@ -7,7 +7,7 @@ by bisection with proven bounds on the deviation in between. The executor certif
 from planner.certificate.bounds import Rates, curvature_bound, point_bound, slope_bound
 from planner.certificate.certificate import Certificate, Check, NotChecked
 from planner.certificate.checks import Examination, certify
-from planner.certificate.clearance import box_gaps, moving_heights
+from planner.certificate.clearance import moving_heights, shape_gaps
 from planner.certificate.curves import Curve, Series, motion_curves
 from planner.certificate.grip import felt_sizes
 from planner.certificate.joints import START_TOLERANCE
@@ -30,7 +30,6 @@ __all__ = [
     "NotChecked",
     "Rates",
     "Series",
-    "box_gaps",
     "certify",
     "curvature_bound",
     "felt_sizes",
@@ -41,6 +40,7 @@ __all__ = [
     "point_bound",
     "power_sizes",
     "release_flight",
+    "shape_gaps",
     "slope_bound",
     "stopping_distances",
     "stopping_times",

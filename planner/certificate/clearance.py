@@ -1,4 +1,4 @@
-"""Checks of the clearance to floor, boxes and the arm itself, for capsules around links, tool and held object."""
+"""Checks of the clearance to floor, shapes and the arm itself, for capsules around links, tool and held object."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from planner.certificate.bounds import (
 )
 from planner.certificate.certificate import Check, NotChecked, at_least
 from planner.certificate.samples import MotionSamples
-from planner.geometry import SELF_CLEARANCE_M, pair_distances, segment_box_distance
+from planner.geometry import SELF_CLEARANCE_M, pair_distances, shape_distances
 
 FAR_M = 1e3  # [m] distance reported for an object that has been released
 
@@ -40,19 +40,23 @@ def floor(motion: MotionSamples) -> Check:
 
 
 def keep_out(motion: MotionSamples) -> Check | None:
-    """Checks that every capsule keeps the clearance from every keep-out box and a bin; None where there is neither."""
+    """Checks that every capsule keeps its clearance from every keep-out shape and a bin; None where there is neither.
+
+    The value is the distance from the shape that leaves least beyond its clearance, and the limit that clearance.
+    """
     around = motion.body.cell.surroundings
     body = motion.body
     t = motion.at_knots.t[motion.sparse]
     if not around.keep_out:
         return None
     moving, count = body.moving, len(body.moving)
-    lower, upper = (np.array([getattr(box, side) for box in around.keep_out]) for side in ("lower", "upper"))
+    lower, upper = (np.array([getattr(shape, side) for shape in around.keep_out]) for side in ("lower", "upper"))
+    further = around.further_clearances
 
     def distance(ends: Array, item: Index) -> Array:
-        box = item // count
-        capsule = moving[item % count]
-        return segment_box_distance(ends[:, 0], ends[:, 1], lower[box], upper[box]) - body.radii[capsule]
+        shape = item // count
+        thick = body.radii[moving[item % count]] + further[shape]
+        return shape_distances(ends[:, 0], ends[:, 1], shape, around.keep_out_rows) - thick
 
     def evaluate(t: Array, item: Index) -> Array:
         capsule = moving[item % count]
@@ -60,7 +64,7 @@ def keep_out(motion: MotionSamples) -> Check | None:
         return np.where((capsule == body.object) & (t > motion.held_until_s), FAR_M, gap)
 
     ends = motion.ends[moving][..., motion.sparse]
-    gaps = _bounding_box_distances(ends, lower, upper) - body.radii[moving, None]
+    gaps = _bounding_box_distances(ends, lower, upper) - (body.radii[moving] + further[:, None])[..., None]
     gaps[:, -1, t > motion.held_until_s] = FAR_M
     gaps = gaps.reshape(-1, len(t))
     rates = np.tile(body.levers[moving] @ motion.sparse_speeds, (len(lower), 1))
@@ -71,8 +75,10 @@ def keep_out(motion: MotionSamples) -> Check | None:
     items, rows = np.nonzero(gaps <= undecided)
     gaps[items, rows] = distance(ends[items % count, :, :, rows], items)
     proof = prove_above(evaluate, t, gaps, rates, around.clearance_m, slope_bound, motion.distance_accuracy)
-    name = f"{body.names[moving[proof.item % count]]}, {around.keep_out_names[proof.item // count]}"
-    return _distance_check("keep_out", proof, around.clearance_m, name)
+    shape = proof.item // count
+    name = f"{body.names[moving[proof.item % count]]}, {around.keep_out_names[shape]}"
+    proof = proof._replace(value=proof.value + float(further[shape]))
+    return _distance_check("keep_out", proof, around.clearance_m + float(further[shape]), name)
 
 
 def _bounding_box_distances(ends: Array, lower: Array, upper: Array) -> Array:
@@ -140,8 +146,10 @@ def tool_shape(motion: MotionSamples) -> NotChecked | None:
 
 
 def clearance(motion: MotionSamples) -> NotChecked | None:
-    """Says that the cell asks for no distance from floor and boxes; None where it does."""
-    return None if motion.problem.cell.surroundings.clearance_m > 0.0 else NotChecked("clearance")
+    """Says that the cell asks for no distance from floor and shapes; None where it does."""
+    around = motion.problem.cell.surroundings
+    least_m = around.clearance_m + min(0.0, *around.further_clearances, 0.0)
+    return None if least_m > 0.0 else NotChecked("clearance")
 
 
 def moving_heights(motion: MotionSamples, t: Array, ends: Array) -> Array:
@@ -151,9 +159,9 @@ def moving_heights(motion: MotionSamples, t: Array, ends: Array) -> Array:
     return heights
 
 
-def box_gaps(motion: MotionSamples, t: Array, ends: Array) -> Array:
-    """Returns distances of the j moving capsules from the b keep-out boxes (b, j, k) [m], otherwise alike."""
-    gaps = motion.body.box_distances(ends)
+def shape_gaps(motion: MotionSamples, t: Array, ends: Array) -> Array:
+    """Returns distances of the j moving capsules from the b keep-out shapes (b, j, k) [m], otherwise alike."""
+    gaps = motion.body.shape_distances(ends)
     gaps[:, -1, t > motion.held_until_s] = FAR_M
     return gaps
 

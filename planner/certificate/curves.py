@@ -15,7 +15,7 @@ import numpy as np
 
 from planner.arrays import Array, Index
 from planner.cell import CONTACT_M
-from planner.certificate.clearance import box_gaps, moving_heights, pair_gaps
+from planner.certificate.clearance import moving_heights, pair_gaps, shape_gaps
 from planner.certificate.flight import Flights, flights_of
 from planner.certificate.grip import felt_sizes
 from planner.certificate.safety_limits import momentum_sizes, power_sizes
@@ -38,7 +38,7 @@ class Series:
     """One quantity over time.
 
     Attributes:
-        name: of the joint, point, box or singularity.
+        name: of the joint, point, shape or singularity.
         values: (k,), in the curve's unit; NaN where there is none.
         lower, upper: its limits; None where it has none.
     """
@@ -177,10 +177,10 @@ def _clearances(shown: ShownMotion) -> list[Curve]:
             shown.of_one("self_collision", "m", pair_gaps(motion, t, ends).min(axis=0), lower=SELF_CLEARANCE_M)
         )
     if around.keep_out:
-        gaps = box_gaps(motion, t, ends).min(axis=1)
-        rows = zip(around.keep_out_names, gaps, strict=True)
-        boxes = tuple(Series(name, gap, around.clearance_m) for name, gap in rows)
-        found.append(Curve("keep_out", "m", t, boxes))
+        gaps = shape_gaps(motion, t, ends).min(axis=1)
+        required = (around.clearance_m + around.further_clearances).tolist()
+        rows = zip(around.keep_out_names, gaps, required, strict=True)
+        found.append(Curve("keep_out", "m", t, tuple(Series(*row) for row in rows)))
     if around.keep_in:
         inside = motion.body.wall_distances(ends)
         boxes = tuple(Series(f"box {i}", gap, 0.0) for i, gap in enumerate(inside))

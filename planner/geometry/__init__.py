@@ -6,8 +6,9 @@ from planner.geometry.capsules import arm_capsules, body_capsules, capsule_endpo
 from planner.geometry.distances import (
     pair_distances,
     point_segment_distance,
-    segment_box_distance,
     segment_segment_distance,
+    segment_shape_distance,
+    shape_distances,
 )
 from planner.geometry.misfit import Misfit, misfit
 from planner.geometry.self_collision import (
@@ -19,7 +20,7 @@ from planner.geometry.self_collision import (
     passable,
     self_collision_pairs,
 )
-from planner.geometry.surfaces import LEVEL_M, Surface, landing_surfaces
+from planner.geometry.surfaces import LEVEL_M, Surface, footprint, landing_surfaces
 
 __all__ = [
     "LEVEL_M",
@@ -35,6 +36,7 @@ __all__ = [
     "body_capsules",
     "body_model",
     "capsule_endpoints",
+    "footprint",
     "landing_surfaces",
     "levers",
     "misfit",
@@ -43,9 +45,10 @@ __all__ = [
     "pair_distances",
     "passable",
     "point_segment_distance",
-    "segment_box_distance",
     "segment_segment_distance",
+    "segment_shape_distance",
     "self_collision_pairs",
+    "shape_distances",
     "tool_pose",
     "tool_state",
 ]

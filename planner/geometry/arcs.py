@@ -1,4 +1,4 @@
-"""Drag-free flights of a sphere against boxes and the mouth of a bin, for many flights at once.
+"""Drag-free flights of a sphere against shapes and the mouth of a bin, for many flights at once.
 
 These steer the search; the certificate judges one flight with drag, arm and release window.
 """
@@ -11,8 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from planner.arrays import Array
+from planner.cell import Shape
 from planner.flight import time_of_flight
+from planner.geometry.distances import segment_shape_distance
 from planner.geometry.surfaces import Surface
+
+INSTANTS = np.linspace(0.0, 1.0, 24)  # [-] compared with a shape while a flight passes the box that bounds it
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +89,37 @@ class Arcs:
         """Returns the centres' heights (...,) [m] at times `t` (...,) [s]."""
         return self.p[..., 2] + self.v[..., 2] * t - 0.5 * self.gravity * t * t
 
+    def room_beside_shape(self, shape: Shape, gap_m: float = 0.0, ground_z: float = -np.inf) -> Array:
+        """Returns how far a shape the flights pass (...,) [m], beyond what is required.
+
+        Of a box along the axes as `room_beside_box` does. Of another shape so do the flights that pass the box that
+        bounds it; the others have the least distance found while they pass that.
+
+        Args:
+            shape: the shape.
+            gap_m: required between sphere and shape [m].
+            ground_z: height of the ground [m].
+        """
+        room = self.room_beside_box(shape.lower, shape.upper, gap_m, ground_z)
+        near = room < 0.0
+        if shape.core is None or not near.any():
+            return room
+        begin, end = (ends[near] for ends in self._over(shape.lower, shape.upper, self.radius_m + gap_m))
+        passed = replace(self, p=np.broadcast_to(self.p, self.v.shape)[near], v=self.v[near], until_s=end)
+        x = passed.at(begin + INSTANTS[:, None] * (end - begin))
+        room[near] = segment_shape_distance(x, x, shape).min(axis=0) - self.radius_m - gap_m
+        return room
+
+    def _over(self, lower: Array, upper: Array, grown_m: float) -> tuple[Array, Array]:
+        """Returns the times (...,) [s] between which the flights are over or under a box that is grown [m]."""
+        begin = np.zeros_like(self.until_s)
+        end = self.until_s
+        for axis in (0, 1):
+            enter, leave = self._between(axis, lower[axis] - grown_m, upper[axis] + grown_m)
+            begin = np.maximum(begin, enter)
+            end = np.minimum(end, leave)
+        return begin, end
+
     def room_beside_box(self, lower: Array, upper: Array, gap_m: float = 0.0, ground_z: float = -np.inf) -> Array:
         """Returns how far above or below a box the flights pass (...,) [m], beyond what is required.
 
@@ -98,12 +133,7 @@ class Arcs:
             ground_z: height of the ground [m]: no flight passes below a box under which there is no room above it.
         """
         grown = self.radius_m + gap_m
-        begin = np.zeros_like(self.until_s)
-        end = self.until_s
-        for axis in (0, 1):
-            enter, leave = self._between(axis, lower[axis] - grown, upper[axis] + grown)
-            begin = np.maximum(begin, enter)
-            end = np.minimum(end, leave)
+        begin, end = self._over(lower, upper, grown)
         crossed = begin <= end
         begin = np.where(crossed, begin, 0.0)
         end = np.where(crossed, end, 0.0)

@@ -12,7 +12,7 @@ from planner.arrays import Array, Index, Mask
 from planner.cell import Cell
 from planner.errors import Violation
 from planner.geometry.capsules import Capsule, body_capsules, levers
-from planner.geometry.distances import pair_distances, segment_box_distance
+from planner.geometry.distances import pair_distances, segment_shape_distance
 from planner.geometry.self_collision import SELF_CLEARANCE_M, object_pairs, self_collision_pairs
 from planner.kinematics import forward, jacobian, link_poses
 from planner.native import loops
@@ -148,13 +148,13 @@ class BodyModel:
         z = ends[self.moving, :, 2]
         return np.minimum(z[:, 0], z[:, 1]) - self.radii[self.moving, None] - self.cell.surroundings.floor_z_m
 
-    def box_distances(self, ends: Array) -> Array:
-        """Returns the distances from the b keep-out boxes (b, j, n) [m] of the moving capsules."""
+    def shape_distances(self, ends: Array) -> Array:
+        """Returns the distances from the b keep-out shapes (b, j, n) [m] of the moving capsules."""
         p0, p1 = np.moveaxis(ends[self.moving], (1, 2), (0, -1))
-        boxes = self.cell.surroundings.keep_out
+        shapes = self.cell.surroundings.keep_out
         radii = self.radii[self.moving, None]
-        gaps = [segment_box_distance(p0, p1, box.lower, box.upper) - radii for box in boxes]
-        return np.array(gaps).reshape(len(boxes), *p0.shape[:2])
+        gaps = [segment_shape_distance(p0, p1, shape) - radii for shape in shapes]
+        return np.array(gaps).reshape(len(shapes), *p0.shape[:2])
 
     def pair_distances(self, ends: Array) -> Array:
         """Returns the distances (p, n) [m] of the pairs."""
@@ -177,12 +177,13 @@ class BodyModel:
         clearance = self.cell.surroundings.clearance_m
         bodies = slice(None) if with_object else slice(-1)  # the object is the last of them
         pairs = slice(None) if with_object else (self.pairs != self.object).all(axis=1)
+        further = self.cell.surroundings.further_clearances[:, None, None]
         above = self.heights(ends)[bodies] - clearance
         above[self._stays_level[bodies, None] & (above >= 0.0)] = np.inf
         return Clearances(
             floor=above.min(axis=0),
             keep_in=self.wall_distances(ends).min(axis=0, initial=np.inf),
-            keep_out=self.box_distances(ends)[:, bodies].min(axis=(0, 1), initial=np.inf) - clearance,
+            keep_out=(self.shape_distances(ends)[:, bodies] - further).min(axis=(0, 1), initial=np.inf) - clearance,
             self_collision=self.pair_distances(ends)[pairs].min(axis=0, initial=np.inf) - SELF_CLEARANCE_M,
         )
 
@@ -195,22 +196,25 @@ class BodyModel:
         clearance = self.cell.surroundings.clearance_m
         moving = [self.names[i] for i in self.moving]
         pairs = [f"{self.names[i]}, {self.names[j]}" for i, j in self.pairs]
-        at_boxes = [f"{each}, {box}" for box in self.cell.surroundings.keep_out_names for each in moving]
+        at_shapes = [f"{each}, {shape}" for shape in self.cell.surroundings.keep_out_names for each in moving]
         tool = ["tool centre point"] * len(self.cell.surroundings.keep_in)
+        further = np.repeat(self.cell.surroundings.further_clearances, len(moving))
         gaps = (
-            ("floor", self.heights(ends), moving, clearance),
-            ("keep_in", self.wall_distances(ends), tool, 0.0),
-            ("keep_out", self.box_distances(ends), at_boxes, clearance),
-            ("self_collision", self.pair_distances(ends), pairs, SELF_CLEARANCE_M),
+            ("floor", self.heights(ends), moving, clearance, np.zeros(1)),
+            ("keep_in", self.wall_distances(ends), tool, 0.0, np.zeros(1)),
+            ("keep_out", self.shape_distances(ends), at_shapes, clearance, further),
+            ("self_collision", self.pair_distances(ends), pairs, SELF_CLEARANCE_M, np.zeros(1)),
         )
         margins = []
         violations = []
-        for name, distances, close, limit in gaps:
+        for name, distances, close, limit, beyond in gaps:
             if distances.size:
-                value = float(distances.min())
-                detail = f"{close[int(distances.argmin())]}, at the release"
-                margins.append(value - limit)
-                violations.append(Violation(name, value, limit, "m", detail=detail))
+                left = distances.ravel() - beyond
+                least = int(left.argmin())
+                required = limit + float(np.broadcast_to(beyond, left.shape)[least])
+                margins.append(float(left[least]) - limit)
+                detail = f"{close[least]}, at the release"
+                violations.append(Violation(name, float(distances.flat[least]), required, "m", detail=detail))
         broken = [violation for violation, margin in zip(violations, margins, strict=True) if margin < 0.0]
         return broken or [violations[int(np.argmin(margins))]]
 

@@ -1,4 +1,4 @@
-"""Exact distances of points and segments from segments and boxes, over leading dimensions; a segment may be a point."""
+"""Exact distances of points and segments from segments and shapes, over leading dimensions; a point is a segment."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner.arrays import Array, Index
+from planner.cell import Shape
 from planner.native import loops
 
 POINT_M2 = 1e-18  # [m^2] squared length below which a segment is a point: a capsule shorter than 1e-9 m is a sphere
@@ -63,18 +64,33 @@ def point_segment_distance(x: Array, p0: Array, p1: Array) -> Array:
     return np.sqrt(_dot(gap, gap))
 
 
-def segment_box_distance(p0: ArrayLike, p1: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> Array:
-    """Returns the distance (...) [m] of segments p0-p1 from a box; 0 where they meet it.
+def segment_shape_distance(p0: ArrayLike, p1: ArrayLike, shape: Shape) -> Array:
+    """Returns the distance (...) [m] of segments p0-p1 from a shape; where they meet its core, minus its radius.
 
-    The squared distance along the segment is convex and piecewise quadratic, with a new piece where the segment
-    crosses the plane of a face: its slope is linear between those points, so the zero of the slope is found exactly.
+    The squared distance from a convex core is convex along the segment. From a box it is piecewise quadratic, with a
+    new piece where the segment crosses the plane of a face: its slope is linear between those points, so the zero of
+    the slope is found exactly. From a cylinder its zero is found to rounding, by Newton's iteration within a bracket.
 
     Args:
         p0, p1: ends (..., 3) [m].
-        lower, upper: corners of the box (..., 3) [m].
+        shape: the shape.
     """
-    arrays = np.broadcast_arrays(*(np.asarray(x, dtype=np.float64) for x in (p0, p1, lower, upper)))
-    return loops.box_distances(*(x.reshape(-1, 3) for x in arrays)).reshape(arrays[0].shape[:-1])
+    starts, ends = np.broadcast_arrays(*(np.asarray(x, dtype=np.float64) for x in (p0, p1)))
+    items = np.zeros(starts.size // 3, np.intp)
+    return shape_distances(starts.reshape(-1, 3), ends.reshape(-1, 3), items, shape.row[None]).reshape(
+        starts.shape[:-1]
+    )
+
+
+def shape_distances(p0: Array, p1: Array, items: Index, rows: Array) -> Array:
+    """Returns the distances (n,) [m] of segments p0-p1, each (n, 3), from shapes; see `segment_shape_distance`.
+
+    Args:
+        p0, p1: ends [m].
+        items: number of the shape for each (n,).
+        rows: of the shapes (k, 20), as of `Shape.row`.
+    """
+    return loops.shape_distances(p0, p1, items, rows)
 
 
 def _dot(a: Array, b: Array) -> Array:

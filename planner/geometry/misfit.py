@@ -1,13 +1,13 @@
-"""Whether a thrown object fits where it is to land: not within the floor, a keep-out box or the arm's base."""
+"""Whether a thrown object fits where it is to land: not within the floor, a keep-out shape or the arm's base."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 from planner.arrays import Array
-from planner.cell import CONTACT_M, Box, Cell
+from planner.cell import CONTACT_M, Cell, Shape
 from planner.geometry.body import body_model
-from planner.geometry.distances import point_segment_distance, segment_box_distance
+from planner.geometry.distances import point_segment_distance, segment_shape_distance
 from planner.geometry.surfaces import footprint, landing_surfaces
 
 WITHIN = "the target is within it"
@@ -38,8 +38,9 @@ def misfit(cell: Cell, p: Array) -> Misfit | None:
     if lies:
         centre[2] = max(surface.height_m for surface in surfaces) + radius
     lacking = [Misfit(floor - float(p[2]), "floor", WITHIN)]
-    for name, box in zip(cell.surroundings.keep_out_names, cell.surroundings.keep_out, strict=True):
-        lacking.append(_beside_box(box, name, p, centre, radius))
+    for name, shape in zip(cell.surroundings.keep_out_names, cell.surroundings.keep_out, strict=True):
+        beside = _beside_level_shape if shape.has_level_top else _beside_shape
+        lacking.append(beside(shape, name, p, centre, radius))
     for start, end, thickness in zip(*body_model(cell).base_shapes, strict=True):
         within = float(thickness - point_segment_distance(p, start, end))
         lacking.append(Misfit(within, BASE, WITHIN))
@@ -49,21 +50,29 @@ def misfit(cell: Cell, p: Array) -> Misfit | None:
     return most if most.lacking_m > CONTACT_M else None
 
 
-def _beside_box(box: Box, name: str, p: Array, centre: Array, radius: float) -> Misfit:
-    """Returns how far a target is from where the object fits: beside a box, on top of it, or below it.
+def _beside_shape(shape: Shape, name: str, p: Array, centre: Array, radius: float) -> Misfit:
+    """Returns how far a target is from where the object fits beside a shape that it cannot lie on; negative there."""
+    within = float(shape.depth(p))
+    if within >= 0.0:
+        return Misfit(within + radius, name, WITHIN)
+    return Misfit(radius - float(segment_shape_distance(centre, centre, shape)), name, BESIDE)
 
-    Negative where it fits, as it does over a box that ends at the target or below it.
+
+def _beside_level_shape(shape: Shape, name: str, p: Array, centre: Array, radius: float) -> Misfit:
+    """Returns how far a target is from where the object fits: beside a shape, on top of it, or below it.
+
+    Negative where it fits, as it does over a shape that ends at the target or below it.
     """
-    sideways = float(footprint(box).depth(p))
-    up = float(box.upper[2] - p[2])
-    below = float(box.lower[2] - p[2])
+    sideways = float(footprint(shape).depth(p))
+    up = float(shape.upper[2] - p[2])
+    below = float(shape.lower[2] - p[2])
     if sideways >= 0.0 and up <= CONTACT_M:
         return Misfit(-radius, name, WITHIN)
     if sideways >= 0.0 and below <= CONTACT_M:
         return Misfit(min(sideways + radius, up), name, WITHIN)
     if sideways > 0.0:
-        too_low = radius - float(box.lower[2] - centre[2])
+        too_low = radius - float(shape.lower[2] - centre[2])
         return Misfit(min(sideways + radius, too_low), name, UNDER)
-    lacking = radius - float(segment_box_distance(centre, centre, box.lower, box.upper))
+    lacking = radius - float(segment_shape_distance(centre, centre, shape))
     onto = -sideways if -radius < up <= CONTACT_M else lacking
     return Misfit(min(lacking, onto), name, BESIDE)

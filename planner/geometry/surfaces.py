@@ -1,4 +1,4 @@
-"""Surfaces that an object can land on at a place: the floor, and the tops of keep-out boxes."""
+"""Surfaces that an object can land on at a place: the floor, and the level tops of keep-out shapes."""
 
 from __future__ import annotations
 
@@ -9,42 +9,67 @@ from typing import NamedTuple
 import numpy as np
 
 from planner.arrays import Array, Mask
-from planner.cell import CONTACT_M, Box, Cell
+from planner.cell import CONTACT_M, Cell, Shape
 
 ROUNDING_M = 1e-9  # [m] a target is on a top that is the object's radius below it, however that is rounded
 LEVEL_M = 0.001  # [m] tops that differ by less are one surface: no table is more level
 
 
 class Surface(NamedTuple):
-    """A horizontal rectangle: lower and upper corner (2,) and height [m]."""
+    """A horizontal rectangle, or the top of one shape that is turned or round.
+
+    Attributes:
+        lower, upper: corners of the rectangle, or of the one that bounds the top (2,) [m].
+        height_m: its height [m].
+        of: the shape whose turned or round top it is; None of a rectangle along the axes, or of the floor.
+    """
 
     lower: Array
     upper: Array
     height_m: float
+    of: Shape | None = None
 
     def depth(self, x: Array) -> Array:
         """Returns how far within it points (2 or 3, ...) are, horizontally (...) [m]; negative beside it."""
+        if self.of is not None and self.of.top is not None:
+            return self.of.top.depth(x)
         lower, upper = (corner.reshape(2, *[1] * (x.ndim - 1)) for corner in (self.lower, self.upper))
         return np.minimum(x[:2] - lower, upper - x[:2]).min(axis=0)
 
+    def is_within(self, shape: Shape) -> bool:
+        """Returns whether a shape is over or under it alone: its depth is concave, and so least at a corner."""
+        corners = np.array(list(product(*zip(shape.lower[:2], shape.upper[:2], strict=True)))).T
+        return bool((self.depth(corners) >= 0.0).all())
 
-def footprint(box: Box) -> Surface:
-    """Returns the top of a box."""
-    return Surface(box.lower[:2], box.upper[:2], float(box.upper[2]))
+    def meets(self, shape: Shape) -> bool:
+        """Returns whether a shape with a level top is over or under a part of it; of a turned top only its own."""
+        if self.of is not None or not shape.has_level_top or shape.core is not None:
+            return self.of is shape
+        return bool((shape.lower[:2] <= self.upper).all() and (shape.upper[:2] >= self.lower).all())
+
+
+def footprint(shape: Shape) -> Surface:
+    """Returns the top of a shape that has a level one."""
+    turned = None if shape.top is None else shape
+    return Surface(shape.lower[:2], shape.upper[:2], float(shape.upper[2]), turned)
 
 
 def landing_surfaces(cell: Cell, p: Array) -> tuple[Surface, ...]:
     """Returns what the cell's object touches from above before its centre comes down to a place `p` (3,).
 
     That is the highest surface over which the place is, at its height or no more than the object's radius below it.
-    The tops of boxes that are about as high and adjoin are one surface, and so is each rectangle within it.
+    The tops of boxes along the axes that are about as high and adjoin are one surface, and so is each rectangle within
+    it. A turned or a round top is one by itself.
     """
     around = cell.surroundings
     lowest = float(p[2]) - max(cell.object.radius_m, CONTACT_M) - ROUNDING_M
-    tops = [footprint(box) for box in around.keep_out if lowest < box.upper[2] <= p[2] + CONTACT_M]
+    carriers = [shape for shape in around.keep_out if shape.has_level_top]
+    tops = [footprint(shape) for shape in carriers if lowest < shape.upper[2] <= p[2] + CONTACT_M]
     under_m = max((top.height_m for top in tops if top.depth(p) >= 0.0), default=np.inf)
     level = [top for top in tops if abs(top.height_m - under_m) <= LEVEL_M]
-    found = _joined(level, p) if level else []
+    along = [top for top in level if top.of is None]
+    found = _joined(along, p) if along else []
+    found += [top for top in level if top.of is not None and top.depth(p) >= 0.0]
     if lowest < around.floor_z_m:  # also of a place below it
         height_m = min(around.floor_z_m, float(p[2]))
         found.append(Surface(np.full(2, -np.inf), np.full(2, np.inf), height_m))

@@ -23,7 +23,7 @@ SIGNATURES = {
     "chain_torques": "naaaaaaaaa",
     "torque_terms": "naaaaaaaaa",
     "pair_distances": "nanaxa",
-    "box_distances": "naaaaa",
+    "shape_distances": "naaaaa",
     "drag_paths": "nanaaxxa",
     "drag_landings": "naxxxxxa",
     "states_at": "nannxaaaaa",

@@ -14,6 +14,7 @@ STEPS_MAX = 100_000  # [-] of one interval of a flight
 STATE = 6
 LANDING = 8  # position and velocity of a flight; with time and apex
 BODIES = 8  # links, tool and object
+SHAPE = 20  # numbers of a shape
 BRANCHES = 8  # of the inverse kinematics
 
 
@@ -131,11 +132,13 @@ def pair_distances(ends: Array, pairs: Index, shortest_m2: float) -> Array:
     return out
 
 
-def box_distances(p0: Array, p1: Array, lower: Array, upper: Array) -> Array:
-    """Returns the distances (n,) of segments p0-p1 from boxes, each (n, 3)."""
+def shape_distances(p0: Array, p1: Array, items: Index, rows: Array) -> Array:
+    """Returns the distances (n,) of segments p0-p1, each (n, 3), from shapes `items` (n,) of `rows` (k, 20)."""
     n = len(p0)
     out = np.empty(n)
-    kernel().box_distances(n, *(read(x, (n, 3)) for x in (p0, p1, lower, upper)), written(out))
+    chosen = indices(items, (n,), len(rows))
+    table = read(rows, (len(rows), SHAPE))
+    kernel().shape_distances(n, read(p0, (n, 3)), read(p1, (n, 3)), chosen, table, written(out))
     return out
 
 

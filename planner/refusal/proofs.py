@@ -15,7 +15,7 @@ from planner.cell import FARTHEST_M
 from planner.certificate import SINGULARITY_WINDOW_S
 from planner.errors import Infeasible, Violation
 from planner.flight import least_speed
-from planner.geometry import body_model, segment_box_distance, tool_state
+from planner.geometry import body_model, segment_shape_distance, tool_state
 from planner.problem import ThrowProblem
 from planner.refusal.blocked_postures import blocked_postures
 from planner.refusal.released_flight import released_flight_blocked
@@ -123,11 +123,12 @@ def _place(problem: ThrowProblem, p_WT: Array) -> list[Violation]:
         inside = float(box.depth(p_WT))
         if inside < -SLACK:
             found.append(Violation("keep_in", inside, 0.0, "m", detail="tool centre point at the release"))
-    for box, name in zip(around.keep_out, around.keep_out_names, strict=True):
-        gap = float(segment_box_distance(p_WT, p_WT, box.lower, box.upper))
-        if gap - cell.object.radius_m < around.clearance_m - SLACK:
+    clearances = (around.clearance_m + around.further_clearances).tolist()
+    for shape, name, clearance_m in zip(around.keep_out, around.keep_out_names, clearances, strict=True):
+        gap = float(segment_shape_distance(p_WT, p_WT, shape))
+        if gap - cell.object.radius_m < clearance_m - SLACK:
             detail = f"object, {name}, at the release"
-            found.append(Violation("keep_out", gap - cell.object.radius_m, around.clearance_m, "m", detail=detail))
+            found.append(Violation("keep_out", gap - cell.object.radius_m, clearance_m, "m", detail=detail))
     return found
 
 

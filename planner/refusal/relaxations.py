@@ -40,7 +40,7 @@ UNDER_M = 0.2  # [m] from below the tool at the start, towards the target: an ea
 COMFORTABLE_REACH = 0.6  # [-] of the arm's reach: places there have many postures
 STEPS_OUT = 24
 NEAREST_OUT = 8  # [-] distances tried from the base to there; those from a third of it on are targets
-BESIDE_M = 0.05  # [m] between the object and a box that an easy target is in front of
+BESIDE_M = 0.05  # [m] between the object and a shape that an easy target is in front of
 TINY_M = 1e-6  # [m] keeps lengths away from zero
 
 
@@ -90,11 +90,11 @@ def target_relaxations(problem: ThrowProblem, target: Target) -> Iterator[Relaxa
 
 
 def _aside(problem: ThrowProblem, p_W: Array) -> Iterator[Array]:
-    """Yields places (3,) past the boxes that may be in a target's way: on top of, below, beside and behind them."""
-    boxes = problem.cell.surroundings.keep_out
-    tops = [box.upper[2] for box in boxes if box.depth(p_W) >= 0.0]
+    """Yields places (3,) past the shapes that may be in a target's way: on top of, below, beside and behind them."""
+    shapes = problem.cell.surroundings.keep_out
+    tops = [shape.upper[2] for shape in shapes if shape.depth(p_W) >= 0.0]
     yield from (np.array([*p_W[:2], top]) for top in tops if top - p_W[2] <= ASIDE_M)
-    if not boxes:
+    if not shapes:
         return
     lowest = max(p_W[2] - ASIDE_M, problem.cell.surroundings.floor_z_m)
     if lowest < p_W[2]:
@@ -198,7 +198,7 @@ def _target_between(release: Release, near: Array, far: Array, share: float) -> 
 def _comfortable_target(problem: ThrowProblem, direction: Array, height: float) -> Array:
     """Returns a target (3,) well within reach, in the direction of a position (3,), at a height [m] if reachable.
 
-    It is in front of the first keep-out box on the way, if that leaves room.
+    It is in front of the first keep-out shape on the way, if that leaves room.
     """
     cell = problem.cell
     base = cell.X_WB[:3, 3]
@@ -213,11 +213,11 @@ def _comfortable_target(problem: ThrowProblem, direction: Array, height: float) 
 
 
 def _unblocked(problem: ThrowProblem, p: Array) -> int:
-    """Returns the row of `p` (n, 3) before the first one from `NEAREST_OUT` on that a box blocks, or the last."""
+    """Returns the row of `p` (n, 3) before the first one from `NEAREST_OUT` on that a shape blocks, or the last."""
     room = problem.cell.object.radius_m + BESIDE_M
     blocked = np.zeros(len(p), dtype=bool)
-    for box in problem.cell.surroundings.keep_out:
-        blocked |= np.all((p >= box.lower - room) & (p <= box.upper + room), axis=1)
+    for shape in problem.cell.surroundings.keep_out:
+        blocked |= np.all((p >= shape.lower - room) & (p <= shape.upper + room), axis=1)
     ahead = np.flatnonzero(blocked[NEAREST_OUT:])
     return NEAREST_OUT + int(ahead[0]) - 1 if len(ahead) and ahead[0] else len(p) - 1
 

@@ -1,6 +1,6 @@
 """Refusal of a release whose flight meets an obstacle whatever the arm does: its place and velocity fix the flight.
 
-Joint, pose and point releases fix where the object leaves and how fast. Keep-out boxes and the arm's base stand still,
+Joint, pose and point releases fix where the object leaves and how fast. Keep-out shapes and the arm's base stand still,
 so no motion keeps such a flight clear of them.
 """
 
@@ -9,9 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from planner.arrays import Array, Mask
+from planner.cell import Shape
 from planner.errors import Violation
 from planner.flight import fly, path, touchdown_s
-from planner.geometry import body_model, point_segment_distance, segment_box_distance, tool_state
+from planner.geometry import body_model, footprint, point_segment_distance, segment_shape_distance, tool_state
 from planner.problem import ThrowProblem
 
 STEP_S = 0.001  # [s] between the instants that are looked at; a contact in between is left to the certificate
@@ -20,7 +21,7 @@ SLACK_M = 0.002  # [m] depth from which a contact is proven: the certificate let
 
 
 def released_flight_blocked(problem: ThrowProblem) -> Violation | None:
-    """Returns the violation by a flight that the request fixes and that meets a box or the base; None otherwise."""
+    """Returns the violation by a flight that the request fixes and that meets a shape or the base; None otherwise."""
     if problem.target is not None or problem.ends_at_rest:
         return None
     p, v = _release(problem)
@@ -34,18 +35,21 @@ def released_flight_blocked(problem: ThrowProblem) -> Violation | None:
         return None
     deepest = int(gaps[name].argmin())
     detail = f"{name}, {t[deepest]:.3f} s after the release, on any flight with this place and velocity"
-    if name.startswith("box") and _comes_from_above(problem, int(name.split()[1]), x, gaps[name]):
-        detail += "; to land on a box, ask for a target on it"
-    limit = problem.cell.surroundings.flight_clearance_m
+    around = problem.cell.surroundings
+    limit = around.flight_clearance_m
+    if name in around.keep_out_names:
+        met = around.keep_out_names.index(name)
+        limit = float(around.flight_clearances[met])
+        if _comes_from_above(around.keep_out[met], x, gaps[name]):
+            detail += f"; to land on a {around.keep_out[met].kind}, ask for a target on it"
     return Violation("flight_clearance", float(gaps[name][deepest]), limit, "m", detail=detail, proven=True)
 
 
-def _comes_from_above(problem: ThrowProblem, box: int, x: Array, gaps: Array) -> bool:
-    """Returns whether a flight with centres x (n, 3) and gaps (n,) [m] is over the top of a box before they touch."""
-    met = problem.cell.surroundings.keep_out[box]
+def _comes_from_above(met: Shape, x: Array, gaps: Array) -> bool:
+    """Returns whether a flight with centres x (n, 3) and gaps (n,) [m] is over a level top before they touch."""
     last_clear = x[max(int((gaps < 0.0).argmax()) - 1, 0)]
-    over = (last_clear[:2] >= met.lower[:2]) & (last_clear[:2] <= met.upper[:2])
-    return bool(over.all() and last_clear[2] > met.upper[2])
+    is_over = met.has_level_top and footprint(met).depth(last_clear) >= 0.0
+    return bool(is_over and last_clear[2] > met.upper[2])
 
 
 def _release(problem: ThrowProblem) -> tuple[Array, Array]:
@@ -86,14 +90,14 @@ def _is_far(problem: ThrowProblem, p: Array, v: Array, t: Array) -> bool:
 
 
 def _gaps(problem: ThrowProblem, x: Array, lies: Mask) -> dict[str, Array]:
-    """Returns the distances (n,) [m] of the sphere at centres (n, 3) from every box and every part of the base.
+    """Returns the distances (n,) [m] of the sphere at centres (n, 3) from every shape and every part of the base.
 
-    Where it `lies` (n,), as the certificate's it keeps clear of boxes alone.
+    Where it `lies` (n,), as the certificate's it keeps clear of shapes alone.
     """
     cell, body = problem.cell, body_model(problem.cell)
     radius = cell.object.radius_m
-    boxes = enumerate(cell.surroundings.keep_out)
-    gaps = {f"box {i}": segment_box_distance(x, x, box.lower, box.upper) - radius for i, box in boxes}
+    stands = zip(cell.surroundings.keep_out_names, cell.surroundings.keep_out, strict=True)
+    gaps = {name: segment_shape_distance(x, x, shape) - radius for name, shape in stands}
     for i, start, end, thick in zip(np.flatnonzero(body.frames == 0), *body.base_shapes, strict=True):
         gaps[body.names[i]] = np.where(lies, np.inf, point_segment_distance(x, start, end) - thick - radius)
     return gaps

@@ -1,4 +1,4 @@
-"""Which flights of candidates are clear: of the keep-out boxes, through a bin's mouth, out of the open gripper.
+"""Which flights of candidates are clear: of the keep-out shapes, through a bin's mouth, out of the open gripper.
 
 Filters that steer the search towards what the certificate can pass; they do not replace it. Drag is left out.
 """
@@ -10,22 +10,22 @@ from collections.abc import Iterator
 import numpy as np
 
 from planner.arrays import Array, Mask
-from planner.cell import CONTACT_M, Box
+from planner.cell import CONTACT_M, Shape
 from planner.errors import Violation
-from planner.geometry import Arcs, body_model, point_segment_distance, segment_box_distance
+from planner.geometry import Arcs, body_model, point_segment_distance, segment_shape_distance
 from planner.problem import ThrowProblem
 from planner.releases import Target
 
 FLIGHT_TIMES = (1.0, 0.8, 1.25, 0.6)  # [-] flight times tried, relative to that of the slowest throw
 STEEP_TIMES = (1.5, 1.8, 2.2, 2.6)  # [-] tried too where something may have to be cleared; 2.6: 82 degrees on a plane
 BESIDE_BASE_M = 0.1  # [m] a target this near to the arm's base has its flights compared with it
-INSTANTS = np.linspace(0.0, 1.0, 8)  # [-] compared with the base, of a flight's last third, or with a box it falls past
+INSTANTS = np.linspace(0.0, 1.0, 8)  # [-] compared with the base, of a flight's last third, or with what it falls past
 RIM = "the rim of the bin"
 FLIGHT_GAP_M = 0.005  # [m] between object and obstacle beyond what is required: room for release window and drag
 
 
 def has_flight_obstacles(problem: ThrowProblem) -> bool:
-    """Returns whether boxes or a bin's rim may stand in the way of a throw to a target."""
+    """Returns whether shapes or a bin's rim may stand in the way of a throw to a target."""
     return bool(flight_obstacles(problem))
 
 
@@ -42,7 +42,7 @@ def flight_times(problem: ThrowProblem) -> tuple[float, ...]:
 
 
 def clear_flights(problem: ThrowProblem, target: Target, p: Array, v: Array) -> Mask:
-    """Returns the mask (...,) of the drag-free flights that meet no keep-out box, nor the target's bin, nor the base.
+    """Returns the mask (...,) of the drag-free flights that meet no keep-out shape, nor the target's bin, nor the base.
 
     Args:
         problem: its cell.
@@ -63,15 +63,15 @@ def _rooms(problem: ThrowProblem, target: Target, p: Array, v: Array) -> Iterato
     arcs = Arcs.onto(p, v, problem.plane_z, problem.gravity_at_tool_speed, problem.cell.object.radius_m)
     whole = arcs.until_landed(problem.plane_z, problem.surfaces)
     required, _ = problem.flight_clearances
-    for name, box, gap_m in zip(around.keep_out_names, around.keep_out, required.tolist(), strict=True):
-        if box.upper[2] <= problem.plane_z + CONTACT_M:
-            rising = arcs.room_beside_box(box.lower, box.upper, gap_m, around.floor_z_m)
-            room = np.minimum(rising, _room_beside_lower_box(box, arcs, whole) - gap_m)
+    for name, shape, gap_m in zip(around.keep_out_names, around.keep_out, required.tolist(), strict=True):
+        if shape.upper[2] <= problem.plane_z + CONTACT_M:
+            rising = arcs.room_beside_shape(shape, gap_m, around.floor_z_m)
+            room = np.minimum(rising, _room_beside_lower_shape(shape, arcs, whole) - gap_m)
         else:
-            wider_m = gap_m + _spare_gap(problem, target, box, gap_m)
-            room = arcs.room_beside_box(box.lower, box.upper, wider_m, around.floor_z_m)
-            room = np.minimum(room, whole.room_beside_box(box.lower, box.upper, gap_m, around.floor_z_m))
-        yield name, np.minimum(room, _room_lying(problem, target, box, whole) - gap_m)
+            wider_m = gap_m + _spare_gap(problem, target, shape, gap_m)
+            room = arcs.room_beside_shape(shape, wider_m, around.floor_z_m)
+            room = np.minimum(room, whole.room_beside_shape(shape, gap_m, around.floor_z_m))
+        yield name, np.minimum(room, _room_lying(problem, target, shape, whole) - gap_m)
     if target.opening is not None:
         mouth = target.opening
         yield RIM, arcs.room_in_mouth(target.p_W, mouth.radius_m, mouth.rim_height_m)
@@ -79,43 +79,43 @@ def _rooms(problem: ThrowProblem, target: Target, p: Array, v: Array) -> Iterato
         yield "the arm's base", _room_beside_base(problem, whole)
 
 
-def _spare_gap(problem: ThrowProblem, target: Target, box: Box, gap_m: float) -> float:
-    """Returns the room [m] that flights are to keep from a box beyond `gap_m`: no more than there is at the target."""
+def _spare_gap(problem: ThrowProblem, target: Target, shape: Shape, gap_m: float) -> float:
+    """Returns the room [m] that flights keep from a shape beyond `gap_m`: no more than there is at the target."""
     centre = target.p_W + np.array([0.0, 0.0, problem.landing_radius_m])
-    there = float(segment_box_distance(centre, centre, box.lower, box.upper)) - problem.cell.object.radius_m
+    there = float(segment_shape_distance(centre, centre, shape)) - problem.cell.object.radius_m
     return min(max(there - gap_m - CONTACT_M, 0.0), FLIGHT_GAP_M)
 
 
-def _room_beside_lower_box(box: Box, arcs: Arcs, whole: Arcs) -> Array:
-    """Returns the room (...,) [m] between a box that ends at the plane or below it and the ends of flights.
+def _room_beside_lower_shape(shape: Shape, arcs: Arcs, whole: Arcs) -> Array:
+    """Returns the room (...,) [m] between a shape that ends at the plane or below it and the ends of flights.
 
     Args:
-        box: on which the object may land.
+        shape: on which the object may land.
         arcs: the flights until the sphere touches the plane.
         whole: the same until they end.
     """
     shares = INSTANTS.reshape(-1, *[1] * whole.until_s.ndim)
     x = whole.at(arcs.until_s + shares * np.maximum(whole.until_s - arcs.until_s, 0.0))
-    room = segment_box_distance(x, x, box.lower, box.upper).min(axis=0) - arcs.radius_m
+    room = segment_shape_distance(x, x, shape).min(axis=0) - arcs.radius_m
     return np.where(whole.until_s > arcs.until_s, room, np.inf)
 
 
-def _room_lying(problem: ThrowProblem, target: Target, box: Box, whole: Arcs) -> Array:
-    """Returns the room (...,) [m] beside a box of an object that lies, from where flights end to the target.
+def _room_lying(problem: ThrowProblem, target: Target, shape: Shape, whole: Arcs) -> Array:
+    """Returns the room (...,) [m] beside a shape of an object that lies, from where flights end to the target.
 
-    Infinite for a target in the air or in a bin, and beside a box no higher than what the object lies on.
+    Infinite for a target in the air or in a bin, and beside a shape no higher than what the object lies on.
     """
     room = np.full(whole.until_s.shape, np.inf)
     radius = whole.radius_m
-    if problem.lies_z is None or not problem.is_met_lying(box.upper[2]):
+    if problem.lies_z is None or not problem.is_met_lying(shape.upper[2]):
         return room
     touched = whole.at(whole.until_s) - problem.aim_shift
     rests = target.p_W - problem.aim_shift
     touched[..., 2] = rests[2] = problem.lies_z
     lower = np.minimum(touched, rests) - radius
     upper = np.maximum(touched, rests) + radius
-    near = ((lower < box.upper) & (upper > box.lower)).all(axis=-1)
-    room[near] = segment_box_distance(touched[near], rests, box.lower, box.upper) - radius
+    near = ((lower < shape.upper) & (upper > shape.lower)).all(axis=-1)
+    room[near] = segment_shape_distance(touched[near], rests, shape) - radius
     return room
 
 
@@ -147,8 +147,8 @@ def no_clear_flight(problem: ThrowProblem, target: Target, p: Array, v: Array, t
     others = [each for each, room in rooms.items() if each != name and (room < 0.0).any()]
     detail = f"{name}: the best of {tried} flights tried comes so close to it"
     detail += f"; others meet {', '.join(others)}" if others else ""
-    of_boxes, of_base = problem.flight_clearances
-    limits = dict(zip(problem.cell.surroundings.keep_out_names, of_boxes.tolist(), strict=True))
+    of_shapes, of_base = problem.flight_clearances
+    limits = dict(zip(problem.cell.surroundings.keep_out_names, of_shapes.tolist(), strict=True))
     limit = limits.get(name, 0.0 if name == RIM else float(of_base.max()))
     return Violation("flight_clearance", limit + float(rooms[name][best]), limit, "m", detail=detail)
 

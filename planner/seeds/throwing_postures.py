@@ -64,11 +64,11 @@ def _throwing_postures(key: _PostureKey) -> tuple[Array, Array]:
 
 
 def _inside(cell: Cell, p: Array) -> Mask:
-    """Returns the mask of the positions (n, 3) above the floor, inside every keep-in and outside every keep-out box."""
+    """Returns the mask of the positions (n, 3) above the floor, in all keep-in boxes and out of all keep-out shapes."""
     around = cell.surroundings
     ok = p[:, 2] > around.floor_z_m + around.clearance_m + cell.object.radius_m
     for box in around.keep_in:
         ok &= np.all((p >= box.lower) & (p <= box.upper), axis=1)
-    for box in around.keep_out:
-        ok &= ~np.all((p >= box.lower) & (p <= box.upper), axis=1)
+    for shape in around.keep_out:
+        ok &= shape.depth(p) < 0.0
     return ok

@@ -1,4 +1,4 @@
-"""What an object in flight can touch: keep-out boxes and a bin.
+"""What an object in flight can touch: keep-out shapes and a bin.
 
 An obstacle measures the gap between a sphere and itself, so that the world can advance a flight by what is certainly
 free, and tells what becomes of an object that touches it.
@@ -9,6 +9,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from typing import Protocol
+
+import numpy as np
+
+from planner.cell import Shape
+from planner.geometry import footprint
 
 Point = tuple[float, ...]  # x y z in the world [m]
 
@@ -43,29 +48,51 @@ class Obstacle(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class SolidBox:
-    """A keep-out box, with sides parallel to the axes of the world."""
+class SolidShape:
+    """A keep-out shape.
 
-    name: str
-    lower: Point
-    upper: Point
+    Attributes:
+        name: of the obstacle.
+        top_z: its greatest height [m].
+    """
+
+    def __init__(self, name: str, shape: Shape) -> None:
+        row = shape.row.tolist()
+        self.name = name
+        self.top_z = float(shape.upper[2])
+        self._shape = shape
+        self._is_along_axes = shape.core is None
+        self._axes = list(zip(row[:3], row[3:6], row[6:9], strict=True))
+        self._origin = row[9:12]
+        self._lower = row[12:15]
+        self._upper = row[15:18]
+        self._is_round = row[18] > 0.0
+        self._radius_m = row[19]
 
     def gap(self, p: Point, radius: float) -> float:
-        """Returns the distance of a sphere around `p` from the box [m]."""
-        outside = [max(low - x, 0.0, x - up) for low, x, up in zip(self.lower, p, self.upper, strict=True)]
-        return math.hypot(*outside) - radius
+        """Returns the distance of a sphere around `p` from the shape [m]."""
+        x, y, z = p if self._is_along_axes else self._in_shape(p)
+        if self._is_round:
+            aside = max(math.hypot(x, y) - self._upper[0], 0.0)
+            return math.hypot(aside, max(self._lower[2] - z, 0.0, z - self._upper[2])) - radius
+        outside = [max(low - x, 0.0, x - up) for low, x, up in zip(self._lower, (x, y, z), self._upper, strict=True)]
+        return math.hypot(*outside) - self._radius_m - radius
 
     def contact(self, p: Point) -> Contact:
-        """Returns the contact: an object lies down on the top and stops at every other face, edge and corner."""
-        above = all(low <= x <= up for low, x, up in zip(self.lower[:2], p, self.upper[:2], strict=False))
-        if above and p[2] >= self.upper[2]:
-            return Contact(self.name, self.upper[2], slides=True)
+        """Returns the contact: an object lies down on a level top and stops at all else."""
+        is_above = self._shape.has_level_top and footprint(self._shape).depth(np.array(p)) >= 0.0
+        if is_above and p[2] >= self.top_z:
+            return Contact(self.name, self.top_z, slides=True)
         return Contact(self.name)
 
     def holds(self, p: Point) -> bool:
-        """Whether a point lies in the box."""
-        return all(low <= x <= up for low, x, up in zip(self.lower, p, self.upper, strict=True))
+        """Whether a point lies in the shape."""
+        return self.gap(p, 0.0) <= 0.0
+
+    def _in_shape(self, p: Point) -> list[float]:
+        """Returns a point of the world in the shape's frame."""
+        apart = [x - origin for x, origin in zip(p, self._origin, strict=True)]
+        return [sum(a * x for a, x in zip(axis, apart, strict=True)) for axis in self._axes]
 
 
 @dataclass(frozen=True)

@@ -86,7 +86,7 @@ class Workcell:
         return release.speed_factor * (release.cling_speed_factor if clings else 1.0)
 
     def in_contact(self, q: Sequence[float] | None = None) -> bool:
-        """Whether the tool centre point is in the floor or in a keep-out box, at joint positions `q` or the true."""
+        """Whether the tool centre point is in the floor or in a keep-out shape, at joint positions `q` or the true."""
         point = kinematics.product(self.base, self.arm.chain.forward(self.arm.true_q if q is None else q, self.tool))
         return self.world.solid_at((point[3], point[7], point[11]))
 

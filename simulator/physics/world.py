@@ -1,7 +1,8 @@
 """The world around the arm: objects in flight and their landings; all releases and landings are recorded.
 
 An object is a sphere. It lands where its centre comes down through a plane: that of `sim.landing_height_m`, the floor,
-the bottom of a bin, or the top of a keep-out box that it touched. The sides of boxes and bins stop it (`obstacles`).
+the bottom of a bin, or the level top of a keep-out shape that it touched. All else of shapes and bins stops it
+(`obstacles`).
 """
 
 from __future__ import annotations
@@ -10,12 +11,11 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from planner.arrays import Array
 from planner.cell import Cell
 from planner.flight import drag_constant
 from planner.geometry import LEVEL_M
 from simulator.physics.camera import ObservingCamera
-from simulator.physics.obstacles import BIN, Contact, Obstacle, Point, RoundBin, SolidBox
+from simulator.physics.obstacles import BIN, Contact, Obstacle, Point, RoundBin, SolidShape
 from simulator.truth import Truth
 
 BOUNCES_MAX = 20  # a bouncing object is at rest after this many
@@ -67,8 +67,8 @@ class World:
         self.radius_m = thrown.radius_m
         self.restitution = restitution
         self.floor_z_m = cell.surroundings.floor_z_m
-        boxes = enumerate(cell.surroundings.keep_out)
-        self.boxes = [SolidBox(f"keep_out[{i}]", _point(box.lower), _point(box.upper)) for i, box in boxes]
+        shapes = enumerate(cell.surroundings.keep_out)
+        self.shapes = [SolidShape(f"keep_out[{i}]", shape) for i, shape in shapes]
         self.bin: RoundBin | None = None
         self.usual_landing_z_m = cell.sim.landing_height_m
         self.planes: list[Plane] = []
@@ -99,8 +99,8 @@ class World:
             self._fly(flight, t - dt, dt)
 
     def solid_at(self, point: Point) -> bool:
-        """Whether a point in the world lies in the floor or in a keep-out box."""
-        return point[2] <= self.floor_z_m or any(box.holds(point) for box in self.boxes)
+        """Whether a point in the world lies in the floor or in a keep-out shape."""
+        return point[2] <= self.floor_z_m or any(shape.holds(point) for shape in self.shapes)
 
     def _fly(self, flight: FlyingObject, start: float, duration: float) -> None:
         """Advances a flight by `duration` [s], contact by contact."""
@@ -179,11 +179,11 @@ class World:
     def _obstacles(self, flight: FlyingObject) -> list[Obstacle]:
         """Returns what an object can touch: once it lies on something, what is higher, and a bin's wall outside it."""
         if flight.caught is None:
-            return [*self.boxes, *self._bins()]
+            return [*self.shapes, *self._bins()]
         if flight.caught.name == BIN or any(each.spans(flight.state) for each in self._bins()):
             return []
         level_z = self._carrier(flight) + LEVEL_M
-        return [*(box for box in self.boxes if box.upper[2] > level_z), *self._bins()]
+        return [*(shape for shape in self.shapes if shape.top_z > level_z), *self._bins()]
 
     def _bins(self) -> list[RoundBin]:
         return [] if self.bin is None else [self.bin]
@@ -230,11 +230,6 @@ class World:
         if flight.bounces == 0:
             self.observations.append({"throw": flight.throw, **self.camera.observe(record)})
             del self.observations[:-RECORDS_MAX]
-
-
-def _point(values: Array) -> Point:
-    x, y, z = map(float, values)
-    return (x, y, z)
 
 
 def step(state: State, h: float, gravity: float, drag: float) -> State:

@@ -19,7 +19,7 @@ def _called_gripper(cell: Cell) -> list[str]:
 
 def warnings_of(cell: Cell) -> list[str]:
     """Returns warnings of a cell, in words."""
-    found = [*_elsewhere(cell), *_far_boxes(cell), *_far_floor(cell), *_wrong_lag(cell)]
+    found = [*_elsewhere(cell), *_far_shapes(cell), *_far_floor(cell), *_wrong_lag(cell)]
     return [*found, *_unpublished(cell), *_assumed_shape(cell), *_no_clearance(cell), *_called_gripper(cell)]
 
 
@@ -33,17 +33,17 @@ def _elsewhere(cell: Cell) -> list[str]:
     return [f"{says}: if an arm stands there, it moves without the questions of a real one; kind = 'ur' is for those"]
 
 
-def _far_boxes(cell: Cell) -> list[str]:
-    """Returns warnings of boxes that nothing can meet, mostly as their corners are in millimetres."""
+def _far_shapes(cell: Cell) -> list[str]:
+    """Returns warnings of shapes that nothing can meet, mostly as their places are in millimetres."""
     from planner.cell import FARTHEST_M
-    from planner.geometry import segment_box_distance
+    from planner.geometry import segment_shape_distance
 
     base = cell.X_WB[:3, 3]
     found = []
-    for name, box in zip(cell.surroundings.keep_out_names, cell.surroundings.keep_out, strict=True):
-        away_m = float(segment_box_distance(base, base, box.lower, box.upper))
+    for name, shape in zip(cell.surroundings.keep_out_names, cell.surroundings.keep_out, strict=True):
+        away_m = float(segment_shape_distance(base, base, shape))
         if away_m >= FARTHEST_M:
-            found.append(f"{name} is {away_m:.0f} m from the arm, beyond every throw: corners are in metres")
+            found.append(f"{name} is {away_m:.0f} m from the arm, beyond every throw: places are in metres")
     return found
 
 
@@ -76,7 +76,7 @@ def _unpublished(cell: Cell) -> list[str]:
         found.append(f"no rated payload of a {name} is known, so tool and object may be too heavy for it; {known}")
     if cell.robot.shape.is_estimate:
         like = f"estimated by those of a {cell.robot.shape.of}"
-        keep = "keep well clear: of floor and boxes by surroundings.clearance_m, of the arm itself by its postures"
+        keep = "keep well clear: of floor and shapes by surroundings.clearance_m, of the arm itself by its postures"
         found.append(f"the capsules of a {name} are {like}: {keep}")
     return found
 
@@ -93,4 +93,4 @@ def _no_clearance(cell: Cell) -> list[str]:
     """Returns a warning of a cell in which arm and tool may touch what stands around them."""
     if cell.surroundings.clearance_m > 0.0:
         return []
-    return ["surroundings.clearance_m is 0 m: arm, tool and object may touch the floor and every box"]
+    return ["surroundings.clearance_m is 0 m: arm, tool and object may touch the floor and every shape"]

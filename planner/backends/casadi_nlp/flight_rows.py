@@ -1,8 +1,9 @@
 """Parameters of block "flight": the edges, the bin's mouth and the gripper's opening that the object passes.
 
 A box is passed over its top, by one of its sides or below it, between the times at which the flight crosses two of its
-vertical planes; one that carries the target is come upon over its edge. The optimiser cannot change sides: the
-candidate's own flight decides.
+vertical planes; one that carries the target is come upon over its edge. So is the box that bounds another shape, where
+the flight is clear of it; where it is not, it keeps to its side of the shape when it is nearest. The optimiser cannot
+change sides: the candidate's own flight decides.
 """
 
 from __future__ import annotations
@@ -15,13 +16,14 @@ import numpy as np
 from planner.backends.casadi_nlp.layout import FLIGHT, FLIGHT_EDGES, Vector
 from planner.backends.casadi_nlp.margins import Margins
 from planner.backends.casadi_nlp.release_rows import aims, bin_of, lands_on
-from planner.cell import CONTACT_M, Box
-from planner.geometry import Arcs, tool_state
+from planner.cell import CONTACT_M, Shape
+from planner.geometry import Arcs, segment_shape_distance, tool_state
 from planner.problem import ThrowProblem
 from planner.seeds import Candidate
 
 UNBOUNDED_RADIUS_M = 1.0e3  # [m] radius where there is no bin
 LEAST_SPEED_M_S = 0.05  # [m/s] a flight slower than this along an axis hardly crosses the planes across it
+NEAREST = np.linspace(0.0, 1.0, 96)  # [-] of a flight, at which it is compared with a shape that it passes closely
 DOWN = (0.0, 0.0, -1.0)
 
 # A half-space in which the flight x(t) has to be at one time, as the parameters of a slot (8,): direction @ x(t) >=
@@ -42,7 +44,7 @@ def flight_parameters(problem: ThrowProblem, candidate: Candidate, margins: Marg
 
     Args:
         problem: the problem.
-        candidate: whose flight decides how boxes are passed.
+        candidate: whose flight decides how shapes are passed.
         margins: room beside edges and within the opening's cone.
         aim: landing point of the drag-free flight (3,) [m].
     """
@@ -51,7 +53,7 @@ def flight_parameters(problem: ThrowProblem, candidate: Candidate, margins: Marg
     goal = lands_on(problem)
     if goal is not None:
         arcs = _flight(problem, candidate)
-        edges = _box_edges(problem, arcs, margins.flight_m)[:FLIGHT_EDGES]
+        edges = _shape_edges(problem, arcs, margins.flight_m)[:FLIGHT_EDGES]
         bin_ = bin_of(problem)
         if bin_ is not None:
             x, y, z = goal
@@ -78,25 +80,42 @@ def _opening(problem: ThrowProblem, margin_rad: float) -> list[float]:
     return [*direction, math.cos(gripper.opening_cone_rad - min(margin_rad, 0.5 * gripper.opening_cone_rad)), out_m]
 
 
-def _box_edges(problem: ThrowProblem, arcs: Arcs, room_m: float) -> list[Edge]:
-    """Returns two edges a box at most, the boxes that the flight passes most closely first."""
+def _shape_edges(problem: ThrowProblem, arcs: Arcs, room_m: float) -> list[Edge]:
+    """Returns two edges a shape at most, the shapes that the flight passes most closely first."""
     passed = []
     around = problem.cell.surroundings
     lowest = max(problem.plane_z - arcs.radius_m, around.floor_z_m + CONTACT_M)
     required, _ = problem.flight_clearances
-    for box, gap_m in zip(around.keep_out, required.tolist(), strict=True):
-        if box.upper[2] > lowest:  # the object comes down above the others
-            onto = list(_way_onto(box, arcs, room_m + gap_m)) if box.upper[2] <= problem.plane_z + CONTACT_M else []
-            ways = onto or _ways_past(box, arcs, room_m + gap_m)
-            passed += [max(ways, key=lambda way: way[0], default=(math.inf, []))]
+    for shape, gap_m in zip(around.keep_out, required.tolist(), strict=True):
+        if shape.upper[2] > lowest:  # the object comes down above the others
+            onto = list(_way_onto(shape, arcs, room_m + gap_m)) if shape.upper[2] <= problem.plane_z + CONTACT_M else []
+            ways = onto or _ways_past(shape, arcs, room_m + gap_m)
+            way = max(ways, key=lambda way: way[0], default=(math.inf, []))
+            is_bound = bool(onto) or shape.core is None or way[0] >= 0.0
+            passed += [way if is_bound else _way_beside(shape, arcs, room_m + gap_m)]
     return [edge for _, edges in sorted(passed, key=lambda way: way[0]) for edge in edges]
 
 
-def _ways_past(box: Box, arcs: Arcs, room_m: float) -> Iterator[tuple[float, list[Edge]]]:
-    """Yields the ways over, beside or below a box: the flight's room [m] and the edges; none where it stays away."""
+def _way_beside(shape: Shape, arcs: Arcs, room_m: float) -> tuple[float, list[Edge]]:
+    """Returns the room [m] beside a shape, and the plane that parts it from the flight where the two are nearest."""
+    t = float(arcs.until_s) * NEAREST
+    x = arcs.at(t)
+    gaps = segment_shape_distance(x, x, shape)
+    nearest = int(gaps.argmin())
+    outside = x[nearest] if gaps[nearest] > 0.0 else x[0]  # a flight into it comes from there
+    apart = outside - shape.nearest(outside)
+    if not apart.any():
+        return math.inf, []
+    direction = apart / np.linalg.norm(apart)
+    bound = float(direction @ (outside - apart)) + shape.radius_m + arcs.radius_m + room_m
+    return float(direction @ x[nearest]) - bound, [edge_at(float(t[nearest]), direction, bound)]
+
+
+def _ways_past(shape: Shape, arcs: Arcs, room_m: float) -> Iterator[tuple[float, list[Edge]]]:
+    """Yields the ways past the box about a shape: the flight's room [m] and the edges; none where it stays away."""
     grown = arcs.radius_m + room_m
-    lower = box.lower - grown
-    upper = box.upper + grown
+    lower = shape.lower - grown
+    upper = shape.upper + grown
     for axis in (0, 1):
         speed = float(arcs.v[axis])
         if abs(speed) < LEAST_SPEED_M_S:
@@ -114,14 +133,14 @@ def _ways_past(box: Box, arcs: Arcs, room_m: float) -> Iterator[tuple[float, lis
         yield _way_below(arcs, float(lower[2]), ends, edges)
 
 
-def _way_onto(box: Box, arcs: Arcs, room_m: float) -> Iterator[tuple[float, list[Edge]]]:
-    """Yields the way onto a box: room [m] over the edge that the flight comes in by; none where it ends elsewhere."""
-    coming = float(arcs.until_over(box.lower, box.upper).until_s)
+def _way_onto(shape: Shape, arcs: Arcs, room_m: float) -> Iterator[tuple[float, list[Edge]]]:
+    """Yields the way onto a shape: room [m] over the edge that the flight comes in by; none where it ends elsewhere."""
+    coming = float(arcs.until_over(shape.lower, shape.upper).until_s)
     if coming == arcs.until_s:
         return
     x = arcs.at(np.asarray(coming))
-    bound = float(box.upper[2]) + arcs.radius_m + room_m
-    faces = np.where(arcs.v[:2] > 0.0, box.lower[:2], box.upper[:2])
+    bound = float(shape.upper[2]) + arcs.radius_m + room_m
+    faces = np.where(arcs.v[:2] > 0.0, shape.lower[:2], shape.upper[:2])
     axis = int(np.abs(x[:2] - faces).argmin())
     starts_over = coming == 0.0 or abs(arcs.v[axis]) < LEAST_SPEED_M_S
     up = np.array([0.0, 0.0, 1.0])

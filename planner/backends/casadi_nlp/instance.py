@@ -21,8 +21,8 @@ from planner.backends.casadi_nlp.object_path import (
 )
 from planner.backends.casadi_nlp.parameters import (
     arm_parameters,
-    box_parameters,
     scale_parameters,
+    shape_parameters,
     variable_scales,
 )
 from planner.backends.casadi_nlp.release_rows import aim_from, aims, release_parameters, window_stages
@@ -37,7 +37,7 @@ from planner.timing import CubicGuess, grid_limits
 
 Arguments = dict[str, Vector]
 
-CLEARANCES = ("clearance", "keep_out")  # of `LAZY_GROUPS`: distances from the arm, the surroundings and boxes
+CLEARANCES = ("clearance", "keep_out")  # of `LAZY_GROUPS`: distances from the arm, the surroundings and shapes
 
 DECIMALS = 9  # of arguments in units of one: finer than what a solver heeds, coarser than floating point differs
 
@@ -50,16 +50,16 @@ def stage_layout(problem: ThrowProblem, margins: Margins) -> StageLayout:
         margins: on every limit; they decide which groups there are.
     """
     groups = _applicable_groups(problem, margins)
-    boxes = _box_slots(problem)
+    shapes = _shape_slots(problem)
     if problem.ends_at_rest:
-        return StageLayout(LAUNCH_STAGES, 0, 0, groups, boxes)
+        return StageLayout(LAUNCH_STAGES, 0, 0, groups, shapes)
     window = window_stages(problem)
-    return StageLayout(LAUNCH_STAGES + window, BRAKE_STAGES + window, window, groups, boxes, aims(problem))
+    return StageLayout(LAUNCH_STAGES + window, BRAKE_STAGES + window, window, groups, shapes, aims(problem))
 
 
 def _applicable_groups(problem: ThrowProblem, margins: Margins) -> tuple[str, ...]:
     applies = {
-        "keep_out": _box_slots(problem) > 0,
+        "keep_out": _shape_slots(problem) > 0,
         "grip": problem.cell.gripper.hold_acceleration_m_s2 is not None and not problem.ends_at_rest,
         "flight": constrains_flight(problem),
         "standing": aims(problem),
@@ -69,10 +69,10 @@ def _applicable_groups(problem: ThrowProblem, margins: Margins) -> tuple[str, ..
     return tuple(group for group in LAZY_GROUPS if applies.get(group, True))
 
 
-def _box_slots(problem: ThrowProblem) -> int:
-    """Returns the least number of slots that hold the keep-out boxes, a bin among them; the most if none does."""
-    boxes = len(problem.cell_with_bin.surroundings.keep_out)
-    return next((slots for slots in (0, *layout.BOX_SLOTS) if slots >= boxes), layout.KEEP_OUT_BOXES)
+def _shape_slots(problem: ThrowProblem) -> int:
+    """Returns the least number of slots that hold the keep-out shapes, a bin among them; the most if none does."""
+    shapes = len(problem.cell_with_bin.surroundings.keep_out)
+    return next((slots for slots in (0, *layout.SHAPE_SLOTS) if slots >= shapes), layout.KEEP_OUT_SHAPES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +166,7 @@ class Instance:
             "scales": scale_parameters(self.limits, float(self.steps.max())),
             "arm": arm_parameters(self.problem.cell, self.limits, self.margins),
             "release": release_parameters(self.problem, self.aim),
-            "boxes": box_parameters(self.problem.cell_with_bin, self.margins.box_m),
+            "shapes": shape_parameters(self.problem.cell_with_bin, self.margins.shape_m),
             "flight": flight_parameters(self.problem, self.candidate, self.margins, self.aim),
             # Also where the initial guess is a failed motion: beside its own path fewer solves succeed.
             "object_path": self.object_path(self.candidate.q, self.candidate.qd),

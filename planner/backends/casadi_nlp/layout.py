@@ -17,9 +17,9 @@ Vector = NDArray[np.float64]
 
 LINKS = 6
 TOOL_CAPSULES = 2  # [-] slots for a tool's capsules; a tool with more has the last ones wrapped into one
-BOX_SLOTS = (1, 2, 4)  # [-] numbers of keep-out boxes that there are functions for
-KEEP_OUT_BOXES = BOX_SLOTS[-1]  # [-] further boxes are left to the certificate
-FLIGHT_EDGES = 8  # [-] slots for edges that the object's flight passes: two for each of four boxes
+SHAPE_SLOTS = (1, 2, 4)  # [-] numbers of keep-out shapes that there are functions for
+KEEP_OUT_SHAPES = SHAPE_SLOTS[-1]  # [-] further shapes are left to the certificate
+FLIGHT_EDGES = 8  # [-] slots for edges that the object's flight passes: two for each of four shapes
 # DH frame of each capsule slot: `geometry.arm_capsules` without the foot, which the floor covers; the tool; the object.
 ARM_CAPSULES = {
     "base": 0,
@@ -126,7 +126,23 @@ ARM = VectorLayout(
     }
 )
 RELEASE = VectorLayout({"target": 3, "gravity_z": 1, "tan_elevation": 2})
-BOXES = VectorLayout({"boxes": 6 * KEEP_OUT_BOXES, "box_clearance": 1})  # lower (3) and upper (3) corner of each [m]
+# A shape is all that is within the planes of its faces and, where it is round, within a radius of a segment along z.
+# What it does not have is `FAR`.
+SHAPE = VectorLayout(
+    {
+        "rotation": 9,  # of the world in the shape's frame, by columns
+        "origin": 3,  # of its frame in the world [m]
+        "lower": 3,
+        "upper": 3,  # corners of the box that its core is in [m]
+        "is_round": 1,  # 1 where the core is the cylinder about z in that box, or 0
+        "lower_faces": 3,
+        "upper_faces": 3,  # [m]
+        "reach": 1,  # half the length of that segment [m]
+        "radius": 1,  # [m]
+        "further": 1,  # clearance beyond that of the cell [m]
+    }
+)
+SHAPES = VectorLayout({"shapes": SHAPE.size * KEEP_OUT_SHAPES, "clearance": 1})  # [m]
 FLIGHT = VectorLayout(
     {
         # per slot: normal (2), steady and offset, which tell the edge's time, direction (3) and bound [m]; see
@@ -165,7 +181,7 @@ SHARED = {
     "scales": SCALES,
     "arm": ARM,
     "release": RELEASE,
-    "boxes": BOXES,
+    "shapes": SHAPES,
     "flight": FLIGHT,
     "object_path": OBJECT_PATH,
     "standing": STANDING,
@@ -173,7 +189,7 @@ SHARED = {
 COST = VectorLayout({"time": 1, "jerk": 1, "step": 1, "initial_step": 1})  # parameters of each stage's cost
 ABSENT_RADIUS = -1.0e3  # [m] radius of an absent capsule: never near anything
 FAR = 1.0e3  # [m] distance added where a pair cannot meet
-ABSENT_BOX = 1.0e3  # [m] coordinates of an absent keep-out box
+ABSENT_SHAPE = 1.0e3  # [m] coordinates of an absent keep-out shape
 UNLIMITED_GRIP = 1.0e4  # [m/s^2] stands for a grip without limit
 
 WATCHED_AFTER = 2  # stages after the release (or its window) on which singularities are avoided
@@ -193,7 +209,7 @@ class StageLayout:
         brake: stages after it.
         window: stages on either side of the release that make up the release window.
         groups: those of `LAZY_GROUPS` that are included.
-        boxes: slots for keep-out boxes, one of `layout.BOX_SLOTS`; 0 without group "keep_out".
+        shapes: slots for keep-out shapes, one of `layout.SHAPE_SLOTS`; 0 without group "keep_out".
         aims: whether the release is free, so that the object's path is part of the solution.
         watched: stages before the release (or its window) on which singularities are avoided.
     """
@@ -202,7 +218,7 @@ class StageLayout:
     brake: int = 4
     window: int = 0
     groups: tuple[str, ...] = ()
-    boxes: int = 0
+    shapes: int = 0
     aims: bool = False
     watched: int = 3
 
@@ -224,13 +240,13 @@ class StageLayout:
     def with_groups(self, groups: Collection[str]) -> StageLayout:
         """Returns the layout with only those of its groups that are in `groups`."""
         kept = tuple(group for group in self.groups if group in groups)
-        boxes = self.boxes if "keep_out" in kept else 0
-        return replace(self, groups=kept, boxes=boxes, aims=self.aims and bool({"leaving", "passing"} & set(kept)))
+        shapes = self.shapes if "keep_out" in kept else 0
+        return replace(self, groups=kept, shapes=shapes, aims=self.aims and bool({"leaving", "passing"} & set(kept)))
 
     def function(self, block: str) -> str:
-        """Returns the name of a block's functions, which have fewer slots for fewer boxes."""
-        has_fewer = group_of(block) == "keep_out" and self.boxes in BOX_SLOTS[:-1]
-        return f"{block}_{self.boxes}" if has_fewer else block
+        """Returns the name of a block's functions, which have fewer slots for fewer shapes."""
+        has_fewer = group_of(block) == "keep_out" and self.shapes in SHAPE_SLOTS[:-1]
+        return f"{block}_{self.shapes}" if has_fewer else block
 
     def includes(self, block: str) -> bool:
         """Returns whether a block is part of the problem."""

@@ -32,7 +32,7 @@ DISTANCES = {
     "self_collision": "self_m",
     "floor": "floor_m",
     "keep_in": "keep_in_m",
-    "keep_out": "box_m",
+    "keep_out": "shape_m",
     "joint_position": "position_rad",
 }
 POSITIONS = "positions"  # group of the joints' position limits: bounds of variables, and rows of block "motion"
@@ -40,7 +40,7 @@ POSITIONS = "positions"  # group of the joints' position limits: bounds of varia
 GROUPS = {
     "effort": ("torque", "tcp_speed"),
     "clearance": ("self_m", "floor_m", "keep_in_m"),
-    "keep_out": ("box_m",),
+    "keep_out": ("shape_m",),
     POSITIONS: ("position_rad",),
     "grip": ("grip",),
     "flight": ("flight_m", "mouth_m", "opening_rad", "leaves"),
@@ -95,7 +95,7 @@ class Margins:
         floor_m: added to the required clearance [m].
         self_m: the same; none, because the optimiser's distance is slightly smaller than the true one.
         keep_in_m: the same.
-        box_m: the same.
+        shape_m: the same.
         position_rad: distance from a joint's position limits [rad].
         singularity: multiple of the required distance [-].
         flight_m: room between the object's flight and the boxes that it passes.
@@ -113,7 +113,7 @@ class Margins:
     floor_m: float = ROOM_M
     self_m: float = 0.0
     keep_in_m: float = ROOM_M
-    box_m: float = ROOM_M
+    shape_m: float = ROOM_M
     position_rad: float = 0.001
     singularity: float = 1.0 / USABLE
     flight_m: float = ROOM_M

@@ -9,11 +9,12 @@ import numpy as np
 from planner.backends.casadi_nlp import layout
 from planner.backends.casadi_nlp.layout import ARM, TOOL_CAPSULES, Vector
 from planner.backends.casadi_nlp.margins import Margins
-from planner.cell import Cell, Limits
+from planner.cell import Box, Cell, Limits
 from planner.geometry import SELF_CLEARANCE_M, arm_capsules, self_collision_pairs
 
 CELLS_KEPT = 32  # cells whose parameters are cached
 UNBOUNDED = 1.0e3  # [m] coordinate of a missing keep-in face
+ABSENT_ROW = Box(np.full(3, layout.ABSENT_SHAPE), np.full(3, layout.ABSENT_SHAPE)).row
 TIME_SHARE = 0.4  # [-] of the slowest joint's time to full speed: about 0.1 s, the length of two or three stages
 
 
@@ -81,13 +82,36 @@ def cell_parameters(cell: Cell) -> Vector:
 
 
 @lru_cache(maxsize=CELLS_KEPT)
-def box_parameters(cell: Cell, margin_m: float = 0.0) -> Vector:
-    """Returns the `BOXES` vector, not to be changed; boxes beyond `KEEP_OUT_BOXES` are left to the certificate."""
-    table = np.full((layout.KEEP_OUT_BOXES, 6), layout.ABSENT_BOX)
-    for row, box in zip(table, cell.surroundings.keep_out, strict=False):
-        row[:] = [*box.lower, *box.upper]
-    return _read_only(
-        layout.BOXES.pack({"boxes": table.ravel(), "box_clearance": cell.surroundings.clearance_m + margin_m})
+def shape_parameters(cell: Cell, margin_m: float = 0.0) -> Vector:
+    """Returns the `SHAPES` vector, not to be changed; shapes beyond `KEEP_OUT_SHAPES` are left to the certificate."""
+    around = cell.surroundings
+    there = [*zip(around.keep_out_rows, around.further_clearances.tolist(), strict=True)][: layout.KEEP_OUT_SHAPES]
+    slots = [_shape_slot(*each) for each in there]
+    slots += [_shape_slot(ABSENT_ROW, 0.0)] * (layout.KEEP_OUT_SHAPES - len(slots))
+    return _read_only(layout.SHAPES.pack({"shapes": np.array(slots), "clearance": around.clearance_m + margin_m}))
+
+
+def _shape_slot(row: Vector, further_m: float) -> Vector:
+    """Returns the `SHAPE` vector of a `Shape.row`, with the clearance that it has beyond the cell's."""
+    rotation, origin, lower, upper = np.split(row[:18], (9, 12, 15))
+    is_round = row[18] > 0.0
+    lower_faces, upper_faces = (np.full(3, sign * layout.FAR) for sign in (-1.0, 1.0))
+    faces = slice(2, 3) if is_round else slice(3 if row[19] > 0.0 else 0, 3)  # of a sphere or capsule none
+    lower_faces[faces] = lower[faces]
+    upper_faces[faces] = upper[faces]
+    return layout.SHAPE.pack(
+        {
+            "rotation": rotation,  # that of the shape in the world by rows
+            "origin": origin,
+            "lower": lower,
+            "upper": upper,
+            "is_round": float(is_round),
+            "lower_faces": lower_faces,
+            "upper_faces": upper_faces,
+            "reach": layout.FAR if is_round else upper[2],
+            "radius": upper[0] if is_round else row[19] or layout.FAR,
+            "further": further_m,
+        }
     )
 
 

@@ -1,4 +1,4 @@
-"""Check of the object's flight: it meets neither the arm, which still moves, nor a box, the floor or a bin's wall.
+"""Check of the object's flight: it meets neither the arm, which still moves, nor a shape, the floor or a bin's wall.
 
 The tool, and links beside which the object is gripped, count from the first instant of the grid below at which the
 object is clear of them: it usually starts within their capsules, so that these cannot judge how it leaves
@@ -19,7 +19,6 @@ from planner.arrays import Array, Mask
 from planner.cell import CONTACT_M
 from planner.certificate.bounds import EVALUATIONS_MAX, ROUNDS
 from planner.certificate.certificate import Check, at_least
-from planner.certificate.flight.boxes import box_gaps
 from planner.certificate.flight.flights import Flights, flights_of, nearest_on_segments
 from planner.certificate.flight.patches import (
     PatchBounds,
@@ -27,6 +26,7 @@ from planner.certificate.flight.patches import (
     corners_on_grid,
     patch_bounds,
 )
+from planner.certificate.flight.shapes import core_gaps
 from planner.certificate.samples import MotionSamples
 from planner.flight import time_of_flight
 from planner.kinematics import dot
@@ -251,9 +251,9 @@ def _lower_bounds(flights: Flights, grid: Grid) -> Array:
     bend = across + bounds.time_bend(s, h)
     falling = grid.t[:-1] >= grid.apexes[:, None]
     gaps = []
-    if len(flights.boxes[0]):
-        lower, upper = (side.T[:, :, None, None] for side in flights.boxes)
-        gaps.append(box_gaps(flights, [corner[:, None] for corner in x], (lower, upper), bend, falling))
+    if flights.count:
+        item = np.arange(flights.count)[:, None, None]
+        gaps.append(core_gaps(flights, [corner[:, None] for corner in x], item, bend, falling))
     gaps.append(_capsule_distances(flights, grid, s, h) - bend)
     if flights.opening is not None:
         rim = bounds.wall_bound(x) - bend

@@ -1,11 +1,11 @@
 """The object's flights, one for each instant at which the gripper may open, and what they can meet.
 
 A flight that begins at the time r is at x(r, t) at the time t, both on the trajectory's clock: p(r) + f v(r) s + g
-s^2/2 with s = t - r, and the release speed factor f. The object is a sphere: it keeps clear of a box, of a capsule's
-axis or of a bin's wall by its radius (and the capsule's), until it first touches a surface on which it lands, the floor
-or the top of a box; a flight that never rises as high until its centre passes the landing plane. In the air, where
-there is no surface, that is so for all. On a surface the object lies from its touch on, and keeps clear of the boxes
-that are higher until its centre would be at the target.
+s^2/2 with s = t - r, and the release speed factor f. The object is a sphere: it keeps clear of a shape's core, of a
+capsule's axis or of a bin's wall by its radius (and theirs), until it first touches a surface on which it lands, the
+floor or the level top of a shape; a flight that never rises as high until its centre passes the landing plane. In the
+air, where there is no surface, that is so for all. On a surface the object lies from its touch on, and keeps clear of
+the shapes that are higher until its centre would be at the target.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from planner.arrays import Array, Index, Mask
+from planner.cell import nearest_on_cores
 from planner.certificate.samples import MotionSamples
 from planner.flight import fly, paths, positions_after
 from planner.geometry import Surface
@@ -30,7 +31,7 @@ TINY_M = 1e-12  # [m] a distance below which there is no direction
 class Flights:
     """The flights of a motion, and the obstacles around them.
 
-    Obstacles are numbered: first the keep-out boxes, then the capsules of arm and tool, then a bin's wall. Arrays over
+    Obstacles are numbered: first the keep-out shapes, then the capsules of arm and tool, then a bin's wall. Arrays over
     k points have the coordinates on their first axis and the points on their last.
 
     Attributes:
@@ -38,7 +39,8 @@ class Flights:
         spread_s: largest deviation of the release time [s]: how early or late the gripper may open.
         released_s: time of the nominal release [s].
         radius_m: of the object, at least `LEAST_RADIUS_M` [m].
-        boxes: lower and upper corners of the b boxes (b, 3) [m].
+        shapes: rows of the b shapes (20, b), see `Shape.row`.
+        tops: heights of the b shapes (b,), without the radius about their cores [m].
         names: of the obstacles.
         clearance_m: distance that the object keeps from most obstacles [m].
         required: distance that it keeps from each obstacle [m]: none for what it is gripped beside and lands on, and
@@ -53,19 +55,22 @@ class Flights:
         self.motion = motion
         self.spread_s = problem.opening_spread_s
         self.released_s = motion.trajectory.release_time_s
-        around = problem.cell.surroundings.keep_out
+        surroundings = problem.cell.surroundings
+        around = surroundings.keep_out
+        heights = np.array([shape.upper[2] for shape in around])
         radius = max(problem.cell.object.radius_m, LEAST_RADIUS_M)
         self.radius_m = radius
-        self.boxes = tuple(np.array([getattr(b, side) for b in around]).reshape(-1, 3) for side in ("lower", "upper"))
+        self.shapes = surroundings.keep_out_rows.T
+        self.tops = heights - self.shapes[-1]
         capsules = slice(0, body.object)
-        self.names = (*(f"box {i}" for i in range(len(around))), *body.names[capsules], "rim")
-        self.clearance_m = problem.cell.surroundings.flight_clearance_m
-        of_boxes, of_base = problem.flight_clearances
+        self.names = (*surroundings.keep_out_names, *body.names[capsules], "rim")
+        self.clearance_m = surroundings.flight_clearance_m
+        of_shapes, of_base = problem.flight_clearances
         of_links = np.full(body.object, self.clearance_m)
         of_links[body.frames[capsules] == 0] = of_base
         of_links[self._beside_release()] = 0.0
-        self.required = np.concatenate([of_boxes, of_links, [0.0]])
-        radii = np.concatenate([np.zeros(len(around)), body.radii[capsules], [0.0]])
+        self.required = np.concatenate([of_shapes, of_links, [0.0]])
+        radii = np.concatenate([self.shapes[-1], body.radii[capsules], [0.0]])
         self.thickness = radius + radii + self.required
 
     def _beside_release(self) -> Index:
@@ -91,7 +96,12 @@ class Flights:
     @property
     def gripped(self) -> Index:
         """Obstacles beside which the object is gripped."""
-        return self.motion.body.beside_object + len(self.boxes[0])
+        return self.motion.body.beside_object + self.count
+
+    @property
+    def count(self) -> int:
+        """Number of the keep-out shapes, and of the first capsule among the obstacles."""
+        return len(self.tops)
 
     @property
     def opening(self) -> Opening | None:
@@ -136,16 +146,16 @@ class Flights:
 
     @cached_property
     def higher(self) -> Mask:
-        """Which obstacles (items,) an object that lies at its target can meet: boxes higher than what it lies on."""
+        """Which obstacles (items,) an object that lies at its target can meet: shapes higher than what it lies on."""
         higher = np.zeros(len(self.names), np.bool_)
-        higher[: len(self.boxes[0])] = self.motion.problem.is_met_lying(self.boxes[1][:, 2])
+        higher[: self.count] = self.motion.problem.is_met_lying(self.tops + self.shapes[-1])
         return higher
 
     @cached_property
     def carriers(self) -> Mask:
-        """Which obstacles (items,) are boxes that carry a surface on which the object lands, or lie below one."""
+        """Which obstacles (items,) are shapes that carry a surface on which the object lands, or lie below one."""
         carriers = np.zeros(len(self.names), np.bool_)
-        carriers[: len(self.boxes[0])] = self.motion.problem.carriers
+        carriers[: self.count] = self.motion.problem.carriers
         return carriers
 
     @cached_property
@@ -266,16 +276,15 @@ class Flights:
 
     def nearest(self, item: Index, x: Array, t: Array) -> Array:
         """Returns the point (3, k) [m] of obstacle `item[i]` at the time `t[i]` that is nearest to `x[:, i]`."""
-        count = len(self.boxes[0])
+        count = self.count
         near = np.empty_like(x)
-        is_box = item < count
+        is_shape = item < count
         is_rim = item == self.rim
-        if is_box.any():
-            lower, upper = (side[item[is_box]].T for side in self.boxes)
-            near[:, is_box] = np.clip(x[:, is_box], lower, upper)
+        if is_shape.any():
+            near[:, is_shape] = nearest_on_cores(x[:, is_shape], self.shapes[:, item[is_shape]])
         if is_rim.any():
             near[:, is_rim] = self.nearest_on_wall(x[:, is_rim])
-        rest = ~is_box & ~is_rim
+        rest = ~is_shape & ~is_rim
         if rest.any():
             ends = self.motion.body.end_points_of(item[rest] - count, self.motion.poses_at(t[rest]))
             near[:, rest] = nearest_on_segments(x[:, rest], ends[:, 0].T, ends[:, 1].T)
@@ -326,7 +335,7 @@ class Flights:
         items = np.arange(len(self.names))
         falls = is_falling(x)
         centres = np.repeat(x[:, None], len(items), axis=1)
-        centres[:, : len(self.boxes[0])] = self.lying(x, falls)[:, None]
+        centres[:, : self.count] = self.lying(x, falls)[:, None]
         every = np.repeat(items, len(t))
         times = np.tile(t, len(items))
         gaps = self.gaps_at(every, centres.reshape(3, -1), times).reshape(len(items), -1)

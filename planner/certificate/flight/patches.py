@@ -28,10 +28,11 @@ from typing import NamedTuple
 import numpy as np
 
 from planner.arrays import Array, Index, Mask
+from planner.cell import nearest_on_cores
 from planner.certificate.bounds import joint_rates
-from planner.certificate.flight.boxes import box_gaps
 from planner.certificate.flight.flights import TINY_M, Flights
 from planner.certificate.flight.separation import mean
+from planner.certificate.flight.shapes import core_gaps
 from planner.kinematics import dot
 from planner.native import loops
 
@@ -178,12 +179,12 @@ class PatchBounds:
         bound, sampled = self._distances(item, corners, t)
         lower = bound - bend - np.where(self.is_capsule(item), turned, 0.0)
         fallen = t >= apexes
-        if (is_box := item < len(flights.boxes[0])).any():
-            x = corners[:, :, is_box]
-            (low, high) = (side[item[is_box]].T for side in flights.boxes)
-            lower[is_box] = box_gaps(flights, _corners(x), (low, high), bend[is_box], falling[is_box])
-            x = flights.lying(x, fallen[:, is_box])
-            sampled[:, is_box] = _length(x - np.clip(x, low[:, None], high[:, None]))
+        if (is_shape := item < flights.count).any():
+            x = corners[:, :, is_shape]
+            met = item[is_shape]
+            lower[is_shape] = core_gaps(flights, _corners(x), met, bend[is_shape], falling[is_shape])
+            x = flights.lying(x, fallen[:, is_shape])
+            sampled[:, is_shape] = _length(x - nearest_on_cores(x, flights.shapes[:, None, met]))
         lower -= flights.thickness[item]
         end = flights.over_below(item, flights.lowest_at(_corners(corners), bend))
         over = falling & (corners[2, ::2].max(axis=0) + across < end)
@@ -195,24 +196,24 @@ class PatchBounds:
 
     def is_capsule(self, item: Index) -> Mask:
         """Returns whether obstacles are capsules of arm or tool."""
-        return (item >= len(self.flights.boxes[0])) & (item < self.flights.rim)
+        return (item >= self.flights.count) & (item < self.flights.rim)
 
     def frames(self, item: Index) -> Index:
-        """Returns the frames in which the obstacles are at rest; 0 for boxes and bins."""
-        capsule = np.where(self.is_capsule(item), item - len(self.flights.boxes[0]), 0)
+        """Returns the frames in which the obstacles are at rest; 0 for shapes and bins."""
+        capsule = np.where(self.is_capsule(item), item - self.flights.count, 0)
         return np.where(self.is_capsule(item), self.flights.motion.body.frames[capsule], 0)
 
     def _distances(self, item: Index, corners: Array, t: Array) -> tuple[Array, Array]:
         """Returns lower bounds (k,) on the distances of patches from obstacles, and distances (4, k) of corners.
 
-        Boxes are left out (NaN): beside them an object may lie, see `box_gaps`.
+        Shapes are left out (NaN): beside them an object may lie, see `core_gaps`.
 
         Args:
             item: numbers of the obstacles (k,).
             corners: of the patches (3, 4, k) [m].
             t: their times (4, k) [s].
         """
-        flights, count = self.flights, len(self.flights.boxes[0])
+        flights, count = self.flights, self.flights.count
         is_rim = item == flights.rim
         is_capsule = self.is_capsule(item)
         bound = np.full(len(item), np.nan)

@@ -7,19 +7,20 @@ from functools import reduce
 import numpy as np
 
 from planner.arrays import Array
+from planner.cell import nearest_on_cores
 from planner.certificate.flight.flights import TINY_M, nearest_on_segments
 from planner.kinematics import dot
 
 
-def box_bound(corners: list[Array], lower: Array, upper: Array) -> Array:
-    """Returns lower bounds (...) [m] on the distance of patches from boxes.
+def core_bound(corners: list[Array], shapes: Array) -> Array:
+    """Returns lower bounds (...) [m] on the distance of patches from the cores of shapes.
 
     Args:
         corners: of the patches, each (3, ...) [m].
-        lower, upper: corners of the boxes (3, ...) [m].
+        shapes: rows of the shapes (20, ...), see `Shape.row`.
     """
     centre = mean(corners)
-    return _separation(corners, centre, np.minimum(np.maximum(centre, lower), upper))
+    return _separation(corners, centre, nearest_on_cores(centre, shapes))
 
 
 def segment_bound(corners: list[Array], start: Array, end: Array) -> Array:

@@ -4,6 +4,8 @@
 
 #include "vectors.h"
 
+#define STEPS_TO_ZERO 120 /* at most two of them halve the bracket */
+
 /* Poses X (7, 4, 4) of base and links, all zero before; cosines and sines (6,) of the joints, see link_poses. */
 static void pose_chain(in cosine, in sine, in dh, in base, double *X) {
     memcpy(X, base, 16 * sizeof *X);
@@ -309,32 +311,91 @@ static void outside(in p0, in along, double share, in lower, in upper, double *g
     }
 }
 
-/* Distances (n,) of segments p0-p1 from boxes, each (n, 3). See segment_box_distance. */
-void box_distances(count n, in p0, in p1, in lower, in upper, double *out) {
-    for (count m = 0; m < n; m++, p0 += 3, p1 += 3, lower += 3, upper += 3) {
-        double along[3], gap[3], knots[8] = {0.0, 1.0}, slopes[8];
-        for (int row = 0; row < 3; row++) {
-            along[row] = p1[row] - p0[row];
-            double moving = along[row] != 0.0 ? along[row] : INFINITY;
-            knots[2 + row] = clamped((lower[row] - p0[row]) / moving, 0.0, 1.0);
-            knots[5 + row] = clamped((upper[row] - p0[row]) / moving, 0.0, 1.0);
+/* The distance of a segment p0-p1 from a box. See segment_shape_distance. */
+static double box_distance(in p0, in p1, in lower, in upper) {
+    double along[3], gap[3], knots[8] = {0.0, 1.0}, slopes[8];
+    for (int row = 0; row < 3; row++) {
+        along[row] = p1[row] - p0[row];
+        double moving = along[row] != 0.0 ? along[row] : INFINITY;
+        knots[2 + row] = clamped((lower[row] - p0[row]) / moving, 0.0, 1.0);
+        knots[5 + row] = clamped((upper[row] - p0[row]) / moving, 0.0, 1.0);
+    }
+    for (int i = 1; i < 8; i++)
+        for (int j = i; j > 0 && knots[j] < knots[j - 1]; j--) {
+            double swapped = knots[j];
+            knots[j] = knots[j - 1];
+            knots[j - 1] = swapped;
         }
-        for (int i = 1; i < 8; i++)
-            for (int j = i; j > 0 && knots[j] < knots[j - 1]; j--) {
-                double swapped = knots[j];
-                knots[j] = knots[j - 1];
-                knots[j - 1] = swapped;
-            }
-        int after = 0;
-        for (int i = 0; i < 8; i++) {
-            outside(p0, along, knots[i], lower, upper, gap);
-            slopes[i] = dot(gap, along);
-            after += slopes[i] < 0.0;
-        }
-        after = after < 1 ? 1 : after > 7 ? 7 : after;
-        double rise = slopes[after] - slopes[after - 1], t = knots[after - 1];
-        double share = rise > 0.0 ? clamped(-slopes[after - 1] / rise, 0.0, 1.0) : 0.0;
-        outside(p0, along, t + share * (knots[after] - t), lower, upper, gap);
-        out[m] = sqrt(dot(gap, gap));
+    int after = 0;
+    for (int i = 0; i < 8; i++) {
+        outside(p0, along, knots[i], lower, upper, gap);
+        slopes[i] = dot(gap, along);
+        after += slopes[i] < 0.0;
+    }
+    after = after < 1 ? 1 : after > 7 ? 7 : after;
+    double rise = slopes[after] - slopes[after - 1], t = knots[after - 1];
+    double share = rise > 0.0 ? clamped(-slopes[after - 1] / rise, 0.0, 1.0) : 0.0;
+    outside(p0, along, t + share * (knots[after] - t), lower, upper, gap);
+    return sqrt(dot(gap, gap));
+}
+
+/* Half the square of a point's distance from the cylinder about z in a box has this slope along a segment, at a share
+   of it. Also how fast the slope rises, and the vector from the closest point of the cylinder. */
+static double cylinder_slope(in p0, in along, double share, in lower, in upper, double *rise, double *gap) {
+    double radius = upper[0];
+    outside(p0, along, share, lower, upper, gap);
+    *rise = gap[2] != 0.0 ? along[2] * along[2] : 0.0;
+    double x = p0[0] + share * along[0], y = p0[1] + share * along[1], from_axis = sqrt(x * x + y * y);
+    double beyond = from_axis > radius ? 1.0 - radius / from_axis : 0.0 * from_axis;
+    double across = x * along[0] + y * along[1];
+    gap[0] = beyond * x;
+    gap[1] = beyond * y;
+    if (from_axis > radius) {
+        *rise += beyond * (along[0] * along[0] + along[1] * along[1]);
+        *rise += radius * across * across / (from_axis * from_axis * from_axis);
+    }
+    return dot(gap, along);
+}
+
+/* The distance of a segment p0-p1 from the cylinder about z in a box. The slope never falls along the segment: its zero
+   is found by Newton's steps, halving wherever one leaves the bracket or is not half as long as the one before. */
+static double cylinder_distance(in p0, in p1, in lower, in upper) {
+    double along[3], gap[3], rise, low = 0.0, high = 1.0, share = 0.0, step = 1.0;
+    for (int row = 0; row < 3; row++) along[row] = p1[row] - p0[row];
+    if (cylinder_slope(p0, along, 0.0, lower, upper, &rise, gap) >= 0.0) return sqrt(dot(gap, gap));
+    if (cylinder_slope(p0, along, 1.0, lower, upper, &rise, gap) <= 0.0) return sqrt(dot(gap, gap));
+    for (int i = 0; i < STEPS_TO_ZERO && fabs(step) > DBL_EPSILON * share; i++) {
+        double slope = cylinder_slope(p0, along, share, lower, upper, &rise, gap);
+        if (slope == 0.0) break;
+        if (slope < 0.0)
+            low = share;
+        else
+            high = share;
+        double next = share - slope / rise;
+        if (!(next > low && next < high && fabs(next - share) < 0.5 * fabs(step))) next = 0.5 * (low + high);
+        step = next - share;
+        share = next;
+    }
+    cylinder_slope(p0, along, share, lower, upper, &rise, gap);
+    return sqrt(dot(gap, gap));
+}
+
+/* A point of the world in a shape's frame. */
+static void in_shape(in shape, in p, double *out) {
+    double apart[3];
+    for (int row = 0; row < 3; row++) apart[row] = p[row] - shape[9 + row];
+    for (int row = 0; row < 3; row++)
+        out[row] = shape[row] * apart[0] + shape[3 + row] * apart[1] + shape[6 + row] * apart[2];
+}
+
+/* Distances (n,) of segments p0-p1, each (n, 3), from shapes: `items` (n,) of the rows (k, 20), see Shape.row. */
+void shape_distances(count n, in p0, in p1, const count *items, in rows, double *out) {
+    for (count m = 0; m < n; m++, p0 += 3, p1 += 3) {
+        in shape = rows + 20 * items[m], lower = shape + 12, upper = shape + 15;
+        double start[3], end[3];
+        in_shape(shape, p0, start);
+        in_shape(shape, p1, end);
+        double core = (shape[18] > 0.0 ? cylinder_distance : box_distance)(start, end, lower, upper);
+        out[m] = core - shape[19];
     }
 }

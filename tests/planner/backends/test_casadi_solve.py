@@ -139,7 +139,7 @@ def test_rows_beside_a_given_state_ask_for_no_more_clearance_than_it_has(cell: C
     least = {k + offset: float(bounds[index.rows[name, k]][0])
              for name, offset in (("keep_out", 0.0), ("keep_out_middle", 0.5)) for k in index.knots[name]}  # fmt: skip
     short = least[0.5]
-    assert -0.03 < short < -DEFAULT_MARGINS.box_m + 0.001
+    assert -0.03 < short < -DEFAULT_MARGINS.shape_m + 0.001
     launch = instance.stages.launch
     beside = {0.5, 1.0, launch - 1.0, launch - 0.5, launch + 0.5, launch + 1.0}
     assert {place: bound for place, bound in least.items() if place in beside} == dict.fromkeys(beside, short)

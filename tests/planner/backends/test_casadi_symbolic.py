@@ -13,7 +13,7 @@ from planner.backends.casadi_nlp import Margins, functions, layout, transcriptio
 from planner.backends.casadi_nlp.flight_rows import edge_across, edge_at
 from planner.backends.casadi_nlp.instance import stage_layout
 from planner.backends.casadi_nlp.margins import LINKS
-from planner.backends.casadi_nlp.parameters import arm_parameters, box_parameters, scale_parameters, variable_scales
+from planner.backends.casadi_nlp.parameters import arm_parameters, scale_parameters, shape_parameters, variable_scales
 from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, LEAVING_ROWS, RELEASE_ROWS, passing
 from planner.backends.casadi_nlp.symbols.rows import LEAVING_SHARES
 from planner.cell import Box, Cell, load_cell
@@ -22,8 +22,8 @@ from planner.geometry import (
     SELF_CLEARANCE_M,
     body_capsules,
     capsule_endpoints,
-    segment_box_distance,
     segment_segment_distance,
+    segment_shape_distance,
     self_collision_pairs,
     tool_state,
 )
@@ -33,7 +33,7 @@ from planner.robots import ROBOT_NAMES, robot
 from tests.planner.backends import whole_problem
 
 CELLS = Path(__file__).parents[3] / "cells"
-NO_MARGINS = Margins(torque=1.0, tcp_speed=1.0, floor_m=0.0, self_m=0.0, keep_in_m=0.0, box_m=0.0, singularity=1.0)
+NO_MARGINS = Margins(torque=1.0, tcp_speed=1.0, floor_m=0.0, self_m=0.0, keep_in_m=0.0, shape_m=0.0, singularity=1.0)
 SCALES = scale_parameters(load_cell(CELLS / "ur10e-sim.toml").limits, 0.02)  # differ from joint to joint
 LANDING_S = 0.6  # [s] when a flight past the arm ends
 EXPECTED_SPEED = 1.5  # [m/s] across an edge's plane
@@ -136,12 +136,12 @@ def test_release_rows(cell: Cell) -> None:
 
 LAYOUTS = (
     layout.StageLayout(),
-    layout.StageLayout(9, 5, window=1, groups=layout.LAZY_GROUPS, boxes=4),
+    layout.StageLayout(9, 5, window=1, groups=layout.LAZY_GROUPS, shapes=4),
     layout.StageLayout(8, 3, groups=("flight", "passing"), aims=True),
     layout.StageLayout(8, 3, groups=("leaving",), aims=True),
     layout.StageLayout(10, 5, window=2, groups=("leaving", "passing"), aims=True),
     layout.StageLayout(8, 3, groups=("standing",), aims=True),
-    layout.StageLayout(8, 3, groups=("keep_out",), boxes=1),
+    layout.StageLayout(8, 3, groups=("keep_out",), shapes=1),
     layout.StageLayout(8, 0, groups=("effort",)),
 )
 
@@ -159,7 +159,7 @@ def test_derivatives_of_the_whole_problem(stages: layout.StageLayout) -> None:
     costs = np.tile([1.0, 1e-3, 1e-2, 0.4], stages.stages)
     arm = arm_parameters(cell, cell.limits, NO_MARGINS)
     path = _object_path()[1]
-    p = np.concatenate([SCALES, arm, release, box_parameters(cell), _flight_parameters(), path, _standing(), costs])
+    p = np.concatenate([SCALES, arm, release, shape_parameters(cell), _flight_parameters(), path, _standing(), costs])
     along = rng.normal(size=x.size)
     step = 1e-6
 
@@ -381,15 +381,15 @@ def test_grip_rows(cell: Cell) -> None:
     assert rows[3] * 40.0**2 == pytest.approx(expected @ expected)
 
 
-@pytest.mark.parametrize("boxes", layout.BOX_SLOTS)
+@pytest.mark.parametrize("boxes", layout.SHAPE_SLOTS)
 def test_fewer_slots_for_boxes_give_the_same_distance(boxes: int) -> None:
     plain = load_cell(CELLS / "ur5e-sim.toml")
     near = [Box(np.array([0.3, -0.2 + k, 0.1]), np.array([0.5, 0.3 + k, 0.6])) for k in range(boxes)]
     placed = tuple(reversed(near))  # the nearest takes the last slot
     cell = replace(plain, surroundings=replace(plain.surroundings, keep_out=placed))
-    p = np.concatenate([arm_parameters(cell, cell.limits, NO_MARGINS), box_parameters(cell)])
-    name = layout.StageLayout(groups=("keep_out",), boxes=boxes).function("keep_out")
-    assert name == ("keep_out" if boxes == layout.KEEP_OUT_BOXES else f"keep_out_{boxes}")
+    p = np.concatenate([arm_parameters(cell, cell.limits, NO_MARGINS), shape_parameters(cell)])
+    name = layout.StageLayout(groups=("keep_out",), shapes=boxes).function("keep_out")
+    assert name == ("keep_out" if boxes == layout.KEEP_OUT_SHAPES else f"keep_out_{boxes}")
     for seed in range(5):
         *_, z = _state(seed)
         assert _rows(name, z, p) == pytest.approx(_rows("keep_out", z, p), abs=1e-12)
@@ -408,7 +408,7 @@ def test_the_room_beside_a_box_is_never_more_than_there_is(name: str) -> None:
     plain = load_cell(CELLS / "ur5e-sim.toml")
     box = NEAR_BOXES[name]
     cell = replace(plain, surroundings=replace(plain.surroundings, keep_out=(box,), clearance_m=0.0))
-    p = np.concatenate([arm_parameters(cell, cell.limits, NO_MARGINS), box_parameters(cell)])
+    p = np.concatenate([arm_parameters(cell, cell.limits, NO_MARGINS), shape_parameters(cell)])
     rng = np.random.default_rng(1)
     near = 0
     while near < 60:
@@ -427,7 +427,7 @@ def _distance_from_box(cell: Cell, q: np.ndarray, box: Box) -> float:
     held = (forward(cell.robot, q) @ cell.tool.X_FT)[:3, 3]
     segments = [*((*pair, c.radius_m) for pair, c in zip(ends, capsules, strict=True))]
     segments.append((held, held, cell.object.radius_m))
-    return min(float(segment_box_distance(a, b, box.lower, box.upper)) - radius for a, b, radius in segments)
+    return min(float(segment_shape_distance(a, b, box)) - radius for a, b, radius in segments)
 
 
 @pytest.mark.parametrize(("boxes", "slots"), [(0, 0), (1, 1), (2, 2), (3, 4), (4, 4), (5, 4)])
@@ -437,8 +437,8 @@ def test_a_room_has_slots_for_its_boxes(boxes: int, slots: int) -> None:
     cell = replace(plain, surroundings=replace(plain.surroundings, keep_out=placed))
     request = {"cell": "ur5e-sim", "release": {"kind": "target", "position": [1.2, 0.3, 0.0]}, "release_window_s": 0.0}
     stages = stage_layout(problem_from_request(request, cell), Margins())
-    assert (stages.boxes, "keep_out" in stages.groups) == (slots, slots > 0)
-    assert stages.with_groups({"effort"}).boxes == 0
+    assert (stages.shapes, "keep_out" in stages.groups) == (slots, slots > 0)
+    assert stages.with_groups({"effort"}).shapes == 0
 
 
 def _smooth_multipliers(index: transcription.RowIndex, rng: np.random.Generator) -> np.ndarray:

@@ -16,7 +16,7 @@ from planner.certificate.samples import MotionSamples
 from planner.certificate.tool import _singularity_curvature
 from planner.dynamics import joint_torques, payload_of
 from planner.flight import landing_points
-from planner.geometry import body_capsules, capsule_endpoints, segment_box_distance, tool_state
+from planner.geometry import body_capsules, capsule_endpoints, segment_shape_distance, tool_state
 from planner.kinematics import signed_singularity_distances
 from planner.native import loops
 from planner.problem import TargetRelease
@@ -127,7 +127,7 @@ def test_distances_from_boxes_are_those_of_dense_samples():
         capsules = [c for c in body_capsules(boxed.cell.robot, boxed.cell.tool.capsules) if c.frame > 0]
         t = np.linspace(0.0, trajectory.duration_s, 4 * len(trajectory.q))
         ends = capsule_endpoints(boxed.cell.robot, capsules, trajectory.at(t)[0], boxed.cell.X_WB)
-        gaps = [segment_box_distance(ends[..., 0, :], ends[..., 1, :], b.lower, b.upper) for b in boxes]
+        gaps = [segment_shape_distance(ends[..., 0, :], ends[..., 1, :], b) for b in boxes]
         least = float((np.min(gaps, axis=0) - [c.radius_m for c in capsules]).min())
         check = certify(boxed, trajectory).check("keep_out")
         if least < 0.001:

@@ -8,7 +8,7 @@ import pytest
 from planner.backends import profiles
 from planner.cell import Box, parse_cell
 from planner.certificate import Examination, certify
-from planner.certificate.clearance import box_gaps, moving_heights, pair_gaps
+from planner.certificate.clearance import moving_heights, pair_gaps, shape_gaps
 from planner.certificate.exits import FREE_M
 from planner.certificate.flight import flights_of
 from planner.certificate.grip import felt_sizes
@@ -37,7 +37,7 @@ SIZES = {
     "stopping_time": stopping_times,
     "stopping_distance": stopping_distances,
 }
-GAPS = {"self_collision": pair_gaps, "floor": moving_heights, "keep_out": box_gaps}
+GAPS = {"self_collision": pair_gaps, "floor": moving_heights, "keep_out": shape_gaps}
 
 
 def boxed(name):

@@ -11,8 +11,8 @@ from planner.geometry import (
     body_capsules,
     body_model,
     capsule_endpoints,
-    segment_box_distance,
     segment_segment_distance,
+    segment_shape_distance,
     tool_pose,
 )
 from planner.geometry.capsules import Capsule
@@ -64,7 +64,7 @@ def test_clearances_are_the_least_of_every_capsule_box_and_pair():
     moving = [i for i, capsule in enumerate(capsules) if capsule.frame > 0]
     floor = np.min([ends[:, i, :, 2].min(axis=1) - capsules[i].radius_m for i in moving], axis=0)
     boxes = [
-        segment_box_distance(ends[:, i, 0], ends[:, i, 1], box.lower, box.upper) - capsules[i].radius_m
+        segment_shape_distance(ends[:, i, 0], ends[:, i, 1], box) - capsules[i].radius_m
         for i in moving
         for box in BOXES
     ]
@@ -100,7 +100,7 @@ def test_a_posture_s_violations_name_what_is_too_close():
             if name == "keep_out":
                 k = body.names.index(first)
                 box = BOXES[int(second.removeprefix("box "))]
-                assert each.value == segment_box_distance(*ends[k], box.lower, box.upper) - body.radii[k]
+                assert each.value == segment_shape_distance(*ends[k], box) - body.radii[k]
             elif name == "self_collision":
                 i = body.names.index(first)
                 j = body.names.index(second)

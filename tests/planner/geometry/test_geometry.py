@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from planner.cell import ToolCapsule
+from planner.cell import Box, ToolCapsule
 from planner.geometry import (
     SELF_CLEARANCE_M,
     arm_capsules,
@@ -16,8 +16,8 @@ from planner.geometry import (
     never_clear,
     object_pairs,
     point_segment_distance,
-    segment_box_distance,
     segment_segment_distance,
+    segment_shape_distance,
     self_collision_pairs,
 )
 from planner.kinematics import link_poses
@@ -90,7 +90,7 @@ def test_points_against_dense_sampling_of_a_segment():
 def test_boxes_against_dense_sampling():
     p0, p1 = segments(200)
     t = np.linspace(0.0, 1.0, 20001)
-    distance = segment_box_distance(p0, p1, LOWER, UPPER)
+    distance = segment_shape_distance(p0, p1, Box(LOWER, UPPER))
     for i in range(0, len(p0), 2):
         points = p0[i] + t[:, None] * (p1[i] - p0[i])
         sampled = np.linalg.norm(points - np.clip(points, LOWER, UPPER), axis=1).min()
@@ -109,7 +109,7 @@ def test_boxes_against_dense_sampling():
     ],
 )
 def test_boxes_in_closed_form(p0, p1, expected):
-    assert segment_box_distance(np.array(p0), np.array(p1), LOWER, UPPER) == pytest.approx(expected, abs=1e-12)
+    assert segment_shape_distance(p0, p1, Box(LOWER, UPPER)) == pytest.approx(expected, abs=1e-12)
 
 
 def solid(capsule):

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
+from planner.cell import Box, shape_of
 from planner.certificate.bounds import Rates
 from planner.certificate.exits import cells_between
 from planner.dynamics import bodies, payload_of
@@ -69,15 +70,25 @@ def _segments(rng: Generator) -> Arguments:
     return ends, np.array([[i, i + 8] for i in range(8)]), 1e-18
 
 
-def _boxes(rng: Generator) -> Arguments:
-    """Segments along a face, a point, and one through the box among them."""
+def _shapes(rng: Generator) -> Arguments:
+    """All shapes; segments along a face, a point, and one through a box among them."""
     p0, p1, low, size = rng.uniform(-1.0, 1.0, (4, 12, 3))
     p1[1, 0] = p0[1, 0]
     p1[2, 1:] = p0[2, 1:]
     p1[3] = p0[3]
     p0[4] = low[4] - 0.1
     p1[4] = low[4] + np.abs(size[4]) + 0.1
-    return p0, p1, low, low + np.abs(size)
+    rows = [Box(low[i], low[i] + np.abs(size[i])).row for i in range(6)]
+    for kind, sizes in (
+        ("box", [0.3, 0.5, 0.7]),
+        ("cylinder", [0.3, 0.5]),
+        ("sphere", [0.3, 0.0]),
+        ("capsule", [0.2, 0.5]),
+    ):
+        turned = rotation_vector_to_matrix(rng.uniform(-2.0, 2.0, 3))
+        rows.append(shape_of(kind, pose(rng.uniform(-1.0, 1.0, 3), turned), np.array(sizes)).row)
+    items = np.array([*range(6), *range(6, 10), 7, 7])
+    return p0, p1, items, np.array(rows)
 
 
 def _released(rng: Generator) -> Array:
@@ -177,7 +188,7 @@ EXAMPLES: dict[str, Callable[[Generator], Arguments]] = {
     "chain_torques": _loaded,
     "torque_terms": _loaded,
     "pair_distances": _segments,
-    "box_distances": _boxes,
+    "shape_distances": _shapes,
     "drag_paths": _flown,
     "drag_landings": lambda rng: (_released(rng), 0.3, (0.004, 10.0), AIR),
     "states_at": lambda rng: (rng.uniform(-0.01, 0.09, N), 500.0, _motion(rng)[1]),

@@ -15,7 +15,7 @@ from planner.cell import Box, Cell, ToolCapsule
 from planner.certificate import certify
 from planner.dynamics import joint_torques
 from planner.flight import fly, landing_states, paths, positions_after
-from planner.geometry import body_model, segment_box_distance, segment_segment_distance
+from planner.geometry import body_model, segment_segment_distance, segment_shape_distance
 from planner.kinematics import forward, inverse_branches, jacobian, link_poses
 from planner.native import Pinned, libraries, loops
 from planner.problem import JointRelease, PointRelease, TargetRelease, ThrowProblem
@@ -142,7 +142,7 @@ def test_what_cannot_be_evaluated_stays_so():
     for i, ends in enumerate((p0, p1, q0, q1)):
         ends[3 * i : 3 * i + 3][np.eye(3, dtype=bool)] = np.nan
     assert np.isnan(segment_segment_distance(p0, p1, q0, q1)).all()
-    assert np.isnan(segment_box_distance(p0[:6], p1[:6], [-0.1] * 3, [0.1] * 3)).all()
+    assert np.isnan(segment_shape_distance(p0[:6], p1[:6], Box(np.full(3, -0.1), np.full(3, 0.1)))).all()
     q = np.zeros((1, 6))
     q[0, 2] = np.nan
     assert np.isnan(body_model(cell()).clearances(q).self_collision).all()
@@ -171,7 +171,7 @@ def test_arrays_read_in_place_move_with_their_copies():
 
 def test_wrong_shapes_are_refused():
     with pytest.raises(ValueError, match="instead of"):
-        loops.box_distances(np.zeros((3, 3)), np.zeros((2, 3)), np.zeros((3, 3)), np.zeros((3, 3)))
+        loops.shape_distances(np.zeros((3, 3)), np.zeros((2, 3)), np.zeros(3, np.intp), np.zeros((1, 20)))
 
 
 def test_flights_with_drag_are_the_same_with_and_without_it(numpy_alone):
@@ -208,7 +208,7 @@ def test_indices_of_no_row_are_refused(row):
 def test_nothing_has_no_distances():
     none = np.zeros((0, 3))
     assert segment_segment_distance(none, none, none, none).shape == (0,)
-    assert segment_box_distance(none, none, [0.0] * 3, [1.0] * 3).shape == (0,)
+    assert segment_shape_distance(none, none, Box(np.zeros(3), np.ones(3))).shape == (0,)
     assert body_model(cell()).clearances(np.zeros((0, 6))).least.shape == (0,)
 
 

@@ -6,7 +6,7 @@ from planner.backends.casadi_nlp.symbols.rows import (
     FORMULAS,
     LEAVING_ROWS,
     RELEASE_ROWS,
-    WITH_FEWER_BOXES,
+    WITH_FEWER_SHAPES,
     BlockFormula,
 )
 from planner.backends.casadi_nlp.symbols.terms import Terms
@@ -17,7 +17,7 @@ __all__ = [
     "FORMULAS",
     "LEAVING_ROWS",
     "RELEASE_ROWS",
-    "WITH_FEWER_BOXES",
+    "WITH_FEWER_SHAPES",
     "BlockFormula",
     "Terms",
 ]

@@ -1,20 +1,20 @@
-"""Symbolic clearance formulas: distances between capsules, floor and boxes, each kind folded into one smooth row.
+"""Symbolic clearance formulas: distances between capsules, floor and shapes, each kind folded into one smooth row.
 
 The minimum of many distances has kinks; -w log sum exp(-d / w) has none and is never larger than the minimum, so a
 bound on it bounds them all. The closest points of two segments move with the arm, but the distance depends on that
-movement in second order only. Of two links they are frozen while the derivatives are taken; beside a flight and a box,
-where that keeps solves from converging, their movement is part of the derivatives.
+movement in second order only. Of two links they are frozen while the derivatives are taken; beside a flight and a
+shape, where that keeps solves from converging, their movement is part of the derivatives.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 
-from planner.backends.casadi_nlp.layout import CAPSULE_FRAMES, PAIRS
+from planner.backends.casadi_nlp.layout import CAPSULE_FRAMES, PAIRS, SHAPE
 from planner.backends.casadi_nlp.symbols.arm import ArmFrames
 from planner.backends.casadi_nlp.symbols.terms import Terms
 
@@ -22,7 +22,7 @@ SX = Any
 
 WIDTH = 0.002  # [m] width of the soft minimum: for two equal distances it is 1.4 mm smaller
 PROJECTIONS = 2
-NEWTON_STEPS = 2  # [-] for the point of a segment nearest to a box: within 0.1 mm
+NEWTON_STEPS = 2  # [-] for the point of a segment nearest to a shape: within 0.1 mm
 STIFF = 1e-6  # [m^2] keeps the closest points of parallel segments from moving without bound
 TINY = 1e-9  # [m^2] keeps the length of a segment and a distance away from zero
 
@@ -166,24 +166,28 @@ def lowest_heights(body: CapsuleSlots, up_S: SX, base_height: SX, first: int) ->
     ]
 
 
-def box_distances(body: CapsuleSlots, boxes: SX, terms: Terms) -> list[SX]:
-    """Returns a lower bound on the distance [m] of each capsule from each box, capsule 0 (the base) excepted.
+def shape_distances(in_s: CapsuleSlots, R_WS: SX, p_WS: SX, slots: SX, terms: Terms) -> list[SX]:
+    """Returns a lower bound on the distance [m] of each capsule from each shape, capsule 0 (the base) excepted.
 
     Args:
-        body: the capsules, in the frame of the boxes.
-        boxes: lower (3) and upper (3) corner of each, in one vector.
+        in_s: the capsules in S.
+        R_WS, p_WS: pose of S in the world.
+        slots: `layout.SHAPE` of each shape, in one vector.
         terms: collects the terms that derivatives take as constants.
     """
-    corners = [(boxes[6 * k : 6 * k + 3], boxes[6 * k + 3 : 6 * k + 6]) for k in range(boxes.size1() // 6)]
-    return [
-        _beyond_faces(_nearest(body.starts[i], body.ends[i], *box, terms), *box, terms) - body.radii[i]
-        for box in corners
-        for i in range(1, len(CAPSULE_FRAMES))
-    ]
+    gaps = []
+    for k in range(slots.size1() // SHAPE.size):
+        shape = SHAPE.split(slots[SHAPE.size * k : SHAPE.size * (k + 1)])
+        R_CW = ca.reshape(shape["rotation"], 3, 3)
+        body = capsules_in_world(in_s, R_CW @ R_WS, R_CW @ (p_WS - shape["origin"]))
+        for i in range(1, len(CAPSULE_FRAMES)):
+            point = _nearest(body.starts[i], body.ends[i], shape, terms)
+            gaps.append(_beyond_faces(point, shape, terms) - body.radii[i] - shape["further"])
+    return gaps
 
 
-def _nearest(start: SX, end: SX, lower: SX, upper: SX, terms: Terms) -> SX:
-    """Returns the point of a segment nearest to a box.
+def _nearest(start: SX, end: SX, shape: dict[str, SX], terms: Terms) -> SX:
+    """Returns the point of a segment nearest to a shape's core.
 
     By alternating projections (source: von Neumann 1950), which are slow where a segment is nearly parallel to a face,
     and steps of Newton's iteration from there. One more step, whose value is 0, has the derivatives of its movement.
@@ -192,31 +196,61 @@ def _nearest(start: SX, end: SX, lower: SX, upper: SX, terms: Terms) -> SX:
     square = ca.dot(along, along) + TINY
     s = ca.SX(0.5)
     for _ in range(PROJECTIONS):
-        inside = ca.fmax(lower, ca.fmin(upper, start + s * along))
-        s = _unit(ca.dot(inside - start, along) / square)
+        s = _unit(ca.dot(_projection(start + s * along, shape) - start, along) / square)
     for _ in range(NEWTON_STEPS):
         point = start + s * along
-        s = _unit(s - _excess(point, along, *_sides(point, lower, upper), lower, upper))
+        s = _unit(s - _excess(point, along, _sides(point, shape), shape))
     s = terms.freeze(s)
     point = start + s * along
-    below, above = (terms.freeze(side) for side in _sides(point, lower, upper))
-    return point - terms.freeze(_is_within(s)) * _excess(point, along, below, above, lower, upper) * along
+    sides = Sides(*(terms.freeze(side) for side in _sides(point, shape)))
+    return point - terms.freeze(_is_within(s)) * _excess(point, along, sides, shape) * along
 
 
-def _sides(point: SX, lower: SX, upper: SX) -> tuple[SX, SX]:
-    """Returns in which coordinates a point is below and above a box (3,), as 1 or 0."""
-    return point < lower, upper < point
+def _projection(point: SX, shape: dict[str, SX]) -> SX:
+    """Returns the point of a core nearest to a point (3,)."""
+    in_box = ca.fmax(shape["lower"], ca.fmin(shape["upper"], point))
+    inwards = ca.fmin(1, shape["upper"][0] / _from_axis(point))
+    return in_box + shape["is_round"] * ca.vertcat(inwards * point[:2] - in_box[:2], 0)
 
 
-def _excess(point: SX, along: SX, below: SX, above: SX, lower: SX, upper: SX) -> SX:
-    """Returns the share of `along` by which a point on it is beyond the one nearest to a box [-]."""
-    apart = below * (point - lower) + above * (point - upper)
-    return ca.dot(along, apart) / (ca.dot(along * (below + above), along) + STIFF)
+class Sides(NamedTuple):
+    """On which sides of a core a point is, as 1 or 0: of each face of its box (3,), and of a cylinder's wall."""
+
+    below: SX
+    above: SX
+    off_wall: SX
 
 
-def _beyond_faces(point: SX, lower: SX, upper: SX, terms: Terms) -> SX:
-    """Returns the soft maximum of a point's distances [m] beyond the planes of a box's faces."""
-    return -soft_minimum(ca.vertsplit(ca.vertcat(point - lower, upper - point)), terms)
+def _sides(point: SX, shape: dict[str, SX]) -> Sides:
+    flat = 1 - shape["is_round"] * ca.DM([1, 1, 0])
+    off_wall = shape["is_round"] * (shape["upper"][0] < _from_axis(point))
+    return Sides(flat * (point < shape["lower"]), flat * (shape["upper"] < point), off_wall)
+
+
+def _excess(point: SX, along: SX, sides: Sides, shape: dict[str, SX]) -> SX:
+    """Returns the share of `along` by which a point on it is beyond the one nearest to a core [-]."""
+    apart = sides.below * (point - shape["lower"]) + sides.above * (point - shape["upper"])
+    # beside a cylinder's wall: how far `along` goes away from it, and how that changes along the segment
+    inwards = shape["upper"][0] / _from_axis(point)
+    across = ca.dot(point[:2], along[:2])
+    away = sides.off_wall * (1 - inwards) * across
+    change = sides.off_wall * ((1 - inwards) * ca.sumsqr(along[:2]) + inwards * (across / _from_axis(point)) ** 2)
+    faces = ca.dot(along * (sides.below + sides.above), along)
+    return (ca.dot(along, apart) + away) / (faces + change + STIFF)
+
+
+def _from_axis(point: SX) -> SX:
+    """Returns a point's distance from the z axis [m]."""
+    return ca.sqrt(ca.sumsqr(point[:2]) + TINY)
+
+
+def _beyond_faces(point: SX, shape: dict[str, SX], terms: Terms) -> SX:
+    """Returns the soft maximum of a point's distances [m] beyond the planes of a shape's faces, off its round part."""
+    below, above = (terms.freeze(side) for side in (point[2] < -shape["reach"], shape["reach"] < point[2]))
+    z = below * (point[2] + shape["reach"]) + above * (point[2] - shape["reach"])
+    within = shape["radius"] - ca.sqrt(ca.sumsqr(point[:2]) + z**2 + TINY)
+    inside = ca.vertcat(point - shape["lower_faces"], shape["upper_faces"] - point, within)
+    return -soft_minimum(ca.vertsplit(inside), terms)
 
 
 def soft_minimum(distances: list[SX], terms: Terms) -> SX:

@@ -14,7 +14,7 @@ from typing import Any
 import casadi as ca
 
 from planner.backends.casadi_nlp import layout
-from planner.backends.casadi_nlp.layout import ARM, BOXES, COST, FLIGHT, OBJECT_PATH, RELEASE, SCALES, VectorLayout
+from planner.backends.casadi_nlp.layout import ARM, COST, FLIGHT, OBJECT_PATH, RELEASE, SCALES, SHAPES, VectorLayout
 from planner.backends.casadi_nlp.symbols import arm, distances
 from planner.backends.casadi_nlp.symbols.passing import (
     GUARD,
@@ -133,15 +133,14 @@ def clearance(s: StageState, p: SX, terms: Terms) -> SX:
     )
 
 
-def keep_out(s: StageState, p: SX, terms: Terms, slots: int = layout.KEEP_OUT_BOXES) -> SX:
-    """Distance of arm, tool and object from the first `slots` keep-out boxes, beyond the one required (1) [m]."""
+def keep_out(s: StageState, p: SX, terms: Terms, slots: int = layout.KEEP_OUT_SHAPES) -> SX:
+    """Distance of arm, tool and object from the first `slots` keep-out shapes, beyond the one required (1) [m]."""
     a = ARM.split(p[: ARM.size])
-    b = BOXES.split(p[ARM.size :])
+    b = SHAPES.split(p[ARM.size :])
     body = distances.capsules_in_s(arm.frames(a["dh"], s.q), a["capsules"])
     R_WS = ca.reshape(a["base"][:9], 3, 3) @ arm.turn(s.q[0])
-    in_world = distances.capsules_in_world(body, R_WS, a["base"][9:])
-    gaps = distances.box_distances(in_world, b["boxes"][: 6 * slots], terms)
-    return distances.soft_minimum(gaps, terms) - b["box_clearance"]
+    gaps = distances.shape_distances(body, R_WS, a["base"][9:], b["shapes"][: layout.SHAPE.size * slots], terms)
+    return distances.soft_minimum(gaps, terms) - b["clearance"]
 
 
 def singularity(s: StageState, p: SX, terms: Terms) -> SX:
@@ -369,8 +368,8 @@ FORMULAS: dict[str, BlockFormula] = {
     "clearance": _at_knot(clearance, "arm"),
     "clearance_middle": _in_middle(clearance, "arm"),
     # Without second derivatives, which take three quarters of a minute to compile, each.
-    "keep_out": _at_knot(keep_out, "arm", "boxes", curved=False),
-    "keep_out_middle": _in_middle(keep_out, "arm", "boxes", curved=False),
+    "keep_out": _at_knot(keep_out, "arm", "shapes", curved=False),
+    "keep_out_middle": _in_middle(keep_out, "arm", "shapes", curved=False),
     "grip": _at_knot(grip, "arm"),
     "grip_middle": _in_middle(grip, "arm"),
     "singularity": _at_knot(singularity, "arm"),
@@ -385,11 +384,11 @@ FORMULAS: dict[str, BlockFormula] = {
     "passing_middle": BlockFormula(passing_middle, ("scales", "arm", "object_path"), of_object=True),
     "passing_at_rest": BlockFormula(passing_at_rest, ("scales", "arm", "object_path"), of_object=True),
 }
-# The same rows with fewer slots for boxes, each of which takes its time.
-WITH_FEWER_BOXES = {
-    f"{name}_{slots}": at(partial(keep_out, slots=slots), "arm", "boxes")
+# The same rows with fewer slots for shapes, each of which takes its time.
+WITH_FEWER_SHAPES = {
+    f"{name}_{slots}": at(partial(keep_out, slots=slots), "arm", "shapes")
     for name, at in (("keep_out", _at_knot), ("keep_out_middle", _in_middle))
-    for slots in layout.BOX_SLOTS[:-1]
+    for slots in layout.SHAPE_SLOTS[:-1]
 }
 # Every formula that functions are built from.
-ALL_FORMULAS = FORMULAS | WITH_FEWER_BOXES
+ALL_FORMULAS = FORMULAS | WITH_FEWER_SHAPES

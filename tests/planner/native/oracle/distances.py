@@ -1,4 +1,4 @@
-"""Distances of segments from each other and from boxes: numpy twins of planner/native/kernel/arm.c."""
+"""Distances of segments from each other and from shapes: numpy twins of planner/native/kernel/arm.c."""
 
 from __future__ import annotations
 
@@ -30,6 +30,38 @@ def pair_distances(ends: Array, pairs: Index, shortest_m2: float) -> Array:
 
 def _clamped(share: Array) -> Array:
     return np.minimum(np.maximum(share, 0.0), 1.0)
+
+
+def shape_distances(p0: Array, p1: Array, items: Index, rows: Array) -> Array:
+    """Returns the distances (n,) of segments p0-p1, each (n, 3), from shapes `items` (n,) of `rows` (k, 20)."""
+    shapes = rows[items]
+    R = shapes[:, :9].reshape(-1, 3, 3)
+    start, end = (((p - shapes[:, 9:12])[:, None] @ R)[:, 0] for p in (p0, p1))
+    corners = shapes[:, 12:15], shapes[:, 15:18]
+    found = np.where(shapes[:, 18] > 0.0, cylinder_distances(start, end, *corners), box_distances(start, end, *corners))
+    return found - shapes[:, 19]
+
+
+def cylinder_distances(p0: Array, p1: Array, lower: Array, upper: Array) -> Array:
+    """Returns the distances (n,) of segments from the cylinders about z in boxes: the slope's zero by halving."""
+    low = np.zeros(len(p0))
+    high = np.ones(len(p0))
+
+    def gaps(share: Array) -> Array:
+        p = p0 + share[:, None] * (p1 - p0)
+        inwards = np.minimum(1.0, upper[:, :1] / np.maximum(np.hypot(p[:, :1], p[:, 1:2]), 1e-300))
+        return np.concatenate(
+            [p[:, :2] * (1.0 - inwards), p[:, 2:] - np.clip(p[:, 2:], lower[:, 2:], upper[:, 2:])], axis=1
+        )
+
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        falls = _dot(gaps(middle), p1 - p0) < 0.0
+        low = np.where(falls, middle, low)
+        high = np.where(falls, high, middle)
+    return np.min(
+        [np.linalg.norm(gaps(share), axis=1) for share in (low, high, np.zeros(len(p0)), np.ones(len(p0)))], axis=0
+    )
 
 
 def box_distances(p0: Array, p1: Array, lower: Array, upper: Array) -> Array:
