@@ -55,7 +55,7 @@ mass_kg = {mass}                  # without the object
 [surroundings]
 floor_z_m = 0.0                   # a guess: the arm stands on the floor
 clearance_m = 0.02
-keep_out = []                     # boxes {{ lower_m = [x, y, z], upper_m = [x, y, z] }} that nothing enters
+keep_out = []                     # boxes {{ lower_m = [x, y, z], upper_m = [x, y, z] }} and other shapes: docs/cells.md
 
 [object]                          # a guess: a sphere
 mass_kg = 0.05

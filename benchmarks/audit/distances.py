@@ -14,14 +14,15 @@ from numpy.typing import NDArray
 
 from benchmarks.audit.fault import AuditFault, over, under
 from benchmarks.audit.pinocchio_arm import arm_model, dh_frames_in_urdf, poses_and_velocity
-from planner.cell import Cell
+from planner.cell import Cell, Shape
 from planner.geometry import SELF_CLEARANCE_M, body_capsules
 from planner.problem import TargetRelease, ThrowProblem
 from planner.robots import Robot
 from tests.planner.published_arms import pinocchio_arm
 
 Vector = NDArray[np.float64]
-Obstacle = tuple[coal.Box | coal.Cylinder, coal.Transform3s]
+Solid = coal.Box | coal.Cylinder | coal.Sphere | coal.Capsule
+Obstacle = tuple[Solid, coal.Transform3s, float]
 
 SPARSE_S = 0.008  # [s] grid of the distances
 LENGTH_SLACK_M = 1e-5  # [m] of distances and positions
@@ -38,7 +39,7 @@ class SpatialExtremes:
     Attributes:
         floor: Smallest height above the floor [m].
         self_gap: Smallest distance between two bodies of the arm [m].
-        boxes: Smallest distance from keep-out boxes and bin [m].
+        boxes: Smallest distance from keep-out shapes and bin, less what one requires beyond the cell's clearance [m].
         singular: Smallest singularity distance [1].
         speed: Largest tool speed [m/s].
         outside: Largest distance of the tool centre point outside the keep-in boxes [m].
@@ -62,7 +63,7 @@ class SpatialExtremes:
             *over("tcp_speed", "tool speed", self.speed, fast, fast * LIMIT_SLACK, "m/s"),
             *under("floor", "floor", self.floor, clearance, slack, "m"),
             *under("self_collision", "self-collision", self.self_gap, SELF_CLEARANCE_M, slack, "m"),
-            *under("keep_out", "forbidden box or bin", self.boxes, clearance, slack, "m"),
+            *under("keep_out", "forbidden shape or bin", self.boxes, clearance, slack, "m"),
             *over("keep_in", "outside a box by", self.outside, 0.0, slack, "m"),
             *under("singularity_distance", "singularity distance", self.singular, least, LIMIT_SLACK),
         ]
@@ -119,28 +120,46 @@ def _singularity_distance(data: pin.Data) -> float:
 
 
 def _box_gap(cell: Cell, obstacles: list[Obstacle], places: list[coal.Transform3s], held: bool) -> float:
-    """Returns the smallest distance of arm, tool and held object from keep-out boxes and bin [m]."""
+    """Returns the smallest distance of the bodies from shapes and bin, less what these are kept from further [m]."""
     least = np.inf
     count = len(shapes(cell)) + held
-    for box, place in obstacles:
+    for solid, place, further_m in obstacles:
         for shape, own in list(zip(_all(cell), places, strict=True))[:count]:
             if shape.frame > 0:
-                least = min(least, coal.distance(shape.solid, own, box, place, _REQUEST, coal.DistanceResult()))
+                gap = coal.distance(shape.solid, own, solid, place, _REQUEST, coal.DistanceResult())
+                least = min(least, gap - further_m)
     return float(least)
 
 
 def _obstacles(problem: ThrowProblem) -> list[Obstacle]:
-    """Returns the keep-out boxes, and the bin as a solid cylinder: no part of the arm has business in it."""
-    found: list[Obstacle] = [
-        (coal.Box(*(b.upper - b.lower)), coal.Transform3s(np.eye(3), 0.5 * (b.lower + b.upper)))
-        for b in problem.cell.surroundings.keep_out
-    ]
+    """Returns the keep-out shapes, and the bin as a solid cylinder: no part of the arm has business in it.
+
+    With each what it is to be kept from beyond the cell's clearance [m].
+    """
+    around = problem.cell.surroundings
+    found: list[Obstacle] = []
+    for shape in around.keep_out:
+        own = around.clearance_m if shape.clearance_m is None else shape.clearance_m
+        place = coal.Transform3s(shape.X_WC[:3, :3], shape.X_WC[:3, 3])
+        found.append((coal_solid(shape), place, own - around.clearance_m))
     release = problem.release
     if isinstance(release, TargetRelease) and release.opening is not None:
         height = release.opening.rim_height_m
         middle = release.p_W + np.array([0.0, 0.0, 0.5 * height])
-        found.append((coal.Cylinder(release.opening.radius_m, height), coal.Transform3s(np.eye(3), middle)))
+        found.append((coal.Cylinder(release.opening.radius_m, height), coal.Transform3s(np.eye(3), middle), 0.0))
     return found
+
+
+def coal_solid(shape: Shape) -> Solid:
+    """Returns coal's solid of a shape."""
+    x, y, z = shape.extent.tolist()
+    solids = {
+        "box": lambda: coal.Box(x, y, z),
+        "cylinder": lambda: coal.Cylinder(0.5 * x, z),
+        "sphere": lambda: coal.Sphere(0.5 * x),
+        "capsule": lambda: coal.Capsule(0.5 * x, z - x),
+    }
+    return solids[shape.kind]()
 
 
 class BodyShape(NamedTuple):

@@ -12,7 +12,7 @@ from scipy.interpolate import CubicHermiteSpline
 from benchmarks.audit.distances import LENGTH_SLACK_M, shapes
 from benchmarks.audit.fault import AuditFault, over, under
 from benchmarks.audit.pinocchio_arm import arm_model, poses_and_velocity
-from planner.cell import Box
+from planner.cell import Shape
 from planner.problem import TargetRelease, ThrowProblem
 from planner.trajectory import Trajectory
 
@@ -27,8 +27,9 @@ FREE_M = 0.001  # [m] the way out of the grip counts once the object has moved b
 OUT_M = 0.01  # [m] the object is out of the grip once it has moved by its radius, and by this much
 ANGLE_SLACK = 1e-3  # [rad] of the way out: quarter turns rounded in the URDF
 CLEAR_S = 0.01  # [s] for which the object must have been clear of what gripped it before that counts as an obstacle
-CARRIES_M = 1e-6  # [m] a box that rises above the plane by less may carry the target
-LEVEL_M = 0.001  # [m] another box that is as high may be part of the same table
+CARRIES_M = 1e-6  # [m] a shape that rises above the plane by less may carry the target
+LEVEL_COSINE = 1.0 - 1e-8  # [-] of the angle between a level top and the horizontal
+LEVEL_M = 0.001  # [m] another shape that is as high may be part of the same table
 KEPT_OFF_FRAMES = (1, 2, 3)  # from shoulder to wrist 1: what the object keeps the whole flight clearance from
 GRIPPED_FRAMES = (4, 5, 6)  # wrist 2, wrist 3 and tool: the object may begin inside their capsules
 
@@ -153,8 +154,8 @@ def _landings(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
 def _obstacles(problem: ThrowProblem, arm: _Arm, delay: float, paths: Paths, i: int) -> list[AuditFault]:
     """Returns what the sphere of one path touches before it lands.
 
-    That is where it touches the floor or a box on which the target is, or where its centre passes the plane. From the
-    one to the other it goes on over what it lies on: boxes that are higher count until then.
+    That is where it touches the floor or a shape on which the target is, or where its centre passes the plane. From the
+    one to the other it goes on over what it lies on: shapes that are higher count until then.
     """
     around = problem.cell.surroundings
     radius = problem.cell.object.radius_m
@@ -163,9 +164,9 @@ def _obstacles(problem: ThrowProblem, arm: _Arm, delay: float, paths: Paths, i: 
     contact = _first_contact(problem, passing)
     through = passing[:contact]
     gaps = [("the floor", float((x[:, 2] - radius).min()) - around.floor_z_m)]
-    for k, box in enumerate(around.keep_out):
-        path = np.concatenate([through, _lying(problem, passing[contact:], box)])
-        gaps.append((f"box {k}", float(_from_box(path, box).min()) - radius))
+    for name, shape in zip(around.keep_out_names, around.keep_out, strict=True):
+        path = np.concatenate([through, _lying(problem, passing[contact:], shape)])
+        gaps.append((name, float(_from_shape(path, shape).min()) - radius))
     for name, frame, apart in arm.gaps(through, delay):
         counted = _since_clear(apart - radius) if frame in GRIPPED_FRAMES else np.ones(len(apart), bool)
         required = around.flight_clearance_m if frame in KEPT_OFF_FRAMES else 0.0
@@ -175,13 +176,13 @@ def _obstacles(problem: ThrowProblem, arm: _Arm, delay: float, paths: Paths, i: 
     return found + _bin(problem, through, slack)
 
 
-def _lying(problem: ThrowProblem, x: Vector, box: Box) -> Vector:
-    """Returns where the centre of an object is that lies beside a box, as it goes on below `x` (n, 3), and at last.
+def _lying(problem: ThrowProblem, x: Vector, shape: Shape) -> Vector:
+    """Returns where the centre of an object is that lies beside a shape, as it goes on below `x` (n, 3), and at last.
 
-    Nowhere where the target is in the air, or for a box that is as high as what carries it, or lower.
+    Nowhere where the target is in the air, or for a shape that is as high as what carries it, or lower.
     """
     height = _height_below_target(problem)
-    if height is None or not isinstance(problem.release, TargetRelease) or box.upper[2] <= height + LEVEL_M:
+    if height is None or not isinstance(problem.release, TargetRelease) or shape.upper[2] <= height + LEVEL_M:
         return np.empty((0, 3))
     x = x if problem.release.opening is None else x[:0]  # nothing is followed within a bin
     places = np.concatenate([x, [problem.release.p_W]]) - problem.aim_shift  # it lands as far beside its aim
@@ -196,7 +197,7 @@ def _height_below_target(problem: ThrowProblem) -> float | None:
     plane_z = problem.plane_z
     found = [min(around.floor_z_m, plane_z)] if plane_z - problem.cell.object.radius_m < around.floor_z_m else []
     if isinstance(release, TargetRelease):
-        tops = [float(box.upper[2]) for box in around.keep_out if _is_over(release.p_W[None], box)[0]]
+        tops = [float(shape.upper[2]) for shape in around.keep_out if _is_over(release.p_W[None], shape)[0]]
         found += [top for top in tops if -problem.cell.object.radius_m < top - plane_z <= CARRIES_M]
     return max(found, default=None)
 
@@ -204,7 +205,7 @@ def _height_below_target(problem: ThrowProblem) -> float | None:
 def _first_contact(problem: ThrowProblem, x: Vector) -> int:
     """Returns how many instants of a path (n, 3) are before the sphere touches what the target is on.
 
-    Another box that is as high may be part of the same table.
+    Another shape that is as high may be part of the same table.
     """
     around = problem.cell.surroundings
     landed = np.zeros(len(x), bool)
@@ -222,15 +223,27 @@ def _first_contact(problem: ThrowProblem, x: Vector) -> int:
     return int(landed.argmax()) if landed.any() else len(x)
 
 
-def _is_over(x: Vector, box: Box) -> NDArray[np.bool_]:
-    """Returns whether points (n, 3) are over a box or within it."""
-    return np.asarray(((x[:, :2] >= box.lower[:2]) & (x[:, :2] <= box.upper[:2])).all(axis=1))
+def _is_over(x: Vector, shape: Shape) -> NDArray[np.bool_]:
+    """Returns whether points (n, 3) are over a shape that an object can lie on, or within it."""
+    upright = np.abs(shape.X_WC[2, :3]) > LEVEL_COSINE
+    if shape.kind in ("sphere", "capsule") or not (upright[2] if shape.kind == "cylinder" else upright.any()):
+        return np.zeros(len(x), bool)
+    middle = np.column_stack([x[:, :2], np.full(len(x), shape.X_WC[2, 3])])
+    return _from_shape(middle, shape) <= 0.0
 
 
-def _from_box(x: Vector, box: Box) -> Vector:
-    """Returns the distances (n,) [m] of points (n, 3) from a box; within it the negative depth."""
-    apart = np.linalg.norm(x - np.clip(x, box.lower, box.upper), axis=1)
-    return apart - np.maximum(np.minimum(x - box.lower, box.upper - x).min(axis=1), 0.0)
+def _from_shape(x: Vector, shape: Shape) -> Vector:
+    """Returns the distances (n,) [m] of points (n, 3) from a shape; within it the negative depth."""
+    y = (x - shape.X_WC[:3, 3]) @ shape.X_WC[:3, :3]
+    half = 0.5 * shape.extent
+    if shape.kind in ("sphere", "capsule"):
+        straight = half[2] - half[0]
+        y[:, 2] -= np.clip(y[:, 2], -straight, straight)
+        return np.linalg.norm(y, axis=1) - half[0]
+    beyond = np.abs(y) - half
+    if shape.kind == "cylinder":
+        beyond = np.column_stack([np.hypot(y[:, 0], y[:, 1]) - half[0], beyond[:, 2]])
+    return np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0)
 
 
 def _way_out(problem: ThrowProblem, arm: _Arm, delay: float, x: Vector) -> list[AuditFault]:

@@ -7,6 +7,7 @@ import re
 from dataclasses import replace
 from typing import Any
 
+from planner.cell.fields import UNKNOWN_KEY
 from planner.cell.file import DEFAULTS, cell_of_document, toml_of
 from planner.cell.model import Cell
 from planner.cell.source import CellSource
@@ -22,7 +23,6 @@ ENTRY = {  # of tools and shapes, which have no defaults
     "radius_m": 0.01,
     "lower_m": [-1.0, -1.0, -1.0],
     "upper_m": [1.0, 1.0, 1.0],
-    "shape": "box",
     "pose": {"position_m": [0.0, 0.0, -1.0], "rotation_vector_rad": [0.0, 0.0, 0.0]},
     "size_m": [0.1, 0.1, 0.1],
     "length_m": 0.1,
@@ -55,7 +55,7 @@ def mended_cell(source: CellSource) -> tuple[list[CellError], Cell | None]:
             given.pop("arm_data", None)  # its stand-in is complete
         if key == "name":
             source = replace(source, name="cell")
-        elif not _mend(given, key):
+        elif not _mend(given, key, read.reason.startswith(UNKNOWN_KEY)):
             break
     unknown_arm = "robot" in found
     faults = [fault for key, fault in found.items() if not (unknown_arm and key.startswith(OF_ARM))]
@@ -75,8 +75,11 @@ def _key(field: str) -> str:
     return re.sub(r"\[\d+\]$", "", field)
 
 
-def _mend(given: dict[str, Any], key: str) -> bool:
-    """Replaces the value of a key by a good one; removes an unknown key. Returns whether that could be done."""
+def _mend(given: dict[str, Any], key: str, is_unknown: bool) -> bool:
+    """Replaces the value of a key by a good one; removes an unknown key. Returns whether that could be done.
+
+    A shape of an unknown kind becomes a box: its other keys are not judged.
+    """
     *path, leaf = re.findall(r"[^.\[\]]+", key)
     table: Any = given
     defaults: Any = DEFAULTS
@@ -88,8 +91,11 @@ def _mend(given: dict[str, Any], key: str) -> bool:
             else:
                 table = table.setdefault(step, {})
                 defaults = defaults[step]
-        if leaf not in defaults:
+        if is_unknown:
             del table[leaf]
+        elif leaf == "shape":
+            table.clear()
+            table.update({corner: ENTRY[corner] for corner in ("lower_m", "upper_m")})
         else:
             table[leaf] = copy.deepcopy(STAND_IN.get(key, defaults[leaf]))
             if table[leaf] is None:

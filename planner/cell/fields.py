@@ -15,6 +15,7 @@ from planner.arrays import Array, read_only
 from planner.errors import CellError
 from planner.rotations import beyond_full_turn, pose, rotation_vector_to_matrix
 
+UNKNOWN_KEY = "unknown key"  # how its reason begins
 LIMIT_MIN = 1e-6  # [any unit] smallest limit that is accepted: a limit of zero forbids every motion
 
 
@@ -26,7 +27,7 @@ def merge_defaults(given: Mapping[str, Any], defaults: Mapping[str, Any], where:
     """
     for key in given:
         if key not in defaults:
-            raise CellError(where + key, None, f"unknown key; known are {', '.join(sorted(defaults))}")
+            raise CellError(where + key, None, f"{UNKNOWN_KEY}; known are {', '.join(sorted(defaults))}")
     merged: dict[str, Any] = {}
     for key, default in defaults.items():
         value = given.get(key, default)

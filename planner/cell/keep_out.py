@@ -20,7 +20,7 @@ SIZES = {  # keys of each shape beyond `shape`, `pose`, `name` and `clearance_m`
     "capsule": ("radius_m", "length_m"),
 }
 POSE = {"position_m": None, "rotation_vector_rad": [0.0, 0.0, 0.0]}
-NAME_PATTERN = re.compile(r"[^\s,]([^,]{0,62}[^\s,])?")  # a comma ends a name where a plan tells what comes close
+NAME_PATTERN = re.compile(r"[^\s,:;]([^,:;]{0,62}[^\s,:;])?")  # in a plan , : ; end a name
 OTHERS = ("object", "floor", "bin", "rim")  # what else a flight or a posture comes close to
 TOOL = "tool_"  # with a number: a capsule of the tool
 SIZE_MIN_M = 1e-4  # [m] a thinner body is a typing error
@@ -78,7 +78,7 @@ def _shape(entry: Mapping[str, Any], where: str) -> Shape:
 def _name(entry: Mapping[str, Any], where: str) -> str:
     name = entry.get("name", "")
     if "name" in entry and not (isinstance(name, str) and NAME_PATTERN.fullmatch(name)):
-        raise CellError(f"{where}name", name, "must be 1 to 64 characters without a comma")
+        raise CellError(f"{where}name", name, "must be 1 to 64 characters without , : ;")
     if name and (name in OTHERS or name.startswith(TOOL) or name in capsule_rows("ur5e")):
         raise CellError(f"{where}name", name, "is what something else is called in a plan")
     return name

@@ -73,7 +73,7 @@ def _notes(boxes: Sequence[DescribedBox], left: Mapping[str, str]) -> list[str]:
         named = ", ".join(f"{link} ({why})" for link, why in left.items())
         shapes = "shape of" if len(left) == 1 else "shapes of"
         verb = "is" if len(left) == 1 else "are"
-        takes = "surroundings.keep_out takes boxes along the world's axes"
+        takes = "surroundings.keep_out can be written by hand"
         notes.append(f"the {shapes} {named} {verb} not taken over: nothing keeps the arm away; {takes}")
     return notes
 

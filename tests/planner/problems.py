@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from planner.backends import ruckig_otg
-from planner.cell import Box, Cell, load_cell
+from planner.cell import Box, Cell, Shape, load_cell
 from planner.certificate import certify
 from planner.errors import Infeasible, SolverFailed
 from planner.geometry import tool_state
@@ -50,8 +50,12 @@ def ideal_cell(name: str = "ur5e-sim") -> Cell:
 
 def with_boxes(here: Cell, *boxes: tuple[Sequence[float] | np.ndarray, Sequence[float] | np.ndarray]) -> Cell:
     """The cell with these keep-out boxes alone, each by its lower and its upper corner."""
-    around = tuple(Box(np.array(lower), np.array(upper)) for lower, upper in boxes)
-    return replace(here, surroundings=replace(here.surroundings, keep_out=around))
+    return with_shapes(here, *(Box(np.array(lower), np.array(upper)) for lower, upper in boxes))
+
+
+def with_shapes(here: Cell, *shapes: Shape) -> Cell:
+    """The cell with these keep-out shapes alone."""
+    return replace(here, surroundings=replace(here.surroundings, keep_out=shapes))
 
 
 def joint_problem(name: str = "ur5e-sim", **changes) -> ThrowProblem:

@@ -245,6 +245,81 @@ def test_a_calibration_is_a_file_beside_the_cell(name):
         parse_cell(f"{LEAST}[kinematics]\ncalibration = {name}\n", "c")
 
 
+POST = 'name = "post", shape = "cylinder", pose = { position_m = [0.8, 0.1, 0.4] }, radius_m = 0.05, length_m = 0.8'
+
+
+SHAPES = (
+    f"{{ {POST}, clearance_m = 0.01 }}",
+    "{ pose = { position_m = [1, 0, 0.2], rotation_vector_rad = [0, 0, 0.5] }, size_m = [0.2, 0.4, 0.4] }",
+    '{ shape = "sphere", pose = { position_m = [0, 1, 1] }, radius_m = 0.2 }',
+    '{ shape = "capsule", pose = { position_m = [0, -1, 1], rotation_vector_rad = [1.5707963, 0, 0] }, '
+    "radius_m = 0.1, length_m = 0.6 }",
+    '{ name = "wall", lower_m = [-2, -2, 0], upper_m = [-1.9, 2, 1] }',
+)
+
+
+def test_shapes_are_read_with_pose_size_name_and_clearance():
+    here = parse_cell(f"{LEAST}[surroundings]\nkeep_out = [{', '.join(SHAPES)}]\n", "c")
+    around = here.surroundings
+    assert around.keep_out_names == ("post", "box 1", "sphere 2", "capsule 3", "wall")
+    extents = [[0.1, 0.1, 0.8], [0.2, 0.4, 0.4], [0.4, 0.4, 0.4], [0.2, 0.2, 0.8], [0.1, 4.0, 1.0]]
+    np.testing.assert_allclose([shape.extent for shape in around.keep_out], extents)
+    np.testing.assert_allclose(around.keep_out[0].lower, [0.75, 0.05, 0.0])
+    np.testing.assert_allclose(around.keep_out[3].upper, [0.1, -0.6, 1.1], atol=1e-6)
+    np.testing.assert_allclose(around.clearance_m + around.further_clearances, [0.01, *[0.02] * 4])
+    np.testing.assert_allclose(around.flight_clearances, [0.01, *[0.02] * 4])
+    again = here.with_obstacles({"shape": "sphere", "pose": {"position_m": [2, 2, 2]}, "radius_m": 0.1})
+    assert again.surroundings.keep_out_names[-1] == "sphere 5"
+    assert again.sha256 != here.sha256
+
+
+@pytest.mark.parametrize(
+    ("entries", "field", "reason"),
+    [
+        ('{ shape = "cone", pose = { position_m = [1, 0, 0] } }', "[0].shape", "box, cylinder, sphere, capsule"),
+        ('{ shape = "sphere", radius_m = 0.1 }', "[0].pose", "missing"),
+        ('{ shape = "sphere", pose = { }, radius_m = 0.1 }', "[0].pose.position_m", "must be a list"),
+        (f"{{ {POST}, size_m = [1, 1, 1] }}", "[0].size_m", "unknown key"),
+        (f"{{ {POST.replace('0.05', '-0.05')} }}", "[0].radius_m", "must lie in"),
+        (f"{{ {POST}, clearance_m = -1 }}", "[0].clearance_m", "must lie in"),
+        (f"{{ {POST.replace('post', 'a, b')} }}", "[0].name", "without"),
+        (f"{{ {POST.replace('post', 'forearm')} }}", "[0].name", "something else"),
+        (f"{{ {POST.replace('post', 'tool_0')} }}", "[0].name", "something else"),
+        (f"{{ {POST} }}, {{ {POST} }}", "[1].name", "another one"),
+        (
+            f"{{ {POST.replace('post', 'box 1')} }}, {{ lower_m = [1, 1, 0], upper_m = [2, 2, 1] }}",
+            "[1].name",
+            "another",
+        ),
+        (f"{{ {POST}, lower_m = [1, 1, 0] }}", "[0].lower_m", "unknown key"),
+    ],
+)
+def test_a_shape_that_cannot_be_is_refused_by_its_field(entries, field, reason):
+    with pytest.raises(CellError, match=reason) as refusal:
+        parse_cell(f"{LEAST}[surroundings]\nkeep_out = [{entries}]\n", "c")
+    assert refusal.value.field == f"surroundings.keep_out{field}"
+
+
+def test_every_fault_of_a_shape_is_named_at_once():
+    entries = (
+        '{ shape = "cone", height_m = 1 }',
+        f"{{ {POST.replace('0.05', '-1')}, colour = 3, size_m = [1, 1, 1] }}",
+        '{ shape = "box", pose = { position_m = [1, 2] }, size_m = [1, 0, 1], clearance_m = 7 }',
+    )
+    text = f"{LEAST}[surroundings]\nkeep_out = [{', '.join(entries)}]\n[timing]\nlag_s = 9\n"
+    where = "surroundings.keep_out"
+    assert [fault.field for fault in cell_faults(CellSource("c", text.encode()))] == [
+        f"{where}[0].shape",
+        f"{where}[1].colour",
+        f"{where}[1].size_m",
+        f"{where}[1].radius_m",
+        f"{where}[2].clearance_m",
+        f"{where}[2].pose.position_m",
+        f"{where}[2].size_m[1]",
+        "timing.lag_s",
+    ]
+
+
 MANY_FAULTS = """
 robot = "ur5e"
 surprise = 1

@@ -157,3 +157,52 @@ def test_the_rim_stops_an_object_that_comes_down_on_it():
     landing = landed((1.0 + BIN.radius_m, 0.0, 0.8, 0.0, 0.0, 0.0), bin=BIN)
     assert landing["surface"] == "bin wall"
     assert landing["position_m"][2] == pytest.approx(AT_THE_RIM_M + RADIUS, abs=NEAR_M)
+
+
+POST = 'shape = "cylinder", pose = { position_m = [1.0, 0.0, 0.25] }, radius_m = 0.1, length_m = 0.5'
+
+
+def among(entry: str) -> str:
+    return f"surroundings = {{ keep_out = [{{ {entry} }}] }}\n"
+
+
+def test_a_post_stops_the_object_where_its_parabola_meets_the_wall():
+    state = (0.0, 0.05, 0.3, 3.0, 0.0, 1.0)
+    landing = landed(state, among(POST))
+    t = (1.0 - math.sqrt((0.1 + RADIUS) ** 2 - 0.05**2)) / 3.0
+    assert landing["surface"] == "keep_out[0]"
+    assert landing["t"] == pytest.approx(t, abs=2e-4)
+    np.testing.assert_allclose(landing["position_m"], at(state, t), atol=5e-4)
+
+
+@pytest.mark.parametrize(
+    ("entry", "place", "lands"),
+    [
+        (POST, (1.06, 0.06), True),
+        (POST, (1.09, 0.09), False),  # over the square about it alone
+        ('shape = "box", pose = { position_m = [1.0, 0.0, 0.25], rotation_vector_rad = [0, 0, 0.785398] }, '
+         'size_m = [0.2, 0.2, 0.5]', (1.12, 0.0), True),
+        ('shape = "box", pose = { position_m = [1.0, 0.0, 0.25], rotation_vector_rad = [0, 0, 0.785398] }, '
+         'size_m = [0.2, 0.2, 0.5]', (1.09, 0.09), False),
+    ],
+)  # fmt: skip
+def test_an_object_that_falls_on_a_level_top_lies_there(entry: str, place: tuple[float, float], lands: bool):
+    landing = landed((*place, 0.8, 0.0, 0.0, 0.0), among(entry))
+    np.testing.assert_allclose(landing["position_m"], [*place, 0.5 if lands else 0.0], atol=NEAR_M)
+    assert landing["surface"] == ("keep_out[0]" if lands else "floor")
+
+
+@pytest.mark.parametrize(
+    ("entry", "top_z"),
+    [
+        ('shape = "box", pose = { position_m = [1.0, 0.0, 0.3], rotation_vector_rad = [0, 0.3, 0] }, '
+         'size_m = [0.4, 0.4, 0.2]', 0.3 + (0.1 + RADIUS) / math.cos(0.3)),
+        ('shape = "sphere", pose = { position_m = [1.0, 0.0, 0.3] }, radius_m = 0.2', 0.5 + RADIUS),
+        ('shape = "capsule", pose = { position_m = [1.0, 0.0, 0.3], rotation_vector_rad = [1.570796, 0, 0] }, '
+         'radius_m = 0.1, length_m = 0.4', 0.4 + RADIUS),
+    ],
+)  # fmt: skip
+def test_a_slope_or_a_round_top_stops_an_object_where_it_touches(entry: str, top_z: float):
+    landing = landed((1.0, 0.0, 0.9, 0.0, 0.0, 0.0), among(entry))
+    np.testing.assert_allclose(landing["position_m"], [1.0, 0.0, top_z], atol=NEAR_M)
+    assert landing["surface"] == "keep_out[0]"

@@ -2,7 +2,8 @@
 
 import type { Air } from "./flight";
 import type { Chain } from "./chain";
-import { poseOfRows, type Vector } from "./poses";
+import { plus, poseOfRows, type Vector } from "./poses";
+import type { Body } from "./bodies";
 
 /** All points within a radius of a segment that is fixed in a link's frame; 0 is the base, 6 the flange. */
 export interface Capsule {
@@ -13,12 +14,6 @@ export interface Capsule {
   readonly radius: number;
 }
 
-/** An axis-aligned box in the world [m]. */
-export interface Box {
-  readonly lower: Vector;
-  readonly upper: Vector;
-}
-
 export interface CellGeometry {
   readonly name: string;
   readonly robot: string;
@@ -27,8 +22,8 @@ export interface CellGeometry {
   readonly capsules: readonly Capsule[]; // of arm and tool; the tool's are named tool_0, tool_1, …
   readonly home: readonly number[]; // [rad]
   readonly floorZ: number;
-  readonly keepIn: readonly Box[];
-  readonly keepOut: readonly Box[];
+  readonly keepIn: readonly Body[];
+  readonly keepOut: readonly Body[];
   readonly objectRadius: number;
   readonly air: Air;
 }
@@ -54,7 +49,7 @@ export interface CellDocument {
     readonly floor_z_m: number;
     readonly gravity_m_s2: number;
     readonly keep_in: readonly BoxDocument[];
-    readonly keep_out: readonly BoxDocument[];
+    readonly keep_out: readonly BodyDocument[];
   };
   readonly object: { readonly radius_m: number; readonly drag_per_m: number };
 }
@@ -62,6 +57,13 @@ export interface CellDocument {
 interface BoxDocument {
   readonly lower_m: readonly number[];
   readonly upper_m: readonly number[];
+}
+
+interface BodyDocument {
+  readonly name: string;
+  readonly shape: Body["shape"];
+  readonly pose: readonly (readonly number[])[];
+  readonly extent_m: readonly number[];
 }
 
 /** Returns the geometry of a cell from the service's document. */
@@ -80,7 +82,7 @@ export function geometryOf(document: CellDocument): CellGeometry {
     home: document.home,
     floorZ: surroundings.floor_z_m,
     keepIn: surroundings.keep_in.map(boxOf),
-    keepOut: surroundings.keep_out.map(boxOf),
+    keepOut: surroundings.keep_out.map(bodyOf),
     objectRadius: object.radius_m,
     air: { gravity: surroundings.gravity_m_s2, drag: object.drag_per_m },
   };
@@ -90,8 +92,15 @@ function capsuleOf({ name, frame, from_m, to_m, radius_m }: CellDocument["capsul
   return { name, frame, from: vectorOf(from_m), to: vectorOf(to_m), radius: radius_m };
 }
 
-function boxOf({ lower_m, upper_m }: BoxDocument): Box {
-  return { lower: vectorOf(lower_m), upper: vectorOf(upper_m) };
+function boxOf({ lower_m, upper_m }: BoxDocument): Body {
+  const extent = plus(vectorOf(upper_m), vectorOf(lower_m), -1);
+  const [x, y, z] = plus(vectorOf(lower_m), extent, 0.5);
+  const pose = poseOfRows([[1, 0, 0, x], [0, 1, 0, y], [0, 0, 1, z], [0, 0, 0, 1]]);
+  return { name: "", shape: "box", pose, extent };
+}
+
+function bodyOf({ name, shape, pose, extent_m }: BodyDocument): Body {
+  return { name, shape, pose: poseOfRows(pose), extent: vectorOf(extent_m) };
 }
 
 function vectorOf([x = 0, y = 0, z = 0]: readonly number[]): Vector {

@@ -13,7 +13,7 @@ import { Ghost } from "./ghost";
 import { Handles } from "./handles";
 import type * as face from "./interface";
 import { Layer } from "./layer";
-import { boxThings, hazardThings, landingThings, nearestThings, obstacleThings, targetThings } from "./marks";
+import { bodyThings, hazardThings, landingThings, nearestThings, obstacleThings, targetThings } from "./marks";
 import { type Palette, paletteOf } from "./palette";
 import { PlanMotion, planThings } from "./plan";
 import { Stage } from "./stage";
@@ -21,7 +21,7 @@ import { studioMaterial } from "./studio";
 import { subjectOf } from "./subject";
 import { ThrownObject } from "./thrown";
 
-const LAYERS = ["axes", "map", "boxes", "hazard", "plan", "target", "nearest", "landings", "obstacles"] as const;
+const LAYERS = ["axes", "map", "bodies", "hazard", "plan", "target", "nearest", "landings", "obstacles"] as const;
 const SIDES = ["left", "right", "top", "bottom"] as const;
 const GRIPPER_OPENS_S = 0.06; // [s] in which the drawn fingers open
 const STILL_RAD = 1e-4; // [rad] less than this is not seen to move
@@ -254,7 +254,7 @@ class ThrowScene implements face.Scene {
     this.stage.floor.setPalette(this.palette);
     this.thrown.colour = this.palette.object;
     this.drawAxes();
-    this.show("boxes", this.cell ? boxThings(this.cell, this.palette) : []);
+    this.show("bodies", this.cell ? bodyThings(this.cell, this.palette) : []);
     this.setRealArm(this.real);
     this.drawPlan();
     this.drawTarget();

@@ -54,7 +54,8 @@ export interface Obstacle {
   readonly value: number | null;
   readonly limit: number | null;
   readonly joint: number | null; // 0 to 5
-  readonly box: { readonly kind: "keep_in" | "keep_out"; readonly index: number } | null;
+  readonly keepIn: number | null; // number of a keep-in box
+  readonly names: readonly string[]; // that its words tell, those of keep-out bodies among them
 }
 
 export interface SceneOptions {
@@ -93,7 +94,7 @@ export interface Insets {
 }
 
 export interface Scene {
-  /** Arm, tool, floor and boxes of a cell; clears everything that belonged to another cell. */
+  /** Arm, tool, floor and bodies of a cell; clears everything that belonged to another cell. */
   setModel(model: CellModel): void;
   setPlan(plan: Plan | null, appearance: PlanAppearance): void;
   /** Time on the plan's clock [s]; after the release the object flies along, up to the landing. */

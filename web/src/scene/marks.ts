@@ -1,4 +1,4 @@
-/** Marks in the scene: the target and its bin, nearest, landings, boxes, what stands in the way, a real arm's ring. */
+/** Marks in the scene: the target and its bin, nearest, landings, bodies, what stands in the way, a real arm's ring. */
 
 import { Mesh, type Object3D, TorusGeometry } from "three";
 import type { CellGeometry } from "../model/cell";
@@ -8,7 +8,7 @@ import type { Ellipse, Landing, Obstacle, Target } from "./interface";
 import { polyline, segments } from "./lines";
 import type { Palette } from "./palette";
 import { errorEllipse } from "./plan";
-import { arrow, bin, box, bullseye, disc, ellipsePoints, flat, ring } from "./shapes";
+import { arrow, bin, body, bullseye, disc, ellipsePoints, flat, ring } from "./shapes";
 import { Vector3 as ThreeVector } from "three";
 
 export const TARGET_RADIUS_M = 0.07; // [m] of the drawn bull's eye
@@ -47,20 +47,20 @@ export function landingThings(landings: readonly Landing[], ellipse: Ellipse | n
   return [...dots, ...newest, ...(points ? errorEllipse(points, palette.landing) : [])];
 }
 
-/** Returns the boxes of a cell: walls that the tool stays within, and bodies that nothing enters. */
-export function boxThings(cell: CellGeometry, palette: Palette): Object3D[] {
+/** Returns the bodies of a cell: walls that the tool stays within, and bodies that nothing enters. */
+export function bodyThings(cell: CellGeometry, palette: Palette): Object3D[] {
   return [
-    ...cell.keepIn.flatMap((item) => box(item, palette.keepIn, 0)),
-    ...cell.keepOut.flatMap((item) => box(item, palette.keepOut, 0.22)),
+    ...cell.keepIn.flatMap((item) => body(item, palette.keepIn, 0)),
+    ...cell.keepOut.flatMap((item) => body(item, palette.keepOut, 0.22)),
   ];
 }
 
-/** Returns what stands in the way: the box in red, a ring about the joint, the arm's reach. */
+/** Returns what stands in the way: the body in red, a ring about the joint, the arm's reach. */
 export function obstacleThings(obstacles: readonly Obstacle[], cell: CellGeometry, q: ArrayLike<number>, palette: Palette): Object3D[] {
   return obstacles.flatMap((obstacle) => {
-    const boxes = obstacle.box?.kind === "keep_in" ? cell.keepIn : cell.keepOut;
-    const found = obstacle.box ? boxes[obstacle.box.index] : undefined;
-    const things = found ? box(found, palette.obstacle, obstacle.box?.kind === "keep_in" ? 0.06 : 0.4, 2.4) : [];
+    const wall = obstacle.keepIn === null ? undefined : cell.keepIn[obstacle.keepIn];
+    const met = cell.keepOut.filter(({ name }) => obstacle.names.includes(name));
+    const things = [...(wall ? body(wall, palette.obstacle, 0.06, 2.4) : []), ...met.flatMap((each) => body(each, palette.obstacle, 0.4, 2.4))];
     if (obstacle.joint !== null) things.push(jointRing(cell, q, obstacle.joint, palette));
     if (obstacle.constraint === "reach" && obstacle.limit) things.push(...reachThings(cell, q, obstacle.limit, palette));
     if (obstacle.constraint === "floor") things.push(floorSquare(cell, palette));

@@ -1,14 +1,16 @@
-/** Flat and simple shapes: rings, discs, ellipses, boxes, bins, arrows. */
+/** Flat and simple shapes: rings, discs, ellipses, bodies, bins, arrows. */
 
 import {
   BoxGeometry,
   BufferGeometry,
+  CapsuleGeometry,
   CircleGeometry,
   type Color,
   ConeGeometry,
   CylinderGeometry,
   DoubleSide,
   Float32BufferAttribute,
+  Matrix4,
   Mesh,
   MeshBasicMaterial,
   type Object3D,
@@ -16,8 +18,8 @@ import {
   SphereGeometry,
   Vector3 as ThreeVector,
 } from "three";
-import type { Box } from "../model/cell";
 import { norm, plus, type Vector } from "../model/poses";
+import { linesOf, type Body } from "../model/bodies";
 import { principalAxes } from "../model/spread";
 import { segments } from "./lines";
 
@@ -81,29 +83,24 @@ export function area(points: readonly Vector[], colour: Color, opacity: number):
   return new Mesh(geometry, flat(colour, opacity));
 }
 
-/** Returns a box: its edges, and faces of some opacity. */
-export function box({ lower, upper }: Box, colour: Color, opacity: number, width = 1.2): Object3D[] {
-  const size = plus(upper, lower, -1);
-  const middle = plus(lower, size, 0.5);
-  const edges = EDGES.flat().map((corner) => corner.map((side, i) => (side ? upper[i]! : lower[i]!)) as unknown as Vector);
-  const lines = segments(edges, { colour, width, opacity: 0.9 });
+/** Returns a body: its outline and, where it is not all clear, its surface. */
+export function body(item: Body, colour: Color, opacity: number, width = 1.2): Object3D[] {
+  const points = linesOf(item).flatMap((line) => line.slice(1).flatMap((point, i) => [line[i]!, point]));
+  const lines = segments(points, { colour, width, opacity: 0.9 });
   if (opacity === 0) return [lines];
   const material = new MeshBasicMaterial({ color: colour, transparent: true, opacity, depthWrite: false });
-  return [placed(new Mesh(new BoxGeometry(...size), material), middle), lines];
+  const surface = new Mesh(surfaceOf(item), material);
+  surface.applyMatrix4(new Matrix4().fromArray(item.pose).transpose());
+  return [surface, lines];
 }
 
-const EDGES = [0, 1, 2].flatMap((along) =>
-  [0, 1, 2, 3].map((which) => {
-    const others = [0, 1, 2].filter((axis) => axis !== along);
-    return [0, 1].map((end) => {
-      const corner = [0, 0, 0];
-      corner[along] = end;
-      corner[others[0]!] = which & 1;
-      corner[others[1]!] = which >> 1;
-      return corner;
-    });
-  }),
-);
+/** Returns the surface of a body in its own frame; three.js has cylinders and capsules along y. */
+function surfaceOf({ shape, extent: [x, y, z] }: Body): BufferGeometry {
+  if (shape === "box") return new BoxGeometry(x, y, z);
+  if (shape === "sphere") return new SphereGeometry(x / 2, ROUND, ROUND / 2);
+  const upright = shape === "cylinder" ? new CylinderGeometry(x / 2, x / 2, z, ROUND) : new CapsuleGeometry(x / 2, z - x, ROUND / 4, ROUND);
+  return upright.rotateX(Math.PI / 2);
+}
 
 /** Returns a round bin about a target: its wall, its rim and its bottom. */
 export function bin(bottom: Vector, radius: number, height: number, colour: Color): Object3D[] {

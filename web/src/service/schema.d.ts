@@ -3774,7 +3774,7 @@ export interface components {
             lower: number | null;
             /**
              * Name
-             * @description Joint, point, box or singularity.
+             * @description Joint, point, shape or singularity.
              */
             name: string;
             /**
@@ -3787,6 +3787,47 @@ export interface components {
              * @description One an instant, in the curve's unit; null where it has none.
              */
             values: (number | null)[];
+        };
+        /**
+         * ShapeAnswer
+         * @description A convex body, and the axis-aligned box in the world that bounds it.
+         */
+        ShapeAnswer: {
+            /**
+             * Clearance M
+             * @description Least distance to it [m].
+             */
+            clearance_m: number;
+            /**
+             * Extent M
+             * @description Its extent along its own axes, round ends included; z is a cylinder's [m].
+             */
+            extent_m: number[];
+            /**
+             * Lower M
+             * @description Lower corner [m].
+             */
+            lower_m: number[];
+            /**
+             * Name
+             * @description As violations and checks tell it.
+             */
+            name: string;
+            /**
+             * Pose
+             * @description Pose of its centre and axes in the world; rows [m].
+             */
+            pose: number[][];
+            /**
+             * Shape
+             * @enum {string}
+             */
+            shape: "box" | "cylinder" | "sphere" | "capsule";
+            /**
+             * Upper M
+             * @description Upper corner [m].
+             */
+            upper_m: number[];
         };
         /**
          * SolverAnswer
@@ -3875,12 +3916,12 @@ export interface components {
         };
         /**
          * SurroundingsAnswer
-         * @description Floor, boxes and gravity, in the world.
+         * @description Floor, shapes and gravity, in the world.
          */
         SurroundingsAnswer: {
             /**
              * Clearance M
-             * @description Least distance to the floor and to every keep-out box [m].
+             * @description Least distance to the floor, and to shapes without their own [m].
              */
             clearance_m: number;
             /**
@@ -3902,7 +3943,7 @@ export interface components {
              * Keep Out
              * @description Nothing of arm, tool and object enters one.
              */
-            keep_out: components["schemas"]["BoxAnswer"][];
+            keep_out: components["schemas"]["ShapeAnswer"][];
         };
         /**
          * TargetReleaseRequest
@@ -4222,7 +4263,7 @@ export interface components {
             constraint: string;
             /**
              * Detail
-             * @description Joint, pair of links or box concerned.
+             * @description Joint, pair of links or shape concerned.
              * @default
              */
             detail: string;
@@ -4361,6 +4402,7 @@ export type RobotStateAnswer = components['schemas']['RobotStateAnswer'];
 export type RunTiming = components['schemas']['RunTiming'];
 export type SafetyLimitsAnswer = components['schemas']['SafetyLimitsAnswer'];
 export type SeriesAnswer = components['schemas']['SeriesAnswer'];
+export type ShapeAnswer = components['schemas']['ShapeAnswer'];
 export type SolverAnswer = components['schemas']['SolverAnswer'];
 export type SolverEnd = components['schemas']['SolverEnd'];
 export type StartRequest = components['schemas']['StartRequest'];

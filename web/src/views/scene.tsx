@@ -300,17 +300,18 @@ function nearestPlace(): Vector3 | null {
 
 const JOINT_NAMES = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"];
 
-/** Finds joint and box of a violation in its words. */
+/** Finds joint and bodies of a violation in its words. */
 function obstacleOf(violation: { constraint: string; value: number | null; limit: number | null; detail?: string }): Obstacle {
   const detail = violation.detail ?? "";
   const joint = JOINT_NAMES.findIndex((name) => detail.startsWith(`${name}_joint`) || detail.includes(` ${name}_joint`));
-  const box = /\bbox (\d+)/.exec(detail);
+  const wall = violation.constraint === "keep_in" ? /\bbox (\d+)/.exec(detail) : null;
   return {
     constraint: violation.constraint,
     value: violation.value,
     limit: violation.limit,
     joint: joint < 0 ? null : joint,
-    box: box ? { kind: violation.constraint === "keep_in" ? "keep_in" : "keep_out", index: Number(box[1]) } : null,
+    keepIn: wall ? Number(wall[1]) : null,
+    names: detail.split(/[,:;]/).map((part) => part.trim()),
   };
 }
 

@@ -1,6 +1,7 @@
 /** The scene as a vector drawing for a paper: white ground, grid of half metres, arm, ghosts, flight, target, labels. */
 
 import type { Color, PerspectiveCamera } from "three";
+import { type Body, linesOf } from "../../model/bodies";
 import type { CellGeometry } from "../../model/cell";
 import { linkPoses, toolPose } from "../../model/chain";
 import { plus, positionOf, type Vector } from "../../model/poses";
@@ -37,7 +38,7 @@ export function drawing(drawn: Drawn, camera: PerspectiveCamera, width: number, 
     ...floorLines(drawn, pen, palette),
     ...axisLines(drawn, pen, palette),
     ...mapAreas(drawn, pen),
-    ...boxLines(drawn.cell, pen, palette),
+    ...bodyLines(drawn.cell, pen, palette),
     ...markLines(drawn, pen, palette),
     ...ghostLines(drawn, pen, palette),
     ...armShapes(drawn, pen, palette, name),
@@ -106,13 +107,9 @@ function mapAreas({ map }: Drawn, pen: Pen): string[] {
   return seen.map(({ corners, colour, opacity }) => pen.area(corners, colour, Number(opacity.toFixed(2))));
 }
 
-function boxLines(cell: CellGeometry, pen: Pen, palette: Palette): string[] {
-  const edges = [...cell.keepIn.map((box) => ({ box, colour: palette.keepIn })), ...cell.keepOut.map((box) => ({ box, colour: palette.keepOut }))];
-  return edges.flatMap(({ box: { lower, upper }, colour }) => {
-    const corner = (i: number): Vector => [i & 1 ? upper[0] : lower[0], i & 2 ? upper[1] : lower[1], i & 4 ? upper[2] : lower[2]];
-    const pairs = [0, 1, 2, 3, 4, 5, 6, 7].flatMap((i) => [1, 2, 4].filter((bit) => !(i & bit)).map((bit) => [corner(i), corner(i | bit)]));
-    return pairs.map((pair) => pen.line(pair, colour, 1));
-  });
+function bodyLines(cell: CellGeometry, pen: Pen, palette: Palette): string[] {
+  const lines = (bodies: readonly Body[], colour: Color): string[] => bodies.flatMap(linesOf).map((line) => pen.line(line, colour, 1));
+  return [...lines(cell.keepIn, palette.keepIn), ...lines(cell.keepOut, palette.keepOut)];
 }
 
 function markLines({ target, landings, ellipse, motion }: Drawn, pen: Pen, palette: Palette): string[] {

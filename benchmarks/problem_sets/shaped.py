@@ -1,0 +1,104 @@
+"""Throws among turned boxes, cylinders, spheres and capsules, some onto one: feasible, as a certified motion is known.
+
+That is planned in the empty cell, or onto the table alone; then shapes are placed beside it, close to the tool's path
+or to the flight, wherever the motion's certificate holds with them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.problem_sets.task import Task
+from planner.cell import Cell, Shape, shape_of
+from planner.certificate import certify
+from planner.errors import Infeasible, SolverFailed
+from planner.flight import path
+from planner.geometry import tool_state
+from planner.planning import Plan, plan
+from planner.problem import JointRelease, TargetRelease, ThrowProblem
+from planner.rotations import pose, rotation_vector_to_matrix
+
+Vector = NDArray[np.float64]
+
+KINDS = ("box", "cylinder", "box", "cylinder", "sphere", "capsule")  # drawn from; box and cylinder are common
+ON = (None, "box", None, "cylinder")  # what the target is on, in turn
+SHAPES = 4  # of a cell, its table included
+SIZES_M = (0.04, 0.4)  # edges, radii and lengths
+AWAY_M = 0.35  # [m] at most, from a place on the way to the shape's middle
+OUT_M = (0.7, 1.4)  # of targets from the base
+TABLE_Z_M = (0.1, 0.5)
+DRAWS = 400  # of shapes, before a problem goes with fewer
+
+
+def shaped_tasks(here: Cell, count: int, seed: int) -> list[Task]:
+    """Returns `count` tasks.
+
+    Args:
+        here: the cell, without shapes of its own.
+        count: number of tasks.
+        seed: of the random draws.
+    """
+    rng = np.random.default_rng([seed, 60])
+    tasks = _tasks(here, rng)
+    return [next(tasks) for _ in range(count)]
+
+
+def _tasks(here: Cell, rng: np.random.Generator) -> Iterator[Task]:
+    number = 0
+    while True:
+        problem = _drawn(here, ON[number % len(ON)], rng)
+        try:
+            known = plan(problem)
+        except (Infeasible, SolverFailed):
+            continue
+        motion = known.trajectory
+        release = JointRelease(motion.q[motion.release_index], motion.qd[motion.release_index])
+        yield Task(f"shaped-{ON[number % len(ON)] or 'floor'}/{number:04d}", _furnished(problem, known, rng), release)
+        number += 1
+
+
+def _drawn(here: Cell, on: str | None, rng: np.random.Generator) -> ThrowProblem:
+    angle = rng.uniform(-np.pi, np.pi)
+    target = np.array([*rng.uniform(*OUT_M) * np.array([np.cos(angle), np.sin(angle)]), 0.0])
+    shapes: tuple[Shape, ...] = ()
+    if on is not None:
+        target[2] = rng.uniform(*TABLE_Z_M)
+        X = pose(target * [1.0, 1.0, 0.5], rotation_vector_to_matrix(np.array([0.0, 0.0, rng.uniform(-2.0, 2.0)])))
+        sizes = [*rng.uniform(0.3, 0.6, 2), target[2]] if on == "box" else [rng.uniform(0.15, 0.3), target[2]]
+        shapes = (shape_of(on, X, np.array(sizes)),)
+    return ThrowProblem(_with(here, shapes), here.home, TargetRelease(target), here.limits)
+
+
+def _furnished(problem: ThrowProblem, known: Plan, rng: np.random.Generator) -> ThrowProblem:
+    """Returns the problem with shapes beside a known motion."""
+    places = _way(problem, known)
+    for _ in range(DRAWS):
+        there = problem.cell.surroundings.keep_out
+        if len(there) == SHAPES:
+            break
+        kind = str(rng.choice(KINDS))
+        centre = places[rng.integers(len(places))] + rng.uniform(-AWAY_M, AWAY_M, 3)
+        sizes = rng.uniform(*SIZES_M, 3 if kind == "box" else 2)
+        sizes = np.array([0.5 * sizes[0], 0.0 if kind == "sphere" else sizes[1]]) if kind != "box" else sizes
+        shape = shape_of(kind, pose(centre, rotation_vector_to_matrix(rng.uniform(-2.0, 2.0, 3))), sizes)
+        more = replace(problem, cell=_with(problem.cell, (*there, shape)))
+        if certify(more, known.trajectory).valid:
+            problem = more
+    return problem
+
+
+def _way(problem: ThrowProblem, known: Plan) -> Vector:
+    """Returns places (n, 3) of the tool's path and of the flight [m]."""
+    motion = known.trajectory
+    tool = tool_state(problem.cell, motion.q, motion.qd)
+    k = motion.release_index
+    flown = path(tool.p_WT[k], tool.v_WT[k], np.arange(0.0, 0.6, 0.02), problem.gravity, problem.drag)
+    return np.concatenate([tool.p_WT[::10], flown[flown[:, 2] > problem.plane_z]])
+
+
+def _with(here: Cell, shapes: tuple[Shape, ...]) -> Cell:
+    return replace(here, surroundings=replace(here.surroundings, keep_out=shapes))
