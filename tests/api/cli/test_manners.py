@@ -191,6 +191,7 @@ def test_cell_check_warns_of_a_box_in_millimetres(tmp_path: Path, root: Path):
         ({"floor_z_m = 0.0": "floor_z_m = -750.0"}, "surroundings.floor_z_m is 750 m below the arm: metres?"),
         ({"mass_kg = 0.05": "mass_kg = 4.0"}, None),
         ({'host = "127.0.0.1"': 'host = "8.8.8.8"'}, "8.8.8.8 (link.host) is not this machine"),
+        ({GRIPPER: 'kind = "robotiq"\nmodel = "2f85"\nhost = "192.168.1.1"'}, "leave gripper.host out"),
         ({'host = "127.0.0.1"': 'host = "localhost"'}, None),
     ],
 )
