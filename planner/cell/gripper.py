@@ -110,7 +110,7 @@ def _second(table: Mapping[str, Any], kind: str, first: tuple[str, int]) -> Seco
     if len(missing) == len(keys):
         return None
     if missing:
-        raise CellError(WHERE + missing[0], None, f"is missing: {' and '.join(keys)} belong together")
+        raise CellError(WHERE + missing[0], None, f"is missing: {', '.join(keys[:-1])} and {keys[-1]} belong together")
     output, index, *_ = keys
     line = _line(table, output, index)
     if line == first:

@@ -71,7 +71,7 @@ HTTP = TIMED + 'kind = "http"\nopen_url = "{}"\nclose_url = "http://h/c"\n'
         ('kind = "robotiq"\nmodel = "2f85"\nopen_url = "http://h/"', "open_url", '"http"'),
         ('model = "2f85"', "model", "robotiq"),
         ("blow_off_s = 0.1", "blow_off_s", '"vacuum"'),
-        ('kind = "vacuum"\nblow_off_s = 0.1', "blow_off_output", "belong together"),
+        ('kind = "vacuum"\nblow_off_s = 0.1', "blow_off_output", "blow_off_index and blow_off_s belong together"),
         ('close_output = "tool_digital"\nclose_index = 0', "close_output", "opens the gripper"),
         ('close_output = "tool_digital"\nclose_index = 2', "close_index", "[0, 1]"),
         ('kind = "onrobot"\nmodel = "vg10"\njitter_s = 0.01\nopen_width_m = 0.01', "open_width_m", "no fingers"),
