@@ -117,7 +117,7 @@ def serve(**flags: object) -> None:
 @click.option("--read-only", is_flag=True, help="Connect, report state and preflight, never move.")
 def executor(cell: str | None, read_only: bool) -> None:
     """Run the executor of one cell: it claims executions and streams them to the controller."""
-    _exec("executor", *(["--cell", cell] if cell else []), *(["--read-only"] if read_only else []))
+    _exec("executor", *_cell_argument(cell), *(["--read-only"] if read_only else []))
 
 
 @click.command()
@@ -127,7 +127,18 @@ def doctor(cell: str | None) -> None:
 
     Exit status: 0 fit to stream; 1 fit for simulation, with warnings to resolve before using a real arm; 2 unfit.
     """
-    _exec("executor", "--doctor", *(["--cell", cell] if cell else []))
+    _exec("executor", "--doctor", *_cell_argument(cell))
+
+
+def _cell_argument(cell: str | None) -> list[str]:
+    """Returns the argument that names a cell; refuses a name that is in no file, with those that are."""
+    from api.cli.support.processes import cell_path
+    from api.settings import parse_settings
+
+    if cell is None:
+        return []
+    cell_path(parse_settings().cells, cell)
+    return ["--cell", cell]
 
 
 def _prepare(cells: Path, name: str, database_url: str) -> Cell:

@@ -70,6 +70,8 @@ def test_a_mistyped_command_gets_a_suggestion(arguments: list[str], hint: str):
         (["plan", "missing.json"], 1, "missing.json"),
         (["throw", "1", "0", "0", "--url", f"http://{HOST}:9"], 1, "start one with 'fling up'"),
         (["up", "--cell", "nowhere"], 1, "the folder of cell files (FLING_CELLS)"),
+        (["doctor", "--cell", "nowhere"], 1, "the folder of cell files (FLING_CELLS)"),
+        (["executor", "--cell", "nowhere"], 1, "the folder of cell files (FLING_CELLS)"),
         (["db", "upgrade", "--database-url", "nonsense"], 1, "the database cannot be reached"),
     ],
 )
