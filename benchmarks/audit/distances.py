@@ -21,8 +21,8 @@ from planner.robots import Robot
 from tests.planner.published_arms import pinocchio_arm
 
 Vector = NDArray[np.float64]
-Solid = coal.Box | coal.Cylinder | coal.Sphere | coal.Capsule
-Obstacle = tuple[Solid, coal.Transform3s, float]
+
+Obstacle = tuple[coal.ShapeBase, coal.Transform3s, float]
 
 SPARSE_S = 0.008  # [s] grid of the distances
 LENGTH_SLACK_M = 1e-5  # [m] of distances and positions
@@ -150,7 +150,7 @@ def _obstacles(problem: ThrowProblem) -> list[Obstacle]:
     return found
 
 
-def coal_solid(shape: Shape) -> Solid:
+def coal_solid(shape: Shape) -> coal.ShapeBase:
     """Returns coal's solid of a shape."""
     x, y, z = shape.extent.tolist()
     solids = {

@@ -18,9 +18,10 @@ from planner.certificate import certify
 from planner.errors import Infeasible, SolverFailed
 from planner.flight import path
 from planner.geometry import tool_state
-from planner.planning import Plan, plan
+from planner.planning import plan
 from planner.problem import JointRelease, TargetRelease, ThrowProblem
 from planner.rotations import pose, rotation_vector_to_matrix
+from planner.trajectory import Trajectory
 
 Vector = NDArray[np.float64]
 
@@ -56,8 +57,9 @@ def _tasks(here: Cell, rng: np.random.Generator) -> Iterator[Task]:
         except (Infeasible, SolverFailed):
             continue
         motion = known.trajectory
-        release = JointRelease(motion.q[motion.release_index], motion.qd[motion.release_index])
-        yield Task(f"shaped-{ON[number % len(ON)] or 'floor'}/{number:04d}", _furnished(problem, known, rng), release)
+        state = JointRelease(motion.q[motion.release_index], motion.qd[motion.release_index])
+        name = f"shaped/{here.name}/{number:04d}"
+        yield Task(name, _furnished(problem, motion, rng), state, motion)
         number += 1
 
 
@@ -73,9 +75,9 @@ def _drawn(here: Cell, on: str | None, rng: np.random.Generator) -> ThrowProblem
     return ThrowProblem(_with(here, shapes), here.home, TargetRelease(target), here.limits)
 
 
-def _furnished(problem: ThrowProblem, known: Plan, rng: np.random.Generator) -> ThrowProblem:
+def _furnished(problem: ThrowProblem, motion: Trajectory, rng: np.random.Generator) -> ThrowProblem:
     """Returns the problem with shapes beside a known motion."""
-    places = _way(problem, known)
+    places = _way(problem, motion)
     for _ in range(DRAWS):
         there = problem.cell.surroundings.keep_out
         if len(there) == SHAPES:
@@ -86,14 +88,13 @@ def _furnished(problem: ThrowProblem, known: Plan, rng: np.random.Generator) -> 
         sizes = np.array([0.5 * sizes[0], 0.0 if kind == "sphere" else sizes[1]]) if kind != "box" else sizes
         shape = shape_of(kind, pose(centre, rotation_vector_to_matrix(rng.uniform(-2.0, 2.0, 3))), sizes)
         more = replace(problem, cell=_with(problem.cell, (*there, shape)))
-        if certify(more, known.trajectory).valid:
+        if certify(more, motion).valid:
             problem = more
     return problem
 
 
-def _way(problem: ThrowProblem, known: Plan) -> Vector:
+def _way(problem: ThrowProblem, motion: Trajectory) -> Vector:
     """Returns places (n, 3) of the tool's path and of the flight [m]."""
-    motion = known.trajectory
     tool = tool_state(problem.cell, motion.q, motion.qd)
     k = motion.release_index
     flown = path(tool.p_WT[k], tool.v_WT[k], np.arange(0.0, 0.6, 0.02), problem.gravity, problem.drag)

@@ -9,6 +9,7 @@ from typing import Any
 
 from planner.cell.fields import UNKNOWN_KEY
 from planner.cell.file import DEFAULTS, cell_of_document, toml_of
+from planner.cell.gripper import KEYS
 from planner.cell.model import Cell
 from planner.cell.source import CellSource
 from planner.errors import CellError
@@ -17,6 +18,7 @@ FAULTS_MAX = 100  # a file with more of them is no cell file
 # Of required keys, so that the others can be read.
 STAND_IN = {"robot": "ur5e", "link.kind": "sim", "arm_data.source": "a stand-in"}
 OF_ARM = ("limits.joint_", "home_rad", "sim.polyscope", "kinematics.")  # not judged without knowing the arm
+OF_KIND = tuple(f"gripper.{key}" for keys in KEYS.values() for key in keys)  # nor these without the gripper's kind
 ENTRY = {  # of tools and shapes, which have no defaults
     "from_m": [0.0, 0.0, 0.0],
     "to_m": [0.0, 0.0, 0.0],
@@ -57,8 +59,8 @@ def mended_cell(source: CellSource) -> tuple[list[CellError], Cell | None]:
             source = replace(source, name="cell")
         elif not _mend(given, key, read.reason.startswith(UNKNOWN_KEY)):
             break
-    unknown_arm = "robot" in found
-    faults = [fault for key, fault in found.items() if not (unknown_arm and key.startswith(OF_ARM))]
+    unjudged = (*(OF_ARM if "robot" in found else ()), *(OF_KIND if "gripper.kind" in found else ()))
+    faults = [fault for key, fault in found.items() if not key.startswith(unjudged)]
     return faults, None if isinstance(read, CellError) else read
 
 
@@ -91,7 +93,7 @@ def _mend(given: dict[str, Any], key: str, is_unknown: bool) -> bool:
             else:
                 table = table.setdefault(step, {})
                 defaults = defaults[step]
-        if is_unknown:
+        if is_unknown or (leaf not in defaults and leaf != "shape"):
             del table[leaf]
         elif leaf == "shape":
             table.clear()

@@ -8,10 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from api.scene import cell_model
+from api.schemas.scene import CellModel
 from planner.cell_folder import load_cell
 from planner.kinematics import link_poses
 from tests.api.conftest import RunningService
 from tests.api.test_bad_input import problem_of
+from tests.planner.problems import cell
 
 TARGET = {"kind": "target", "position": [1.2, 0.3, 0.0]}
 
@@ -128,3 +131,25 @@ def test_models_and_curves_have_the_documented_shape(service: RunningService, cu
     CellModel.model_validate(service.client.get("/cells/ur5e-sim/model").json())
     problem_of(service.client.get("/cells/nothing/model"), 404, "not-found")
     problem_of(service.client.get("/plans/nothing/curves"), 404, "not-found")
+
+
+def test_the_model_tells_boxes_and_shapes_with_pose_and_extent():
+    here = cell().with_obstacles(
+        {"lower_m": [1, 1, 0], "upper_m": [1.2, 1.4, 0.6]},
+        {
+            "name": "pipe",
+            "shape": "capsule",
+            "pose": {"position_m": [0, -1, 1], "rotation_vector_rad": [0, np.pi / 2, 0]},
+            "radius_m": 0.1,
+            "length_m": 0.6,
+            "clearance_m": 0.03,
+        },
+    )
+    box, pipe = CellModel.model_validate(cell_model(here)).surroundings.keep_out
+    assert (box.name, box.shape, box.clearance_m) == ("box 0", "box", 0.02)
+    np.testing.assert_allclose(np.array(box.pose)[:3, 3], [1.1, 1.2, 0.3])
+    np.testing.assert_allclose(box.extent_m, [0.2, 0.4, 0.6])
+    assert (pipe.name, pipe.shape, pipe.clearance_m) == ("pipe", "capsule", pytest.approx(0.03))
+    np.testing.assert_allclose(pipe.extent_m, [0.2, 0.2, 0.8])
+    np.testing.assert_allclose([pipe.lower_m, pipe.upper_m], [[-0.4, -1.1, 0.9], [0.4, -0.9, 1.1]], atol=1e-12)
+    np.testing.assert_allclose(np.array(pipe.pose)[:3, 2], [1.0, 0.0, 0.0], atol=1e-12)

@@ -9,12 +9,13 @@ from scipy.integrate import solve_ivp
 from benchmarks.audit import find_faults
 from benchmarks.audit.flights import drag_constant, flight_faults, integrate, obstacles_of_path
 from benchmarks.audit.safety import grip_faults, object_times, safety_faults
-from benchmarks.problem_sets import build, random_cell_tasks, varied_tasks
-from planner.cell import Box, Safety
+from benchmarks.problem_sets import build, random_cell_tasks, shaped_tasks, varied_tasks
+from planner.cell import Box, Safety, shape_of
 from planner.flight import fly, path
 from planner.geometry import tool_state
 from planner.planning import plan
 from planner.problem import JointRelease, Opening
+from planner.rotations import pose, rotation_vector_to_matrix
 from tests.planner.problems import cell
 
 
@@ -263,3 +264,22 @@ def test_random_cells_are_repeatable_and_of_every_mounting():
     assert [task.name for task in tasks] == [task.name for task in random_cell_tasks(4, 4, 3)]
     assert len(tasks) == 4
     assert all(task.problem.cell.safety.power_w for task in tasks)
+
+
+def test_throws_among_shapes_are_faultless():
+    """Onto the floor, a turned table and a round one, past shapes of every kind."""
+    for task in shaped_tasks(cell(), 4, seed=1):
+        found = plan(task.problem)
+        assert find_faults(task.problem, found.trajectory) == []
+
+
+@pytest.mark.parametrize("kind", ["box", "cylinder", "sphere", "capsule"])
+def test_a_shape_in_the_way_of_arm_or_flight_is_named(good, kind):
+    problem, motion = good
+    release = tool_state(problem.cell, motion.q[motion.release_index], motion.qd[motion.release_index]).p_WT
+    turn = rotation_vector_to_matrix([0.3, 0.5, 0.0])
+    for place, rule in ((release, "keep_out"), (middle(problem, motion, 0.5), "flight_clearance")):
+        sizes = {"box": [0.05, 0.05, 0.05], "sphere": [0.05, 0.0]}.get(kind, [0.05, 0.05])
+        shape = shape_of(kind, pose(place, turn), np.array(sizes), "lamp")
+        found = find_faults(around(problem, keep_out=(shape,)), motion)
+        assert any(fault.rule == rule for fault in found), found

@@ -303,13 +303,14 @@ def test_a_shape_that_cannot_be_is_refused_by_its_field(entries, field, reason):
 def test_every_fault_of_a_shape_is_named_at_once():
     entries = (
         '{ shape = "cone", height_m = 1 }',
-        f"{{ {POST.replace('0.05', '-1')}, colour = 3, size_m = [1, 1, 1] }}",
+        f"{{ {POST.replace('0.05', '-1').replace('post', 'a, b')}, colour = 3, size_m = [1, 1, 1] }}",
         '{ shape = "box", pose = { position_m = [1, 2] }, size_m = [1, 0, 1], clearance_m = 7 }',
     )
     text = f"{LEAST}[surroundings]\nkeep_out = [{', '.join(entries)}]\n[timing]\nlag_s = 9\n"
     where = "surroundings.keep_out"
     assert [fault.field for fault in cell_faults(CellSource("c", text.encode()))] == [
         f"{where}[0].shape",
+        f"{where}[1].name",
         f"{where}[1].colour",
         f"{where}[1].size_m",
         f"{where}[1].radius_m",
@@ -481,6 +482,14 @@ def test_a_cell_is_stated_by_the_keys_of_a_file():
     assert "name" in stated
     with pytest.raises(CellError, match=r"tool\.mass: unknown key"):
         cell_of_keys({**stated, "tool": {"mass": 1.0}})
+    with pytest.raises(CellError, match=r"gripper\.delay: unknown key; did you mean 'delay_s'\?"):
+        cell_of_keys({**stated, "gripper": {"delay": 0.1}})
+    with pytest.raises(CellError, match=r"must be one of .*; did you mean 'robotiq'\?"):
+        cell_of_keys({**stated, "gripper": {"kind": "robotic"}})
+
+
+def test_x_is_polyscope_x():
+    assert parse_cell(LEAST + '[sim]\npolyscope = "x"\n', "cell").sim.polyscope == "10.14.0"
 
 
 def test_an_arm_changed_in_code_is_still_the_arm_of_its_name():
