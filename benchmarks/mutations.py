@@ -22,12 +22,12 @@ from planner.certificate import (
     ArmSamples,
     Examination,
     MotionSamples,
-    box_gaps,
     felt_sizes,
     landing_errors,
     momentum_sizes,
     moving_heights,
     power_sizes,
+    shape_gaps,
     stopping_distances,
     stopping_times,
     ticks_around_release,
@@ -249,7 +249,7 @@ def _of_surroundings(problem: ThrowProblem, motion: MotionSamples) -> Iterator[M
         return -moving_heights(motion, t, body.end_points(motion.poses_at(t)))
 
     def gaps(t: Vector) -> Vector:
-        return -box_gaps(motion, t, body.end_points(motion.poses_at(t))).reshape(-1, len(t))
+        return -shape_gaps(motion, t, body.end_points(motion.poses_at(t))).reshape(-1, len(t))
 
     lowest = -_peaks(heights, t).max()
     closest = -_peaks(gaps, t).max()

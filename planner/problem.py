@@ -11,7 +11,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from planner.arrays import Array, Mask
-from planner.cell import STANDING_RAD, Box, Cell, Limits, Shape
+from planner.cell import STANDING_RAD, Box, Cell, Limits, Solid
 from planner.errors import FieldError, InvalidProblem
 from planner.flight import drag_constant
 from planner.geometry import (
@@ -166,7 +166,7 @@ class ThrowProblem:
     def carriers(self) -> Mask:
         """Which keep-out shapes (b,) carry a surface on which the object lands, or lie below one."""
 
-        def carries(shape: Shape, surface: Surface) -> bool:
+        def carries(shape: Solid, surface: Surface) -> bool:
             above_m = shape.upper[2] - surface.height_m
             is_level = above_m >= -LEVEL_M and surface.meets(shape)
             return bool(above_m <= LEVEL_M) and (is_level or surface.is_within(shape))

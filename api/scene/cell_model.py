@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from planner.calibration import fixed_transforms
-from planner.cell import Cell, Shape, Surroundings
+from planner.cell import Cell, Solid, Surroundings
 from planner.flight import drag_constant
 from planner.geometry import SELF_CLEARANCE_M, body_model
 
@@ -92,7 +92,7 @@ def _shapes(around: Surroundings) -> list[dict[str, Any]]:
     ]
 
 
-def _corners(shape: Shape) -> dict[str, list[float]]:
+def _corners(shape: Solid) -> dict[str, list[float]]:
     return {"lower_m": shape.lower.tolist(), "upper_m": shape.upper.tolist()}
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from benchmarks.audit.fault import AuditFault, over, under
 from benchmarks.audit.pinocchio_arm import arm_model, dh_frames_in_urdf, poses_and_velocity
-from planner.cell import Cell, Shape
+from planner.cell import Cell, Solid
 from planner.geometry import SELF_CLEARANCE_M, body_capsules
 from planner.problem import TargetRelease, ThrowProblem
 from planner.robots import Robot
@@ -150,7 +150,7 @@ def _obstacles(problem: ThrowProblem) -> list[Obstacle]:
     return found
 
 
-def coal_solid(shape: Shape) -> coal.ShapeBase:
+def coal_solid(shape: Solid) -> coal.ShapeBase:
     """Returns coal's solid of a shape."""
     x, y, z = shape.extent.tolist()
     solids = {

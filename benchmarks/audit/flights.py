@@ -12,7 +12,7 @@ from scipy.interpolate import CubicHermiteSpline
 from benchmarks.audit.distances import LENGTH_SLACK_M, shapes
 from benchmarks.audit.fault import AuditFault, over, under
 from benchmarks.audit.pinocchio_arm import arm_model, poses_and_velocity
-from planner.cell import Shape
+from planner.cell import Solid
 from planner.problem import TargetRelease, ThrowProblem
 from planner.trajectory import Trajectory
 
@@ -176,7 +176,7 @@ def _obstacles(problem: ThrowProblem, arm: _Arm, delay: float, paths: Paths, i: 
     return found + _bin(problem, through, slack)
 
 
-def _lying(problem: ThrowProblem, x: Vector, shape: Shape) -> Vector:
+def _lying(problem: ThrowProblem, x: Vector, shape: Solid) -> Vector:
     """Returns where the centre of an object is that lies beside a shape, as it goes on below `x` (n, 3), and at last.
 
     Nowhere where the target is in the air, or for a shape that is as high as what carries it, or lower.
@@ -223,7 +223,7 @@ def _first_contact(problem: ThrowProblem, x: Vector) -> int:
     return int(landed.argmax()) if landed.any() else len(x)
 
 
-def _is_over(x: Vector, shape: Shape) -> NDArray[np.bool_]:
+def _is_over(x: Vector, shape: Solid) -> NDArray[np.bool_]:
     """Returns whether points (n, 3) are over a shape that an object can lie on, or within it."""
     upright = np.abs(shape.X_WC[2, :3]) > LEVEL_COSINE
     if shape.kind in ("sphere", "capsule") or not (upright[2] if shape.kind == "cylinder" else upright.any()):
@@ -232,7 +232,7 @@ def _is_over(x: Vector, shape: Shape) -> NDArray[np.bool_]:
     return _from_shape(middle, shape) <= 0.0
 
 
-def _from_shape(x: Vector, shape: Shape) -> Vector:
+def _from_shape(x: Vector, shape: Solid) -> Vector:
     """Returns the distances (n,) [m] of points (n, 3) from a shape; within it the negative depth."""
     y = (x - shape.X_WC[:3, 3]) @ shape.X_WC[:3, :3]
     half = 0.5 * shape.extent

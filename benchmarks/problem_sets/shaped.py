@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.problem_sets.task import Task
-from planner.cell import Cell, Shape, shape_of
+from planner.cell import Cell, Solid, shape_of
 from planner.certificate import certify
 from planner.errors import Infeasible, SolverFailed
 from planner.flight import path
@@ -66,7 +66,7 @@ def _tasks(here: Cell, rng: np.random.Generator) -> Iterator[Task]:
 def _drawn(here: Cell, on: str | None, rng: np.random.Generator) -> ThrowProblem:
     angle = rng.uniform(-np.pi, np.pi)
     target = np.array([*rng.uniform(*OUT_M) * np.array([np.cos(angle), np.sin(angle)]), 0.0])
-    shapes: tuple[Shape, ...] = ()
+    shapes: tuple[Solid, ...] = ()
     if on is not None:
         target[2] = rng.uniform(*TABLE_Z_M)
         X = pose(target * [1.0, 1.0, 0.5], rotation_vector_to_matrix(np.array([0.0, 0.0, rng.uniform(-2.0, 2.0)])))
@@ -101,5 +101,5 @@ def _way(problem: ThrowProblem, motion: Trajectory) -> Vector:
     return np.concatenate([tool.p_WT[::10], flown[flown[:, 2] > problem.plane_z]])
 
 
-def _with(here: Cell, shapes: tuple[Shape, ...]) -> Cell:
+def _with(here: Cell, shapes: tuple[Solid, ...]) -> Cell:
     return replace(here, surroundings=replace(here.surroundings, keep_out=shapes))

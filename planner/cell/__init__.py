@@ -20,7 +20,7 @@ from planner.cell.model import (
     Surroundings,
     ToolCapsule,
 )
-from planner.cell.shapes import Box, Shape, nearest_on_cores, shape_of
+from planner.cell.shapes import Box, Solid, nearest_on_cores, shape_of
 from planner.cell.source import CellSource, calibration_path, read_source
 
 __all__ = [
@@ -36,7 +36,7 @@ __all__ = [
     "Gripper",
     "Limits",
     "Safety",
-    "Shape",
+    "Solid",
     "Surroundings",
     "ToolCapsule",
     "calibration_path",

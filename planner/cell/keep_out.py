@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from planner.cell.fields import choice, exactly, merge_defaults, number, placement, tables, vector
-from planner.cell.shapes import Box, Shape, shape_of
+from planner.cell.shapes import Box, Solid, shape_of
 from planner.errors import CellError
 from planner.robots import capsule_rows
 
@@ -41,14 +41,14 @@ def corners(entry: Mapping[str, Any], where: str) -> Box:
     return box
 
 
-def keep_out_shapes(table: Mapping[str, Any]) -> tuple[Shape, ...]:
+def keep_out_shapes(table: Mapping[str, Any]) -> tuple[Solid, ...]:
     """Returns the keep-out shapes of the table `[surroundings]`.
 
     Raises:
         CellError: a field of one is refused, or two have the same name.
     """
     where = "surroundings.keep_out"
-    found: dict[str, Shape] = {}
+    found: dict[str, Solid] = {}
     for i, entry in enumerate(tables(table["keep_out"], where)):
         shape = _shape(entry, f"{where}[{i}].")
         name = shape.called(i)
@@ -58,7 +58,7 @@ def keep_out_shapes(table: Mapping[str, Any]) -> tuple[Shape, ...]:
     return tuple(found.values())
 
 
-def _shape(entry: Mapping[str, Any], where: str) -> Shape:
+def _shape(entry: Mapping[str, Any], where: str) -> Solid:
     name = _name(entry, where)
     clearance_m = number(entry, "clearance_m", where, 0.0, CLEARANCE_MAX_M) if "clearance_m" in entry else None
     rest = {key: value for key, value in entry.items() if key not in ("name", "clearance_m")}

@@ -12,7 +12,7 @@ import numpy as np
 from planner.arrays import Array, read_only
 from planner.calibration import CalibrationFile
 from planner.cell.content import content_sha256
-from planner.cell.shapes import ROW, Box, Shape
+from planner.cell.shapes import ROW, Box, Solid
 from planner.errors import CellError
 from planner.grippers import GripperLink, SecondOutput
 from planner.robots import Robot, capsule_rows
@@ -134,7 +134,7 @@ class Surroundings:
     flight_clearance_m: float
     gravity_m_s2: float
     keep_in: tuple[Box, ...]
-    keep_out: tuple[Shape, ...]
+    keep_out: tuple[Solid, ...]
 
     @cached_property
     def keep_out_names(self) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ import numpy as np
 from planner.arrays import Array, read_only
 from planner.rotations import pose
 
-ROW = 20  # [-] numbers of `Shape.row`
+ROW = 20  # [-] numbers of `Solid.row`
 LEVEL_SINE = 1e-4  # [-] of a top's slope: an object lies on it as on a level one, 0.1 mm a metre lower at most
 ALONG_SINE = 1e-12  # [-] rounding: a box that is turned by less lies along the axes of the world
 TINY_M = 1e-300  # [m] keeps a distance from an axis away from zero
@@ -72,7 +72,7 @@ class LevelTop(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Shape:
+class Solid:
     """A convex body that stands still.
 
     Attributes:
@@ -155,11 +155,11 @@ class Shape:
         return LevelTop(core.X_WC[:2, 3], axes, core.upper[across], core.is_round)
 
 
-class Box(Shape):
+class Box(Solid):
     """A box along the axes of the world: its corners (3,) [m], and a name where it has one."""
 
 
-def shape_of(kind: str, X_WC: Array, sizes_m: Array, name: str = "", clearance_m: float | None = None) -> Shape:
+def shape_of(kind: str, X_WC: Array, sizes_m: Array, name: str = "", clearance_m: float | None = None) -> Solid:
     """Returns a shape whose centre and axes a pose in the world (4, 4) tells.
 
     Args:
@@ -180,7 +180,7 @@ def shape_of(kind: str, X_WC: Array, sizes_m: Array, name: str = "", clearance_m
         wide = radius if is_round else 0.0
         half = np.array([wide, wide, 0.5 * length])
         core = Core(X_WC, -half, half, 0.0 if is_round else float(radius), is_round)
-    return Shape(*core.bounds, name, clearance_m, kind, core)
+    return Solid(*core.bounds, name, clearance_m, kind, core)
 
 
 def nearest_on_cores(p: Array, rows: Array) -> Array:
@@ -188,7 +188,7 @@ def nearest_on_cores(p: Array, rows: Array) -> Array:
 
     Args:
         p: the points.
-        rows: of the shapes (20, ...), as of `Shape.row`.
+        rows: of the shapes (20, ...), as of `Solid.row`.
     """
     R = rows[:9].reshape(3, 3, *rows.shape[1:])
     origin = rows[9:12]

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from planner.arrays import Array
-from planner.cell import Shape
+from planner.cell import Solid
 from planner.flight import time_of_flight
 from planner.geometry.distances import segment_shape_distance
 from planner.geometry.surfaces import Surface
@@ -89,7 +89,7 @@ class Arcs:
         """Returns the centres' heights (...,) [m] at times `t` (...,) [s]."""
         return self.p[..., 2] + self.v[..., 2] * t - 0.5 * self.gravity * t * t
 
-    def room_beside_shape(self, shape: Shape, gap_m: float = 0.0, ground_z: float = -np.inf) -> Array:
+    def room_beside_shape(self, shape: Solid, gap_m: float = 0.0, ground_z: float = -np.inf) -> Array:
         """Returns how far a shape the flights pass (...,) [m], beyond what is required.
 
         Of a box along the axes as `room_beside_box` does. Of another shape so do the flights that pass the box that

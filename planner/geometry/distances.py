@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner.arrays import Array, Index
-from planner.cell import Shape
+from planner.cell import Solid
 from planner.native import loops
 
 POINT_M2 = 1e-18  # [m^2] squared length below which a segment is a point: a capsule shorter than 1e-9 m is a sphere
@@ -64,7 +64,7 @@ def point_segment_distance(x: Array, p0: Array, p1: Array) -> Array:
     return np.sqrt(_dot(gap, gap))
 
 
-def segment_shape_distance(p0: ArrayLike, p1: ArrayLike, shape: Shape) -> Array:
+def segment_shape_distance(p0: ArrayLike, p1: ArrayLike, shape: Solid) -> Array:
     """Returns the distance (...) [m] of segments p0-p1 from a shape; where they meet its core, minus its radius.
 
     The squared distance from a convex core is convex along the segment. From a box it is piecewise quadratic, with a
@@ -88,7 +88,7 @@ def shape_distances(p0: Array, p1: Array, items: Index, rows: Array) -> Array:
     Args:
         p0, p1: ends [m].
         items: number of the shape for each (n,).
-        rows: of the shapes (k, 20), as of `Shape.row`.
+        rows: of the shapes (k, 20), as of `Solid.row`.
     """
     return loops.shape_distances(p0, p1, items, rows)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from planner.arrays import Array
-from planner.cell import CONTACT_M, Cell, Shape
+from planner.cell import CONTACT_M, Cell, Solid
 from planner.geometry.body import body_model
 from planner.geometry.distances import point_segment_distance, segment_shape_distance
 from planner.geometry.surfaces import footprint, landing_surfaces
@@ -50,7 +50,7 @@ def misfit(cell: Cell, p: Array) -> Misfit | None:
     return most if most.lacking_m > CONTACT_M else None
 
 
-def _beside_shape(shape: Shape, name: str, p: Array, centre: Array, radius: float) -> Misfit:
+def _beside_shape(shape: Solid, name: str, p: Array, centre: Array, radius: float) -> Misfit:
     """Returns how far a target is from where the object fits beside a shape that it cannot lie on; negative there."""
     within = float(shape.depth(p))
     if within >= 0.0:
@@ -58,7 +58,7 @@ def _beside_shape(shape: Shape, name: str, p: Array, centre: Array, radius: floa
     return Misfit(radius - float(segment_shape_distance(centre, centre, shape)), name, BESIDE)
 
 
-def _beside_level_shape(shape: Shape, name: str, p: Array, centre: Array, radius: float) -> Misfit:
+def _beside_level_shape(shape: Solid, name: str, p: Array, centre: Array, radius: float) -> Misfit:
     """Returns how far a target is from where the object fits: beside a shape, on top of it, or below it.
 
     Negative where it fits, as it does over a shape that ends at the target or below it.

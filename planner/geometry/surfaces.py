@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from planner.arrays import Array, Mask
-from planner.cell import CONTACT_M, Cell, Shape
+from planner.cell import CONTACT_M, Cell, Solid
 
 ROUNDING_M = 1e-9  # [m] a target is on a top that is the object's radius below it, however that is rounded
 LEVEL_M = 0.001  # [m] tops that differ by less are one surface: no table is more level
@@ -27,7 +27,7 @@ class Surface(NamedTuple):
     lower: Array
     upper: Array
     height_m: float
-    of: Shape | None = None
+    of: Solid | None = None
 
     def depth(self, x: Array) -> Array:
         """Returns how far within it points (2 or 3, ...) are, horizontally (...) [m]; negative beside it."""
@@ -36,19 +36,19 @@ class Surface(NamedTuple):
         lower, upper = (corner.reshape(2, *[1] * (x.ndim - 1)) for corner in (self.lower, self.upper))
         return np.minimum(x[:2] - lower, upper - x[:2]).min(axis=0)
 
-    def is_within(self, shape: Shape) -> bool:
+    def is_within(self, shape: Solid) -> bool:
         """Returns whether a shape is over or under it alone: its depth is concave, and so least at a corner."""
         corners = np.array(list(product(*zip(shape.lower[:2], shape.upper[:2], strict=True)))).T
         return bool((self.depth(corners) >= 0.0).all())
 
-    def meets(self, shape: Shape) -> bool:
+    def meets(self, shape: Solid) -> bool:
         """Returns whether a shape with a level top is over or under a part of it; of a turned top only its own."""
         if self.of is not None or not shape.has_level_top or shape.core is not None:
             return self.of is shape
         return bool((shape.lower[:2] <= self.upper).all() and (shape.upper[:2] >= self.lower).all())
 
 
-def footprint(shape: Shape) -> Surface:
+def footprint(shape: Solid) -> Surface:
     """Returns the top of a shape that has a level one."""
     turned = None if shape.top is None else shape
     return Surface(shape.lower[:2], shape.upper[:2], float(shape.upper[2]), turned)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from planner.arrays import Array, Mask
-from planner.cell import Shape
+from planner.cell import Solid
 from planner.errors import Violation
 from planner.flight import fly, path, touchdown_s
 from planner.geometry import body_model, footprint, point_segment_distance, segment_shape_distance, tool_state
@@ -45,7 +45,7 @@ def released_flight_blocked(problem: ThrowProblem) -> Violation | None:
     return Violation("flight_clearance", float(gaps[name][deepest]), limit, "m", detail=detail, proven=True)
 
 
-def _comes_from_above(met: Shape, x: Array, gaps: Array) -> bool:
+def _comes_from_above(met: Solid, x: Array, gaps: Array) -> bool:
     """Returns whether a flight with centres x (n, 3) and gaps (n,) [m] is over a level top before they touch."""
     last_clear = x[max(int((gaps < 0.0).argmax()) - 1, 0)]
     is_over = met.has_level_top and footprint(met).depth(last_clear) >= 0.0

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from planner.arrays import Array, Mask
-from planner.cell import CONTACT_M, Shape
+from planner.cell import CONTACT_M, Solid
 from planner.errors import Violation
 from planner.geometry import Arcs, body_model, point_segment_distance, segment_shape_distance
 from planner.problem import ThrowProblem
@@ -79,14 +79,14 @@ def _rooms(problem: ThrowProblem, target: Target, p: Array, v: Array) -> Iterato
         yield "the arm's base", _room_beside_base(problem, whole)
 
 
-def _spare_gap(problem: ThrowProblem, target: Target, shape: Shape, gap_m: float) -> float:
+def _spare_gap(problem: ThrowProblem, target: Target, shape: Solid, gap_m: float) -> float:
     """Returns the room [m] that flights keep from a shape beyond `gap_m`: no more than there is at the target."""
     centre = target.p_W + np.array([0.0, 0.0, problem.landing_radius_m])
     there = float(segment_shape_distance(centre, centre, shape)) - problem.cell.object.radius_m
     return min(max(there - gap_m - CONTACT_M, 0.0), FLIGHT_GAP_M)
 
 
-def _room_beside_lower_shape(shape: Shape, arcs: Arcs, whole: Arcs) -> Array:
+def _room_beside_lower_shape(shape: Solid, arcs: Arcs, whole: Arcs) -> Array:
     """Returns the room (...,) [m] between a shape that ends at the plane or below it and the ends of flights.
 
     Args:
@@ -100,7 +100,7 @@ def _room_beside_lower_shape(shape: Shape, arcs: Arcs, whole: Arcs) -> Array:
     return np.where(whole.until_s > arcs.until_s, room, np.inf)
 
 
-def _room_lying(problem: ThrowProblem, target: Target, shape: Shape, whole: Arcs) -> Array:
+def _room_lying(problem: ThrowProblem, target: Target, shape: Solid, whole: Arcs) -> Array:
     """Returns the room (...,) [m] beside a shape of an object that lies, from where flights end to the target.
 
     Infinite for a target in the air or in a bin, and beside a shape no higher than what the object lies on.

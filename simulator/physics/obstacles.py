@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from planner.cell import Shape
+from planner.cell import Solid
 from planner.geometry import footprint
 
 Point = tuple[float, ...]  # x y z in the world [m]
@@ -56,7 +56,7 @@ class SolidShape:
         top_z: its greatest height [m].
     """
 
-    def __init__(self, name: str, shape: Shape) -> None:
+    def __init__(self, name: str, shape: Solid) -> None:
         row = shape.row.tolist()
         self.name = name
         self.top_z = float(shape.upper[2])

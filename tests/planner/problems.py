@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from planner.backends import ruckig_otg
-from planner.cell import Box, Cell, Shape, load_cell
+from planner.cell import Box, Cell, Solid, load_cell
 from planner.certificate import certify
 from planner.errors import Infeasible, SolverFailed
 from planner.geometry import tool_state
@@ -53,7 +53,7 @@ def with_boxes(here: Cell, *boxes: tuple[Sequence[float] | np.ndarray, Sequence[
     return with_shapes(here, *(Box(np.array(lower), np.array(upper)) for lower, upper in boxes))
 
 
-def with_shapes(here: Cell, *shapes: Shape) -> Cell:
+def with_shapes(here: Cell, *shapes: Solid) -> Cell:
     """The cell with these keep-out shapes alone."""
     return replace(here, surroundings=replace(here.surroundings, keep_out=shapes))
 

@@ -16,7 +16,7 @@ import numpy as np
 from planner.backends.casadi_nlp.layout import FLIGHT, FLIGHT_EDGES, Vector
 from planner.backends.casadi_nlp.margins import Margins
 from planner.backends.casadi_nlp.release_rows import aims, bin_of, lands_on
-from planner.cell import CONTACT_M, Shape
+from planner.cell import CONTACT_M, Solid
 from planner.geometry import Arcs, segment_shape_distance, tool_state
 from planner.problem import ThrowProblem
 from planner.seeds import Candidate
@@ -96,7 +96,7 @@ def _shape_edges(problem: ThrowProblem, arcs: Arcs, room_m: float) -> list[Edge]
     return [edge for _, edges in sorted(passed, key=lambda way: way[0]) for edge in edges]
 
 
-def _way_beside(shape: Shape, arcs: Arcs, room_m: float) -> tuple[float, list[Edge]]:
+def _way_beside(shape: Solid, arcs: Arcs, room_m: float) -> tuple[float, list[Edge]]:
     """Returns the room [m] beside a shape, and the plane that parts it from the flight where the two are nearest."""
     t = float(arcs.until_s) * NEAREST
     x = arcs.at(t)
@@ -111,7 +111,7 @@ def _way_beside(shape: Shape, arcs: Arcs, room_m: float) -> tuple[float, list[Ed
     return float(direction @ x[nearest]) - bound, [edge_at(float(t[nearest]), direction, bound)]
 
 
-def _ways_past(shape: Shape, arcs: Arcs, room_m: float) -> Iterator[tuple[float, list[Edge]]]:
+def _ways_past(shape: Solid, arcs: Arcs, room_m: float) -> Iterator[tuple[float, list[Edge]]]:
     """Yields the ways past the box about a shape: the flight's room [m] and the edges; none where it stays away."""
     grown = arcs.radius_m + room_m
     lower = shape.lower - grown
@@ -133,7 +133,7 @@ def _ways_past(shape: Shape, arcs: Arcs, room_m: float) -> Iterator[tuple[float,
         yield _way_below(arcs, float(lower[2]), ends, edges)
 
 
-def _way_onto(shape: Shape, arcs: Arcs, room_m: float) -> Iterator[tuple[float, list[Edge]]]:
+def _way_onto(shape: Solid, arcs: Arcs, room_m: float) -> Iterator[tuple[float, list[Edge]]]:
     """Yields the way onto a shape: room [m] over the edge that the flight comes in by; none where it ends elsewhere."""
     coming = float(arcs.until_over(shape.lower, shape.upper).until_s)
     if coming == arcs.until_s:

@@ -92,7 +92,7 @@ def shape_parameters(cell: Cell, margin_m: float = 0.0) -> Vector:
 
 
 def _shape_slot(row: Vector, further_m: float) -> Vector:
-    """Returns the `SHAPE` vector of a `Shape.row`, with the clearance that it has beyond the cell's."""
+    """Returns the `SHAPE` vector of a `Solid.row`, with the clearance that it has beyond the cell's."""
     rotation, origin, lower, upper = np.split(row[:18], (9, 12, 15))
     is_round = row[18] > 0.0
     lower_faces, upper_faces = (np.full(3, sign * layout.FAR) for sign in (-1.0, 1.0))

@@ -39,7 +39,7 @@ class Flights:
         spread_s: largest deviation of the release time [s]: how early or late the gripper may open.
         released_s: time of the nominal release [s].
         radius_m: of the object, at least `LEAST_RADIUS_M` [m].
-        shapes: rows of the b shapes (20, b), see `Shape.row`.
+        shapes: rows of the b shapes (20, b), see `Solid.row`.
         tops: heights of the b shapes (b,), without the radius about their cores [m].
         names: of the obstacles.
         clearance_m: distance that the object keeps from most obstacles [m].

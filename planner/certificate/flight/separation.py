@@ -17,7 +17,7 @@ def core_bound(corners: list[Array], shapes: Array) -> Array:
 
     Args:
         corners: of the patches, each (3, ...) [m].
-        shapes: rows of the shapes (20, ...), see `Shape.row`.
+        shapes: rows of the shapes (20, ...), see `Solid.row`.
     """
     centre = mean(corners)
     return _separation(corners, centre, nearest_on_cores(centre, shapes))

@@ -388,7 +388,7 @@ static void in_shape(in shape, in p, double *out) {
         out[row] = shape[row] * apart[0] + shape[3 + row] * apart[1] + shape[6 + row] * apart[2];
 }
 
-/* Distances (n,) of segments p0-p1, each (n, 3), from shapes: `items` (n,) of the rows (k, 20), see Shape.row. */
+/* Distances (n,) of segments p0-p1, each (n, 3), from shapes: `items` (n,) of the rows (k, 20), see Solid.row. */
 void shape_distances(count n, in p0, in p1, const count *items, in rows, double *out) {
     for (count m = 0; m < n; m++, p0 += 3, p1 += 3) {
         in shape = rows + 20 * items[m], lower = shape + 12, upper = shape + 15;

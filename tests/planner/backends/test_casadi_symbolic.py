@@ -16,7 +16,7 @@ from planner.backends.casadi_nlp.margins import LINKS
 from planner.backends.casadi_nlp.parameters import arm_parameters, scale_parameters, shape_parameters, variable_scales
 from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, LEAVING_ROWS, RELEASE_ROWS, passing
 from planner.backends.casadi_nlp.symbols.rows import LEAVING_SHARES
-from planner.cell import Box, Cell, Shape, load_cell, shape_of
+from planner.cell import Box, Cell, Solid, load_cell, shape_of
 from planner.dynamics import Payload, joint_torques
 from planner.geometry import (
     SELF_CLEARANCE_M,
@@ -431,7 +431,7 @@ def test_the_room_beside_a_shape_is_never_more_than_there_is(name: str) -> None:
             assert _rows("keep_out_1", np.concatenate([q, np.zeros(layout.NZ - 6)]), p) < room + 5e-4
 
 
-def _distance_from(cell: Cell, q: np.ndarray, shape: Shape) -> float:
+def _distance_from(cell: Cell, q: np.ndarray, shape: Solid) -> float:
     """Least distance [m] of arm, tool and object from a shape in the base frame, the foot and the base excepted."""
     capsules = body_capsules(cell.robot, cell.tool.capsules)[2:]
     ends = capsule_endpoints(cell.robot, capsules, q)
