@@ -17,15 +17,8 @@ from api.cli.support.options import calls_service, cell_of_service, cell_option,
 from api.cli.support.progress import execute_plan, search_plan
 from api.cli.support.summary import ending_text, numbers_text, profile_text
 
-AMPLITUDE_RAD = 0.25  # [rad] of a small motion: long enough for 1 rad/s, short enough to stay clear of most things
-AMPLITUDE_MIN_RAD = 0.02  # [rad] a shorter motion ends before a lag of 20 ms shows
-# Signs of the joints in turn: each joint moves in every motion, and no two joints always move alike.
-SIGNS = ((1, 1, -1, 1, -1, 1), (-1, 1, -1, -1, 1, 1), (1, -1, 1, 1, 1, -1), (-1, -1, 1, -1, -1, -1))
-MOTIONS = 4
+MOTIONS = 4  # as many as the service offers: more are the same again
 THROWS = 8  # after which the delay is within its own scatter: docs/learning.md
-REACHES = (1.25, 1.9)  # [-] targets of calibration throws, in lengths of upper and lower arm together
-TURN_RAD = 2.399963  # [rad] golden angle, by which their directions differ: no two throws are alike
-TRIES = 5  # candidates for each throw; the surroundings forbid some
 EYE_STD_M = 0.01  # [m] of a position that a person reports
 PROPOSED = ("lag_s", "lag_std_s", "gain", "delay_s", "delay_std_s", "jitter_s", "jitter_std_s", "speed_factor",
             "speed_factor_std", "landing_offset_m", "landing_offset_std_m", "drag_coefficient", "base_turn_rad",
@@ -91,13 +84,14 @@ def gripper(cell: str, throws: int, adopt: bool, picture: Path | None, as_json: 
     **It throws.** A robust throw is blind to the delay that it protects against. On a real arm you are asked to put an
     object in before each throw, and where it landed afterwards.
     """
-    document = client.get(f"/cells/{cell}")
+    is_simulated = client.get(f"/cells/{cell}")["link"]["kind"] == "sim"
+    candidates = client.get(f"/cells/{cell}/calibration?throws={throws}")["throws"]
     if not as_json:
         click.echo(f"planning {throws} throws, each when the one before has landed …")
     done: list[str] = []
-    for i, plan in enumerate(_soonest_plans(client, document, throws, as_json), start=1):
+    for i, plan in enumerate(_soonest_plans(client, candidates, throws, as_json), start=1):
         try:
-            text = _throw_and_observe(client, plan, document["link"]["kind"] == "sim")
+            text = _throw_and_observe(client, plan, is_simulated)
         except NotCompleted as error:
             raise NotCompleted(f"throw {i} of {throws}: {error.message}{_kept_text(cell, done)}") from error
         done.append(text)
@@ -117,33 +111,20 @@ def landings(cell: str, adopt: bool, picture: Path | None, as_json: bool, client
     _propose(client, cell, adopt, as_json, picture)
 
 
-def _soonest_plans(client: ServiceClient, cell: dict[str, Any], count: int, is_quiet: bool) -> Iterator[dict[str, Any]]:
-    """Yields `count` plans of soonest throws to targets on the floor around the base; refused targets are left out."""
-    import numpy as np
-
-    from planner.cell import completed_arm
-
-    reach = float(np.abs(completed_arm(cell).a[1:3]).sum())
+def _soonest_plans(
+    client: ServiceClient, candidates: Sequence[dict[str, Any]], count: int, is_quiet: bool
+) -> Iterator[dict[str, Any]]:
+    """Yields `count` plans of calibration throws; refused candidates are left out."""
     found = 0
-    base = cell["base_in_world"]["position_m"]
-    floor = cell["surroundings"]["floor_z_m"]
-    for i in range(TRIES * count):
+    for request in candidates:
         if found == count:
             return
-        share = (i * 0.618034) % 1.0  # golden ratio: distances as evenly spread as directions
-        distance = reach * (REACHES[0] + share * (REACHES[1] - REACHES[0]))
-        angle = i * TURN_RAD
-        target = [base[0] + distance * math.cos(angle), base[1] + distance * math.sin(angle), floor]
-        request = {"cell": cell["name"], "release": {"kind": "target", "position": target}, "release_window_s": 0.0}
-        try:
-            plan = search_plan(client, request, is_quiet)
-        except ServiceError as error:
-            if error.problem.get("type") != "/problems/infeasible":
-                raise
-            continue
-        found += 1
-        yield plan
-    raise click.ClickException(f"only {found} of {count} targets around the base can be thrown at")
+        plan = _searched(client, request, is_quiet, ("/problems/infeasible",))
+        if plan is not None:
+            found += 1
+            yield plan
+    if found < count:
+        raise click.ClickException(f"only {found} of {count} targets around the base can be thrown at")
 
 
 def _throw_and_observe(client: ServiceClient, plan: dict[str, Any], is_simulated: bool) -> str:
@@ -229,11 +210,11 @@ def _by_motions(cell: str, count: int, quiet: bool, picture: Path | None, client
     from learning import pooled_document
 
     runs = []
-    document = client.get(f"/cells/{cell}")
+    motions = client.get(f"/cells/{cell}/calibration")["motions"]
     assumed_s = client.get(f"/cells/{cell}/timing")["assumed_lag_s"]
     for i in range(count):
         try:
-            timing = _move(client, cell, document["home_rad"], SIGNS[i % len(SIGNS)], quiet)
+            timing = _move(client, motions[i % len(motions)], quiet)
         except NotCompleted as error:
             raise NotCompleted(f"motion {i + 1} of {count}: {error.message}{_kept_text(cell, runs)}") from error
         runs.insert(0, timing)
@@ -252,31 +233,34 @@ def _kept_text(cell: str, runs: Sequence[Any]) -> str:
     return f". Once the arm is checked: fling acknowledge --cell {cell}{kept}"
 
 
-def _move(client: ServiceClient, cell: str, home: list[float], signs: tuple[int, ...], quiet: bool) -> dict[str, Any]:
-    """Plans and executes one motion from home to rest; returns its timing."""
-    plan = _plan_motion(client, cell, home, signs, quiet)
-    done = _executed(client, plan)
+def _move(client: ServiceClient, motions: Sequence[dict[str, Any]], quiet: bool) -> dict[str, Any]:
+    """Plans the longest motion of these that is certified, and executes it; returns its timing."""
+    done = _executed(client, _plan_motion(client, motions, quiet))
     timing = done["metrics"]["timing"]
     if timing is None:
         raise click.ClickException("the recording of the motion shows no timing: nothing moved in it")
     return timing
 
 
-def _plan_motion(
-    client: ServiceClient, cell: str, home: list[float], signs: tuple[int, ...], quiet: bool
-) -> dict[str, Any]:
-    """Returns the longest plan of a motion in this direction, halved until it is certified."""
-    amplitude = AMPLITUDE_RAD
-    while True:
-        goal = [q + sign * amplitude for q, sign in zip(home, signs, strict=True)]
-        release = {"kind": "joint", "positions": goal, "velocities": [0.0] * 6}
-        try:
-            return search_plan(client, {"cell": cell, "release": release}, quiet)
-        except ServiceError as error:
-            amplitude /= 2.0
-            refused = error.problem.get("type") in ("/problems/infeasible", "/problems/invalid-request")
-            if not refused or amplitude < AMPLITUDE_MIN_RAD:
-                raise
+def _plan_motion(client: ServiceClient, motions: Sequence[dict[str, Any]], quiet: bool) -> dict[str, Any]:
+    """Returns the plan of the first of these requests that is not refused; raises the refusal of the last."""
+    for request in motions[:-1]:
+        plan = _searched(client, request, quiet, ("/problems/infeasible", "/problems/invalid-request"))
+        if plan is not None:
+            return plan
+    return search_plan(client, motions[-1], quiet)
+
+
+def _searched(
+    client: ServiceClient, request: dict[str, Any], quiet: bool, refusals: Sequence[str]
+) -> dict[str, Any] | None:
+    """Returns the plan of a request; None where it is refused with one of these types of problem."""
+    try:
+        return search_plan(client, request, quiet)
+    except ServiceError as error:
+        if error.problem.get("type") not in refusals:
+            raise
+        return None
 
 
 def _lag_text(found: dict[str, Any]) -> str:

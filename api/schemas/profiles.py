@@ -97,6 +97,22 @@ class ProfileList(BaseModel):
     profiles: list[ProfileSummary]
 
 
+class CalibrationMoves(BaseModel):
+    """What a calibration moves: requests, ready to be posted to `/plan`."""
+
+    cell: str
+    amplitude_rad: float = Field(description="A joint moves this far in a small motion, at most [rad].")
+    motions: list[list[dict[str, Any]]] = Field(
+        description="Small motions about home, without an object: for each the requests, the longest motion first. "
+        "The first that is feasible is the one."
+    )
+    reach_m: list[float] = Field(description="The targets' least and largest distance from the arm's base [m].")
+    throws: list[dict[str, Any]] = Field(
+        description="Soonest throws to targets on the floor, no two alike, several for each that is wanted: those that "
+        "are refused are left out."
+    )
+
+
 class Adoption(BaseModel):
     """What a cell uses from now on."""
 

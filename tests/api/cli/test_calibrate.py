@@ -11,7 +11,6 @@ from click.testing import CliRunner
 from api.cli import calibrate, main
 from benchmarks.learning.recorded_arms import RecordedArm
 from learning.recordings import COLUMNS
-from planner.cell import DEFAULTS
 from planner.progress import Progress
 
 
@@ -45,9 +44,9 @@ def test_the_searches_of_a_calibration_are_told(capsys: pytest.CaptureFixture[st
             return {"request": request}
 
     service: Any = SlowService()
-    cell = {**DEFAULTS, "name": "lab", "robot": "ur5e"}
-    assert len([*calibrate._soonest_plans(service, cell, 2, is_quiet)]) == 2
-    assert calibrate._plan_motion(service, "lab", [0.0] * 6, (1,) * 6, is_quiet)["request"]["cell"] == "lab"
+    requests = [{"cell": "lab", "release": {}}] * 3
+    assert len([*calibrate._soonest_plans(service, requests, 2, is_quiet)]) == 2
+    assert calibrate._plan_motion(service, requests, is_quiet)["request"]["cell"] == "lab"
     assert capsys.readouterr().err.count("3 candidates tried") == (0 if is_quiet else 3)
 
 
