@@ -3,6 +3,7 @@
 import type { JSX } from "preact";
 
 import { Banners } from "./views/banners";
+import { CalibrationSection } from "./views/calibration";
 import { CertificateSection } from "./views/certificate";
 import { ExecutionSection } from "./views/execution";
 import { Header } from "./views/header";
@@ -24,6 +25,7 @@ export function App(): JSX.Element {
           <ThrowPanel />
           <div class="side">
             <ExecutionSection />
+            <CalibrationSection />
             <MapSection />
           </div>
           <TimelineSection />
