@@ -8,7 +8,7 @@ import type { CalibrationMoves, Execution, Plan, PlanProgress, PlanRequest, Prof
 import { adopt, leavePast, loadProfiles, start, stop } from "./actions";
 import { begun, type Calibration, candidates, ended, keep, kept, moveWords, next, type Odds, type OddsChange, THROWS } from "./calibration";
 import { requestOf } from "./draft";
-import { calibration, cellName, driving, failed, isReal, mode, profiles, running, state } from "./store";
+import { calibration, cellName, driving, failed, guided, isReal, mode, profiles, running, state } from "./store";
 import { outcomeWords } from "./words";
 
 const LOOK_MS = 300; // between two looks whether an execution has ended
@@ -29,7 +29,7 @@ interface Asked {
 /** The throw of a real arm whose landing the guide asks for; null where it asks for none. */
 export const toBeReported = computed(() => {
   const now = calibration.value;
-  const isAsked = now !== null && now.cell === cellName.value && isReal.value && now.running === null && driving.value === null;
+  const isAsked = now !== null && guided.value && isReal.value && now.running === null && driving.value === null;
   const isThrown = isAsked && (now.step === "throws" || (now.step === "profile" && now.profile === null));
   return isThrown ? (now.throws.at(-1)?.id ?? null) : null;
 });
@@ -59,7 +59,7 @@ async function loadMoves(cell: string | null): Promise<void> {
 
 /** Opens the guide where it is not, and brings it into view. */
 export function openCalibration(): void {
-  if (calibration.value?.cell !== cellName.value) beginCalibration();
+  if (!guided.value) beginCalibration();
   requestAnimationFrame(() => document.querySelector(".calibration")?.scrollIntoView({ block: "nearest" }));
 }
 

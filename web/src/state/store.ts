@@ -82,6 +82,8 @@ export const dark = signal(false);
 
 /** The guided calibration, on whichever cell; null where none was begun. */
 export const calibration = signal<Calibration | null>(null);
+/** Whether the guide is open on the cell on the screen. */
+export const guided = computed(() => calibration.value !== null && calibration.value.cell === cellName.value);
 /** What moves the arm by itself, one move after another; a stop ends it. */
 export const driving = signal<{ readonly cell: string; readonly abort: AbortController } | null>(null);
 

@@ -9,7 +9,7 @@ import {
 import { type Calibration, type Lag, type Move, moveWords, type Odds, STEPS, type Step, THROWS, THROWS_MIN } from "../state/calibration";
 import { counted } from "../state/landing-report";
 import { placeWords, throwLabel } from "../state/machine";
-import { calibration, cell, cellName, driving, floorZ, hindrance, isReal, landings, profiles, running, runPlan, targets } from "../state/store";
+import { calibration, cell, cellName, driving, floorZ, guided, hindrance, isReal, landings, profiles, running, runPlan, targets } from "../state/store";
 import { figure, length, planWords, progressWords } from "../state/words";
 import { observedError } from "./execution";
 import { LandingReports } from "./landing";
@@ -18,7 +18,7 @@ import { AskOnceMore } from "./throw";
 
 export function CalibrationSection(): JSX.Element {
   const now = calibration.value;
-  const isOwn = now !== null && now.cell === cellName.value;
+  const isOwn = now !== null && guided.value;
   const used = profiles.value?.cell === cellName.value ? profiles.value.profiles.find((known) => known.id === profiles.value?.adopted) : undefined;
   return (
     <section class="card calibration" aria-labelledby="calibration-title">
@@ -128,7 +128,7 @@ function Throws({ now }: { now: Calibration }): JSX.Element {
 function landedWords({ id, planId }: Move): string {
   const seen = counted(landings.value[id] ?? []);
   const off = observedError(id, planOf(planId));
-  if (off !== null) return `landed ${length(off)} from its target`;
+  if (off !== null) return `landed ${length(off)} off`;
   return seen.at(-1)?.result ?? "its landing was not seen";
 }
 
