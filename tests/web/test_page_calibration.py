@@ -168,7 +168,9 @@ def test_a_real_arm_asks_before_each_move_and_for_each_landing(desk: Desk, brows
     thrower.start()
 
     def execute(route: Route) -> None:
-        row = desk.store.queue_execution(route.request.post_data_json["plan_id"], "real")
+        order = route.request.post_data_json
+        assert order is not None
+        row = desk.store.queue_execution(order["plan_id"], "real")
         route.fulfill(json=httpx2.get(f"{desk.url}/executions/{row.id}", trust_env=False).json(), status=202)
 
     with visit(browser, desk.url) as guest:

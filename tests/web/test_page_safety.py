@@ -141,7 +141,7 @@ def test_a_stop_that_did_not_get_through_is_forgotten_once_it_did(guest: Visit, 
 def test_a_stop_before_the_execution_is_known_reaches_it(guest: Visit, desk: Desk) -> None:
     planned(guest)
     held: list[Route] = []
-    guest.page.route(re.compile("/execute$"), held.append)
+    guest.page.route(re.compile("/execute$"), lambda route: held.append(route))
     with guest.page.expect_request(re.compile("/execute$")):
         guest.button("Throw on").click()
     guest.button("Stop").click()
