@@ -18,6 +18,7 @@ from api.cli.support.progress import execute_plan, search_plan
 from api.cli.support.summary import ending_text, numbers_text, profile_text
 
 MOTIONS = 4  # as many as the service offers: more are the same again
+NO_TIMING = "shows no timing: its recording has gaps, or nothing moved in it; fling doctor judges this machine"
 THROWS = 8  # after which the delay is within its own scatter: docs/learning.md
 EYE_STD_M = 0.01  # [m] of a position that a person reports
 PROPOSED = ("lag_s", "lag_std_s", "gain", "delay_s", "delay_std_s", "jitter_s", "jitter_std_s", "speed_factor",
@@ -217,11 +218,13 @@ def _by_motions(cell: str, count: int, quiet: bool, picture: Path | None, client
             timing = _move(client, motions[i % len(motions)], quiet)
         except NotCompleted as error:
             raise NotCompleted(f"motion {i + 1} of {count}: {error.message}{_kept_text(cell, runs)}") from error
-        runs.insert(0, timing)
+        if timing is not None:
+            runs.insert(0, timing)
         if not quiet:
-            click.echo(f"motion {i + 1} of {count}: {_milliseconds(timing)}")
+            click.echo(f"motion {i + 1} of {count}: {_milliseconds(timing) if timing else NO_TIMING}")
     pooled = pooled_document(runs, assumed_s)
-    assert pooled is not None
+    if pooled is None:
+        raise click.ClickException(f"each motion {NO_TIMING}")
     if picture is not None:
         picture.write_text(lags_svg(runs[::-1], pooled["lag_s"], assumed_s))
     return {**pooled, "assumed_lag_s": assumed_s}
@@ -233,13 +236,12 @@ def _kept_text(cell: str, runs: Sequence[Any]) -> str:
     return f". Once the arm is checked: fling acknowledge --cell {cell}{kept}"
 
 
-def _move(client: ServiceClient, motions: Sequence[dict[str, Any]], quiet: bool) -> dict[str, Any]:
-    """Plans the longest motion of these that is certified, and executes it; returns its timing."""
-    done = _executed(client, _plan_motion(client, motions, quiet))
-    timing = done["metrics"]["timing"]
-    if timing is None:
-        raise click.ClickException("the recording of the motion shows no timing: nothing moved in it")
-    return timing
+def _move(client: ServiceClient, motions: Sequence[dict[str, Any]], quiet: bool) -> Any:
+    """Plans the longest motion of these that is certified, and executes it.
+
+    Returns its timing, None where its recording shows none.
+    """
+    return _executed(client, _plan_motion(client, motions, quiet))["metrics"]["timing"]
 
 
 def _plan_motion(client: ServiceClient, motions: Sequence[dict[str, Any]], quiet: bool) -> dict[str, Any]:

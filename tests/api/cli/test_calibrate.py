@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -48,6 +49,25 @@ def test_the_searches_of_a_calibration_are_told(capsys: pytest.CaptureFixture[st
     assert len([*calibrate._soonest_plans(service, requests, 2, is_quiet)]) == 2
     assert calibrate._plan_motion(service, requests, is_quiet)["request"]["cell"] == "lab"
     assert capsys.readouterr().err.count("3 candidates tried") == (0 if is_quiet else 3)
+
+
+def test_a_motion_without_timing_leaves_the_others_theirs(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    class Service:
+        def get(self, path: str) -> dict[str, Any]:
+            return {"motions": [[]], "assumed_lag_s": 0.02}
+
+    service: Any = Service()
+    timing = {"lag_s": 0.02, "lag_std_s": 1e-4, "gain": [1.0] * 6, "gain_std": [0.01] * 6, "mode": "speedj"}
+    shown = [timing, None, timing]
+    monkeypatch.setattr(calibrate, "_move", lambda *_: shown.pop())
+    monkeypatch.setattr("learning.pooled_document", lambda runs, _: {"runs": len(runs)} if runs else None)
+    assert calibrate._by_motions("lab", 3, False, None, service)["runs"] == 2
+    assert "motion 2 of 3: shows no timing: its recording has gaps" in capsys.readouterr().out
+    shown = [None]
+    with pytest.raises(click.ClickException, match="each motion shows no timing"):
+        calibrate._by_motions("lab", 1, False, None, service)
 
 
 def test_a_file_that_is_no_recording_is_refused_with_the_reason(tmp_path: Path):
