@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -49,6 +50,24 @@ def test_the_searches_of_a_calibration_are_told(capsys: pytest.CaptureFixture[st
     assert len([*calibrate._soonest_plans(service, cell, 2, is_quiet)]) == 2
     assert calibrate._plan_motion(service, "lab", [0.0] * 6, (1,) * 6, is_quiet)["request"]["cell"] == "lab"
     assert capsys.readouterr().err.count("3 candidates tried") == (0 if is_quiet else 3)
+
+
+@pytest.mark.parametrize("evidence", ["throws", "reported", ""])
+def test_a_profile_of_a_gripper_that_nobody_saw_open_is_refused(evidence: str):
+    posts: list[str] = []
+
+    class Service:
+        def post(self, path: str) -> dict[str, Any]:
+            posts.append(path)
+            return {"id": "p", "evidence": {"throws": [], "reported": [], evidence: ["e"]}}
+
+    service: Any = Service()
+    if evidence:
+        assert calibrate._estimate(service, "lab", adopt=True, of_gripper=True)["adopted"]
+        return
+    with pytest.raises(click.ClickException, match="nothing shows when it lets go"):
+        calibrate._estimate(service, "lab", adopt=True, of_gripper=True)
+    assert posts == ["/cells/lab/profiles"]  # and none is adopted
 
 
 def test_a_file_that_is_no_recording_is_refused_with_the_reason(tmp_path: Path):
