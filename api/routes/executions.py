@@ -34,7 +34,7 @@ from api.schemas import (
     iso_time,
 )
 from fling import tracing
-from planner.cell import Cell
+from planner.cell import NAME_PATTERN, Cell
 from planner.errors import CellError
 from store import CellRow, ExecutionRow, PlanRow
 
@@ -44,7 +44,7 @@ UNGUARDED = "a service without tokens executes on simulated cells only"
 MCAP = "application/octet-stream"  # MCAP has no registered media type
 ExecutionId = Annotated[str, id_in_path("execution")]
 ExecuteBody = Annotated[ExecuteRequest, Body(openapi_examples=EXECUTE_EXAMPLES)]  # type: ignore[arg-type]
-OfCell = Annotated[str | None, Query(max_length=64, description="Only those of this cell.")]
+OfCell = Annotated[str | None, Query(pattern=f"^{NAME_PATTERN.pattern}$", description="Only those of this cell.")]
 OfOutcome = Annotated[Outcome | None, Query(description="Only those that ended so.")]
 RECORDING_ANSWER = {
     "content": {MCAP: {"schema": {"type": "string", "format": "binary"}}, "text/csv": {"schema": {"type": "string"}}},

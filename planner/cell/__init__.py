@@ -7,7 +7,7 @@ from planner.cell.arm_data import completed_arm
 from planner.cell.changes import cell_of_keys
 from planner.cell.faults import cell_faults, mended_cell
 from planner.cell.fields import choice, merge_defaults, number, vector
-from planner.cell.file import DEFAULTS, cell_of, checked_polyscope, load_cell, parse_cell
+from planner.cell.file import DEFAULTS, NAME_PATTERN, cell_of, checked_polyscope, load_cell, parse_cell
 from planner.cell.model import (
     CONTACT_M,
     FARTHEST_M,
@@ -26,6 +26,7 @@ __all__ = [
     "CONTACT_M",
     "DEFAULTS",
     "FARTHEST_M",
+    "NAME_PATTERN",
     "STANDING_RAD",
     "Box",
     "Cell",

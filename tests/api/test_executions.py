@@ -122,6 +122,7 @@ def test_executions_are_listed_by_cell_and_outcome(service: RunningService, plan
     page = service.client.get("/executions?cell=ur5e-sim&limit=1").json()
     assert listed(f"cell=ur5e-sim&limit=1&cursor={page['next_cursor']}") == [ids["ur5e-sim", "held"]]
     problem_of(service.client.get("/executions?outcome=lost"), 422, "invalid-request")
+    problem_of(service.client.get("/executions?cell=%00"), 422, "invalid-request")  # PostgreSQL knows no such text
 
 
 def test_a_read_only_executor_is_not_ready(service: RunningService, executor: FakeExecutor, plan):
