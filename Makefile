@@ -118,12 +118,11 @@ $(VENV)/dev.stamp: requirements/dev.txt $(VENV)/native.stamp
 	@$(PIP) install --quiet --no-compile --require-hashes -r requirements/dev.txt
 	touch $@
 
-# Compiles what is newer than its object, on all processors. The "compat" way of being editable puts this folder on the
-# path, so that `import fling` works beside a clone that is called "fling", too.
+# Compiles what is newer than its object, on all processors.
 $(VENV)/native.stamp: $(VENV)/run.stamp pyproject.toml setup.py $(NATIVE)
 	@echo 'setting up 2 of $(STEPS): compiling, half a minute on two fast cores, minutes on a slow machine …'
 	@$(BIN)/python setup.py --quiet build_ext --inplace  # pip would keep its progress to itself
-	@$(PIP) install --quiet --no-deps --no-build-isolation --config-settings editable_mode=compat --editable .
+	@$(PIP) install --quiet --no-deps --no-build-isolation --editable .
 	touch $@
 
 $(VENV)/docs.stamp: requirements/docs.txt $(VENV)/dev.stamp

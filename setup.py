@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import sys
+import sysconfig
 import time
 from collections.abc import Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
@@ -91,8 +92,10 @@ class BuildNative(build_ext):
         folder = Path(casadi.__file__).parent
         OPTIMISER.include_dirs.append(str(folder / "include"))
         OPTIMISER.extra_link_args = ["-Wl,--no-as-needed", str(next(folder.glob("libfatrop.so.*")))]
-        beside = "$ORIGIN/../../casadi"
-        OPTIMISER.runtime_library_dirs = [str(folder) if self._is_in_checkout else beside]
+        # An isolated build has a casadi of its own, which is gone afterwards: the one to load is beside the packages.
+        installed = Path(sysconfig.get_path("platlib"), "casadi")
+        beside = ["$ORIGIN/../../casadi"]
+        OPTIMISER.runtime_library_dirs = [str(installed), str(folder)] if self._is_in_checkout else beside
 
     def _compile_side_by_side(self, sources: list[str], *, depends: list[str], **options: object) -> list[str]:
         """Returns the objects of C files, compiled where they are older than what they are made of."""
@@ -145,5 +148,9 @@ if __name__ == "__main__":
     setup(
         ext_modules=[KERNEL, OPTIMISER],
         cmdclass={"build_py": BuildWithCells, "build_ext": BuildNative},
-        options={"bdist_wheel": {"py_limited_api": "cp311"}},  # nothing of Python's interface is used
+        options={
+            "bdist_wheel": {"py_limited_api": "cp311"},  # nothing of Python's interface is used
+            # This folder on the path, so that `import fling` works beside a clone that is called "fling", too.
+            "editable_wheel": {"mode": "compat"},
+        },
     )

@@ -14,7 +14,7 @@ from planner.cell import Cell, checked_polyscope, load_cell
 from planner.errors import CellError
 from simulator import scheduling
 from simulator.loop import SimulatorLoop
-from simulator.settings import POLYSCOPE_X, SimulatorSettings
+from simulator.settings import SimulatorSettings
 from simulator.simulation import Simulation
 from simulator.truth import TruthError, load_truth, truth_of
 
@@ -54,8 +54,7 @@ def cell_of(options: argparse.Namespace) -> Cell:
     cell = load_cell(options.cell)
     if options.polyscope is None:
         return cell
-    asked = POLYSCOPE_X if options.polyscope.lower() == "x" else options.polyscope
-    return replace(cell, sim=replace(cell.sim, polyscope=checked_polyscope(asked, cell.robot)))
+    return replace(cell, sim=replace(cell.sim, polyscope=checked_polyscope(options.polyscope, cell.robot)))
 
 
 def settings_of(options: argparse.Namespace, cell: Cell) -> SimulatorSettings:
@@ -80,8 +79,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     core = scheduling.default_core(os.environ)
     add("--cell", type=Path, required=True, help="cell file (TOML)")
     add("--host", help="address to listen on; the cell's link.host by default")
-    x_help = f"version to present, or x for PolyScope X ({POLYSCOPE_X}); the cell's sim.polyscope by default"
-    add("--polyscope", help=x_help)
+    add("--polyscope", help="version to present, or x for PolyScope X; the cell's sim.polyscope by default")
     add("--truth", type=Path, help="truth file (TOML): how arm, gripper, object and camera really behave")
     add("--reveal", action="store_true", help="tell what is hidden under --truth, as without it")
     add("--priority", type=int, default=scheduling.REALTIME_PRIORITY, help="SCHED_FIFO priority, 0 for none")

@@ -18,7 +18,6 @@ READ_ONLY = 10  # added to a port's number: the same to read from only; source: 
 DASHBOARD_PORT = 29999  # source: UR dashboard manual; PolyScope X has none
 ROBOT_API_PORT = 80  # source: UR's client library, `DashboardClientImplX`
 ROBOT_API_SPARE_PORT = 29980  # chosen: instead of 80, where this user may not listen on that, or somebody else does
-POLYSCOPE_X = "10.14.0"  # chosen: what `--polyscope x` presents
 POLYSCOPE_X_MAJOR = 10
 ROBOT_API_SINCE = (10, 11)  # source: UR, release note of PolyScope X 10.11
 CONTROL_PORT = 29900  # chosen: the simulator's own, not a port of UR

@@ -17,6 +17,7 @@ import click
 from api.cli.cell_urdf import refuse_present, write_new
 from api.cli.support.cell_warnings import warnings_of
 from api.cli.support.terminal import BAD, GOOD, say
+from planner.grippers import MODELS
 
 if TYPE_CHECKING:
     from planner.cell import Cell
@@ -29,6 +30,12 @@ OUTPUTS = tuple(
     for output, count in (("tool_digital", 2), ("standard_digital", 8), ("configurable_digital", 8))
     for index in range(count)
 )
+VACUUM = "vacuum "
+# What a gripper is opened by, as an answer: an output, an output that is the vacuum's, or a model with a bus.
+GRIPPER = click.Choice((*OUTPUTS, *(f"{VACUUM}{output}" for output in OUTPUTS), *MODELS), case_sensitive=False)
+OPENS = f"an output such as {OUTPUTS[0]} or {VACUUM}{OUTPUTS[0]}, or a model: {', '.join(MODELS)}"
+COMPUTE_BOX = 'host = "192.168.1.1"              # a guess: the compute box as delivered\n'
+VERSION = re.compile(r"\d+\.\d+(\.\d+)?")  # of PolyScope; a controller may tell its build, too
 TCP_M = 0.17  # [m] from the flange to the object's centre: of the shipped cells
 TOOL_KG = 1.0
 TCP_MAX_M = 1.0  # [m] a larger answer is in millimetres
@@ -61,11 +68,8 @@ keep_out = []                     # boxes {{ lower_m = [x, y, z], upper_m = [x, 
 mass_kg = 0.05
 radius_m = 0.02
 
-[gripper]
-output = "{output}"
-index = {index}
-open_level = true
-delay_s = 0.040                   # a guess: fling calibrate gripper
+[gripper]                         # other kinds, a second output that closes or blows off: docs/cells.md
+{gripper}delay_s = 0.040                   # a guess: fling calibrate gripper
 jitter_s = 0.0015                 # a guess
 
 [timing]
@@ -75,6 +79,10 @@ lag_s = 0.02                      # a guess: fling calibrate lag
 kind = "{kind}"
 host = "{host}"
 {serial}"""
+SIM = """
+[sim]
+{}polyscope = "{}"               # of the simulated controller; "x" for PolyScope X
+"""
 
 
 @dataclass(frozen=True)
@@ -86,16 +94,18 @@ class Answers:
         robot: model of the arm.
         tcp: tool centre point (6,) in the flange frame: position [m], rotation vector [rad].
         mass_kg: of the tool.
-        output: that opens the gripper, one of `OUTPUTS`.
+        gripper: what opens it, one of `GRIPPER`.
         serial: number of the robot, if its controller told it.
+        polyscope: that a simulated controller presents; None: the default of the arm.
     """
 
     host: str
     robot: str
     tcp: tuple[float, ...]
     mass_kg: float
-    output: str
+    gripper: str
     serial: str | None = None
+    polyscope: str | None = None
 
     @property
     def is_simulated(self) -> bool:
@@ -111,9 +121,16 @@ class Answers:
     "--tcp", type=click.FloatRange(0.0, TCP_MAX_M), metavar="M", help="From the flange to the object's centre [m]."
 )
 @click.option("--mass", type=click.FloatRange(0.0), metavar="KG", help="Mass of the tool without the object [kg].")
-@click.option("--opens", type=click.Choice(OUTPUTS), metavar="OUTPUT", help="Output that opens the gripper.")
+@click.option("--gripper", type=GRIPPER, metavar="OUTPUT|MODEL", help=f"What opens the gripper: {OPENS}.")
+@click.option("--polyscope", metavar="x|VERSION", help="Of the simulated controller; x: PolyScope X.")
 def new(
-    name: str, controller: str | None, robot: str | None, tcp: float | None, mass: float | None, opens: str | None
+    name: str,
+    controller: str | None,
+    robot: str | None,
+    tcp: float | None,
+    mass: float | None,
+    gripper: str | None,
+    polyscope: str | None,
 ) -> None:
     """Write the cell file NAME.toml, from five answers or from what the controller tells.
 
@@ -131,8 +148,9 @@ def new(
         robot=robot or _ask_robot(told.get("models", [])),
         tcp=_tcp(tcp, told.get("tcp_offset")),
         mass_kg=_mass(mass, told.get("payload_kg")),
-        output=opens or _ask(5, "digital output that opens the gripper", OUTPUTS[0], click.Choice(OUTPUTS)),
+        gripper=gripper or _ask(5, f"what opens the gripper: {OPENS}", OUTPUTS[0], GRIPPER),
         serial=told.get("serial"),
+        polyscope=polyscope or _version(told.get("polyscope")),
     )
     cells = {folder / f"{name}.toml": answers}
     if not answers.is_simulated:
@@ -161,20 +179,38 @@ def cell_written(name: str, answers: Answers) -> tuple[str, Cell]:
 
 
 def _text(answers: Answers, home: Sequence[float]) -> str:
-    output, index = answers.output.split()
-    return TEXT.format(
+    text = TEXT.format(
         robot=answers.robot,
         home=list(home),
         position=[round(float(x), 6) for x in answers.tcp[:3]],
         rotation=[round(float(x), 6) for x in answers.tcp[3:]],
         mass=round(float(answers.mass_kg), 4),
         limits="" if answers.is_simulated else SLOW,
-        output=output,
-        index=index,
+        gripper=_gripper_text(answers),
         kind="sim" if answers.is_simulated else "ur",
         host=SIMULATED_HOST if answers.is_simulated else answers.host,
         serial="" if answers.serial is None else f'serial = "{answers.serial}"  # any other robot is refused\n',
     )
+    return text + SIM.format(*("", answers.polyscope) if answers.polyscope else ("# ", "x")) * answers.is_simulated
+
+
+def _gripper_text(answers: Answers) -> str:
+    """Returns the lines that say what opens the gripper."""
+    model = MODELS.get(answers.gripper)
+    if model is None:
+        is_vacuum = answers.gripper.startswith(VACUUM)
+        output, index = answers.gripper.removeprefix(VACUUM).split()
+        kind = 'kind = "vacuum"\n' if is_vacuum else ""
+        level = "false" if is_vacuum else "true"
+        return f'{kind}output = "{output}"\nindex = {index}\nopen_level = {level}\n'
+    needs_host = model.kind == "onrobot" and not answers.is_simulated
+    return f'kind = "{model.kind}"\nmodel = "{answers.gripper}"\n{COMPUTE_BOX if needs_host else ""}'
+
+
+def _version(told: str | None) -> str | None:
+    """Returns the version that a controller tells, without its build; None where it tells none."""
+    found = VERSION.match(told or "")
+    return found and found.group()
 
 
 def _ask(number: int, question: str, default: Any, kind: Any = str) -> Any:
@@ -204,7 +240,7 @@ def _ask_robot(models: Sequence[str]) -> str:
         return models[0]
     names = models or (*ROBOT_NAMES, *INCOMPLETE_NAMES)
     default = models[0] if models else "ur5e"
-    return str(_ask(2, f"arm ({', '.join(names)})", default, click.Choice(names)))
+    return str(_ask(2, f"arm ({', '.join(names)})", default, click.Choice(names, case_sensitive=False)))
 
 
 def _tcp(asked_m: float | None, told: Sequence[float] | None) -> tuple[float, ...]:
@@ -226,9 +262,15 @@ def _mass(asked_kg: float | None, told_kg: float | None) -> float:
     return float(_ask(4, question, TOOL_KG, click.FloatRange(0.0)) if asked_kg is None else asked_kg)
 
 
-def first_target_m(cell: Cell) -> float:
-    """Returns how far along x from the arm a first throw may go [m]."""
-    return THROW_SHARE * float(abs(cell.robot.a).sum())
+def first_target(cell: Cell) -> list[float]:
+    """Returns a point of the floor (3,) to which a first throw may go [m]."""
+    x, y, _ = cell.X_WB[:3, 3]
+    return [round(float(x) + THROW_SHARE * float(abs(cell.robot.a).sum()), 1), round(float(y) + 0.3, 1), 0.0]
+
+
+def first_throw(cell: Cell) -> str:
+    """Returns the command of a first throw."""
+    return f"fling throw {' '.join(map(str, first_target(cell)))}"
 
 
 def _tell(name: str, made: Mapping[Path, tuple[str, Cell]]) -> None:
@@ -237,13 +279,13 @@ def _tell(name: str, made: Mapping[Path, tuple[str, Cell]]) -> None:
 
     simulated = next(cell for _, cell in made.values() if cell.link.kind == "sim")
     for path, (_, cell) in made.items():
-        kind = "simulated" if cell.link.kind == "sim" else f"a REAL arm at {cell.link.host}"
+        simulation = f"simulated with PolyScope {cell.sim.polyscope}"
+        kind = simulation if cell.link.kind == "sim" else f"a REAL arm at {cell.link.host}"
         say(f"{path}: a {cell.robot.name}, {kind}", GOOD)
     notes = dict.fromkeys(note for _, cell in made.values() for note in warnings_of(cell))
     for note in [*notes, *map(str, home_faults(simulated))]:
         say(note, BAD)
     click.echo("guessed, and marked so in the file: object, floor, gripper's delay, lag")
-    command = f"fling throw {first_target_m(simulated):.1f} 0.3 0"
-    click.echo(f"next: fling up --cell {simulated.name}, and in another terminal: {command}")
+    click.echo(f"next: fling up --cell {simulated.name}, and in another terminal: {first_throw(simulated)}")
     if simulated.name != name:
         click.echo(f"then the arm: fling doctor --cell {name}, and docs/tutorial/real-arm.md, step by step")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 import click
 
+from api.cli.cell_new import first_throw
 from api.cli.simulator import OTHER_HOST, truth_arguments, truth_options
 from api.cli.support.addresses import SIMULATOR_PORTS
 from api.cli.support.options import PORT, cell_option, service_url
@@ -18,7 +19,7 @@ from api.cli.support.terminal import BAD, GOOD, say
 if TYPE_CHECKING:
     from api.cli.support.processes import ChildProcesses
     from api.settings import ServiceSettings
-    from planner.cell import ControllerAddress
+    from planner.cell import Cell
 
 PATIENCE_HELP = "How long to wait for each process to be ready [s]; default: 300."
 
@@ -48,11 +49,11 @@ def up(cell: str | None, port: int | None, patience: float | None, truth: Path |
     settings = read_settings(default_cell=cell, port=port)
     name = cell or settings.default_cell
     number = port or settings.port
-    address = _prepare(settings.cells, name, settings.database_url)
-    simulated = address.kind == "sim"
+    station = _prepare(settings.cells, name, settings.database_url)
+    simulated = station.link.kind == "sim"
     require_free(settings.host, [number], "the service", "or choose another port: --port")
     if simulated:
-        require_free(address.host, SIMULATOR_PORTS, "the simulated controller", f"or {OTHER_HOST}")
+        require_free(station.link.host, SIMULATOR_PORTS, "the simulated controller", f"or {OTHER_HOST}")
     url = f"http://{'127.0.0.1' if settings.host == '0.0.0.0' else settings.host}:{number}"
     catch_signals()
     try:
@@ -60,7 +61,7 @@ def up(cell: str | None, port: int | None, patience: float | None, truth: Path |
             truth_flags = truth_arguments(truth, reveal)
             start_all(children, settings.cells, name, url, simulated, truth_flags, patience or READY_S)
             say(f"\nFling is up: {url}    (OpenAPI: {url}/docs)", GOOD)
-            say(f"try: fling throw 1.2 0.3 0.0{'' if url == service_url(None) else f' --url {url}'}\nCtrl-C stops all.")
+            say(f"try: {first_throw(station)}{'' if url == service_url(None) else f' --url {url}'}\nCtrl-C stops all.")
             _keep_alive(children)
     except KeyboardInterrupt:
         click.echo("\nstopped.")
@@ -116,7 +117,7 @@ def serve(**flags: object) -> None:
 @click.option("--read-only", is_flag=True, help="Connect, report state and preflight, never move.")
 def executor(cell: str | None, read_only: bool) -> None:
     """Run the executor of one cell: it claims executions and streams them to the controller."""
-    _exec("executor", *(["--cell", cell] if cell else []), *(["--read-only"] if read_only else []))
+    _exec("executor", *_cell_argument(cell), *(["--read-only"] if read_only else []))
 
 
 @click.command()
@@ -126,22 +127,33 @@ def doctor(cell: str | None) -> None:
 
     Exit status: 0 fit to stream; 1 fit for simulation, with warnings to resolve before using a real arm; 2 unfit.
     """
-    _exec("executor", "--doctor", *(["--cell", cell] if cell else []))
+    _exec("executor", "--doctor", *_cell_argument(cell))
 
 
-def _prepare(cells: Path, name: str, database_url: str) -> ControllerAddress:
-    """Checks the cell and migrates the database. Returns the address of the cell's controller."""
+def _cell_argument(cell: str | None) -> list[str]:
+    """Returns the argument that names a cell; refuses a name that is in no file, with those that are."""
+    from api.cli.support.processes import cell_path
+    from api.settings import parse_settings
+
+    if cell is None:
+        return []
+    cell_path(parse_settings().cells, cell)
+    return ["--cell", cell]
+
+
+def _prepare(cells: Path, name: str, database_url: str) -> Cell:
+    """Checks the cell and migrates the database. Returns the cell."""
     from api.cli.support.processes import cell_path
     from planner.cell import load_cell
     from planner.errors import CellError
     from store import Store, StoreError
 
     try:
-        address = load_cell(cell_path(cells, name)).link
+        cell = load_cell(cell_path(cells, name))
         Store.upgrade(database_url)
     except (CellError, StoreError, RuntimeError) as error:
         raise click.ClickException(str(error)) from error
-    return address
+    return cell
 
 
 def _exec(module: str, *arguments: str) -> NoReturn:

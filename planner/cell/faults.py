@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from planner.cell.file import DEFAULTS, cell_of_document, toml_of
+from planner.cell.gripper import KEYS
 from planner.cell.model import Cell
 from planner.cell.source import CellSource
 from planner.errors import CellError
@@ -16,6 +17,7 @@ FAULTS_MAX = 100  # a file with more of them is no cell file
 # Of required keys, so that the others can be read.
 STAND_IN = {"robot": "ur5e", "link.kind": "sim", "arm_data.source": "a stand-in"}
 OF_ARM = ("limits.joint_", "home_rad", "sim.polyscope", "kinematics.")  # not judged without knowing the arm
+OF_KIND = tuple(f"gripper.{key}" for keys in KEYS.values() for key in keys)  # nor these without the gripper's kind
 ENTRY = {  # of tools and boxes, which have no defaults
     "from_m": [0.0, 0.0, 0.0],
     "to_m": [0.0, 0.0, 0.0],
@@ -52,8 +54,8 @@ def mended_cell(source: CellSource) -> tuple[list[CellError], Cell | None]:
             source = replace(source, name="cell")
         elif not _mend(given, key):
             break
-    unknown_arm = "robot" in found
-    faults = [fault for key, fault in found.items() if not (unknown_arm and key.startswith(OF_ARM))]
+    unjudged = (*(OF_ARM if "robot" in found else ()), *(OF_KIND if "gripper.kind" in found else ()))
+    faults = [fault for key, fault in found.items() if not key.startswith(unjudged)]
     return faults, None if isinstance(read, CellError) else read
 
 

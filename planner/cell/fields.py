@@ -13,6 +13,7 @@ from typing import Any
 
 from planner.arrays import Array, read_only
 from planner.errors import CellError
+from planner.fields import did_you_mean
 
 LIMIT_MIN = 1e-6  # [any unit] smallest limit that is accepted: a limit of zero forbids every motion
 
@@ -25,7 +26,8 @@ def merge_defaults(given: Mapping[str, Any], defaults: Mapping[str, Any], where:
     """
     for key in given:
         if key not in defaults:
-            raise CellError(where + key, None, f"unknown key; known are {', '.join(sorted(defaults))}")
+            meant = did_you_mean(key, sorted(defaults)) or f"; known are {', '.join(sorted(defaults))}"
+            raise CellError(where + key, None, f"unknown key{meant}")
     merged: dict[str, Any] = {}
     for key, default in defaults.items():
         value = given.get(key, default)
@@ -97,7 +99,7 @@ def choice(table: Mapping[str, Any], key: str, where: str, allowed: Iterable[str
     """
     names = tuple(allowed)
     if table[key] not in names:
-        raise CellError(where + key, table[key], f"must be one of {', '.join(names)}")
+        raise CellError(where + key, table[key], f"must be one of {', '.join(names)}{did_you_mean(table[key], names)}")
     return str(table[key])
 
 

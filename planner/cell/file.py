@@ -96,6 +96,7 @@ DEFAULTS: dict[str, Any] = {
 }
 
 POLYSCOPE = {"CB3": "3.15", "e-Series": "5.11.1"}  # default versions of the simulated controller
+POLYSCOPE_X = "10.14.0"  # chosen: what a simulated controller presents that is asked for "x"
 FLIGHT_CLEARANCE_MIN_M = 0.001  # [m] least flight clearance: meshes, calibration and flight are no better than that
 JERK_MAX = 1e5  # [rad/s^3] far above any arm; catches typing errors
 GRAVITY_RANGE = 1.0, 30.0  # [m/s^2] from below the Moon's, 1.62: without any, no flight comes down
@@ -332,8 +333,10 @@ def checked_polyscope(polyscope: Any, arm: Robot) -> str:
     Raises:
         CellError: it is no version, or does not run on this arm.
     """
+    if isinstance(polyscope, str) and polyscope.lower() == "x":
+        polyscope = POLYSCOPE_X
     if not isinstance(polyscope, str) or not re.fullmatch(r"\d+\.\d+(\.\d+)?", polyscope):
-        raise CellError("sim.polyscope", polyscope, 'must be a version such as "5.11.1"')
+        raise CellError("sim.polyscope", polyscope, 'must be a version such as "5.11.1", or "x" for PolyScope X')
     if (int(polyscope.split(".")[0]) <= 3) != (arm.generation == "CB3"):
         raise CellError("sim.polyscope", polyscope, f"does not run on a {arm.generation} arm")
     return polyscope

@@ -81,10 +81,10 @@ def _kind(table: Mapping[str, Any]) -> str:
     if isinstance(kind, str) and kind in NOT_SUPPORTED:
         raise CellError("gripper.kind", kind, NOT_SUPPORTED[kind])
     kind = choice(table, "kind", WHERE, KINDS)
-    for other, keys in KEYS.items():
-        for key in keys:
-            if table[key] is not None and key not in KEYS[kind]:
-                raise CellError(WHERE + key, table[key], f'is a key of kind "{other}", and the kind is "{kind}"')
+    for key in (key for keys in KEYS.values() for key in keys if key not in KEYS[kind]):
+        if table[key] is not None:
+            of = " or ".join(f'"{other}"' for other, keys in KEYS.items() if key in keys)
+            raise CellError(WHERE + key, table[key], f'is a key of kind {of}, and the kind is "{kind}"')
     return kind
 
 
@@ -110,7 +110,7 @@ def _second(table: Mapping[str, Any], kind: str, first: tuple[str, int]) -> Seco
     if len(missing) == len(keys):
         return None
     if missing:
-        raise CellError(WHERE + missing[0], None, f"is missing: {' and '.join(keys)} belong together")
+        raise CellError(WHERE + missing[0], None, f"is missing: {', '.join(keys[:-1])} and {keys[-1]} belong together")
     output, index, *_ = keys
     line = _line(table, output, index)
     if line == first:

@@ -406,6 +406,14 @@ def test_a_cell_is_stated_by_the_keys_of_a_file():
     assert "name" in stated
     with pytest.raises(CellError, match=r"tool\.mass: unknown key"):
         cell_of_keys({**stated, "tool": {"mass": 1.0}})
+    with pytest.raises(CellError, match=r"gripper\.delay: unknown key; did you mean 'delay_s'\?"):
+        cell_of_keys({**stated, "gripper": {"delay": 0.1}})
+    with pytest.raises(CellError, match=r"must be one of .*; did you mean 'robotiq'\?"):
+        cell_of_keys({**stated, "gripper": {"kind": "robotic"}})
+
+
+def test_x_is_polyscope_x():
+    assert parse_cell(LEAST + '[sim]\npolyscope = "x"\n', "cell").sim.polyscope == "10.14.0"
 
 
 def test_an_arm_changed_in_code_is_still_the_arm_of_its_name():

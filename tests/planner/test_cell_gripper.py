@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from planner.cell import parse_cell
+from planner.cell import CellSource, cell_faults, parse_cell
 from planner.errors import CellError
 
 SIM = 'robot = "ur5e"\n[link]\nkind = "sim"\n'
@@ -69,9 +69,9 @@ HTTP = TIMED + 'kind = "http"\nopen_url = "{}"\nclose_url = "http://h/c"\n'
         ('kind = "robotiq"\nmodel = "2f85"\nport = 80.5', "port", "whole"),
         ('kind = "robotiq"\nmodel = "2f85"\nhost = 3', "host", "host name"),
         ('kind = "robotiq"\nmodel = "2f85"\nopen_url = "http://h/"', "open_url", '"http"'),
-        ('model = "2f85"', "model", "robotiq"),
+        ('model = "2f85"', "model", 'of kind "robotiq" or "onrobot", and'),
         ("blow_off_s = 0.1", "blow_off_s", '"vacuum"'),
-        ('kind = "vacuum"\nblow_off_s = 0.1', "blow_off_output", "belong together"),
+        ('kind = "vacuum"\nblow_off_s = 0.1', "blow_off_output", "blow_off_index and blow_off_s belong together"),
         ('close_output = "tool_digital"\nclose_index = 0', "close_output", "opens the gripper"),
         ('close_output = "tool_digital"\nclose_index = 2', "close_index", "[0, 1]"),
         ('kind = "onrobot"\nmodel = "vg10"\njitter_s = 0.01\nopen_width_m = 0.01', "open_width_m", "no fingers"),
@@ -98,3 +98,8 @@ def test_a_compute_box_of_a_real_arm_has_an_address_of_its_own():
     assert gripper_of(text).link.host == ""
     with pytest.raises(CellError, match=r"192\.168\.1\.1"):
         gripper_of(text, REAL)
+
+
+def test_keys_of_a_mistyped_kind_are_not_judged():
+    text = 'robot = "ur5e"\n[link]\nkind = "sim"\n[gripper]\nkind = "onrobt"\nmodel = "vg10"\n'
+    assert [fault.field for fault in cell_faults(CellSource("c", text.encode()))] == ["gripper.kind"]

@@ -19,7 +19,7 @@ def _called_gripper(cell: Cell) -> list[str]:
 
 def warnings_of(cell: Cell) -> list[str]:
     """Returns warnings of a cell, in words."""
-    found = [*_elsewhere(cell), *_far_boxes(cell), *_far_floor(cell), *_wrong_lag(cell)]
+    found = [*_elsewhere(cell), *_gripper_elsewhere(cell), *_far_boxes(cell), *_far_floor(cell), *_wrong_lag(cell)]
     return [*found, *_unpublished(cell), *_assumed_shape(cell), *_no_clearance(cell), *_called_gripper(cell)]
 
 
@@ -31,6 +31,17 @@ def _elsewhere(cell: Cell) -> list[str]:
         return []
     says = f"link.kind is 'sim', and {cell.link.host} (link.host) is not this machine"
     return [f"{says}: if an arm stands there, it moves without the questions of a real one; kind = 'ur' is for those"]
+
+
+def _gripper_elsewhere(cell: Cell) -> list[str]:
+    """Returns a warning of a simulated arm whose gripper is not the simulated controller's."""
+    from fling import this_machine
+
+    link = cell.gripper.link
+    if cell.link.kind != "sim" or link is None or not link.host or this_machine.is_loopback_host(link.host):
+        return []
+    mend = f"name {cell.link.host} in both URLs" if link.kind == "http" else "leave gripper.host out"
+    return [f"the arm is simulated, and the gripper at {link.host} is not: {mend} for the simulated one"]
 
 
 def _far_boxes(cell: Cell) -> list[str]:

@@ -70,6 +70,25 @@ def test_a_profile_of_a_gripper_that_nobody_saw_open_is_refused(evidence: str):
     assert posts == ["/cells/lab/profiles"]  # and none is adopted
 
 
+def test_a_motion_without_timing_leaves_the_others_theirs(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    class Service:
+        def get(self, path: str) -> dict[str, Any]:
+            return {"home_rad": [0.0] * 6, "assumed_lag_s": 0.02}
+
+    service: Any = Service()
+    timing = {"lag_s": 0.02, "lag_std_s": 1e-4, "gain": [1.0] * 6, "gain_std": [0.01] * 6, "mode": "speedj"}
+    shown = [timing, None, timing]
+    monkeypatch.setattr(calibrate, "_move", lambda *_: shown.pop())
+    monkeypatch.setattr("learning.pooled_document", lambda runs, _: {"runs": len(runs)} if runs else None)
+    assert calibrate._by_motions("lab", 3, False, None, service)["runs"] == 2
+    assert "motion 2 of 3: shows no timing: its recording has gaps" in capsys.readouterr().out
+    shown = [None]
+    with pytest.raises(click.ClickException, match="each motion shows no timing"):
+        calibrate._by_motions("lab", 1, False, None, service)
+
+
 def test_a_file_that_is_no_recording_is_refused_with_the_reason(tmp_path: Path):
     file = tmp_path / "run.csv"
     file.write_text("time_s,command_0\n0,0\n")

@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from api.cli import main
-from api.cli.cell_new import Answers, cell_written, first_target_m
+from api.cli.cell_new import Answers, cell_written, first_target
 from planner.cell import load_cell
 from planner.cell_folder import file_faults, home_faults
 from planner.planning import plan
@@ -20,11 +20,12 @@ from planner.robots import ROBOT_NAMES
 
 TOLD = {
     "models": ["ur10e", "ur12e"],
-    "polyscope": "5.11.1",
+    "polyscope": "5.12.3.118",
     "serial": "20245500815",
     "payload_kg": 1.25,
     "tcp_offset": [0.0, 0.01, 0.2, 0.0, 0.0, 0.5],
 }
+TWIN = "cells/lab-sim.toml"
 
 
 @pytest.fixture(autouse=True)
@@ -50,7 +51,7 @@ def test_five_answers_make_a_cell_that_passes_the_check() -> None:
     assert made.exit_code == 0, made.output
     for number in range(1, 6):
         assert f"{number} of 5: " in made.output
-    assert "fling up --cell lab" in made.output
+    assert "fling up --cell lab, and in another terminal: fling throw 0.7 0.3 0.0" in made.output
     assert file_faults("cells/lab.toml") == []
     cell = load_cell("cells/lab.toml")
     assert (cell.robot.name, cell.link.kind, cell.tool.mass_kg) == ("ur3e", "sim", 1.5)
@@ -58,14 +59,40 @@ def test_five_answers_make_a_cell_that_passes_the_check() -> None:
     assert (cell.gripper.output, cell.gripper.index) == ("standard_digital", 4)
 
 
+@pytest.mark.parametrize(
+    ("answer", "kind", "model"),
+    [("2F85", "robotiq", "2f85"), ("vg10", "onrobot", "vg10"), ("vacuum standard_digital 3", "vacuum", None)],
+)
+def test_the_gripper_may_have_a_bus_or_be_a_vacuum(answer: str, kind: str, model: str | None) -> None:
+    made = new("lab", "--polyscope", "x", answers=f"sim\nUR7e\n\n\n{answer}\n")
+    assert made.exit_code == 0, made.output
+    assert "or a model: 2f85, 2f140" in made.output
+    assert "simulated with PolyScope 10.14.0" in made.output
+    assert file_faults("cells/lab.toml") == []
+    cell = load_cell("cells/lab.toml")
+    assert (cell.gripper.kind, cell.sim.polyscope) == (kind, "10.14.0")
+    assert (cell.gripper.link and cell.gripper.link.model) == model
+    if kind == "vacuum":
+        assert (cell.gripper.output, cell.gripper.index, cell.gripper.open_level) == ("standard_digital", 3, False)
+
+
+def test_a_compute_box_is_named_for_the_arm_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    answering(monkeypatch, TOLD)
+    made = new("lab", "--gripper", "rg2", "--robot", "ur10e", answers="192.0.2.7\n")
+    assert made.exit_code == 0, made.output
+    hosts = [cell.gripper.link and cell.gripper.link.host for cell in map(load_cell, ("cells/lab.toml", TWIN))]
+    assert hosts == ["192.168.1.1", ""]
+
+
 def test_what_the_controller_tells_is_not_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     answering(monkeypatch, TOLD)
     made = new("lab", answers="192.0.2.7\nur12e\n\n")
     assert made.exit_code == 0, made.output
     assert "3 of 5" not in made.output
-    assert "found: ur10e or ur12e, serial number 20245500815, PolyScope 5.11.1" in made.output
+    assert "found: ur10e or ur12e, serial number 20245500815, PolyScope 5.12.3.118" in made.output
     real = load_cell("cells/lab.toml")
-    twin = load_cell("cells/lab-sim.toml")
+    twin = load_cell(TWIN)
+    assert twin.sim.polyscope == "5.12.3"
     assert (real.link.kind, real.link.host, real.link.serial) == ("ur", "192.0.2.7", "20245500815")
     assert (twin.link.kind, twin.link.serial) == ("sim", None)
     assert real.limits.tcp_speed_max == 1.0  # slow at first
@@ -86,7 +113,7 @@ def test_a_controller_that_does_not_answer_is_told_and_everything_is_asked(monke
 
 def test_options_answer_beforehand(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("FLING_CELLS", "mine")
-    made = new("--controller", "sim", "--robot", "ur20", "--tcp", "0.1", "--mass", "2", "--opens", "tool_digital 1")
+    made = new("--controller", "sim", "--robot", "ur20", "--tcp", "0.1", "--mass", "2", "--gripper", "tool_digital 1")
     assert made.exit_code == 0, made.output
     assert "of 5" not in made.output
     assert load_cell("mine/lab.toml").robot.name == "ur20"
@@ -125,6 +152,5 @@ def test_every_arm_stands_at_home_and_plans_its_first_throw(name: str, tcp_m: fl
     """Also a short arm with a long tool, whose usual home would put it into the floor."""
     _, cell = cell_written("lab", Answers("sim", name, (0.0, 0.0, tcp_m, 0.0, 0.0, 0.0), mass_kg, "tool_digital 0"))
     assert home_faults(cell) == []
-    place = round(first_target_m(cell), 1)
-    throw = {"release": {"kind": "target", "position": [place, 0.3, 0.0]}, "time_limit_s": 30.0}
+    throw = {"release": {"kind": "target", "position": first_target(cell)}, "time_limit_s": 30.0}
     assert plan(problem_from_request(throw, cell)).certificate.valid

@@ -22,10 +22,26 @@ from api.cli.support.errors import FlingGroup
 from api.cli.support.processes import DEATHS_MAX, ChildFailed, ChildProcesses
 
 HOST = "127.0.45.3"
+GRIPPER = 'output = "tool_digital"\nindex = 0\nopen_level = true'  # of the shipped cells
 
 
 def fling(*arguments: str, **environment: str):
     return CliRunner().invoke(main, arguments, env=environment or None)
+
+
+def test_up_proposes_a_throw_of_its_own_arm(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    text = (root / "cells" / "ur10e-sim.toml").read_text()
+    (tmp_path / "cells").mkdir()
+    (tmp_path / "cells" / "lab.toml").write_text(text)
+    monkeypatch.setattr("api.cli.support.processes.start_all", lambda *_: None)
+    monkeypatch.setattr("api.cli.support.processes.require_streaming_client", lambda: None)
+    monkeypatch.setattr("api.cli.support.addresses.require_free", lambda *_: None)
+    monkeypatch.setattr("api.cli.support.processes.catch_signals", lambda: None)
+    monkeypatch.setattr("api.cli.serve._keep_alive", lambda _: None)
+    settings = {"FLING_CELLS": str(tmp_path / "cells"), "FLING_DATABASE_URL": f"sqlite:///{tmp_path / 'fling.db'}"}
+    result = fling("up", "--cell", "lab", "--port", "8000", **settings)
+    assert result.exit_code == 0, result.output
+    assert "\ntry: fling throw 1.8 0.3 0.0\n" in result.output
 
 
 @pytest.mark.parametrize(
@@ -54,6 +70,8 @@ def test_a_mistyped_command_gets_a_suggestion(arguments: list[str], hint: str):
         (["plan", "missing.json"], 1, "missing.json"),
         (["throw", "1", "0", "0", "--url", f"http://{HOST}:9"], 1, "start one with 'fling up'"),
         (["up", "--cell", "nowhere"], 1, "the folder of cell files (FLING_CELLS)"),
+        (["doctor", "--cell", "nowhere"], 1, "the folder of cell files (FLING_CELLS)"),
+        (["executor", "--cell", "nowhere"], 1, "the folder of cell files (FLING_CELLS)"),
         (["db", "upgrade", "--database-url", "nonsense"], 1, "the database cannot be reached"),
     ],
 )
@@ -191,6 +209,7 @@ def test_cell_check_warns_of_a_box_in_millimetres(tmp_path: Path, root: Path):
         ({"floor_z_m = 0.0": "floor_z_m = -750.0"}, "surroundings.floor_z_m is 750 m below the arm: metres?"),
         ({"mass_kg = 0.05": "mass_kg = 4.0"}, None),
         ({'host = "127.0.0.1"': 'host = "8.8.8.8"'}, "8.8.8.8 (link.host) is not this machine"),
+        ({GRIPPER: 'kind = "robotiq"\nmodel = "2f85"\nhost = "192.168.1.1"'}, "leave gripper.host out"),
         ({'host = "127.0.0.1"': 'host = "localhost"'}, None),
     ],
 )
@@ -203,6 +222,15 @@ def test_cell_check_warns_of_what_is_allowed_and_unlikely(tmp_path: Path, root: 
     file.write_text(text)
     found = json.loads(fling("cell", "check", str(file), "--json").stdout)["warnings"]
     assert [warning in each for each in found] == [True] * (warning is not None)
+
+
+def test_cell_check_warns_of_a_simulated_arm_that_calls_elsewhere(tmp_path: Path, root: Path):
+    file = tmp_path / "changed.toml"
+    calls = 'kind = "http"\njitter_s = 0.01\nopen_url = "http://8.8.8.8/o"\nclose_url = "http://8.8.8.8/c"'
+    text = (root / "cells" / "ur5e-sim.toml").read_text()
+    file.write_text(text.replace(GRIPPER, calls).replace("jitter_s = 0.0015", ""))
+    said = fling("cell", "check", str(file)).output
+    assert "the gripper at 8.8.8.8 is not: name 127.0.0.1 in both URLs" in said
 
 
 def test_cell_check_in_json(root: Path):
