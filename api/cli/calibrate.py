@@ -20,6 +20,10 @@ from api.cli.support.summary import ending_text, numbers_text, profile_text
 MOTIONS = 4  # as many as the service offers: more are the same again
 NO_TIMING = "shows no timing: its recording has gaps, or nothing moved in it; fling doctor judges this machine"
 THROWS = 8  # after which the delay is within its own scatter: docs/learning.md
+UNSEEN = (
+    "no landing was reported, and the gripper does not tell when its fingers open: nothing shows when it lets go. "
+    "Report where a throw landed with 'fling landing', then: fling calibrate landings"
+)
 EYE_STD_M = 0.01  # [m] of a position that a person reports
 PROPOSED = ("lag_s", "lag_std_s", "gain", "delay_s", "delay_std_s", "jitter_s", "jitter_std_s", "speed_factor",
             "speed_factor_std", "landing_offset_m", "landing_offset_std_m", "drag_coefficient", "base_turn_rad",
@@ -98,7 +102,7 @@ def gripper(cell: str, throws: int, adopt: bool, picture: Path | None, as_json: 
         done.append(text)
         if not as_json:
             click.echo(f"throw {i} of {throws}: {text}")
-    _propose(client, cell, adopt, as_json, picture)
+    _propose(client, cell, adopt, as_json, picture, of_gripper=True)
 
 
 @calibrate.command()
@@ -163,18 +167,23 @@ def _asked_place() -> list[float]:
         question = f"{' '.join(answer)!r} is not two numbers [m], such as 1.21 0.29; nothing if it was not seen"
 
 
-def _estimate(client: ServiceClient, cell: str, adopt: bool) -> dict[str, Any]:
+def _estimate(client: ServiceClient, cell: str, adopt: bool, of_gripper: bool = False) -> dict[str, Any]:
+    """Estimates a profile; `of_gripper`: refuses one that rests on nothing that shows when the gripper lets go."""
     profile = client.post(f"/cells/{cell}/profiles")
+    if of_gripper and not (profile["evidence"]["throws"] or profile["evidence"]["reported"]):
+        raise click.ClickException(UNSEEN)
     if adopt:
         client.post(f"/profiles/{profile['id']}/adopt")
     return {**profile, "adopted": adopt}
 
 
-def _propose(client: ServiceClient, cell: str, adopt: bool, as_json: bool, picture: Path | None) -> None:
+def _propose(
+    client: ServiceClient, cell: str, adopt: bool, as_json: bool, picture: Path | None, of_gripper: bool = False
+) -> None:
     """Estimates a profile, prints it, draws its landings, and says how to adopt it."""
     from api.report import explained_svg
 
-    profile = _estimate(client, cell, adopt)
+    profile = _estimate(client, cell, adopt, of_gripper)
     if picture is not None:
         picture.write_text(explained_svg(profile["landings"]))
     if as_json:

@@ -30,6 +30,7 @@ class ProfileEvidence(BaseModel):
 
     throws: list[str] = Field(description="Executions whose landing counts.")
     landings: list[str] = Field(description="The observations of them.")
+    reported: list[str] = Field([], description="Executions whose gripper reported when its fingers began to open.")
     recordings: list[str] = Field(description="Executions whose joint speeds count.")
     timing: list[str] = Field(description="Executions that show the arm's timing.")
     not_used: list[UnusedThrowAnswer] = Field(

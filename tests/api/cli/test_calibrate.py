@@ -51,6 +51,24 @@ def test_the_searches_of_a_calibration_are_told(capsys: pytest.CaptureFixture[st
     assert capsys.readouterr().err.count("3 candidates tried") == (0 if is_quiet else 3)
 
 
+@pytest.mark.parametrize("evidence", ["throws", "reported", ""])
+def test_a_profile_of_a_gripper_that_nobody_saw_open_is_refused(evidence: str):
+    posts: list[str] = []
+
+    class Service:
+        def post(self, path: str) -> dict[str, Any]:
+            posts.append(path)
+            return {"id": "p", "evidence": {"throws": [], "reported": [], evidence: ["e"]}}
+
+    service: Any = Service()
+    if evidence:
+        assert calibrate._estimate(service, "lab", adopt=True, of_gripper=True)["adopted"]
+        return
+    with pytest.raises(click.ClickException, match="nothing shows when it lets go"):
+        calibrate._estimate(service, "lab", adopt=True, of_gripper=True)
+    assert posts == ["/cells/lab/profiles"]  # and none is adopted
+
+
 def test_a_motion_without_timing_leaves_the_others_theirs(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):

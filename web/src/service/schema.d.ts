@@ -1611,6 +1611,12 @@ export interface components {
              */
             gripper_commanded_s: number | null;
             /**
+             * Gripper Moved S
+             * @description Between which times its fingers began to open, by its own reports [s].
+             * @default null
+             */
+            gripper_moved_s: number[] | null;
+            /**
              * Gripper Opened Late S
              * @description That less the planned release [s].
              * @default null
@@ -3329,6 +3335,12 @@ export interface components {
              * @description Executions whose joint speeds count.
              */
             recordings: string[];
+            /**
+             * Reported
+             * @description Executions whose gripper reported when its fingers began to open.
+             * @default []
+             */
+            reported: string[];
             /**
              * Throws
              * @description Executions whose landing counts.
