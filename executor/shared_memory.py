@@ -19,7 +19,7 @@ TEXT_BYTES = 1024
 # States of the streaming process.
 STARTING, APPROACHING, STREAMING, BRAKING, STOPPING, DONE, FAULT = range(7)
 
-# Header fields. The streaming process writes 0 to 13, the daemon 16 and 17.
+# Header fields. The streaming process writes 0 to 15, the daemon 16 and 17.
 STATE, PULSE, ROWS, OUTCOME, MISSED, REALTIME, TEXT_LENGTH = range(7)
 OUTPUT_SENT_S = 7
 OUTPUT_LATE_S = 8
@@ -28,6 +28,8 @@ IN_CALL = 10
 FURTHEST = 11  # the last of APPROACHING and STREAMING that was entered; 0 before
 OUTPUT_CLOSED_S = 12
 STAYED_CLOSED = 13
+SHUT_AT_S = 14  # controller's times between which the fingers of a gripper began to open
+MOVED_BY_S = 15
 ABORT = 16
 DAEMON_PULSE = 17
 

@@ -111,8 +111,8 @@ class StreamRun:
         self.job = job
         self.log = log
         self.memory = SharedMemory.create(len(job.q) + SPARE_ROWS)
-        self.memory.fields[shm.OUTPUT_SENT_S] = np.nan
-        self.memory.fields[shm.OUTPUT_CLOSED_S] = np.nan
+        for field in (shm.OUTPUT_SENT_S, shm.OUTPUT_CLOSED_S, shm.SHUT_AT_S, shm.MOVED_BY_S):
+            self.memory.fields[field] = np.nan
         self.dashboard = DashboardClient(job.host)
         self.programs = ProgramWatch(job.host)
         self.outputs = GripperHold(job.host)
@@ -294,6 +294,7 @@ class StreamRun:
             output_sent_s=None if np.isnan(sent) else sent,
             output_late_s=float(fields[shm.OUTPUT_LATE_S]),
             stayed_closed=bool(fields[shm.STAYED_CLOSED]),
+            moved_between=(float(fields[shm.SHUT_AT_S]), float(fields[shm.MOVED_BY_S])),
             output_closed_s=self.held_at_s if np.isnan(closed) else closed,
             timestamp_at_zero=float(fields[shm.TIMESTAMP_AT_ZERO]),
             in_order=not failure,

@@ -4,6 +4,7 @@ Estimators stand on numpy, on the planner's trajectories and flights, and on rec
 robot, no web and no solver.
 """
 
+from learning.calibration import calibration_moves
 from learning.joint_speeds import JointSpeeds, learn_joint_speeds
 from learning.predictions import LandingForecast, forecast
 from learning.profile import (
@@ -39,6 +40,7 @@ __all__ = [
     "ThrowTable",
     "TimingEstimate",
     "estimate_timing",
+    "calibration_moves",
     "cell_in_use",
     "cell_with_profile",
     "estimate_profile",

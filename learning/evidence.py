@@ -46,6 +46,7 @@ class ThrowEvidence:
         deviation: recorded less what the arm's lag and gains make of the plan (6,) [rad/s]; None without a recording.
         observed: where it landed; None where no position was reported.
         outcome: whether it hit; None where a position was reported, or nothing.
+        opened: between which times after its command the gripper opened, by its own reports [s]; None without any.
         unused: why what was reported of its landing does not count; None where it counts, or nothing was reported.
     """
 
@@ -57,6 +58,7 @@ class ThrowEvidence:
     observed: ObservedThrow | None
     outcome: TargetOutcome | None
     unused: str | None = None
+    opened: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -126,7 +128,17 @@ def _evidence(store: Store, cell: Cell, arm: StreamedArm, row: ExecutionRow) -> 
     ids = tuple(x.id for x in landings)
     landing = _planned_landing(asked, trajectory)
     qd = trajectory.qd[trajectory.release_index]
-    return ThrowEvidence(row.id, ids, landing, qd, deviation, observed, outcome, unused)
+    opened = _opened(cell, numbers, float(sent))
+    return ThrowEvidence(row.id, ids, landing, qd, deviation, observed, outcome, unused, opened)
+
+
+def _opened(cell: Cell, numbers: Mapping[str, Any], sent: float) -> tuple[float, float] | None:
+    """Returns between which times after its command the gripper opened [s]; a register may be as old as its period."""
+    moved = numbers.get("gripper_moved_s")
+    if moved is None:
+        return None
+    period_s = 0.0 if cell.gripper.link is None else cell.gripper.link.quantum_s
+    return max(moved[0] - period_s - sent, 0.0), moved[1] - sent
 
 
 def _seen(

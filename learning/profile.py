@@ -14,7 +14,7 @@ from learning.evidence import ThrowEvidence, UnusedThrow, throw_evidence
 from learning.hit_evidence import weighed_by_outcomes
 from learning.joint_speeds import JointSpeeds, learn_joint_speeds
 from learning.predictions import LandingForecast, forecast
-from learning.release import DRAG, LEAD, PRIOR_STD, STATE, ReleasePosterior, learn_release, prior_state
+from learning.release import DRAG, LEAD, PRIOR_STD, STATE, ReleasePosterior, learn_release, prior_state, told_by_reports
 from learning.streamed_arm import StreamedArm
 from learning.throws import table_times, throw_table
 from learning.timing_history import pooled_document, timing_runs
@@ -92,6 +92,7 @@ def estimate_profile(store: Store, cell: Cell) -> dict[str, Any]:
     throws, unused = throw_evidence(store, cell, arm)
     prior = prior_state(cell.gripper.delay_s + cell.timing.lag_s, cell.object.drag_coefficient)
     release = learn_release([t.observed for t in throws if t.observed is not None], prior)
+    release = told_by_reports(release, [t.opened for t in throws if t.opened is not None])
     release = weighed_by_outcomes(release, [t.outcome for t in throws if t.outcome is not None])
     recorded = [(t.planned_qd, t.deviation) for t in throws if t.deviation is not None]
     pairs = np.array(recorded, float).reshape(-1, 2, 6)
@@ -209,6 +210,7 @@ def _evidence_document(
     return {
         "throws": [t.execution_id for t in throws if t.observed is not None or t.outcome is not None],
         "landings": [id for t in throws for id in t.landing_ids],
+        "reported": [t.execution_id for t in throws if t.opened is not None],
         "recordings": [t.execution_id for t in throws if t.deviation is not None],
         "timing": timing_ids,
         "not_used": [vars(throw) for throw in unused],

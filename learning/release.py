@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -177,6 +177,35 @@ def learn_release(throws: Sequence[ObservedThrow], prior: Array) -> ReleasePoste
     mean = prior + PRIOR_STD * z[kept]
     share_kept = weight[kept] / weight[kept].sum()
     return ReleasePosterior(share_kept, mean, scaled, jitter[kept], scatter[kept], alpha, beta, weight @ mistakes)
+
+
+def told_by_reports(release: ReleasePosterior, opened: Sequence[tuple[float, float]]) -> ReleasePosterior:
+    """Returns the posterior with what a gripper itself reported of its openings.
+
+    Reports are read at the same ticks after each command, and may all be off to the same side: many tell the mean no
+    better than one, but for the jitter. They are taken for independent of the landings.
+
+    Args:
+        release: the posterior without them.
+        opened: times after the command [s] between which the gripper opened, a throw each.
+    """
+    if not opened:
+        return release
+    reports = np.array(opened)
+    variance = np.mean(np.diff(reports) / 2.0) ** 2 + release.jitter_s**2 / len(reports)
+    gap = reports.mean() - release.mean[:, LEAD]
+    shared = release.covariance[:, LEAD]
+    total = shared[:, LEAD] + variance
+    gain = shared / total[:, None]
+    log_weight = np.log(release.weight) - 0.5 * gap**2 / total - 0.5 * np.log(total)
+    weight = np.exp(log_weight - log_weight.max())
+    mean = release.mean + gain * gap[:, None]
+    return replace(
+        release,
+        weight=weight / weight.sum(),
+        mean=mean,
+        covariance=release.covariance - gain[:, :, None] * shared[:, None],
+    )
 
 
 class _Fit:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import os
 import select
 import socket
@@ -38,6 +39,7 @@ class TwinOnWire:
         self.gripper = SimulatedGripper(self.cell.gripper, OBJECT_M, GripperOpening(DELAY_S, 0.0), 1)
         self.network = Network(self.host)
         self.network.add(*gripper_ports(self.cell.gripper, self.gripper, self.host))
+        self.left_at = math.nan  # [s] when the last object left, of the monotonic clock
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -52,6 +54,7 @@ class TwinOnWire:
                 self.network.tick()
                 self.gripper.cycle(due, 0.0, DT)
                 if self.gripper.take_release(due) is not None:
+                    self.left_at = time.monotonic()
                     self.gripper.let_go()
                 self.gripper.rearm(True)
         self.network.close()
@@ -64,7 +67,8 @@ class TwinOnWire:
 
     def job(self, descriptor: int) -> Any:
         """Returns what a port reads of a connection with an inherited descriptor."""
-        return SimpleNamespace(job=SimpleNamespace(link=self.link, gripper_fd=descriptor, host=self.host, dt=DT))
+        job = SimpleNamespace(link=self.link, gripper_fd=descriptor, host=self.host, dt=DT)
+        return SimpleNamespace(job=job, stamp=0.0, memory=SimpleNamespace(fields=[math.nan] * 18))
 
     def close(self) -> None:
         """Ends the thread and closes the sockets."""

@@ -17,16 +17,13 @@ from api.cli.support.options import calls_service, cell_of_service, cell_option,
 from api.cli.support.progress import execute_plan, search_plan
 from api.cli.support.summary import ending_text, numbers_text, profile_text
 
-AMPLITUDE_RAD = 0.25  # [rad] of a small motion: long enough for 1 rad/s, short enough to stay clear of most things
-AMPLITUDE_MIN_RAD = 0.02  # [rad] a shorter motion ends before a lag of 20 ms shows
-# Signs of the joints in turn: each joint moves in every motion, and no two joints always move alike.
+MOTIONS = 4  # as many as the service offers: more are the same again
 NO_TIMING = "shows no timing: its recording has gaps, or nothing moved in it; fling doctor judges this machine"
-SIGNS = ((1, 1, -1, 1, -1, 1), (-1, 1, -1, -1, 1, 1), (1, -1, 1, 1, 1, -1), (-1, -1, 1, -1, -1, -1))
-MOTIONS = 4
 THROWS = 8  # after which the delay is within its own scatter: docs/learning.md
-REACHES = (1.25, 1.9)  # [-] targets of calibration throws, in lengths of upper and lower arm together
-TURN_RAD = 2.399963  # [rad] golden angle, by which their directions differ: no two throws are alike
-TRIES = 5  # candidates for each throw; the surroundings forbid some
+UNSEEN = (
+    "no landing was reported, and the gripper does not tell when its fingers open: nothing shows when it lets go. "
+    "Report where a throw landed with 'fling landing', then: fling calibrate landings"
+)
 EYE_STD_M = 0.01  # [m] of a position that a person reports
 PROPOSED = ("lag_s", "lag_std_s", "gain", "delay_s", "delay_std_s", "jitter_s", "jitter_std_s", "speed_factor",
             "speed_factor_std", "landing_offset_m", "landing_offset_std_m", "drag_coefficient", "base_turn_rad",
@@ -92,19 +89,20 @@ def gripper(cell: str, throws: int, adopt: bool, picture: Path | None, as_json: 
     **It throws.** A robust throw is blind to the delay that it protects against. On a real arm you are asked to put an
     object in before each throw, and where it landed afterwards.
     """
-    document = client.get(f"/cells/{cell}")
+    is_simulated = client.get(f"/cells/{cell}")["link"]["kind"] == "sim"
+    candidates = client.get(f"/cells/{cell}/calibration?throws={throws}")["throws"]
     if not as_json:
         click.echo(f"planning {throws} throws, each when the one before has landed …")
     done: list[str] = []
-    for i, plan in enumerate(_soonest_plans(client, document, throws, as_json), start=1):
+    for i, plan in enumerate(_soonest_plans(client, candidates, throws, as_json), start=1):
         try:
-            text = _throw_and_observe(client, plan, document["link"]["kind"] == "sim")
+            text = _throw_and_observe(client, plan, is_simulated)
         except NotCompleted as error:
             raise NotCompleted(f"throw {i} of {throws}: {error.message}{_kept_text(cell, done)}") from error
         done.append(text)
         if not as_json:
             click.echo(f"throw {i} of {throws}: {text}")
-    _propose(client, cell, adopt, as_json, picture)
+    _propose(client, cell, adopt, as_json, picture, of_gripper=True)
 
 
 @calibrate.command()
@@ -118,33 +116,20 @@ def landings(cell: str, adopt: bool, picture: Path | None, as_json: bool, client
     _propose(client, cell, adopt, as_json, picture)
 
 
-def _soonest_plans(client: ServiceClient, cell: dict[str, Any], count: int, is_quiet: bool) -> Iterator[dict[str, Any]]:
-    """Yields `count` plans of soonest throws to targets on the floor around the base; refused targets are left out."""
-    import numpy as np
-
-    from planner.cell import completed_arm
-
-    reach = float(np.abs(completed_arm(cell).a[1:3]).sum())
+def _soonest_plans(
+    client: ServiceClient, candidates: Sequence[dict[str, Any]], count: int, is_quiet: bool
+) -> Iterator[dict[str, Any]]:
+    """Yields `count` plans of calibration throws; refused candidates are left out."""
     found = 0
-    base = cell["base_in_world"]["position_m"]
-    floor = cell["surroundings"]["floor_z_m"]
-    for i in range(TRIES * count):
+    for request in candidates:
         if found == count:
             return
-        share = (i * 0.618034) % 1.0  # golden ratio: distances as evenly spread as directions
-        distance = reach * (REACHES[0] + share * (REACHES[1] - REACHES[0]))
-        angle = i * TURN_RAD
-        target = [base[0] + distance * math.cos(angle), base[1] + distance * math.sin(angle), floor]
-        request = {"cell": cell["name"], "release": {"kind": "target", "position": target}, "release_window_s": 0.0}
-        try:
-            plan = search_plan(client, request, is_quiet)
-        except ServiceError as error:
-            if error.problem.get("type") != "/problems/infeasible":
-                raise
-            continue
-        found += 1
-        yield plan
-    raise click.ClickException(f"only {found} of {count} targets around the base can be thrown at")
+        plan = _searched(client, request, is_quiet, ("/problems/infeasible",))
+        if plan is not None:
+            found += 1
+            yield plan
+    if found < count:
+        raise click.ClickException(f"only {found} of {count} targets around the base can be thrown at")
 
 
 def _throw_and_observe(client: ServiceClient, plan: dict[str, Any], is_simulated: bool) -> str:
@@ -182,18 +167,23 @@ def _asked_place() -> list[float]:
         question = f"{' '.join(answer)!r} is not two numbers [m], such as 1.21 0.29; nothing if it was not seen"
 
 
-def _estimate(client: ServiceClient, cell: str, adopt: bool) -> dict[str, Any]:
+def _estimate(client: ServiceClient, cell: str, adopt: bool, of_gripper: bool = False) -> dict[str, Any]:
+    """Estimates a profile; `of_gripper`: refuses one that rests on nothing that shows when the gripper lets go."""
     profile = client.post(f"/cells/{cell}/profiles")
+    if of_gripper and not (profile["evidence"]["throws"] or profile["evidence"]["reported"]):
+        raise click.ClickException(UNSEEN)
     if adopt:
         client.post(f"/profiles/{profile['id']}/adopt")
     return {**profile, "adopted": adopt}
 
 
-def _propose(client: ServiceClient, cell: str, adopt: bool, as_json: bool, picture: Path | None) -> None:
+def _propose(
+    client: ServiceClient, cell: str, adopt: bool, as_json: bool, picture: Path | None, of_gripper: bool = False
+) -> None:
     """Estimates a profile, prints it, draws its landings, and says how to adopt it."""
     from api.report import explained_svg
 
-    profile = _estimate(client, cell, adopt)
+    profile = _estimate(client, cell, adopt, of_gripper)
     if picture is not None:
         picture.write_text(explained_svg(profile["landings"]))
     if as_json:
@@ -230,11 +220,11 @@ def _by_motions(cell: str, count: int, quiet: bool, picture: Path | None, client
     from learning import pooled_document
 
     runs = []
-    document = client.get(f"/cells/{cell}")
+    motions = client.get(f"/cells/{cell}/calibration")["motions"]
     assumed_s = client.get(f"/cells/{cell}/timing")["assumed_lag_s"]
     for i in range(count):
         try:
-            timing = _move(client, cell, document["home_rad"], SIGNS[i % len(SIGNS)], quiet)
+            timing = _move(client, motions[i % len(motions)], quiet)
         except NotCompleted as error:
             raise NotCompleted(f"motion {i + 1} of {count}: {error.message}{_kept_text(cell, runs)}") from error
         if timing is not None:
@@ -255,27 +245,33 @@ def _kept_text(cell: str, runs: Sequence[Any]) -> str:
     return f". Once the arm is checked: fling acknowledge --cell {cell}{kept}"
 
 
-def _move(client: ServiceClient, cell: str, home: list[float], signs: tuple[int, ...], quiet: bool) -> Any:
-    """Plans and executes one motion from home to rest; returns its timing, None where its recording shows none."""
-    plan = _plan_motion(client, cell, home, signs, quiet)
-    return _executed(client, plan)["metrics"]["timing"]
+def _move(client: ServiceClient, motions: Sequence[dict[str, Any]], quiet: bool) -> Any:
+    """Plans the longest motion of these that is certified, and executes it.
+
+    Returns its timing, None where its recording shows none.
+    """
+    return _executed(client, _plan_motion(client, motions, quiet))["metrics"]["timing"]
 
 
-def _plan_motion(
-    client: ServiceClient, cell: str, home: list[float], signs: tuple[int, ...], quiet: bool
-) -> dict[str, Any]:
-    """Returns the longest plan of a motion in this direction, halved until it is certified."""
-    amplitude = AMPLITUDE_RAD
-    while True:
-        goal = [q + sign * amplitude for q, sign in zip(home, signs, strict=True)]
-        release = {"kind": "joint", "positions": goal, "velocities": [0.0] * 6}
-        try:
-            return search_plan(client, {"cell": cell, "release": release}, quiet)
-        except ServiceError as error:
-            amplitude /= 2.0
-            refused = error.problem.get("type") in ("/problems/infeasible", "/problems/invalid-request")
-            if not refused or amplitude < AMPLITUDE_MIN_RAD:
-                raise
+def _plan_motion(client: ServiceClient, motions: Sequence[dict[str, Any]], quiet: bool) -> dict[str, Any]:
+    """Returns the plan of the first of these requests that is not refused; raises the refusal of the last."""
+    for request in motions[:-1]:
+        plan = _searched(client, request, quiet, ("/problems/infeasible", "/problems/invalid-request"))
+        if plan is not None:
+            return plan
+    return search_plan(client, motions[-1], quiet)
+
+
+def _searched(
+    client: ServiceClient, request: dict[str, Any], quiet: bool, refusals: Sequence[str]
+) -> dict[str, Any] | None:
+    """Returns the plan of a request; None where it is refused with one of these types of problem."""
+    try:
+        return search_plan(client, request, quiet)
+    except ServiceError as error:
+        if error.problem.get("type") not in refusals:
+            raise
+        return None
 
 
 def _lag_text(found: dict[str, Any]) -> str:

@@ -62,7 +62,7 @@ from jobs.pool import PoolBroken
 from planner.cell import Cell
 from planner.errors import CellError, PlannerError
 from planner.progress import Observer
-from store import IdempotencyKey, KeyTaken, PlanRow, new_id
+from store import IdempotencyKey, KeyTaken, PlanRow, ProfileRow, new_id
 
 router = APIRouter(route_class=StrictJsonRoute, tags=["plans"])
 
@@ -75,6 +75,10 @@ PageCursor = Annotated[str | None, Query(description="`next_cursor` of the page 
 WithTrajectory = Annotated[bool, Query(description="false leaves the trajectory out.")]
 WithStore = Annotated[
     bool, Query(description="false: answer and forget. 200, without id and `Location`; not executable.")
+]
+WithProfile = Annotated[
+    str | None,
+    Query(description="With `store=false`: as if this profile of the cell were adopted.", pattern=UUID_PATTERN),
 ]
 PlanBody = Annotated[PlanRequestBody, Body(openapi_examples=PLAN_EXAMPLES)]  # type: ignore[arg-type]
 UNCHANGED: dict[int | str, dict[str, Any]] = {304: {"description": "The client has it: `If-None-Match`."}}
@@ -111,6 +115,7 @@ async def make_plan(
     request: Request,
     trajectory: WithTrajectory = True,
     store: WithStore = True,
+    profile: WithProfile = None,
     accept: Annotated[str | None, Header(description=f"application/json or {EVENTS}.")] = None,
 ) -> Response:
     """Solves, certifies and stores one plan. A plan that fails its certificate is never stored and never returned.
@@ -118,8 +123,10 @@ async def make_plan(
     As `text/event-stream` the answer is 200: the progress of the search, several times a second, and at the end the
     plan, or the problem. A client that leaves ends its search.
     """
+    if store and profile is not None:
+        raise invalid_field("profile", "belongs to store=false: a stored plan is of the profile that the cell uses")
     make = _preview if not store else _stored
-    asked = _Asked(body, service, key, origin.request_id, gone, trajectory)
+    asked = _Asked(body, service, key, origin.request_id, gone, trajectory, profile)
     if preferred_media_type(accept, ("application/json", EVENTS)) == EVENTS:
         return event_stream(plan_events(request, partial(make, asked)), request.state.is_allowed)
     return await make(asked)
@@ -227,6 +234,7 @@ class _Asked:
     request_id: str
     gone: asyncio.Event
     trajectory: bool
+    profile_id: str | None = None  # None: the one that the cell uses
 
 
 async def _stored(asked: _Asked, observer: Observer | None = None) -> Response:
@@ -264,7 +272,7 @@ async def _solve(asked: _Asked, observer: Observer | None, is_stored: bool = Tru
         observer: told of the progress.
         is_stored: whether the plan has an id.
     """
-    job = await run_in_threadpool(_planning_job, asked.body, asked.service, asked.request_id, is_stored)
+    job = await run_in_threadpool(_planning_job, asked, is_stored)
     job = replace(job, tells_progress=observer is not None)
     service = asked.service
     started_at = time.perf_counter()
@@ -294,18 +302,33 @@ def _note_attempts(span: tracing.TracedSpan, planned: PlanRecord) -> None:
         span.event(attempt["backend"], result=attempt["result"], duration_s=attempt["duration_s"])
 
 
-def _planning_job(body: Mapping[str, Any], service: Service, request_id: str, stored: bool = True) -> PlanningJob:
+def _planning_job(asked: _Asked, is_stored: bool) -> PlanningJob:
     """Returns the job for a worker."""
-    name = body.get("cell") or service.settings.default_cell
+    service = asked.service
+    name = asked.body.get("cell") or service.settings.default_cell
     source, _ = service.cells.required(name)
-    request = {**body, "cell": name}
-    if "current" in body.get("start", {}):
+    request = {**asked.body, "cell": name}
+    if "current" in asked.body.get("start", {}):
         request["start"] = {"positions": _current_positions(service, name)}
     version = service.note_cell_version(source)
-    adopted = service.store.profile_in_use(name, source.sha256)
-    profile = None if adopted is None else (adopted.id, adopted.document)
-    plan_id = new_id() if stored else None
-    return PlanningJob(plan_id, time.time(), source, request, profile, request_id, version)
+    row = _profile(service, name, source.sha256, asked.profile_id)
+    profile = None if row is None else (row.id, row.document)
+    plan_id = new_id() if is_stored else None
+    return PlanningJob(plan_id, time.time(), source, request, profile, asked.request_id, version)
+
+
+def _profile(service: Service, cell: str, cell_sha256: str, id: str | None) -> ProfileRow | None:
+    """Returns the profile that a plan is made with, by default the one that the cell uses; None: the cell file's.
+
+    Raises:
+        ProblemDetails: The cell has no such profile for this version of its file.
+    """
+    if id is None:
+        return service.store.profile_in_use(cell, cell_sha256)
+    row = service.store.profile(id)
+    if row is None or (row.cell, row.cell_sha256) != (cell, cell_sha256):
+        raise ProblemDetails("not-found", f"cell {cell!r}, as its file is now, has no profile {id!r}")
+    return row
 
 
 def _current_positions(service: Service, cell: str) -> list[float]:

@@ -1,27 +1,39 @@
-"""Profiles: estimate one from what is known of a cell, list, read, adopt, revert."""
+"""Profiles: what to move for one, estimate one from what is known of a cell, list, read, adopt, revert."""
 
 from __future__ import annotations
 
 from typing import Annotated, Any
 
 import orjson
-from fastapi import APIRouter, Response
+from fastapi import APIRouter, Query, Response
 from fastapi.responses import JSONResponse
 
 from api.dependencies import AnyCaller, OperateCaller, Origin, RequestOrigin, Service, ServiceDep, id_in_path
 from api.http import Caller, ProblemDetails, json_answer, problem_answers
 from api.report import explained_svg
 from api.routes.cells import CellName
-from api.schemas import Adoption, ProfileAnswer, ProfileList, iso_time
-from learning import estimate_profile, profile_bytes
+from api.schemas import Adoption, CalibrationMoves, ProfileAnswer, ProfileList, iso_time
+from learning import calibration_moves, estimate_profile, profile_bytes
 from store import ProfileRow
 
 router = APIRouter(tags=["profiles"])
 
 ProfileId = Annotated[str, id_in_path("profile")]
+# After 8 throws the delay is within its own scatter: docs/learning.md.
+Throws = Annotated[int, Query(ge=2, le=100, description="Number of throws that are wanted.")]
 WHOLE_ONLY = ("landings", "state", "covariance", "mixture", "joint_speeds", "timing", "cell_file")
 OUTDATED = "the cell file has changed since the profile was learnt; estimate and adopt a new one"
 ACTING = ("unauthenticated", "forbidden")
+
+
+@router.get(
+    "/cells/{name}/calibration",
+    summary="Read the moves of a calibration",
+    responses=json_answer(200, CalibrationMoves, "Requests, none of them planned.", "not-found", "invalid-request"),
+)
+def read_calibration(name: CellName, service: ServiceDep, caller: AnyCaller, throws: Throws = 8) -> JSONResponse:
+    """Reads what to plan and execute, in turn, for a profile of a cell: small motions, then throws. Nothing moves."""
+    return JSONResponse(calibration_moves(service.cell(name), throws))
 
 
 @router.post(

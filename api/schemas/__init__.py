@@ -20,7 +20,7 @@ from api.schemas.experiments import (
 )
 from api.schemas.landings import LANDING_EXAMPLES, LandingAnswer, LandingList, LandingRequest
 from api.schemas.maps import MAP_EXAMPLES, MapAnswer, MapBody, MapHead
-from api.schemas.profiles import Adoption, ProfileAnswer, ProfileList
+from api.schemas.profiles import Adoption, CalibrationMoves, ProfileAnswer, ProfileList
 from api.schemas.requests import (
     EXECUTE_EXAMPLES,
     ID_PATTERN,
@@ -59,6 +59,7 @@ __all__ = [
     "BatchList",
     "BatchRequest",
     "BatchResultList",
+    "CalibrationMoves",
     "CellHistory",
     "CellList",
     "CellModel",

@@ -59,6 +59,9 @@ class ExecutionMetrics(BaseModel):
     )
     gripper_commanded_s: float | None = Field(None, description="When the output was sent, on the plan's clock [s].")
     gripper_command_late_s: float | None = Field(None, description="How late that was [s].")
+    gripper_moved_s: list[float] | None = Field(
+        None, description="Between which times its fingers began to open, by its own reports [s]."
+    )
     gripper_opened_s: float | None = Field(None, description="When the object left; simulated cells [s].")
     gripper_opened_late_s: float | None = Field(None, description="That less the planned release [s].")
     released: bool | None = Field(None, description="Whether the gripper was commanded to open.")

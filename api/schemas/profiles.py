@@ -30,6 +30,7 @@ class ProfileEvidence(BaseModel):
 
     throws: list[str] = Field(description="Executions whose landing counts.")
     landings: list[str] = Field(description="The observations of them.")
+    reported: list[str] = Field([], description="Executions whose gripper reported when its fingers began to open.")
     recordings: list[str] = Field(description="Executions whose joint speeds count.")
     timing: list[str] = Field(description="Executions that show the arm's timing.")
     not_used: list[UnusedThrowAnswer] = Field(
@@ -95,6 +96,22 @@ class ProfileList(BaseModel):
     adopted: str | None = Field(description="Id of the profile that the cell uses; null: the cell file's numbers.")
     warning: str | None = Field(None, description="Why the profile that was adopted is not used, where it is not.")
     profiles: list[ProfileSummary]
+
+
+class CalibrationMoves(BaseModel):
+    """What a calibration moves: requests, ready to be posted to `/plan`."""
+
+    cell: str
+    amplitude_rad: float = Field(description="A joint moves this far in a small motion, at most [rad].")
+    motions: list[list[dict[str, Any]]] = Field(
+        description="Small motions about home, without an object: for each the requests, the longest motion first. "
+        "The first that is feasible is the one."
+    )
+    reach_m: list[float] = Field(description="The targets' least and largest distance from the arm's base [m].")
+    throws: list[dict[str, Any]] = Field(
+        description="Soonest throws to targets on the floor, no two alike, several for each that is wanted: those that "
+        "are refused are left out."
+    )
 
 
 class Adoption(BaseModel):

@@ -52,6 +52,10 @@ class ScriptGripper:
         """Returns False."""
         return False
 
+    def motion(self) -> None:
+        """Returns None."""
+        return
+
     def has_lost_object(self) -> bool:
         """Returns False."""
         return False
@@ -107,6 +111,10 @@ class HttpGripper:
     def is_closed(self) -> bool:
         """Returns False: that a call was answered does not tell where the gripper is."""
         return False
+
+    def motion(self) -> None:
+        """Returns None."""
+        return
 
     def has_lost_object(self) -> bool:
         """Returns False."""

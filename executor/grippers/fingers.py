@@ -8,12 +8,14 @@ class ReportedFingers:
 
     Attributes:
         told_open: whether it was told to open; None: nothing was told yet.
+        reports: how many there were.
     """
 
     def __init__(self, step: float) -> None:
         """`step` is how far the opening changes until that is a motion, in the units of the reports."""
         self.step = step
         self.told_open: bool | None = None
+        self.reports = 0
         self._opening: float | None = None
         self._asked_open: bool | None = None
         self._grips: bool | None = None
@@ -36,6 +38,7 @@ class ReportedFingers:
             still: whether the fingers stand.
             asked_open: whether its newest command, whoever gave it, opens it; None: it does not tell.
         """
+        self.reports += 1
         self._opening = opening
         self._asked_open = asked_open
         self._grips = grips
@@ -58,6 +61,13 @@ class ReportedFingers:
     def is_closed(self) -> bool:
         """Whether it was seen to stand still since it was told to close."""
         return self._closed_at is not None
+
+    @property
+    def motion(self) -> tuple[int, bool] | None:
+        """Number of the newest report since it was told to open, and whether it stands wider than it was closed."""
+        if self._opening is None or self._closed_at is None or not self.told_open:
+            return None
+        return self.reports, self._opening > self._closed_at
 
     @property
     def has_lost_object(self) -> bool:

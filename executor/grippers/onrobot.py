@@ -99,6 +99,10 @@ class OnRobotGripper:
         """Returns whether it stands closed."""
         return self.fingers.is_closed
 
+    def motion(self) -> tuple[int, bool] | None:
+        """Returns the same of fingers; a vacuum is gone well before its object is."""
+        return self.fingers.motion if self.has_fingers else None
+
     def has_lost_object(self) -> bool:
         """Returns whether fingers closed further without their object; a vacuum that goes is one that opens."""
         return self.has_fingers and self.fingers.has_lost_object

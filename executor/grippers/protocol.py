@@ -50,6 +50,13 @@ class GripperDriver(Protocol):
         """Returns whether it reports that it was closed since it was told to, and is still."""
         ...
 
+    def motion(self) -> tuple[int, bool] | None:
+        """Returns the number of its newest report, and whether its fingers had begun to open by then.
+
+        None where it was not told to open, or reports of no fingers.
+        """
+        ...
+
     def has_lost_object(self) -> bool:
         """Returns whether it reports that it held an object and closed further, without it."""
         ...

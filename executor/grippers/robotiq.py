@@ -61,6 +61,10 @@ class _Robotiq:
         """Returns whether it stands closed."""
         return self.fingers.is_closed
 
+    def motion(self) -> tuple[int, bool] | None:
+        """Returns the number of its newest report, and whether its fingers had begun to open by then."""
+        return self.fingers.motion
+
     def has_lost_object(self) -> bool:
         """Returns whether it held an object and closed further."""
         return self.fingers.has_lost_object

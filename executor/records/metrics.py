@@ -196,9 +196,11 @@ def _gripper(trajectory: Trajectory, result: RunResult, landing: Landing | None)
     at = None if landing is None else landing.released_at
     opened = None if at is None else at - result.timestamp_at_zero
     sent = result.output_sent_s
+    moved = [at - result.timestamp_at_zero for at in result.moved_between]
     return {
         "gripper_commanded_s": sent,
         "gripper_command_late_s": None if sent is None else result.output_late_s,
+        "gripper_moved_s": moved if np.isfinite(moved).all() else None,
         "gripper_opened_s": opened,
         "gripper_opened_late_s": None if opened is None else opened - trajectory.release_time_s,
         "released": sent is not None,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,6 +30,7 @@ class RunResult:
         output_late_s: delay of that against the plan [s].
         output_closed_s: plan time at which it was closed again [s]; None where it was not.
         stayed_closed: whether the gripper was seen not to open when it was told.
+        moved_between: controller's times between which its fingers began to open [s]; NaN where it does not report it.
         timestamp_at_zero: the controller's time at plan time 0 [s].
         in_order: whether the process itself brought the arm to rest.
     """
@@ -44,6 +46,7 @@ class RunResult:
     in_order: bool
     output_closed_s: float | None = None
     stayed_closed: bool = False
+    moved_between: tuple[float, float] = (math.nan, math.nan)
 
 
 @dataclass(frozen=True, eq=False)

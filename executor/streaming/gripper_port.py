@@ -6,9 +6,11 @@ Nothing here waits: one package to the controller, or one small write to a socke
 from __future__ import annotations
 
 import socket
+from math import isnan, nan
 from time import monotonic, sleep
 from typing import TYPE_CHECKING, Protocol
 
+from executor import shared_memory as shm
 from executor.grippers import driver_of
 from executor.streaming.state_checks import OUTPUT_SHIFT
 
@@ -139,6 +141,7 @@ class SocketPort:
     """A gripper behind an inherited socket."""
 
     def __init__(self, connection: RtdeConnection) -> None:
+        self._connection = connection
         job = connection.job
         assert job.link is not None
         self._driver = driver_of(job.link)
@@ -148,6 +151,8 @@ class SocketPort:
         self._unanswered = 0
         self._asked_at = 0.0  # the oldest request without an answer, or later
         self._failure = ""
+        self._reports = 0
+        self._reported_at = nan  # controller's time
         try:
             self._peer = self._socket.getpeername()
         except OSError as error:  # reset since the daemon found it ready
@@ -164,6 +169,7 @@ class SocketPort:
     def cycle(self, asks: bool = True) -> None:
         """Takes what has arrived, and asks the next question once the one before is answered."""
         self._receive()
+        self._note_motion()
         now = monotonic()
         if self._unanswered > 0 and now - self._asked_at > SILENT_S:
             self._failure = self._failure or f"has not answered for {1e3 * (now - self._asked_at):.0f} ms"
@@ -202,6 +208,20 @@ class SocketPort:
         if self._driver.answers:
             self._asked_at = monotonic() if self._unanswered == 0 else self._asked_at
             self._unanswered += 1
+
+    def _note_motion(self) -> None:
+        """Notes between which times the fingers began to open: what a report tells is no older than the one before."""
+        count, moved = self._driver.motion() or (self._reports, False)
+        if count == self._reports:
+            return
+        fields = self._connection.memory.fields
+        if not moved:
+            fields[shm.SHUT_AT_S] = self._reported_at
+            fields[shm.MOVED_BY_S] = nan  # a digit that came and went
+        elif isnan(fields[shm.MOVED_BY_S]):
+            fields[shm.MOVED_BY_S] = self._connection.stamp
+        self._reports = count
+        self._reported_at = self._connection.stamp
 
     def _receive(self) -> None:
         ended = False

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from tests.api.conftest import FakeExecutor, RunningService
+from tests.api.conftest import NO_ID, FakeExecutor, RunningService
 from tests.api.test_bad_input import problem_of
 
 CELL = "ur5e-sim"
@@ -106,3 +106,30 @@ def test_a_target_has_odds_and_other_releases_have_none(service: RunningService)
     soonest = service.plan(release=TARGET, backend="auto", release_window_s=0.0)
     assert soonest["hit_probability"]["value"] < odds["value"]
     assert service.plan()["hit_probability"] is None
+
+
+def test_a_preview_tells_the_odds_of_a_profile_that_is_not_adopted(service: RunningService, profile: dict[str, Any]):
+    request = {"release": TARGET, "backend": "ruckig", "release_window_s": 0.0}
+
+    def preview(profile_id: str) -> Any:
+        return service.client.post(f"/plan?store=false&trajectory=false&profile={profile_id}", json=request)
+
+    as_if = preview(profile["id"])
+    assert as_if.status_code == 200, as_if.text
+    assert (as_if.json()["profile"], as_if.json()["hit_probability"]["profile"]) == (profile["id"],) * 2
+    assert service.client.get(f"/cells/{CELL}/profiles").json()["adopted"] is None
+    problem_of(preview(NO_ID), 404, "not-found")
+    problem_of(preview(service.client.post("/cells/real/profiles").json()["id"]), 404, "not-found")
+    stored = problem_of(service.client.post(f"/plan?profile={profile['id']}", json=request), 422, "invalid-request")
+    assert stored["errors"][0]["field"] == "profile"
+
+
+def test_the_moves_of_a_calibration_can_be_planned(service: RunningService):
+    moves = service.client.get(f"/cells/{CELL}/calibration?throws=2").json()
+    assert (len(moves["motions"]), len(moves["throws"])) == (4, 10)
+    request = {**moves["motions"][0][0], "backend": "ruckig"}
+    plan = service.client.post("/plan?trajectory=false", json=request)
+    assert plan.status_code == 201, plan.text
+    assert plan.json()["flight"] is None  # nothing leaves the gripper
+    problem_of(service.client.get("/cells/nowhere/calibration"), 404, "not-found")
+    problem_of(service.client.get(f"/cells/{CELL}/calibration?throws=1"), 422, "invalid-request")

@@ -211,6 +211,7 @@ def test_every_call_of_the_contract_is_there(service: RunningService):
         "GET /cells/{name}/model",
         "GET /plans/{id}/curves",
         "GET /cells/{name}/timing",
+        "GET /cells/{name}/calibration",
         "GET /cells/{name}/profiles",
         "POST /cells/{name}/profiles",
         "POST /cells/{name}/profiles/revert",

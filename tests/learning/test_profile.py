@@ -16,8 +16,9 @@ from benchmarks.learning.plans import CELL, PlannedThrow, benchmark_cell
 from jobs.planning import aiming
 from jobs.planning.aiming import plan_aimed
 from learning import cell_with_profile, estimate_profile, knowledge_of, prior_knowledge, profile_bytes
+from learning.evidence import _opened
 from planner.answer import plan_document
-from planner.cell import Box
+from planner.cell import Box, parse_cell
 from planner.planning import plan
 from planner.problem import ThrowProblem
 from planner.request import problem_from_request
@@ -38,6 +39,7 @@ def add_throw(
     observed: bool = True,
     outcome: str = "completed",
     late_s: float = 0.0,
+    moved_s: tuple[float, float] | None = None,
 ) -> str:
     """Stores a plan, its execution with a recording of an exact arm, and where the object landed."""
     target = [distance_m * np.cos(angle), distance_m * np.sin(angle), 0.0]
@@ -56,7 +58,9 @@ def add_throw(
     )
     row = store.queue_execution(document["id"], CELL)
     store.add_recording(row.id, b"", recording(trajectory))
-    metrics = {"gripper_commanded_s": trajectory.release_time_s - LEAD_S + late_s, "timing": None, "landed_on": "floor"}
+    sent_s = trajectory.release_time_s - LEAD_S + late_s
+    moved = None if moved_s is None else [sent_s + at for at in moved_s]
+    metrics = {"gripper_commanded_s": sent_s, "gripper_moved_s": moved, "timing": None, "landed_on": "floor"}
     store.finish_execution(row.id, outcome, None, metrics)
     if observed:
         store.add_landing(new_id(), row.id, time.time(), "person", "test", [*true.seen, 0.0], 0.003)
@@ -105,6 +109,21 @@ def test_a_throw_with_a_late_command_teaches_and_one_that_does_not_is_named(tmp_
     assert evidence["recordings"] == []
     assert evidence["not_used"] == [{"execution_id": stopped, "reason": "its outcome is protective_stop"}]
     assert found["lag_s"] + found["delay_s"] == pytest.approx(TRUTH.delay_s, abs=0.004)
+
+
+def test_a_gripper_that_tells_when_it_opens_needs_no_landing(tmp_path: Path):
+    store = Store.open(f"sqlite:///{tmp_path / 'fling.db'}")
+    rng = np.random.default_rng(4)
+    ids = [add_throw(store, rng, 1.1 + k / 10, k, observed=False, moved_s=(0.056, 0.078)) for k in range(2)]
+    found = estimate_profile(store, benchmark_cell())
+    store.close()
+    assert found["evidence"]["throws"] == []
+    assert found["evidence"]["reported"] == ids
+    assert found["lag_s"] + found["delay_s"] == pytest.approx((0.056 + 0.078) / 2.0, abs=0.003)
+    assert found["delay_std_s"] == pytest.approx(0.010, abs=0.001)  # half the interval, and a prior of 20 ms
+    text = 'robot = "ur5e"\nlink = { kind = "sim" }\n[gripper]\nkind = "robotiq"\nmodel = "2f85"\n'
+    opened = _opened(parse_cell(text, "robotiq"), {"gripper_moved_s": [0.366, 0.378]}, 0.3)
+    assert opened == pytest.approx((0.056, 0.078))  # a register may be 10 ms old
 
 
 def test_a_profile_says_what_it_explains_of_the_landings(learnt: SimpleNamespace):

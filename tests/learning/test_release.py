@@ -12,7 +12,7 @@ from benchmarks.learning.hidden_cells import HiddenCell, throw
 from benchmarks.learning.plans import PlannedThrow
 from learning import ObservedThrow, ReleasePosterior, learn_release, prior_state, throw_table
 from learning.hit_evidence import TargetOutcome, weighed_by_outcomes
-from learning.release import PRIOR_STD
+from learning.release import PRIOR_STD, told_by_reports
 
 SPEEDS_KNOWN = np.full(6, 0.005**2)
 SEED = 20261122
@@ -65,6 +65,26 @@ def test_the_whole_state_comes_out_of_many_throws(soonest: list[PlannedThrow]):
     assert std[0] < 0.0005
     assert std[1] < 0.004
     assert std[5] < 0.002
+
+
+def test_what_a_gripper_reports_brings_the_delay_nearer(soonest: list[PlannedThrow]):
+    """Reports every 6 ms of a register that changes every 10: beside two landings, and alone."""
+    distances = []
+    prior = learn_release([], prior_state(0.040, 0.0))
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        seen_s = 0.055 + rng.uniform(0.0, 0.006) + 0.001 * rng.standard_normal(2)
+        opened = [(by - 0.016, by) for by in seen_s]
+        landed = learnt(cell(), soonest, 2, seed)
+        for before in (landed, prior):
+            after = told_by_reports(before, opened)
+            assert after.state_covariance[0, 0] < before.state_covariance[0, 0]
+            distances.append([abs(posterior.state[0] - 0.055) for posterior in (before, after)])
+    without, reported = np.mean(distances, axis=0)
+    assert reported < 0.8 * without
+    assert after.weight.sum() == pytest.approx(1.0)
+    assert np.sqrt(after.state_covariance[0, 0]) == pytest.approx(0.0078, abs=0.001)  # of half the 16 ms, and a prior
+    assert told_by_reports(prior, []) is prior
 
 
 def test_wrong_observations_and_clinging_objects_do_not_pass_for_jitter(soonest: list[PlannedThrow]):

@@ -1,7 +1,7 @@
 """A driver of the usual kind: it uploads a program that connects back to it, and then streams what the arm is to do.
 
 The program below is our own: three sockets, a thread for each way of moving, a trajectory point by point. The first
-tests tick the controller by hand; the last one meets it as a process, in real time.
+tests tick the controller by hand; the last ones meet three controllers as processes, on their ports and in real time.
 """
 
 from __future__ import annotations
@@ -11,14 +11,15 @@ import struct
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from typing import Any
 
 import numpy as np
 import pytest
 
 from simulator.program.runner import STOPPED
-from simulator.settings import PRIMARY_PORT
+from simulator.settings import PRIMARY_PORT, SECONDARY_PORT
 from simulator.simulation import Simulation
-from tests.simulator.conftest import READY_WITHIN_S, Peer, Start
+from tests.simulator.conftest import READY_WITHIN_S, Peer, Simulator, Start
 
 STOP = 0
 HOLD = 1
@@ -34,6 +35,10 @@ SCALE = 1_000_000  # of the numbers on the sockets
 VALUES = 8  # of a command: timeout [ms], kind, six numbers
 POINT = 9  # values of a trajectory point: six joints, time, blend radius, whether it is a joint speed to run through
 STEP = np.array([0.001, 0.0, 0.0, 0.0, 0.0, -0.0005])  # [rad] between two streamed positions
+LEG_S = 0.3  # [s] from one of these points to the next
+SWING = np.array([0.1, 0.05, -0.05, 0.0, 0.0, 0.1]) * np.arange(1, 6)[:, None]  # [rad] points of a trajectory
+SWING[3:, 0] = [0.2, 0.1]  # the foot turns back
+BEGUN_WITHIN_S = 1.0  # [s] from a question to the first motion, on a busy machine
 PATIENCE = 6000  # cycles within which everything here happens
 
 PROGRAM = """
@@ -293,6 +298,22 @@ def test_a_driver_that_is_gone_ends_the_program_too(session: Session):
 
 
 def test_a_trajectory_passes_its_points_and_reports_its_end(session: Session):
+    waypoints = session.q + SWING
+    began = session.controller.timeline.t
+    session.driver.start_trajectory(len(waypoints))
+    for waypoint in waypoints:
+        session.driver.point(waypoint, LEG_S)
+    passed: list[np.ndarray] = []
+    session.until(lambda: passed.append(session.q) or session.driver.result() == DONE)
+    apart = np.abs(np.array(passed)[:, None] - waypoints).max(axis=2)
+    assert apart.min(axis=0).max() < 1e-3
+    assert apart.argmin(axis=0) == pytest.approx(LEG_S / 0.002 * np.arange(1, len(waypoints) + 1), abs=10)
+    assert session.controller.timeline.t - began == pytest.approx(len(waypoints) * LEG_S, abs=0.05)
+    np.testing.assert_allclose(session.q, waypoints[-1], atol=1e-5)
+    assert session.driver.result() is None
+
+
+def test_a_trajectory_cuts_a_corner_by_its_blend(session: Session):
     start = session.q
     waypoint = np.add(start, [0.2, 0.0, 0.0, 0.0, 0.0, 0.0])
     end = np.add(start, [0.2, 0.1, 0.0, 0.0, 0.0, 0.1])
@@ -301,7 +322,6 @@ def test_a_trajectory_passes_its_points_and_reports_its_end(session: Session):
     session.driver.point(end, 0.5)
     assert session.result() == DONE
     np.testing.assert_allclose(session.q, end, atol=1e-5)
-    assert session.driver.result() is None
 
 
 def test_a_trajectory_of_speeds_covers_its_area(session: Session):
@@ -338,29 +358,105 @@ def test_other_commands_are_obeyed_beside_a_motion(session: Session):
     session.tick(40)
 
 
-def test_a_driver_moves_a_controller_over_the_network(start_simulator: Start):
-    simulator = start_simulator(options=("--no-noise",))
-    driver = Driver()
-    try:
-        with socket.create_connection((simulator.host, PRIMARY_PORT), timeout=READY_WITHIN_S) as client:
-            client.sendall(program("127.0.0.1", driver.port).encode())
-            deadline = time.monotonic() + READY_WITHIN_S
-            while len(driver.sockets) < 3 and time.monotonic() < deadline:
-                driver.poll()
-                time.sleep(0.01)
-            start = np.array(simulator.ask("state")["target_q"])
-            for k in range(1, 101):
-                driver.command(SERVO, np.add(start, [0.002 * k, 0.0, 0.0, 0.0, 0.0, 0.0]), timeout_ms=0)
-                time.sleep(0.002)
-            goal = np.add(start, [0.2, 0.0, 0.0, 0.0, 0.0, 0.0])
-            while np.abs(simulator.ask("state")["measured_q"] - goal).max() > 1e-3 and time.monotonic() < deadline:
-                time.sleep(0.05)
-            state = simulator.ask("state")
-            np.testing.assert_allclose(state["measured_q"], goal, atol=1e-3)
-            assert state["program"] == "our_driver"
-            driver.command(STOP)
-            while simulator.ask("state")["program"] and time.monotonic() < deadline:
-                time.sleep(0.05)
-            assert simulator.ask("state")["runtime_state"] == STOPPED
-    finally:
-        driver.close()
+class Remote:
+    """A driver with its program running in a simulator process: real ports, real time."""
+
+    def __init__(self, simulator: Simulator, port: int) -> None:
+        self.simulator = simulator
+        self.driver = Driver()
+        self.client = socket.create_connection((simulator.host, port), timeout=READY_WITHIN_S)
+        self.client.sendall(program("127.0.0.1", self.driver.port).encode())
+        self.until(lambda: len(self.driver.sockets) == 3)
+
+    def state(self) -> dict[str, Any]:
+        return self.simulator.ask("state")
+
+    def until(self, condition: Callable[[], object]) -> None:
+        deadline = time.monotonic() + READY_WITHIN_S
+        while not condition():
+            assert time.monotonic() < deadline, self.state()
+            self.driver.poll()
+            time.sleep(0.005)
+
+    def result(self) -> int:
+        found: list[int] = []
+        self.until(lambda: found.append(self.driver.result()) or found[-1] is not None)
+        return found[-1]
+
+    def until_it_moves(self) -> None:
+        self.until(lambda: max(map(abs, self.state()["qd"])) > 0.1)
+
+    def close(self) -> None:
+        self.client.sendall(b"stop program\n")
+        self.until(lambda: self.state()["runtime_state"] == STOPPED and not any(self.state()["qd"]))
+        self.client.close()
+        self.driver.close()
+
+
+CONTROLLERS = {  # arm, options, and the port that takes the program
+    "PolyScope 5": ("ur5e", (), PRIMARY_PORT),
+    "PolyScope X": ("ur5e", ("--polyscope", "x"), SECONDARY_PORT),
+    "CB3": ("ur5", (), PRIMARY_PORT),
+}
+
+
+@pytest.fixture(scope="module", params=CONTROLLERS)
+def controller(request: pytest.FixtureRequest, start_simulator: Start) -> tuple[Simulator, int]:
+    robot, options, port = CONTROLLERS[request.param]
+    return start_simulator(robot, options=("--no-noise", *options)), port
+
+
+@pytest.fixture
+def remote(controller: tuple[Simulator, int]) -> Iterator[Remote]:
+    remote = Remote(*controller)
+    yield remote
+    remote.close()
+
+
+def test_positions_and_speeds_are_streamed_over_the_network(remote: Remote):
+    start = np.array(remote.state()["target_q"])
+    for k in range(1, 101):
+        remote.driver.command(SERVO, np.add(start, [0.002 * k, 0.0, 0.0, 0.0, 0.0, 0.0]), timeout_ms=0)
+        time.sleep(0.002)
+    goal = np.add(start, [0.2, 0.0, 0.0, 0.0, 0.0, 0.0])
+    remote.until(lambda: np.abs(remote.state()["measured_q"] - goal).max() < 1e-3)
+    assert remote.state()["program"] == "our_driver"
+    remote.driver.command(SPEED, [-0.2, 0.0, 0.0, 0.0, 0.0, 0.1], timeout_ms=0)
+    remote.until(lambda: np.allclose(remote.state()["qd"], [-0.2, 0.0, 0.0, 0.0, 0.0, 0.1], atol=1e-6))
+    remote.driver.command(HOLD, timeout_ms=0)
+    remote.until(lambda: not any(remote.state()["qd"]))
+    remote.driver.command(STOP)
+    remote.until(lambda: remote.state()["runtime_state"] == STOPPED)
+
+
+def test_a_trajectory_is_run_and_another_canceled_over_the_network(remote: Remote):
+    began = remote.state()
+    waypoints = np.array(began["target_q"]) + SWING
+    remote.driver.start_trajectory(len(waypoints))
+    for waypoint in waypoints:
+        remote.driver.point(waypoint, LEG_S)
+    assert remote.result() == DONE
+    ended = remote.state()
+    np.testing.assert_allclose(ended["measured_q"], waypoints[-1], atol=1e-3)
+    assert len(waypoints) * LEG_S < ended["moved_at"] - began["t"] < len(waypoints) * LEG_S + BEGUN_WITHIN_S
+    remote.driver.start_trajectory(2)
+    remote.driver.point(np.add(waypoints[-1], [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]), 2.0)
+    remote.until_it_moves()
+    remote.driver.command(HOLD, timeout_ms=0)
+    assert remote.result() == CANCELED
+    assert not np.any(remote.state()["target_qd"])
+    assert remote.state()["program"] == "our_driver"
+
+
+@pytest.mark.parametrize("end", ["silence", "closed socket", "stop program"])
+def test_the_arm_comes_to_rest_whichever_end_goes_away(remote: Remote, end: str):
+    remote.driver.command(SPEED, [0.2, 0.0, 0.0, 0.0, 0.0, 0.0], timeout_ms=500 if end == "silence" else 0)
+    remote.until_it_moves()
+    if end == "closed socket":
+        remote.driver.sockets[0].close()
+    elif end == "stop program":
+        remote.client.sendall(b"stop program\n")
+    remote.until(lambda: remote.state()["runtime_state"] == STOPPED and not any(remote.state()["qd"]))
+    remote.until(lambda: remote.driver.sockets[1].recv(1) == b"")  # the program's own end is closed
+    assert remote.state()["program"] is None
+    assert remote.state()["safety_bits"] & 1  # normal

@@ -240,7 +240,7 @@ def _read_everything(client: PythonClient, plan: str, execution: str, experiment
     assert client.call("read_experiment", 200, experiment).statistics.landed == 1
     assert len(client.call("read_cell_model", 200, cell).capsules) == 11
     assert client.call("read_robot_state", 200, cell).robot.connected is True
-    for operation in ("read_cell", "read_timing", "read_history", "list_profiles"):
+    for operation in ("read_cell", "read_timing", "read_calibration", "read_history", "list_profiles"):
         client.call(operation, 200, cell)
     client.call("acknowledge_fault", 200, cell)
     asked = client.call("operate_robot", 202, cell, body=client.body("RobotActionRequest", POWER_ON))
@@ -277,8 +277,8 @@ def _provoke(client: PythonClient, plan: str) -> None:
                       "adopt_profile", "read_batch", "watch_batch", "read_batch_results", "cancel_batch"):  # fmt: skip
         assert client.call(operation, 404, NO_ID).type_ == "/problems/not-found"
     for operation in ("read_cell", "read_cell_model", "read_robot_state", "read_timing", "read_history",
-                      "list_profiles", "acknowledge_fault", "estimate_profile_of_cell", "revert_profile",
-                      "read_cell_map", "cancel_cell_map"):  # fmt: skip
+                      "read_calibration", "list_profiles", "acknowledge_fault", "estimate_profile_of_cell",
+                      "revert_profile", "read_cell_map", "cancel_cell_map"):  # fmt: skip
         client.call(operation, 404, "nowhere")
     client.call("acknowledge_fault", 409, "spare")
     client.call("operate_robot", 409, "spare", body=client.body("RobotActionRequest", POWER_ON))

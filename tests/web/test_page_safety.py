@@ -138,6 +138,20 @@ def test_a_stop_that_did_not_get_through_is_forgotten_once_it_did(guest: Visit, 
     assert lost
 
 
+def test_a_stop_before_the_execution_is_known_reaches_it(guest: Visit, desk: Desk) -> None:
+    planned(guest)
+    held: list[Route] = []
+    guest.page.route(re.compile("/execute$"), lambda route: held.append(route))
+    with guest.page.expect_request(re.compile("/execute$")):
+        guest.button("Throw on").click()
+    guest.button("Stop").click()
+    expect(guest.page.get_by_role("status").filter(has_text="Nothing is running")).to_be_visible(timeout=SOON_MS)
+    with guest.page.expect_response(re.compile("/abort$"), timeout=SOON_MS):
+        held[0].continue_()
+    (thrown, *_) = desk.store.executions(cell=CELL)[0]
+    assert thrown.abort_requested_at is not None or thrown.outcome == "aborted"
+
+
 def test_a_stop_is_sent_until_it_gets_through(guest: Visit, desk: Desk, plan_id: str) -> None:
     id = desk.begun(plan_id)
     guest.outcome("To the start")

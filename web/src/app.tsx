@@ -2,7 +2,9 @@
 
 import type { JSX } from "preact";
 
+import { guided } from "./state/store";
 import { Banners } from "./views/banners";
+import { CalibrationSection } from "./views/calibration";
 import { CertificateSection } from "./views/certificate";
 import { ExecutionSection } from "./views/execution";
 import { Header } from "./views/header";
@@ -14,6 +16,9 @@ import { ThrowPanel } from "./views/throw";
 import { TimelineSection } from "./views/timeline";
 
 export function App(): JSX.Element {
+  const guides = guided.value;
+  const execution = <ExecutionSection key="execution" />;
+  const calibration = <CalibrationSection key="calibration" />;
   return (
     <>
       <Header />
@@ -23,7 +28,7 @@ export function App(): JSX.Element {
           <SceneSection />
           <ThrowPanel />
           <div class="side">
-            <ExecutionSection />
+            {guides ? [calibration, execution] : [execution, calibration]}
             <MapSection />
           </div>
           <TimelineSection />

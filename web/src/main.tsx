@@ -6,6 +6,7 @@ import { render } from "preact";
 import { App } from "./app";
 import { keepFocus } from "./focus";
 import { stop } from "./state/actions";
+import { followCalibration } from "./state/calibrate";
 import { follow } from "./state/follow";
 import { dark, endTime, isReal, playing, running, state, time } from "./state/store";
 import "./style/page.css";
@@ -62,4 +63,5 @@ if (root) {
   });
   render(<App />, root);
   follow();
+  followCalibration();
 }

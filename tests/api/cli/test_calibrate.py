@@ -12,7 +12,6 @@ from click.testing import CliRunner
 from api.cli import calibrate, main
 from benchmarks.learning.recorded_arms import RecordedArm
 from learning.recordings import COLUMNS
-from planner.cell import DEFAULTS
 from planner.progress import Progress
 
 
@@ -46,10 +45,28 @@ def test_the_searches_of_a_calibration_are_told(capsys: pytest.CaptureFixture[st
             return {"request": request}
 
     service: Any = SlowService()
-    cell = {**DEFAULTS, "name": "lab", "robot": "ur5e"}
-    assert len([*calibrate._soonest_plans(service, cell, 2, is_quiet)]) == 2
-    assert calibrate._plan_motion(service, "lab", [0.0] * 6, (1,) * 6, is_quiet)["request"]["cell"] == "lab"
+    requests = [{"cell": "lab", "release": {}}] * 3
+    assert len([*calibrate._soonest_plans(service, requests, 2, is_quiet)]) == 2
+    assert calibrate._plan_motion(service, requests, is_quiet)["request"]["cell"] == "lab"
     assert capsys.readouterr().err.count("3 candidates tried") == (0 if is_quiet else 3)
+
+
+@pytest.mark.parametrize("evidence", ["throws", "reported", ""])
+def test_a_profile_of_a_gripper_that_nobody_saw_open_is_refused(evidence: str):
+    posts: list[str] = []
+
+    class Service:
+        def post(self, path: str) -> dict[str, Any]:
+            posts.append(path)
+            return {"id": "p", "evidence": {"throws": [], "reported": [], evidence: ["e"]}}
+
+    service: Any = Service()
+    if evidence:
+        assert calibrate._estimate(service, "lab", adopt=True, of_gripper=True)["adopted"]
+        return
+    with pytest.raises(click.ClickException, match="nothing shows when it lets go"):
+        calibrate._estimate(service, "lab", adopt=True, of_gripper=True)
+    assert posts == ["/cells/lab/profiles"]  # and none is adopted
 
 
 def test_a_motion_without_timing_leaves_the_others_theirs(
@@ -57,7 +74,7 @@ def test_a_motion_without_timing_leaves_the_others_theirs(
 ):
     class Service:
         def get(self, path: str) -> dict[str, Any]:
-            return {"home_rad": [0.0] * 6, "assumed_lag_s": 0.02}
+            return {"motions": [[]], "assumed_lag_s": 0.02}
 
     service: Any = Service()
     timing = {"lag_s": 0.02, "lag_std_s": 1e-4, "gain": [1.0] * 6, "gain_std": [0.01] * 6, "mode": "speedj"}

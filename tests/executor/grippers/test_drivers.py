@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 import os
 import select
 import socket
 import struct
+import time
 from collections.abc import Iterator
 
 import pytest
 
+from executor import shared_memory as shm
 from executor.grippers import GripperConnection, GripperUnavailable
 from executor.streaming.gripper_port import SocketPort
 from tests.gripper_twins import TwinOnWire, until
@@ -23,6 +26,7 @@ TABLES = {
     "http": 'kind = "http"\njitter_s = 0.01\nopen_url = "http://HOST:8085/o"\nclose_url = "http://HOST:8085/c"\n',
 }
 REPORTING = ["socket", "serial", "fingers", "vacuum"]
+NOTED_S = 0.005  # [s] two ticks: from the time that one notes to what it receives, and from the release to a motion
 WITH_FINGERS = ["socket", "serial", "fingers"]
 
 
@@ -70,6 +74,28 @@ def test_one_that_is_stuck_reports_that_it_stays_closed(twin: TwinOnWire, port: 
         port.cycle()
     assert port.is_open() is False
     assert port.problem() is None
+
+
+@pytest.mark.parametrize("twin", REPORTING, indirect=True)
+def test_its_fingers_tell_between_which_times_it_let_go(twin: TwinOnWire, port: SocketPort) -> None:
+    connection = port._connection
+
+    def cycle() -> None:
+        connection.stamp = time.monotonic()
+        port.cycle()
+
+    until(port.is_closed, cycle)
+    port.tell(True)
+    until(lambda: twin.gripper.holds is None, cycle)
+    until(port.is_open, cycle)
+    until(lambda: not twin.gripper.is_busy, cycle)
+    shut_at = connection.memory.fields[shm.SHUT_AT_S]
+    moved_by = connection.memory.fields[shm.MOVED_BY_S]
+    if not twin.link.stroke_m:
+        assert math.isnan(moved_by)  # the vacuum is gone before the object is
+        return
+    assert shut_at - NOTED_S < twin.left_at < moved_by + NOTED_S, (shut_at - twin.left_at, moved_by - twin.left_at)
+    assert moved_by < connection.stamp
 
 
 @pytest.mark.parametrize("twin", REPORTING, indirect=True)

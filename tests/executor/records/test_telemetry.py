@@ -56,8 +56,10 @@ def test_a_perfect_run_has_perfect_metrics(prepared: Prepared) -> None:
     telemetry = perfect(prepared)
     flight = release_flight(problem, trajectory)
     landing = Landing(100.0 + trajectory.release_time_s, flight.landing_point, "bin")
-    found = metrics(problem, trajectory, ended(telemetry, prepared), landing)
+    result = replace(ended(telemetry, prepared), moved_between=(100.2, 100.3))
+    found = metrics(problem, trajectory, result, landing)
     assert found["ticks"] == len(telemetry)
+    assert found["gripper_moved_s"] == pytest.approx([0.2, 0.3])
     assert found["period_p50_s"] == pytest.approx(trajectory.dt)
     assert found["tracking_error_max_rad"] == found["tracking_error_max_m"] == 0.0
     assert found["release_velocity_error_rad_s"] == pytest.approx(0.0, abs=1e-9)
@@ -72,7 +74,7 @@ def test_an_offset_shows_in_radians_and_metres(prepared: Prepared) -> None:
     assert found["tracking_error_max_rad"] == pytest.approx(0.01)
     assert 0.002 < found["tracking_error_max_m"] < 0.012  # 0.01 rad at 0.2 to 1.2 m
     assert found["landing_point"] is None
-    assert found["gripper_opened_s"] is None
+    assert found["gripper_moved_s"] is found["gripper_opened_s"] is None
 
 
 def test_a_run_without_a_tick_has_metrics_too(prepared: Prepared) -> None:

@@ -106,6 +106,7 @@ done("read_cell", await client.GET("/cells/{name}", cell));
 assert.equal(done("read_cell_model", await client.GET("/cells/{name}/model", cell)).chain.length, 6);
 assert(done("read_robot_state", await client.GET("/cells/{name}/state", cell)).robot?.connected);
 done("read_timing", await client.GET("/cells/{name}/timing", cell));
+done("read_calibration", await client.GET("/cells/{name}/calibration", cell));
 done("acknowledge_fault", await client.POST("/cells/{name}/acknowledge", cell));
 const power = { action: "power_on" as const };
 assert.equal(done("operate_robot", await client.POST("/cells/{name}/robot", { ...cell, body: power })).state, "waiting");

@@ -171,6 +171,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/cells/{name}/calibration": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Read the moves of a calibration
+         * @description Reads what to plan and execute, in turn, for a profile of a cell: small motions, then throws. Nothing moves.
+         */
+        get: operations["read_calibration"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/cells/{name}/history": {
         parameters: {
             query?: never;
@@ -1042,6 +1062,38 @@ export interface components {
             upper_m: number[];
         };
         /**
+         * CalibrationMoves
+         * @description What a calibration moves: requests, ready to be posted to `/plan`.
+         */
+        CalibrationMoves: {
+            /**
+             * Amplitude Rad
+             * @description A joint moves this far in a small motion, at most [rad].
+             */
+            amplitude_rad: number;
+            /** Cell */
+            cell: string;
+            /**
+             * Motions
+             * @description Small motions about home, without an object: for each the requests, the longest motion first. The first that is feasible is the one.
+             */
+            motions: {
+                [key: string]: unknown;
+            }[][];
+            /**
+             * Reach M
+             * @description The targets' least and largest distance from the arm's base [m].
+             */
+            reach_m: number[];
+            /**
+             * Throws
+             * @description Soonest throws to targets on the floor, no two alike, several for each that is wanted: those that are refused are left out.
+             */
+            throws: {
+                [key: string]: unknown;
+            }[];
+        };
+        /**
          * CapsuleAnswer
          * @description All points within a radius of a segment, in the frame of one link.
          */
@@ -1558,6 +1610,12 @@ export interface components {
              * @default null
              */
             gripper_commanded_s: number | null;
+            /**
+             * Gripper Moved S
+             * @description Between which times its fingers began to open, by its own reports [s].
+             * @default null
+             */
+            gripper_moved_s: number[] | null;
             /**
              * Gripper Opened Late S
              * @description That less the planned release [s].
@@ -3278,6 +3336,12 @@ export interface components {
              */
             recordings: string[];
             /**
+             * Reported
+             * @description Executions whose gripper reported when its fingers began to open.
+             * @default []
+             */
+            reported: string[];
+            /**
              * Throws
              * @description Executions whose landing counts.
              */
@@ -4330,6 +4394,7 @@ export type BatchRequest = components['schemas']['BatchRequest'];
 export type BatchResult = components['schemas']['BatchResult'];
 export type BatchResultList = components['schemas']['BatchResultList'];
 export type BoxAnswer = components['schemas']['BoxAnswer'];
+export type CalibrationMoves = components['schemas']['CalibrationMoves'];
 export type CapsuleAnswer = components['schemas']['CapsuleAnswer'];
 export type CellChange = components['schemas']['CellChange'];
 export type CellHistory = components['schemas']['CellHistory'];
@@ -5031,6 +5096,77 @@ export interface operations {
             };
             /** @description `robot-not-ready` */
             409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    read_calibration: {
+        parameters: {
+            query?: {
+                /** @description Number of throws that are wanted. */
+                throws?: number;
+            };
+            header?: never;
+            path: {
+                /** @description Name of a cell. */
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Requests, none of them planned. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["CalibrationMoves"];
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -7011,6 +7147,8 @@ export interface operations {
                 trajectory?: boolean;
                 /** @description false: answer and forget. 200, without id and `Location`; not executable. */
                 store?: boolean;
+                /** @description With `store=false`: as if this profile of the cell were adopted. */
+                profile?: string | null;
             };
             header?: {
                 /** @description application/json or text/event-stream. */

@@ -3,6 +3,7 @@
 import type { CheckAnswer, ExecuteRequest, ExecutionAnswer, MapAnswer, PlanAnswer, PlanRequest } from "./schema";
 
 export type {
+  CalibrationMoves,
   CellList,
   CellModel,
   CellState,
@@ -18,6 +19,7 @@ export type {
   PlanRequest,
   ProfileList,
   ProfileSummary,
+  TimingAnswer,
 } from "./schema";
 
 export type Plan = PlanAnswer;

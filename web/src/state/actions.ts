@@ -8,7 +8,7 @@ import { doubtfulDistance, placeReport } from "./landing-report";
 import { hashOf, type Link } from "./links";
 import { aimOf, placeWords } from "./machine";
 import {
-  access, armed, cellStates, curves, dispatch, doubt, failed, faults, floorZ, landings, landingStd, notice, picking, playing, profiles, progress, reached, runPlan, shownId, state, throwMap, time, viewing,
+  access, armed, cellStates, curves, dispatch, doubt, driving, failed, faults, floorZ, landings, landingStd, notice, picking, playing, profiles, progress, reached, runPlan, shownId, state, throwMap, time, viewing,
 } from "./store";
 import { cancelledWords, dateWords, landingWords } from "./words";
 
@@ -160,13 +160,20 @@ export async function execute(mode: ExecutionMode, dryRun: boolean): Promise<voi
   notice.value = null;
   playing.value = 0;
   try {
-    const body = { plan_id: now.plan.value.id, mode, dry_run: dryRun };
-    const execution = await post<Execution>("/execute", body, { key: newKey() });
-    reached();
-    dispatch({ type: "execution", execution });
+    await start(now.plan.value.id, mode, dryRun);
   } catch (error) {
     notice.value = { kind: "bad", text: failed(error) };
   }
+}
+
+/** Begins an execution. A stop that was pressed while the request was under way may have found nothing: it is sent again. */
+export async function start(planId: string, mode: ExecutionMode, dryRun: boolean): Promise<Execution> {
+  const before = stops;
+  const execution = await post<Execution>("/execute", { plan_id: planId, mode, dry_run: dryRun }, { key: newKey() });
+  reached();
+  dispatch({ type: "execution", execution });
+  if (stops !== before) void stop();
+  return execution;
 }
 
 /** A key that makes a repeated request harmless. */
@@ -180,6 +187,7 @@ let stops = 0; // pressed so far: a newer one takes the place of an older one
 
 /** Brakes whatever runs on the cell on the screen, whoever started it; where nothing runs, it says so unless `quiet`. */
 export async function stop(quiet = false): Promise<void> {
+  driving.value?.abort.abort();
   const { cell } = state.value;
   if (cell === null) return;
   if (!quiet) playing.value = 0;
@@ -387,13 +395,18 @@ async function changeProfiles(request: () => Promise<unknown>, text: string): Pr
   if (cell === null) return false;
   try {
     await request();
-    profiles.value = await get<ProfileList>(`/cells/${cell}/profiles`);
+    await loadProfiles(cell);
   } catch (error) {
     notice.value = { kind: "bad", text: failed(error) };
     return false;
   }
   notice.value = { kind: "good", text };
   return true;
+}
+
+export async function loadProfiles(cell: string): Promise<void> {
+  const list = await get<ProfileList>(`/cells/${cell}/profiles`);
+  if (cell === state.value.cell && JSON.stringify(list) !== JSON.stringify(profiles.value)) profiles.value = list;
 }
 
 /** Keeps a token for this tab and tries it. */

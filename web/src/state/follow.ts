@@ -4,13 +4,13 @@ import { effect } from "@preact/signals";
 
 import { get } from "../service/client";
 import { watchExecution } from "../service/events";
-import type { CellList, CellModel, Execution, ExecutionList, LandingList, Plan, PlanRequest, ProfileList } from "../service/types";
-import { isOver, loadCurves, loadMap, nameInAddress, refreshCell } from "./actions";
+import type { CellList, CellModel, Execution, ExecutionList, LandingList, Plan, PlanRequest } from "../service/types";
+import { isOver, loadCurves, loadMap, loadProfiles, nameInAddress, refreshCell } from "./actions";
 import { type Draft, draftOf, requestOf } from "./draft";
 import { isSameRequest, keepDraft, keptDraft, linkOf } from "./links";
 import { isRunning } from "./machine";
 import {
-  cellName, cells, dispatch, endTime, execution, failed, history, landings, mapShown, model, notice, playing, profiles, reached, running, runPlan, shownId, state, strayed,
+  cellName, cells, dispatch, endTime, execution, failed, history, landings, mapShown, model, notice, playing, reached, running, runPlan, shownId, state, strayed,
   targets, throwMap, time, viewing,
 } from "./store";
 
@@ -106,8 +106,7 @@ async function followHistory(): Promise<void> {
   if (cell !== state.value.cell) return;
   if (JSON.stringify(page.executions) !== JSON.stringify(history.value)) history.value = page.executions;
   await loadPasts(page.executions);
-  const list = await get<ProfileList>(`/cells/${cell}/profiles`);
-  if (JSON.stringify(list) !== JSON.stringify(profiles.value)) profiles.value = list;
+  await loadProfiles(cell);
 }
 
 /** Loads targets and landings of executions that have ended. */

@@ -7,6 +7,7 @@ import { endOf } from "../model/samples";
 import { type MapQuantity, pictureOfMap } from "../model/throw-map";
 import { ConnectionLost, ProblemError } from "../service/client";
 import type { CellModel, CellState, CellSummary, Curves, Execution, ExecutionMode, LandingAnswer, LandingRequest, Plan, PlanProgress, ProfileList, ThrowMap } from "../service/types";
+import type { Calibration } from "./calibration";
 import { armKind, obstacleOf } from "./readiness";
 import { type Change, change, FIRST_STATE, isArmed, isRunning, planStanding, type State } from "./machine";
 
@@ -79,6 +80,13 @@ export const picking = signal<string | null>(null); // execution whose landing i
 export const landingStd = signal("0.02"); // of a reported place, as typed [m]: a click on the floor is about this good
 export const dark = signal(false);
 
+/** The guided calibration, on whichever cell; null where none was begun. */
+export const calibration = signal<Calibration | null>(null);
+/** Whether the guide is open on the cell on the screen. */
+export const guided = computed(() => calibration.value !== null && calibration.value.cell === cellName.value);
+/** What moves the arm by itself, one move after another; a stop ends it. */
+export const driving = signal<{ readonly cell: string; readonly abort: AbortController } | null>(null);
+
 /** How a plan is executed. */
 export const mode = signal<ExecutionMode>("speedj");
 export const dryRun = signal(false);
@@ -97,10 +105,15 @@ export const cellState = computed<CellState | null>(() => cellStates.value[cellN
 /** Whether an arm may move that is not proven to be a simulation. */
 export const isReal = computed(() => cell.value !== null && armKind(cell.value) !== "simulated");
 export const floorZ = computed(() => model.value?.surroundings.floor_z_m ?? null);
-/** Why nothing can be thrown on the cell now; null where it can. */
-export const obstacle = computed(() =>
-  viewing.value !== null ? "A past throw is on the screen: go back to the request first." : obstacleOf({ lost: connection.value === "lost", asksToken: access.value !== "open", summary: cell.value, live: cellState.value }),
+/** Why the arm of the cell cannot move now; null where it can. */
+export const hindrance = computed(() =>
+  obstacleOf({ lost: connection.value === "lost", asksToken: access.value !== "open", summary: cell.value, live: cellState.value }),
 );
+/** Why nothing can be thrown on the cell now; null where it can. */
+export const obstacle = computed(() => {
+  if (viewing.value !== null) return "A past throw is on the screen: go back to the request first.";
+  return driving.value !== null ? "The calibration goes on: cancel it first." : hindrance.value;
+});
 export const armed = computed(() => isArmed(state.value) && obstacle.value === null);
 export const running = computed(() => isRunning(state.value));
 export const standing = computed(() => planStanding(state.value));

@@ -15,6 +15,7 @@ import {
   adviceAfter, dateWords, figure, keyNumbers, metricRows, outcomeTone, outcomeWords, PHASE_WORDS, plainWords, preflight,
 } from "../state/words";
 import { Icon } from "./icons";
+import { toBeReported } from "../state/calibrate";
 import { LandingReports } from "./landing";
 
 export function ExecutionSection(): JSX.Element {
@@ -163,7 +164,7 @@ function Numbers({ run, plan }: { run: Run; plan: Plan | null }): JSX.Element {
           </div>
         ))}
       </dl>
-      {run.metrics?.["released"] === true ? <LandingReports key={run.id} id={run.id} plan={plan} /> : null}
+      {run.metrics?.["released"] === true && toBeReported.value !== run.id ? <LandingReports key={run.id} id={run.id} plan={plan} /> : null}
       {rest.length > 0 ? (
         <details class="options">
           <summary>Everything that was measured</summary>

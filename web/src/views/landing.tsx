@@ -11,7 +11,7 @@ import { doubt, floorZ, landings, landingStd, notice, picking } from "../state/s
 import { landingWords, length } from "../state/words";
 import { NumberField, VectorField } from "./fields";
 
-export function LandingReports({ id, plan }: { id: string; plan: Plan | null }): JSX.Element {
+export function LandingReports({ id, plan, open = false }: { id: string; plan: Plan | null; open?: boolean }): JSX.Element {
   const known = landings.value[id] ?? [];
   return (
     <div class="landing">
@@ -19,7 +19,7 @@ export function LandingReports({ id, plan }: { id: string; plan: Plan | null }):
         <ul aria-label="Reports of the landing">{known.map((landing) => <Report key={landing.id} landing={landing} />)}</ul>
       ) : null}
       {doubt.value?.id === id ? <Doubted distance_m={doubt.value.distance_m} plan={plan} /> : null}
-      <details class="options">
+      <details class="options" open={open}>
         <summary>Report the landing</summary>
         <PlaceForm id={id} plan={plan} />
         <ResultForm id={id} plan={plan} />

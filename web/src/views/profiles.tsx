@@ -1,13 +1,13 @@
-// What was learnt of the cell: the way to a calibrated one, and each profile with what it rests on before it is adopted.
+// What was learnt of the cell: each profile with what it rests on before it is adopted.
 
 import type { JSX } from "preact";
 
 import type { ProfileSummary } from "../service/types";
 import { adopt, learn, revert } from "../state/actions";
+import { counted } from "../state/landing-report";
 import { cellName, history, landings, profiles } from "../state/store";
 import { dateWords, figure, length, plainWords } from "../state/words";
 
-const ENOUGH = 10; // throws with a landing: lead and jitter are known to a few milliseconds then
 const LISTED = 8;
 
 export function Profiles(): JSX.Element | null {
@@ -19,7 +19,7 @@ export function Profiles(): JSX.Element | null {
       <summary>What was learnt of this cell</summary>
       <p class="soft">{used ? `In use: ${profileWords(used)}.` : "In use: the cell file's numbers."}</p>
       {list.warning ? <p class="bad">{plainWords(list.warning)}</p> : null}
-      <Guide newest={list.profiles[0] ?? null} adopted={list.adopted} />
+      <Known />
       {list.profiles.length > 0 ? (
         <ul class="profile-list" aria-label="Profiles">
           {list.profiles.slice(0, LISTED).map((profile, i) => (
@@ -38,26 +38,15 @@ export function Profiles(): JSX.Element | null {
   );
 }
 
-/** The steps of a calibration, with how far this cell has come. */
-function Guide({ newest, adopted }: { newest: ProfileSummary | null; adopted: string | null }): JSX.Element {
+/** What a profile would rest on now, besides the throws of a guided calibration. */
+function Known(): JSX.Element {
   const thrown = (history.value ?? []).filter((run) => run.cell === cellName.value && run.metrics?.["released"] === true);
-  const seen = thrown.filter((run) => (landings.value[run.id] ?? []).some((landing) => landing.withdrawn_at == null));
-  const steps: readonly (readonly [string, boolean])[] = [
-    [`Throw a few times at targets: ${thrown.length} of ${ENOUGH} so far`, thrown.length >= ENOUGH],
-    [`Report where each landed: ${seen.length} of ${ENOUGH} so far`, seen.length >= ENOUGH],
-    ["Estimate a profile from them", newest !== null],
-    ["Look at what it rests on, and adopt it", newest !== null && newest.id === adopted],
-  ];
+  const seen = thrown.filter((run) => counted(landings.value[run.id] ?? []).length > 0);
   return (
     <>
-      <ol class="steps" aria-label="Calibration">
-        {steps.map(([text, isDone]) => (
-          <li key={text} class={isDone ? "good" : ""}>
-            {text}
-            <span class="sr-only">{isDone ? ": done" : ": to be done"}</span>
-          </li>
-        ))}
-      </ol>
+      <p class="soft">
+        Ordinary throws teach, too: of the newest {thrown.length}, {seen.length} have a reported landing.
+      </p>
       <div class="actions">
         <button type="button" class="quiet small" onClick={() => void learn()}>
           Estimate a profile
@@ -68,27 +57,36 @@ function Guide({ newest, adopted }: { newest: ProfileSummary | null; adopted: st
 }
 
 function Profile({ profile, isUsed, isNewest }: { profile: ProfileSummary; isUsed: boolean; isNewest: boolean }): JSX.Element {
-  const { evidence, landing_error_before_m: before, landing_error_after_m: after } = profile;
-  const counted = `${evidence.throws.length} throws with ${evidence.landings.length} landings, ${evidence.timing.length} runs for the arm's timing`;
   return (
     <li class={isUsed ? "used" : ""}>
       <p>
         <b>{dateWords(profile.created_at)}</b>
         {isUsed ? <span class="badge">in use</span> : null}
       </p>
-      <p>{numbersWords(profile)}</p>
-      <p class="soft">
-        Rests on {counted}.{" "}
-        {typeof before === "number" && typeof after === "number" ? `Landings were off by ${length(before)}; it explains them to ${length(after)}.` : ""}
-      </p>
-      <Throws list={evidence.doubted ?? []} words={(count) => `${count} doubted: most likely a mistaken report`} />
-      <Throws list={evidence.not_used ?? []} words={(count) => `${count} ${count === 1 ? "throw" : "throws"} not used`} />
+      <ProfileFacts profile={profile} />
       {isUsed ? null : (
         <button type="button" class="quiet small" onClick={() => void adopt(profile.id)}>
           {isNewest ? "Adopt the newest" : `Adopt that of ${dateWords(profile.created_at)}`}
         </button>
       )}
     </li>
+  );
+}
+
+/** The numbers of a profile, and what they rest on. */
+export function ProfileFacts({ profile }: { profile: ProfileSummary }): JSX.Element {
+  const { evidence, landing_error_before_m: before, landing_error_after_m: after } = profile;
+  const counts = `${evidence.throws.length} throws with ${evidence.landings.length} landings, ${evidence.timing.length} runs for the arm's timing`;
+  return (
+    <>
+      <p>{numbersWords(profile)}</p>
+      <p class="soft">
+        Rests on {counts}.{" "}
+        {typeof before === "number" && typeof after === "number" ? `Landings were off by ${length(before)}; it explains them to ${length(after)}.` : ""}
+      </p>
+      <Throws list={evidence.doubted ?? []} words={(count) => `${count} doubted: most likely a mistaken report`} />
+      <Throws list={evidence.not_used ?? []} words={(count) => `${count} ${count === 1 ? "throw" : "throws"} not used`} />
+    </>
   );
 }
 
@@ -111,16 +109,16 @@ function Throws({ list, words }: { list: NamedThrows; words: (count: number) => 
   );
 }
 
-const ms = (seconds: number): string => `${figure(seconds * 1000, 3)} ms`;
+export const ms = (seconds: number): string => `${figure(seconds * 1000, 3)} ms`;
 
-function withStd(value: number, std: number | null): string {
-  return std === null ? ms(value) : `${ms(value)} ± ${ms(std)}`;
+export function withStd(value: number, std: number | null): string {
+  return std === null ? ms(value) : `${ms(value)} ± ${figure(std * 1000, 2)} ms`;
 }
 
 function numbersWords({ lag_s, lag_std_s, delay_s, delay_std_s, jitter_s, jitter_std_s }: ProfileSummary): string {
   return `Lag ${withStd(lag_s, lag_std_s)}; gripper ${withStd(delay_s, delay_std_s)}, jitter ${withStd(jitter_s, jitter_std_s)}.`;
 }
 
-function profileWords(profile: ProfileSummary): string {
+export function profileWords(profile: ProfileSummary): string {
   return `lag ${ms(profile.lag_s)}, gripper ${ms(profile.delay_s)} ± ${ms(profile.jitter_s)}, of ${dateWords(profile.created_at)}`;
 }

@@ -5,6 +5,7 @@ import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 
 import { cancelPlan, execute, plan, takeNearest } from "../state/actions";
+import { openCalibration } from "../state/calibrate";
 import { throwLabel } from "../state/machine";
 import {
   answered, armed, cell, cellName, dryRun, faults, floorZ, isPlanning, isReal, mode, obstacle, preview, problem, progress, running, standing,
@@ -95,7 +96,12 @@ function PlanSummary(): JSX.Element | null {
         <summary>Timing and odds</summary>
         <p class="soft">{timingWords(current)}</p>
         {odds && odds.profile === null ? (
-          <p class="soft">How likely it hits is not known: the timing is unknown, ±20 ms. Calibrate: fling calibrate gripper.</p>
+          <p class="soft">
+            How likely it hits is not known: the timing is unknown, ±20 ms.{" "}
+            <button type="button" class="link" onClick={openCalibration}>
+              Calibrate the cell
+            </button>
+          </p>
         ) : null}
         {odds && odds.profile !== null ? (
           <p class="soft">
@@ -192,6 +198,7 @@ function ThrowButton(): JSX.Element {
       </button>
       {asking.value && armed.value && !running.value ? (
         <AskOnceMore
+          what={`${throwLabel(current, floorZ.value)}. ${current ? planWords(current) : ""}`}
           onYes={() => {
             asking.value = false;
             begin();
@@ -204,15 +211,14 @@ function ThrowButton(): JSX.Element {
 }
 
 /** A real arm asks once more. Escape and the first focus are on the side of not moving. */
-function AskOnceMore({ onYes, onNo }: { onYes: () => void; onNo: () => void }): JSX.Element {
+export function AskOnceMore({ what, onYes, onNo }: { what: string; onYes: () => void; onNo: () => void }): JSX.Element {
   const dialog = useRef<HTMLDialogElement>(null);
   useEffect(() => dialog.current?.showModal(), []);
-  const current = answered.value;
   return (
     <dialog ref={dialog} class="ask" aria-labelledby="ask-title" onClose={onNo}>
       <h2 id="ask-title">A real arm will move</h2>
       <p>
-        <b>{current?.cell}</b> {cell.value?.link_kind === "ur" ? "is not a simulation." : `says that it is a simulation, but ${cell.value?.link_host} is not on this machine.`} {throwLabel(current, floorZ.value)}. {current ? planWords(current) : ""} Is everybody out of reach of the arm and of
+        <b>{cellName.value}</b> {cell.value?.link_kind === "ur" ? "is not a simulation." : `says that it is a simulation, but ${cell.value?.link_host} is not on this machine.`} {what} Is everybody out of reach of the arm and of
         the flight, and the emergency stop in your hand?
       </p>
       <div class="actions">
