@@ -11,7 +11,7 @@ import numpy as np
 
 from benchmarks.audit import self_pairs
 from planner.arrays import Array, read_only
-from planner.cell import Box, Cell, Limits, ToolCapsule, parse_cell
+from planner.cell import Box, Cell, Limits, Solid, ToolCapsule, parse_cell
 from planner.geometry import SELF_CLEARANCE_M, body_capsules
 from planner.problem import Opening, TargetRelease, ThrowProblem
 from planner.robots import Link
@@ -116,7 +116,9 @@ def _pose(X: Array) -> dict[str, Any]:
     return {"position_m": X[:3, 3], "rotation": X[:3, :3]}
 
 
-def _box(box: Box) -> dict[str, Any]:
+def _box(box: Solid) -> dict[str, Any]:
+    if box.core is not None:
+        raise ValueError("ThrowBench knows boxes along the axes alone")
     return {"lower_m": box.lower, "upper_m": box.upper}
 
 
