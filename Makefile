@@ -52,12 +52,14 @@ test-kernels: $(VENV)/dev.stamp
 		OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -W "ignore:During parsing:ImportWarning" \
 		-n 2 --dist loadfile tests/planner tests/benchmarks
 
+# What --verifytypes looks into is the Python on the path, whatever --pythonpath says.
 check: $(VENV)/dev.stamp
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports --no-cache
 	$(BIN)/pyright --pythonpath $(BIN)/python
-	$(BIN)/pyright --pythonpath $(BIN)/python --verifytypes fling --ignoreexternal > build/types.txt || { cat build/types.txt; exit 1; }
+	@mkdir -p build
+	PATH=$(CURDIR)/$(BIN):$$PATH pyright --verifytypes fling --ignoreexternal > build/types.txt || { cat build/types.txt; exit 1; }
 
 web: $(VENV)/run.stamp web/node_modules/.package-lock.json   ## the page's bundle, api/web, from web/ (needs Node 20.19 or newer)
 	mkdir -p web/build

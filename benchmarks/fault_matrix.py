@@ -35,7 +35,8 @@ Milliseconds from the fault to the arm's last motion, by the simulator's own acc
 (500 Hz, PolyScope 5), `ur5e-sim-x` (the same with PolyScope X, which has no dashboard) and `ur5-sim` (125 Hz, CB3), or
 of those that were asked for. At most {1e3 * REST_S:.0f} are promised; "on" where the run went on and was completed as
 planned. Approaches at 2 rad/s, a launch that reaches 2.5 rad/s. What else holds in every cell: the object is kept,
-lands as planned, or is told lost. The last rows are of a gripper on a network, in the phases of a streamed throw."""
+lands as planned, or is told lost. The last rows are of a gripper on a network, in the phases of a streamed throw: as
+planned is there what its command times allow, and an object lost while the fingers are told to open is "untold"."""
 
 
 def main(argv: Sequence[str]) -> int:
@@ -109,10 +110,15 @@ def _page(where: str, phases: Sequence[Phase], results: Sequence[CellResult], br
 
 
 def _worst(results: Sequence[CellResult], phase: Phase, fault: Fault) -> str:
-    """Returns the longest time to rest in one cell of the table [ms]; "on" where every run went on, "" without any."""
+    """Returns the longest time to rest in one cell of the table [ms]; "on" where every run went on, "" without any.
+
+    "untold" where nothing tells what became of the object.
+    """
     of_cell = [result for result in results if result.phase is phase and result.fault is fault]
     if not of_cell:
         return ""
+    if phase.name in fault.unseen:
+        return "untold"
     rests = [result.rest_s for result in of_cell if result.outcome != "completed"]
     return f"{1e3 * max(rests):.0f}" if rests else "on"
 

@@ -8,6 +8,7 @@ the table, that of `tests/verify` more, `python -m benchmarks.fault_matrix` all 
 from __future__ import annotations
 
 import contextlib
+import math
 import signal
 import socket
 import sqlite3
@@ -20,6 +21,10 @@ import numpy as np
 import psutil
 
 from executor import realtime
+from planner.answer import plan_from_document
+from planner.certificate import release_flight
+from planner.flight import fly
+from planner.geometry import tool_state
 from tests.system.rig import LONG_LOB, OTHER_INTERFACES, Rig
 
 REST_S = 0.150  # [s] of the controller's time from the fault to rest: the promise of docs/executor.md
@@ -37,7 +42,6 @@ POLL_S = 0.0005  # [s] between two looks at the controller while a moment is awa
 
 
 ROBOTIQ = 'kind = "robotiq"\nmodel = "2f85"\n'  # the gripper of `GRIPPER_FAULTS`
-LEAVES_M_S = 3.0  # [m/s] of an object that leaves in THROW, at most
 
 Undo = Callable[[], None]
 
@@ -172,6 +176,7 @@ class Fault:
             brakes, or the controller brakes by itself, and less hard [s].
         leaves_nobody: whether nobody is left who could say where an object went.
         lets_go: whether it opens the gripper itself.
+        unseen: names of phases in which nothing tells what became of the object.
     """
 
     name: str
@@ -181,6 +186,7 @@ class Fault:
     longer_s: float = 0.0
     leaves_nobody: bool = False
     lets_go: bool = False
+    unseen: tuple[str, ...] = ()
 
 
 def _told(name: str, **parameters: Any) -> Callable[[Rig], Trigger]:
@@ -355,11 +361,12 @@ FAULTS = (
 )
 SILENT_S = 0.15  # [s] after which a gripper that does not answer ends a run
 SEEN_S = 0.03  # [s] until fingers that move are asked for where they are, and have moved enough
+COMMANDED = ("before the command", "after the command")  # fingers that open do not tell that they opened on nothing
 GRIPPER_FAULTS = (  # of a gripper on a network, in the phases of a throw; with the object gone nothing is left to fail
     Fault("gripper silent", _told("stall_connection", role="gripper"), GRIPPER, True, SILENT_S),
     Fault("gripper late by 300 ms", _told("disturb_connection", role="gripper", delay_s=0.3), GRIPPER, True, SILENT_S),
     Fault("gripper's connection closed", _told("close_connection", role="gripper"), GRIPPER, True),
-    Fault("object lost by the gripper", _told("object_lost"), GRIPPER, True, SEEN_S, lets_go=True),
+    Fault("object lost by the gripper", _told("object_lost"), GRIPPER, True, SEEN_S, lets_go=True, unseen=COMMANDED),
     Fault("networked gripper opened", _gripper_told("SET POS 0 GTO 1\n"), GRIPPER, True, SEEN_S, lets_go=True),
 )
 THROWS = tuple(phase for phase in PHASES if phase.begin is _begin_throw)
@@ -417,6 +424,8 @@ class CellResult:
             return "the object is gone, and never left the gripper" if self.was_held and not self.is_held else ""
         if self.phase.holds and self.outcome != "completed" and not self.fault.lets_go:
             return "the object was lost"
+        if self.phase.name in self.fault.unseen:
+            return ""
         is_told = (self.told or self.fault.leaves_nobody) and self.outcome != "completed"
         if error_m > self.landed_m and not is_told:
             return f"the object landed {1e3 * error_m:.0f} mm off, and nobody says so"
@@ -453,7 +462,7 @@ def run_cell(rig: Rig, phase: Phase, fault: Fault, mode: str = "speedj") -> Cell
         row.reason or "",
         rest_s,
         error,
-        _landed_m(rig),
+        _landed_m(rig, id),
         told,
         latched,
         was_held,
@@ -483,10 +492,24 @@ def _landing_error(rig: Rig, id: str, newest: int) -> float | None:
     return float(np.linalg.norm(np.subtract(_landings(rig, number)[0], planned)[:2]))
 
 
-def _landed_m(rig: Rig) -> float:
-    """Returns how far off an object may land that was let go as planned [m]: a gripper may take commands at times."""
+def _landed_m(rig: Rig, id: str) -> float:
+    """Returns how far off an object may land that was let go as planned [m]: a gripper may take commands at times.
+
+    Half a quantum sooner or later it leaves with the speed and from the place that the tool has then.
+    """
     link = rig.cell.gripper.link
-    return LANDED_M + (0.0 if link is None else 0.5 * link.quantum_s * LEAVES_M_S)
+    problem, motion = plan_from_document(rig.document(id), rig.cell)
+    nominal = release_flight(problem, motion)
+    if link is None or nominal is None:
+        return LANDED_M
+    ticks = math.ceil(0.5 * link.quantum_s * motion.sample_rate_hz)
+    shifts = []
+    for k in range(motion.release_index - ticks, motion.release_index + ticks + 1):
+        X_WT, V_WT = tool_state(rig.cell, motion.q[k], motion.qd[k])
+        flight = fly(X_WT[:3, 3], V_WT[:3], problem.plane_z, problem.gravity, problem.drag)
+        assert flight is not None
+        shifts.append(float(np.linalg.norm(flight.landing_point - nominal.landing_point)))
+    return LANDED_M + max(shifts)
 
 
 def _landings(rig: Rig, number: int) -> list[list[float]]:
