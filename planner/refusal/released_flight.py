@@ -16,6 +16,7 @@ from planner.geometry import body_model, footprint, point_segment_distance, segm
 from planner.problem import ThrowProblem
 
 STEP_S = 0.001  # [s] between the instants that are looked at; a contact in between is left to the certificate
+FLIGHT_MAX_S = 10.0  # [s] longer ones begin faster than any arm throws, and are refused for that
 COARSE = 16  # [-] steps between the instants that are looked at first: most flights stay far from everything
 SLACK_M = 0.002  # [m] depth from which a contact is proven: the certificate lets the release deviate by less
 
@@ -63,9 +64,11 @@ def _release(problem: ThrowProblem) -> tuple[Array, Array]:
 
 
 def _times(problem: ThrowProblem, p: Array, v: Array) -> Array:
-    """Returns times (n,) [s] from the release until the centre passes the landing plane; none if it never does."""
+    """Returns times (n,) [s] from the release until the centre passes the landing plane; none if it never does, or late."""
     flight = fly(p, v, problem.plane_z, problem.gravity, problem.drag)
-    return np.zeros(0) if flight is None else np.arange(0.0, flight.time_of_flight_s, STEP_S)
+    if flight is None or flight.time_of_flight_s > FLIGHT_MAX_S:
+        return np.zeros(0)
+    return np.arange(0.0, flight.time_of_flight_s, STEP_S)
 
 
 def _centres(problem: ThrowProblem, p: Array, v: Array, t: Array) -> tuple[Array, Mask]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -107,3 +108,11 @@ def test_a_target_does_not_fix_the_flight() -> None:
     problem = thrown([2.0, 0.0, 0.5], WALL)
     target = TargetRelease(np.array([1.2, 0.1, 0.1]))
     assert released_flight_blocked(replace(problem, release=target)) is None
+
+
+def test_a_demand_beyond_all_arms_is_not_followed_through_the_sky() -> None:
+    tracemalloc.start()
+    assert released_flight_blocked(thrown([0.0, -0.5, 3e5])) is None  # 17 hours of flight; its speed is refused
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 1e7
