@@ -64,7 +64,7 @@ def _release(problem: ThrowProblem) -> tuple[Array, Array]:
 
 
 def _times(problem: ThrowProblem, p: Array, v: Array) -> Array:
-    """Returns times (n,) [s] from the release until the centre passes the landing plane; none if it does so late or never."""
+    """Returns times (n,) [s] from the release until the centre passes the landing plane; none if too late or never."""
     flight = fly(p, v, problem.plane_z, problem.gravity, problem.drag)
     if flight is None or flight.time_of_flight_s > FLIGHT_MAX_S:
         return np.zeros(0)

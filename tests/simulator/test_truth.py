@@ -88,7 +88,7 @@ def test_what_is_absent_is_as_in_the_cell(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("sneed = 1", "sneed: unknown key; known are arm, camera"),
+        ("sneed = 1", "sneed: unknown key; did you mean 'seed'?"),
         ("seed = 1.5", "seed = 1.5: must be a whole number"),
         ("[timing]\nlag = 0.02", "timing.lag: unknown key"),
         ("[timing]\nlag_s = 0.001", "timing.lag_s = 0.001: must lie in [0.002, 0.5]"),
