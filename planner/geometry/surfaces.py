@@ -68,7 +68,7 @@ def landing_surfaces(cell: Cell, p: Array) -> tuple[Surface, ...]:
     under_m = max((top.height_m for top in tops if top.depth(p) >= 0.0), default=np.inf)
     level = [top for top in tops if abs(top.height_m - under_m) <= LEVEL_M]
     along = [top for top in level if top.of is None]
-    found = _joined(along, p) if along else []
+    found = _joined(along, p) if any(top.depth(p) >= 0.0 for top in along) else []
     found += [top for top in level if top.of is not None and top.depth(p) >= 0.0]
     if lowest < around.floor_z_m:  # also of a place below it
         height_m = min(around.floor_z_m, float(p[2]))

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from planner.cell import Box, shape_of
-from planner.geometry import LEVEL_M, Arcs, footprint, landing_surfaces, misfit, segment_shape_distance
+from planner.geometry import Arcs, footprint, landing_surfaces, misfit, segment_shape_distance
 from planner.rotations import pose, rotation_vector_to_matrix
 from tests.planner.problems import cell, with_shapes
 
@@ -160,10 +160,11 @@ def test_an_object_does_not_lie_on_a_slope(kind, turn):
     assert misfit(here, top + 0.2 * up) is None
 
 
-def test_tops_that_are_turned_are_not_joined_to_others():
+@pytest.mark.parametrize("corner", [(1.0, 0.35), (-2.0, -2.0)])  # beside it, and far away
+def test_tops_that_are_turned_are_not_joined_to_others(corner):
     table = on_table("box", [0, 0, 0.7])
-    beside = Box(np.array([1.0, 0.3, 0.0]), np.array([1.6, 0.9, 0.4 + 0.5 * LEVEL_M]))
-    surfaces = landing_surfaces(with_shapes(cell(), table, beside), np.array([1.2, 0.2, 0.4]))
+    as_high = Box(np.array([*corner, 0.0]), np.array([corner[0] + 0.5, corner[1] + 0.5, 0.4]))
+    surfaces = landing_surfaces(with_shapes(cell(), table, as_high), np.array([1.2, 0.2, 0.4]))
     assert [surface.of for surface in surfaces] == [table]
 
 
