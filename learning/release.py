@@ -182,8 +182,9 @@ def learn_release(throws: Sequence[ObservedThrow], prior: Array) -> ReleasePoste
 def told_by_reports(release: ReleasePosterior, opened: Sequence[tuple[float, float]]) -> ReleasePosterior:
     """Returns the posterior with what a gripper itself reported of its openings.
 
-    Reports are read at the same ticks after each command, and may all be off to the same side: many tell the mean no
-    better than one, but for the jitter. They are taken for independent of the landings.
+    Reports are read at the same ticks after each command, and may all be off to the same side: many tell the delay no
+    better than one, but for the jitter, or for how far apart they lie where that is more. Their median counts, as a
+    finger that creeps opens nothing. They are taken for independent of the landings.
 
     Args:
         release: the posterior without them.
@@ -192,8 +193,10 @@ def told_by_reports(release: ReleasePosterior, opened: Sequence[tuple[float, flo
     if not opened:
         return release
     reports = np.array(opened)
-    variance = np.mean(np.diff(reports) / 2.0) ** 2 + release.jitter_s**2 / len(reports)
-    gap = reports.mean() - release.mean[:, LEAD]
+    middles = reports.mean(axis=1)
+    scatter = np.maximum(release.jitter_s**2, middles.var())
+    variance = np.mean(np.diff(reports) / 2.0) ** 2 + scatter / len(reports)
+    gap = np.median(middles) - release.mean[:, LEAD]
     shared = release.covariance[:, LEAD]
     total = shared[:, LEAD] + variance
     gain = shared / total[:, None]

@@ -87,6 +87,15 @@ def test_what_a_gripper_reports_brings_the_delay_nearer(soonest: list[PlannedThr
     assert told_by_reports(prior, []) is prior
 
 
+def test_reports_that_lie_far_apart_tell_less():
+    prior = learn_release([], prior_state(0.042, 0.0))
+    alike = told_by_reports(prior, [(0.050, 0.058)] * 8)
+    apart = told_by_reports(prior, [(0.030, 0.038), (0.070, 0.078)] * 4)
+    assert apart.state_covariance[0, 0] > 1.5 * alike.state_covariance[0, 0]
+    creeps = told_by_reports(prior, [*[(0.050, 0.058)] * 7, (0.0, 0.004)])
+    assert creeps.state[0] == pytest.approx(alike.state[0], abs=0.002)
+
+
 def test_wrong_observations_and_clinging_objects_do_not_pass_for_jitter(soonest: list[PlannedThrow]):
     posterior = learnt(cell(outlier_share=0.2, cling_share=0.1), soonest, 20)
     assert posterior.state[0] == pytest.approx(0.055, abs=0.0015)
