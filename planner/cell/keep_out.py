@@ -20,7 +20,7 @@ SIZES = {  # keys of each shape beyond `shape`, `pose`, `name` and `clearance_m`
     "capsule": ("radius_m", "length_m"),
 }
 POSE = {"position_m": None, "rotation_vector_rad": [0.0, 0.0, 0.0]}
-NAME_PATTERN = re.compile(r"[^\s,:;]([^,:;]{0,62}[^\s,:;])?")  # in a plan , : ; end a name
+NAME_PATTERN = re.compile(r"[^\s,:;]([^,:;]{0,62}[^\s,:;])?")  # of what can be printed; in a plan , : ; end a name
 OTHERS = ("object", "floor", "bin", "rim")  # what else a flight or a posture comes close to
 TOOL = "tool_"  # with a number: a capsule of the tool
 SIZE_MIN_M = 1e-4  # [m] a thinner body is a typing error
@@ -68,7 +68,7 @@ def _shape(entry: Mapping[str, Any], where: str) -> Solid:
     kind = choice({"shape": "box", **rest}, "shape", where, SIZES)
     rest = exactly({"shape": kind, **rest}, ("shape", "pose", *SIZES[kind]), where)
     pose = exactly(merge_defaults({"pose": rest["pose"]}, {"pose": POSE}, where)["pose"], tuple(POSE), f"{where}pose.")
-    X = placement(pose, "position_m", "rotation_vector_rad", f"{where}pose.")
+    X = placement(pose, "position_m", "rotation_vector_rad", f"{where}pose.", SIZE_MAX_M)
     if kind == "box":
         return shape_of(kind, X, vector(rest, "size_m", where, 3, SIZE_MIN_M, SIZE_MAX_M), name, clearance_m)
     sizes = [number(rest, key, where, SIZE_MIN_M, SIZE_MAX_M) for key in SIZES[kind]]
@@ -77,8 +77,8 @@ def _shape(entry: Mapping[str, Any], where: str) -> Solid:
 
 def _name(entry: Mapping[str, Any], where: str) -> str:
     name = entry.get("name", "")
-    if "name" in entry and not (isinstance(name, str) and NAME_PATTERN.fullmatch(name)):
-        raise CellError(f"{where}name", name, "must be 1 to 64 characters without , : ;")
+    if "name" in entry and not (isinstance(name, str) and name.isprintable() and NAME_PATTERN.fullmatch(name)):
+        raise CellError(f"{where}name", name, "must be 1 to 64 printable characters without , : ;")
     if name and (name in OTHERS or name.startswith(TOOL) or name in capsule_rows("ur5e")):
         raise CellError(f"{where}name", name, "is what something else is called in a plan")
     return name

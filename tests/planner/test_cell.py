@@ -278,6 +278,16 @@ def test_shapes_are_read_with_pose_size_name_and_clearance():
     [
         ('{ shape = "cone", pose = { position_m = [1, 0, 0] } }', "[0].shape", "box, cylinder, sphere, capsule"),
         ('{ shape = "sphere", radius_m = 0.1 }', "[0].pose", "missing"),
+        (
+            '{ shape = "sphere", pose = { position_m = [1e300, 0, 0] }, radius_m = 0.1 }',
+            "[0].pose.position_m[0]",
+            "1000",
+        ),
+        (
+            '{ shape = "sphere", pose = { position_m = [1, 0, 0] }, radius_m = 0.1, name = "a\\nb" }',
+            "[0].name",
+            "printable",
+        ),
         ('{ shape = "sphere", pose = { }, radius_m = 0.1 }', "[0].pose.position_m", "must be a list"),
         (f"{{ {POST}, size_m = [1, 1, 1] }}", "[0].size_m", "unknown key"),
         (f"{{ {POST.replace('0.05', '-0.05')} }}", "[0].radius_m", "must lie in"),

@@ -102,6 +102,9 @@ def _assumed_shape(cell: Cell) -> list[str]:
 
 def _no_clearance(cell: Cell) -> list[str]:
     """Returns a warning of a cell in which arm and tool may touch what stands around them."""
-    if cell.surroundings.clearance_m > 0.0:
-        return []
-    return ["surroundings.clearance_m is 0 m: arm, tool and object may touch the floor and every shape"]
+    around = cell.surroundings
+    if around.clearance_m <= 0.0:
+        return ["surroundings.clearance_m is 0 m: arm, tool and object may touch the floor and every shape"]
+    stands = zip(around.keep_out_names, around.keep_out, strict=True)
+    touched = [name for name, shape in stands if shape.clearance_m == 0.0]
+    return [f"clearance_m of {name} is 0 m: arm, tool and object may touch it" for name in touched]
