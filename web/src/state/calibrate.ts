@@ -8,10 +8,12 @@ import type { CalibrationMoves, Execution, Plan, PlanProgress, PlanRequest, Prof
 import { adopt, leavePast, loadProfiles, start, stop } from "./actions";
 import { begun, type Calibration, candidates, ended, keep, kept, moveWords, next, type Odds, type OddsChange, THROWS } from "./calibration";
 import { requestOf } from "./draft";
-import { calibration, cellName, driving, failed, guided, isReal, mode, profiles, running, state } from "./store";
+import { calibration, cell, cellName, driving, failed, guided, isReal, mode, profiles, running, state } from "./store";
+import { armKind } from "./readiness";
 import { outcomeWords } from "./words";
 
 const LOOK_MS = 300; // between two looks whether an execution has ended
+const NO_TARGET = "No other target around the arm is left: estimate a profile from these throws.";
 const REFUSALS = ["/problems/infeasible", "/problems/invalid-request"]; // of a candidate: the next one is tried
 
 /** What a calibration on the cell moves; null until it is known. */
@@ -133,7 +135,7 @@ async function moveOn(now: Calibration, signal: AbortSignal): Promise<boolean> {
   }
   if (now.step === "done") return false;
   const plan = await nextPlan(now, signal);
-  if (signal.aborted || (isReal.value && !(await isMeant(plan, signal)))) return false;
+  if (signal.aborted || (!isSimulated() && !(await isMeant(plan, signal)))) return false;
   const { id } = await start(plan.id, mode.value, false);
   update({ running: id });
   return wait(calibration.value!);
@@ -146,7 +148,7 @@ async function wait(now: Calibration): Promise<boolean> {
   const words = `${moveWords(now, motionCount.value)}: ${outcomeWords({ ...run, dryRun: run.dry_run })}.`;
   const then = ended(now, run, wanted, words);
   calibration.value = then;
-  const isToBeReported = isReal.value && now.step === "throws";
+  const isToBeReported = !isSimulated() && now.step === "throws";
   return then.trouble === null && !isToBeReported;
 }
 
@@ -164,19 +166,24 @@ async function endOf(id: string): Promise<Execution> {
   }
 }
 
+/** Whether the arm is known to be simulated: what is not is asked about. */
+function isSimulated(): boolean {
+  return cell.value !== null && armKind(cell.value) === "simulated";
+}
+
 /** Returns the plan of the first candidate that is not refused. */
 async function nextPlan(now: Calibration, signal: AbortSignal): Promise<Plan> {
   if (moves.value?.cell !== now.cell) await loadMoves(now.cell);
   const known = moves.value;
   if (known === null) throw new Error("The service did not tell what a calibration moves. Go on in a moment.");
-  let refusal: unknown = new Error("No other target around the arm is left: estimate a profile from these throws.");
+  let refusal: unknown = new Error(NO_TARGET);
   for (const request of candidates(now, known)) {
     if (now.step === "throws") update({ tried: calibration.value!.tried + 1 });
     try {
       return await planned(request as unknown as PlanRequest, (told) => (seeking.value = told), signal);
     } catch (error) {
       if (!(error instanceof ProblemError && REFUSALS.includes(error.problem.type))) throw error;
-      if (now.step === "motions") refusal = error;
+      refusal = now.step === "motions" ? error : new Error(`${NO_TARGET} The last one was refused: ${error.message}`);
     } finally {
       seeking.value = null;
     }

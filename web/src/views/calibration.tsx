@@ -70,7 +70,8 @@ function Guide({ now }: { now: Calibration }): JSX.Element {
 function foundWords(step: Step, now: Calibration): string {
   if (step === "motions") return now.motions.length > 0 ? `${now.motions.length} done` : "skipped";
   if (step === "lag") return now.lag === null ? "not measured" : lagWords(now.lag);
-  return step === "throws" ? `${now.throws.length} thrown` : "in use";
+  if (step === "throws") return `${now.throws.length} thrown`;
+  return profiles.value?.adopted === now.profile ? "in use" : "not adopted";
 }
 
 function lagWords({ assumed_s, measured_s, std_s, isOther }: Lag): string {
@@ -176,11 +177,9 @@ function Outcome({ now }: { now: Calibration }): JSX.Element {
         <button type="button" class={`small ${isWorth ? "primary" : "quiet"}`} disabled={driving.value !== null} onClick={() => void adoptAndGoOn()}>
           {isLag ? "Adopt the lag" : "Adopt"}
         </button>
-        {isLag ? (
-          <button type="button" class={`small ${isWorth ? "quiet" : "primary"}`} disabled={driving.value !== null} onClick={() => void skip()}>
-            {onwards}
-          </button>
-        ) : null}
+        <button type="button" class={`small ${isWorth ? "quiet" : "primary"}`} disabled={driving.value !== null} onClick={() => void skip()}>
+          {onwards}
+        </button>
       </Buttons>
     </>
   );
