@@ -93,7 +93,7 @@ const LABELS: Readonly<Record<string, string>> = {
   singularity_distance: "Singularity",
   self_collision: "Self-clearance",
   floor: "Floor",
-  keep_out: "Boxes",
+  keep_out: "Surroundings",
   keep_in: "Kept in",
   flight_clearance: "Flight",
   grip_acceleration: "Grip",

@@ -239,7 +239,7 @@ const CONSTRAINT_WORDS: Readonly<Record<string, string>> = {
   joint_torque: "Joint torque",
   floor: "Distance to the floor",
   keep_in: "Inside its box",
-  keep_out: "Clear of the boxes",
+  keep_out: "Clear of the surroundings",
   self_collision: "Distance between the arm's links",
   singularity_distance: "Distance to a singularity",
   release_position: "Release position",
