@@ -86,8 +86,10 @@ def test_the_doctor_shows_the_serial_number_and_a_wrong_robot(tmp_path: Path) ->
     try:
         rig.start_simulator("--cell", str(other_robot(rig, "ur3e-sim")), "--serial-number", SERIAL)
         code = (
-            "import sys; from executor.doctor import _robot; from planner.cell import load_cell\n"
-            "print(*_robot(load_cell(sys.argv[1])), sep='\\n')"
+            "import sys; from executor.doctor import _robot; from executor.robot import find_robot\n"
+            "from planner.cell import load_cell\n"
+            "cell = load_cell(sys.argv[1])\n"
+            "print(*_robot(cell, find_robot(cell.link.host)), sep='\\n')"
         )
         command = [sys.executable, "-c", code, str(rig.path)]
         done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT, env=dict(os.environ))
