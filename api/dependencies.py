@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
+import re
 from collections import Counter
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from dataclasses import dataclass, field
@@ -18,6 +19,7 @@ from fastapi import Depends, Header, Path, Request
 from fastapi.dependencies.models import Dependant
 from fastapi.routing import APIRoute
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
+from pydantic import BeforeValidator
 
 from api.cell_repository import CellRepository
 from api.execution_feed import ExecutionFeeds
@@ -36,6 +38,7 @@ from store import AuditLine, IdempotencyKey, KeyTaken, Store
 Row = TypeVar("Row")
 KEY_LENGTH_MAX = 255
 LOCAL_CALLER = Caller("local", frozenset({"plan", "operate"}))  # anyone on this machine, if there are no tokens
+INTEGER = re.compile(r"-?[0-9]+", re.ASCII)
 BEARER = HTTPBearer(auto_error=False, description="From `fling token create`; not needed where there are no tokens.")
 
 
@@ -268,6 +271,16 @@ def _query_names(dependant: Dependant) -> set[str]:
 def _unknown_query(name: str, known: Sequence[str]) -> str:
     there = f"; there are {', '.join(known)}" if known else "; there is none here"
     return f"there is no such parameter{did_you_mean(name, known) or there}"
+
+
+def _plain_integer(text: object) -> object:
+    """Returns a parameter that is no text other than an integer's: "+0.0" is taken for one otherwise."""
+    if isinstance(text, str) and not INTEGER.fullmatch(text):
+        raise ValueError("must be an integer")
+    return text
+
+
+PLAIN = BeforeValidator(_plain_integer)
 
 
 def id_in_path(thing: str) -> Any:

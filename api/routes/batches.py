@@ -19,7 +19,7 @@ from starlette.background import BackgroundTask
 from starlette.concurrency import run_in_threadpool
 
 from api.batch_requests import batch_document, batch_specification
-from api.dependencies import AnyCaller, Key, Origin, PlanCaller, Service, ServiceDep, find, id_in_path, make_once
+from api.dependencies import PLAIN, AnyCaller, Key, Origin, PlanCaller, Service, ServiceDep, find, id_in_path, make_once
 from api.http import (
     StrictJsonRoute,
     event_stream,
@@ -42,7 +42,7 @@ KEEP_ALIVE_S = 10.0  # [s] silence before a comment is sent, so that proxies kee
 BatchId = Annotated[str, id_in_path("batch")]
 BatchBody = Annotated[BatchRequest, Body(openapi_examples=BATCH_EXAMPLES)]  # type: ignore[arg-type]
 GRIDS_KEPT = 16  # so that not every page of results reads its batch again
-ResultCursor = Annotated[int, Query(ge=-1, le=2**31 - 1, description="`next_cursor` of the page before.")]
+ResultCursor = Annotated[int, Query(ge=-1, le=2**31 - 1, description="`next_cursor` of the page before."), PLAIN]
 TABLES = {"text/csv": ".csv", PARQUET: ".parquet"}
 RESULTS_ANSWER = {
     "model": BatchResultList,
@@ -124,7 +124,7 @@ async def watch_batch(
     request: Request,
     service: ServiceDep,
     caller: AnyCaller,
-    last_event_id: Annotated[int, Header(ge=0, le=2**62, description="Skips progress that the client has.")] = 0,
+    last_event_id: Annotated[int, Header(ge=0, le=2**62, description="Skips progress that the client has."), PLAIN] = 0,
 ) -> StreamingResponse:
     """Streams the progress of a batch as server-sent events until it is finished."""
     row = await run_in_threadpool(find_batch, service, id)

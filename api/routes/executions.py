@@ -11,7 +11,18 @@ from fastapi import APIRouter, Body, Header, Query, Request, Response
 from fastapi.responses import JSONResponse, StreamingResponse
 from starlette.concurrency import run_in_threadpool
 
-from api.dependencies import AnyCaller, Key, OperateCaller, Origin, Service, ServiceDep, find, id_in_path, make_once
+from api.dependencies import (
+    PLAIN,
+    AnyCaller,
+    Key,
+    OperateCaller,
+    Origin,
+    Service,
+    ServiceDep,
+    find,
+    id_in_path,
+    make_once,
+)
 from api.http import (
     Caller,
     ProblemDetails,
@@ -145,7 +156,7 @@ async def watch_execution(
     request: Request,
     service: ServiceDep,
     caller: AnyCaller,
-    last_event_id: Annotated[int, Header(ge=0, le=2**62, description="Resume after this event.")] = 0,
+    last_event_id: Annotated[int, Header(ge=0, le=2**62, description="Resume after this event."), PLAIN] = 0,
 ) -> StreamingResponse:
     """Streams state changes and telemetry (20 Hz or more) as server-sent events until the execution has ended."""
     row = await run_in_threadpool(find_execution, service, id)

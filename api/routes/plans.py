@@ -17,6 +17,7 @@ from starlette.concurrency import run_in_threadpool
 
 from api import fling_version
 from api.dependencies import (
+    PLAIN,
     AnyCaller,
     Gone,
     IfNoneMatch,
@@ -70,7 +71,7 @@ TOKEN_PROBLEMS = ("unauthenticated", "forbidden")
 POST_PROBLEMS = (*TOKEN_PROBLEMS, "invalid-request", "too-large", "unsupported-media-type")
 PLAN_PROBLEMS = ("not-found", "robot-not-ready", "infeasible", "overloaded", "solver-failed", "not-acceptable")
 PlanId = Annotated[str, id_in_path("plan")]
-PageLimit = Annotated[int, Query(ge=1, le=200, description="Maximum length of the page.")]
+PageLimit = Annotated[int, Query(ge=1, le=200, description="Maximum length of the page."), PLAIN]
 PageCursor = Annotated[str | None, Query(description="`next_cursor` of the page before.", pattern=UUID_PATTERN)]
 WithTrajectory = Annotated[bool, Query(description="false leaves the trajectory out.")]
 WithStore = Annotated[

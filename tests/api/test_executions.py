@@ -122,6 +122,7 @@ def test_executions_are_listed_by_cell_and_outcome(service: RunningService, plan
     page = service.client.get("/executions?cell=ur5e-sim&limit=1").json()
     assert listed(f"cell=ur5e-sim&limit=1&cursor={page['next_cursor']}") == [ids["ur5e-sim", "held"]]
     problem_of(service.client.get("/executions?outcome=lost"), 422, "invalid-request")
+    problem_of(service.client.get("/executions?limit=5.0"), 422, "invalid-request")
     problem_of(service.client.get("/executions?cell=%00"), 422, "invalid-request")  # PostgreSQL knows no such text
 
 
@@ -193,7 +194,8 @@ def test_events_resume_after_the_last_one_seen(service: RunningService, executor
     rest = events_of(service.client.get(path, headers={"Last-Event-ID": str(everything[0]["id"])}).text)
     assert rest == everything[1:]
     assert events_of(service.client.get(path, headers={"Last-Event-ID": str(everything[-1]["id"])}).text) == []
-    problem_of(service.client.get(path, headers={"Last-Event-ID": "yesterday"}), 422, "invalid-request")
+    for wrong in ("yesterday", "+0.0", "1_0"):
+        problem_of(service.client.get(path, headers={"Last-Event-ID": wrong}), 422, "invalid-request")
 
 
 def test_the_recording_in_two_formats(service: RunningService, executor: FakeExecutor, plan):
