@@ -11,45 +11,26 @@ from planner.grippers import GripperLink
 PROGRAM = "fling_gripper"  # name of the secondary programs that Fling sends: no other client's
 
 
-class ScriptGripper:
-    """Snippets that run as secondary programs, beside the program that moves the arm; nothing tells how they ended."""
+class UnseenGripper:
+    """A gripper that tells nothing of its fingers: there is nothing to ask it."""
 
-    answers = False
     reports = False
-    fault = ""
-    reconnects = False
     quiet_s = 0.0
 
-    def __init__(self, link: GripperLink) -> None:
-        self._texts = {True: _secondary(link.open_text), False: _secondary(link.close_text)}
-
     def preparation(self) -> tuple[bytes, ...]:
-        """Returns nothing: there is nothing to ask."""
+        """Returns nothing: what there is to call would move the gripper."""
         return ()
 
     def unready(self) -> str:
         """Returns nothing."""
         return ""
 
-    def tell(self, opens: bool) -> bytes:
-        """Returns the snippet as a program."""
-        return self._texts[opens]
-
     def question(self) -> bytes:
         """Returns nothing."""
         return b""
 
-    def take(self, received: bytearray) -> int:
-        """Discards the states that the controller sends here."""
-        received.clear()
-        return 0
-
-    def is_open(self) -> bool | None:
-        """Returns None."""
-        return None
-
     def is_closed(self) -> bool:
-        """Returns False."""
+        """Returns False: an answer to a call does not tell where the gripper is."""
         return False
 
     def motion(self) -> None:
@@ -61,13 +42,35 @@ class ScriptGripper:
         return False
 
 
-class HttpGripper:
+class ScriptGripper(UnseenGripper):
+    """Snippets that run as secondary programs, beside the program that moves the arm; nothing tells how they ended."""
+
+    answers = False
+    fault = ""
+    reconnects = False
+
+    def __init__(self, link: GripperLink) -> None:
+        self._texts = {True: _secondary(link.open_text), False: _secondary(link.close_text)}
+
+    def tell(self, opens: bool) -> bytes:
+        """Returns the snippet as a program."""
+        return self._texts[opens]
+
+    def take(self, received: bytearray) -> int:
+        """Discards the states that the controller sends here."""
+        received.clear()
+        return 0
+
+    def is_open(self) -> bool | None:
+        """Returns None."""
+        return None
+
+
+class HttpGripper(UnseenGripper):
     """Calls (POST, without a body) to one server; what it answered last is what the gripper did."""
 
     answers = True
-    reports = False
     reconnects = True
-    quiet_s = 0.0
 
     def __init__(self, link: GripperLink) -> None:
         self._requests = {True: _post(link, link.open_text), False: _post(link, link.close_text)}
@@ -75,22 +78,10 @@ class HttpGripper:
         self._is_open: bool | None = None
         self.fault = ""
 
-    def preparation(self) -> tuple[bytes, ...]:
-        """Returns nothing: a call would move the gripper."""
-        return ()
-
-    def unready(self) -> str:
-        """Returns nothing."""
-        return ""
-
     def tell(self, opens: bool) -> bytes:
         """Returns the call."""
         self._told.append(opens)
         return self._requests[opens]
-
-    def question(self) -> bytes:
-        """Returns nothing."""
-        return b""
 
     def take(self, received: bytearray) -> int:
         """Takes whole answers."""
@@ -107,18 +98,6 @@ class HttpGripper:
     def is_open(self) -> bool | None:
         """Returns what the call that was answered last did; None before any."""
         return self._is_open
-
-    def is_closed(self) -> bool:
-        """Returns False: that a call was answered does not tell where the gripper is."""
-        return False
-
-    def motion(self) -> None:
-        """Returns None."""
-        return
-
-    def has_lost_object(self) -> bool:
-        """Returns False."""
-        return False
 
 
 def _secondary(snippet: str) -> bytes:
