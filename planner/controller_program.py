@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from planner.brake_profile import RAMP, SLOPE
+from planner.grippers import SET_OUTPUT
 
 PROGRAM = "fling_motion"
 # Integer registers that ur_rtde leaves to applications. source: ur_rtde 1.6.5, RTDEIOInterface and RTDEReceiveInterface
@@ -44,11 +45,6 @@ FINAL_STOP_RAD_S2 = 20.0  # [rad/s^2] of the final stopj, where only rounding is
 AT_START_RAD = 0.01  # [rad] as an execution accepts it
 BEGIN_S = 10.0  # [s] for which a watched program waits for its start
 GRIP_S = 0.3  # [s] for the fingers to close, on the pendant
-SET_OUTPUT = {
-    "tool_digital": "set_tool_digital_out",
-    "standard_digital": "set_standard_digital_out",
-    "configurable_digital": "set_configurable_digital_out",
-}
 
 
 class NoProgram(ValueError):

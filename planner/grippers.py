@@ -7,6 +7,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+OUTPUTS = {"tool_digital": 2, "standard_digital": 8, "configurable_digital": 8}  # of each kind on a UR controller
+SET_OUTPUT = {  # functions of URScript; source: Universal Robots, URScript manual
+    "tool_digital": "set_tool_digital_out",
+    "standard_digital": "set_standard_digital_out",
+    "configurable_digital": "set_configurable_digital_out",
+}
 WIRED = ("digital", "vacuum")  # kinds that digital outputs of the controller switch
 # [s] the URCap's socket passes on what the gripper's registers say, which change at 100 Hz; on the bus itself 5 ms must
 # pass between two commands; source: Robotiq, instruction manual of 2F-85 and 2F-140, Modbus RTU

@@ -17,7 +17,7 @@ import click
 from api.cli.cell_urdf import refuse_present, write_new
 from api.cli.support.cell_warnings import warnings_of
 from api.cli.support.terminal import BAD, GOOD, say
-from planner.grippers import MODELS
+from planner.grippers import MODELS, OUTPUTS
 
 if TYPE_CHECKING:
     from planner.cell import Cell
@@ -25,15 +25,13 @@ if TYPE_CHECKING:
 NAME = re.compile(r"[A-Za-z0-9_-]+")
 SIMULATED = "sim"
 SIMULATED_HOST = "127.0.0.1"
-OUTPUTS = tuple(
-    f"{output} {index}"
-    for output, count in (("tool_digital", 2), ("standard_digital", 8), ("configurable_digital", 8))
-    for index in range(count)
-)
+OUTPUT_WORDS = tuple(f"{output} {index}" for output, count in OUTPUTS.items() for index in range(count))
 VACUUM = "vacuum "
 # What a gripper is opened by, as an answer: an output, an output that is the vacuum's, or a model with a bus.
-GRIPPER = click.Choice((*OUTPUTS, *(f"{VACUUM}{output}" for output in OUTPUTS), *MODELS), case_sensitive=False)
-OPENS = f"an output such as {OUTPUTS[0]} or {VACUUM}{OUTPUTS[0]}, or a model: {', '.join(MODELS)}"
+GRIPPER = click.Choice(
+    (*OUTPUT_WORDS, *(f"{VACUUM}{output}" for output in OUTPUT_WORDS), *MODELS), case_sensitive=False
+)
+OPENS = f"an output such as {OUTPUT_WORDS[0]} or {VACUUM}{OUTPUT_WORDS[0]}, or a model: {', '.join(MODELS)}"
 COMPUTE_BOX = 'host = "192.168.1.1"              # a guess: the compute box as delivered\n'
 VERSION = re.compile(r"\d+\.\d+(\.\d+)?")  # of PolyScope; a controller may tell its build, too
 TCP_M = 0.17  # [m] from the flange to the object's centre: of the shipped cells
@@ -148,7 +146,7 @@ def new(
         robot=robot or _ask_robot(told.get("models", [])),
         tcp=_tcp(tcp, told.get("tcp_offset")),
         mass_kg=_mass(mass, told.get("payload_kg")),
-        gripper=gripper or _ask(5, f"what opens the gripper: {OPENS}", OUTPUTS[0], GRIPPER),
+        gripper=gripper or _ask(5, f"what opens the gripper: {OPENS}", OUTPUT_WORDS[0], GRIPPER),
         serial=told.get("serial"),
         polyscope=polyscope or _version(told.get("polyscope")),
     )

@@ -12,14 +12,10 @@ from collections.abc import Sequence
 
 from executor.grippers import PROGRAM
 from executor.stream_job import StreamJob
+from planner.grippers import SET_OUTPUT
 
 PORT = 30002
 CONNECT_S = 0.5  # [s] a controller answers within milliseconds; without this interface a run goes on
-FUNCTIONS = {
-    "tool_digital": "set_tool_digital_out",
-    "standard_digital": "set_standard_digital_out",
-    "configurable_digital": "set_configurable_digital_out",
-}
 
 
 class GripperHold:
@@ -60,7 +56,7 @@ class GripperHold:
     def _set(self, levels: Sequence[tuple[str, int, bool]]) -> bool:
         if self._socket is None:
             return False
-        lines = [f"  {FUNCTIONS[output]}({index}, {level})" for output, index, level in levels]
+        lines = [f"  {SET_OUTPUT[output]}({index}, {level})" for output, index, level in levels]
         script = "\n".join([f"sec {PROGRAM}():", *lines, "end", ""])
         try:
             return self._socket.send(script.encode()) == len(script)

@@ -13,12 +13,11 @@ from planner.arrays import Array, read_only
 from planner.cell.fields import choice, number, optional, vector
 from planner.cell.model import ControllerAddress, Gripper
 from planner.errors import CellError
-from planner.grippers import KINDS, MODELS, NOT_SUPPORTED, PORTS, UNTIMED, WIRED, GripperLink, SecondOutput
+from planner.grippers import KINDS, MODELS, NOT_SUPPORTED, OUTPUTS, PORTS, UNTIMED, WIRED, GripperLink, SecondOutput
 
 WHERE = "gripper."
 # [m/s^2] a grip that withstands less holds nothing, and one that withstands a thousand times gravity is not limited
 HOLD_ACCELERATION_RANGE = 1e-3, 1e4
-OUTPUTS = {"tool_digital": 2, "standard_digital": 8, "configurable_digital": 8}  # of each kind on a UR controller
 BLOW_OFF_MAX_S = 10.0  # [s] of compressed air after a release; catches milliseconds
 TEXT_MAX = 4000  # characters of a snippet; it is sent in one piece
 OPEN_LEVEL = {"digital": True, "vacuum": False}  # of the first output: a vacuum is off
