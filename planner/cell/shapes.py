@@ -53,7 +53,7 @@ class LevelTop(NamedTuple):
     Attributes:
         centre: (2,) [m].
         axes: unit vectors along its sides (2, 2), one a row.
-        half: half its sides (2,), or the radius of the disc, twice [m].
+        half: half its sides (2,), or both times the radius of the disc [m].
         is_round: whether it is a disc.
     """
 

@@ -148,7 +148,7 @@ def tool_shape(motion: MotionSamples) -> NotChecked | None:
 def clearance(motion: MotionSamples) -> NotChecked | None:
     """Says that the cell asks for no distance from floor and shapes; None where it does."""
     around = motion.problem.cell.surroundings
-    least_m = around.clearance_m + min(0.0, *around.further_clearances, 0.0)
+    least_m = around.clearance_m + min((0.0, *around.further_clearances))
     return None if least_m > 0.0 else NotChecked("clearance")
 
 
