@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import dataclasses
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -57,7 +58,7 @@ class Stopping:
             return stop_socket.stop_newest(here, who) if id is None else stop_socket.stop(here, id, who)
 
         found = await run_sync(ask, limiter=self._lanes.stops)
-        return None if found is None else ExecutionRow(**found)
+        return None if found is None else _row(found)
 
     async def ended(self, id: str) -> ExecutionRow | None:
         """Returns an execution that has ended; None of any other. It is read, which waits for no writer.
@@ -92,3 +93,8 @@ class Stopping:
 
     async def _in_store(self, call: Callable[[], Answer]) -> Answer:
         return await run_sync(call, limiter=self._lanes.notes, abandon_on_cancel=True)
+
+
+def _row(told: Mapping[str, Any]) -> ExecutionRow:
+    """Returns an execution as its executor tells it, whose version may have other fields than this one."""
+    return ExecutionRow(**{field.name: told.get(field.name) for field in dataclasses.fields(ExecutionRow)})

@@ -62,6 +62,24 @@ def test_the_executor_brakes_and_the_database_knows(service: RunningService, her
     assert service.store.audit_lines(1)[0]["action"] == "abort"
 
 
+def test_an_executor_of_another_version_is_stopped(
+    service: RunningService, here: ExecutorHere, monkeypatch: pytest.MonkeyPatch
+):
+    own = here._answer
+
+    def other_version(message: dict[str, Any]) -> dict[str, Any]:
+        answer = {**(own(message) or {}), "field_of_another_version": 1}
+        answer.pop("mode")
+        return answer
+
+    monkeypatch.setattr(here, "_answer", other_version)
+    id = here.execution.row.id
+    response = service.client.post(f"/executions/{id}/abort")
+    assert response.status_code == 202, response.text
+    assert here.stopped.asked.is_set()
+    assert service.store.abort_requested(id)
+
+
 @pytest.mark.skipif(POSTGRES is not None, reason="SQLite's lock")
 @pytest.mark.parametrize("name", ["id", "latest"])
 def test_a_locked_database_keeps_nobody_from_stopping(service: RunningService, here: ExecutorHere, name: str):
