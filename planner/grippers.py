@@ -53,7 +53,15 @@ MODELS = {
     "rg6": GripperModel("onrobot", 0.160, COMPUTE_BOX, 65),
     "vg10": GripperModel("onrobot", 0.0, COMPUTE_BOX, 65),
 }
-KINDS = ("digital", "vacuum", "robotiq", "onrobot", "script", "http")
+OF_BUS = ("model", "transport", "host", "port", "slave_id", "open_width_m")
+KINDS: dict[str, tuple[str, ...]] = {  # of each kind the keys of a cell file beyond those that all have
+    "digital": ("close_output", "close_index"),
+    "vacuum": ("blow_off_output", "blow_off_index", "blow_off_s"),
+    "robotiq": OF_BUS,
+    "onrobot": OF_BUS,
+    "script": ("open_script", "close_script"),
+    "http": ("open_url", "close_url"),
+}
 NOT_SUPPORTED = {
     "schunk": (
         'is not supported: Fling knows no protocol of these grippers. One with digital inputs is a "digital", and a '

@@ -201,7 +201,7 @@ def _gripper_text(answers: Answers) -> str:
         kind = 'kind = "vacuum"\n' if is_vacuum else ""
         level = "false" if is_vacuum else "true"
         return f'{kind}output = "{output}"\nindex = {index}\nopen_level = {level}\n'
-    needs_host = model.kind == "onrobot" and not answers.is_simulated
+    needs_host = "modbus_tcp" in model.transports and not answers.is_simulated
     return f'kind = "{model.kind}"\nmodel = "{answers.gripper}"\n{COMPUTE_BOX if needs_host else ""}'
 
 

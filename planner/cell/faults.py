@@ -9,16 +9,16 @@ from typing import Any
 
 from planner.cell.fields import UNKNOWN_KEY
 from planner.cell.file import DEFAULTS, cell_of_document, toml_of
-from planner.cell.gripper import KEYS
 from planner.cell.model import Cell
 from planner.cell.source import CellSource
 from planner.errors import CellError
+from planner.grippers import KINDS
 
 FAULTS_MAX = 100  # a file with more of them is no cell file
 # Of required keys, so that the others can be read.
 STAND_IN = {"robot": "ur5e", "link.kind": "sim", "arm_data.source": "a stand-in"}
 OF_ARM = ("limits.joint_", "home_rad", "sim.polyscope", "kinematics.")  # not judged without knowing the arm
-OF_KIND = tuple(f"gripper.{key}" for keys in KEYS.values() for key in keys)  # nor these without the gripper's kind
+OF_KIND = tuple(f"gripper.{key}" for keys in KINDS.values() for key in keys)  # nor these without the gripper's kind
 ENTRY = {  # of tools and shapes, which have no defaults
     "from_m": [0.0, 0.0, 0.0],
     "to_m": [0.0, 0.0, 0.0],

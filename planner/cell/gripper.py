@@ -21,23 +21,12 @@ HOLD_ACCELERATION_RANGE = 1e-3, 1e4
 BLOW_OFF_MAX_S = 10.0  # [s] of compressed air after a release; catches milliseconds
 TEXT_MAX = 4000  # characters of a snippet; it is sent in one piece
 OPEN_LEVEL = {"digital": True, "vacuum": False}  # of the first output: a vacuum is off
-OF_BUS = ("model", "transport", "host", "port", "slave_id", "open_width_m")
-KEYS: dict[
-    str, tuple[str, ...]
-] = {  # of each kind, beyond those that all have; None in `GRIPPER` means that a key is absent
-    "digital": ("close_output", "close_index"),
-    "vacuum": ("blow_off_output", "blow_off_index", "blow_off_s"),
-    "robotiq": OF_BUS,
-    "onrobot": OF_BUS,
-    "script": ("open_script", "close_script"),
-    "http": ("open_url", "close_url"),
-}
 GRIPPER: dict[str, Any] = {
     "kind": "digital",
     "output": "tool_digital",
     "index": 0,
     "open_level": None,
-    **{key: None for keys in KEYS.values() for key in keys},
+    **{key: None for keys in KINDS.values() for key in keys},  # None means that a key is absent
     "delay_s": 0.040,
     "jitter_s": 0.0,
     "opening_direction": None,
@@ -80,9 +69,9 @@ def _kind(table: Mapping[str, Any]) -> str:
     if isinstance(kind, str) and kind in NOT_SUPPORTED:
         raise CellError("gripper.kind", kind, NOT_SUPPORTED[kind])
     kind = choice(table, "kind", WHERE, KINDS)
-    for key in (key for keys in KEYS.values() for key in keys if key not in KEYS[kind]):
+    for key in (key for keys in KINDS.values() for key in keys if key not in KINDS[kind]):
         if table[key] is not None:
-            of = " or ".join(f'"{other}"' for other, keys in KEYS.items() if key in keys)
+            of = " or ".join(f'"{other}"' for other, keys in KINDS.items() if key in keys)
             raise CellError(WHERE + key, table[key], f'is a key of kind {of}, and the kind is "{kind}"')
     return kind
 
@@ -104,7 +93,7 @@ def _second(table: Mapping[str, Any], kind: str, first: tuple[str, int]) -> Seco
     """Returns the output that closes the gripper, or that blows the object off; None without one."""
     if kind not in WIRED:
         return None
-    keys = KEYS[kind]
+    keys = KINDS[kind]
     missing = [key for key in keys if table[key] is None]
     if len(missing) == len(keys):
         return None

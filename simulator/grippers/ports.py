@@ -1,8 +1,9 @@
-"""The ports at which a cell's gripper is reached; adding a twin is a module and a branch here."""
+"""The ports at which a cell's gripper is reached; adding a twin is a module and a line here."""
 
 from __future__ import annotations
 
 import socket
+from collections.abc import Callable
 
 from planner.cell import Gripper
 from planner.grippers import GripperLink
@@ -27,19 +28,28 @@ def gripper_ports(gripper: Gripper, simulated: SimulatedGripper, host: str) -> l
     link = gripper.link
     if link is None or link.kind == "script" or not _is_here(link.host, host):
         return []
-    return [ServicePort(PORT_NAME, link.port, _server(link, simulated))]
+    return [ServicePort(PORT_NAME, link.port, TWINS[link.kind, link.transport](link, simulated))]
 
 
-def _server(link: GripperLink, simulated: SimulatedGripper) -> ConnectionHandler:
-    if link.kind == "http":
-        return HttpTwin(link, simulated)
-    if link.kind == "onrobot":
-        registers = FingerRegisters(simulated) if link.stroke_m > 0.0 else VacuumRegisters(simulated)
-        return ModbusServer(TcpFraming(), registers, link.slave_id)
-    state = RobotiqState(simulated)
-    if link.transport == "socket":
-        return RobotiqServer(state)
-    return ModbusServer(RtuFraming(), RobotiqRegisters(state), link.slave_id)
+def _onrobot(link: GripperLink, simulated: SimulatedGripper) -> ConnectionHandler:
+    registers = FingerRegisters(simulated) if link.stroke_m > 0.0 else VacuumRegisters(simulated)
+    return ModbusServer(TcpFraming(), registers, link.slave_id)
+
+
+def _robotiq_socket(link: GripperLink, simulated: SimulatedGripper) -> ConnectionHandler:
+    return RobotiqServer(RobotiqState(simulated))
+
+
+def _robotiq_serial(link: GripperLink, simulated: SimulatedGripper) -> ConnectionHandler:
+    return ModbusServer(RtuFraming(), RobotiqRegisters(RobotiqState(simulated)), link.slave_id)
+
+
+TWINS: dict[tuple[str, str], Callable[[GripperLink, SimulatedGripper], ConnectionHandler]] = {  # by kind and transport
+    ("robotiq", "socket"): _robotiq_socket,
+    ("robotiq", "tool_serial"): _robotiq_serial,
+    ("onrobot", "modbus_tcp"): _onrobot,
+    ("http", ""): HttpTwin,
+}
 
 
 def _is_here(address: str, host: str) -> bool:
