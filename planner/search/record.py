@@ -86,19 +86,19 @@ class PlanningSearch:
 
     @property
     def release_time_s(self) -> float:
-        """Release time before which a motion is of use [s]: the best's; infinite without one.
-
-        Where any motion will do, none is of use beside the best.
-        """
+        """Release time of the best motion [s]; infinite without one."""
         best = self.best
-        if best is None:
-            return math.inf
-        return -math.inf if self.is_for_any else best.solution.trajectory.release_time_s
+        return math.inf if best is None else best.solution.trajectory.release_time_s
 
     @property
     def latest_useful_s(self) -> float:
         """Latest release time of a motion that is of use [s]: a tick before that of the best."""
         return self.release_time_s - self.problem.dt
+
+    def is_of_use(self, release_time_s: float) -> bool:
+        """Returns whether a motion with a release at this time [s], or later, can be better than the best one."""
+        is_enough = self.is_for_any and self.best is not None
+        return not is_enough and release_time_s < self.release_time_s
 
     def certify(self, backend: str, solution: Solution) -> CertifiedSolution:
         """Returns a motion with its checks, and keeps it: as an answer, or for the refusal."""

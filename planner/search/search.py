@@ -81,7 +81,7 @@ def search_candidates(search: PlanningSearch, found: Sequence[Candidate], at_mos
     for candidate, aspect, least_s in _first(search, found):
         if tried == at_most or search.out_of_time:
             break
-        if aspect not in settled and least_s < search.release_time_s:
+        if aspect not in settled and search.is_of_use(least_s):
             tried += 1
             if optimise(search, candidate):
                 settled.add(aspect)
@@ -105,14 +105,14 @@ def try_motions(search: PlanningSearch, backend: str, found: Sequence[Candidate]
     for candidate in found:
         search.begin_candidate()
         for solve in solvers:
-            if candidate.bound_s >= search.release_time_s or search.out_of_time:
+            if not search.is_of_use(candidate.bound_s) or search.out_of_time:
                 break
             try:
                 motion = solve(search.problem, candidate)
             except SolverFailed as error:
                 failure = f"; {error}"
                 continue
-            if motion.trajectory.release_time_s < search.release_time_s:
+            if search.is_of_use(motion.trajectory.release_time_s):
                 tried += 1
                 valid += search.certify(backend, motion).is_valid
     made = f"{valid} of {tried} motions certified" if tried else "no motion"
@@ -136,7 +136,7 @@ def _first(search: PlanningSearch, found: Sequence[Candidate]) -> Iterator[tuple
     problem = search.problem
     if problem.fixes_joints:
         for row, candidate in enumerate(found):
-            if candidate.bound_s >= search.release_time_s:  # as have all that follow
+            if not search.is_of_use(candidate.bound_s):  # nor is any that follows
                 return
             yield candidate, row, _least_release_time(problem, candidate)
         return
