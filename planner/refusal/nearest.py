@@ -29,7 +29,7 @@ CANDIDATES = 2  # [-] tried in one search: the first leads to most answers
 SEARCHES_MAX = 12  # [-] in all; most refusals take three to six
 LATE_SEARCHES_MAX = 6  # [-] in all, once the request's deadline has passed
 LATE_S = 2.0  # [s] that a search for an offer may take beyond the request's deadline
-WINDOW_STEP_S = 1e-4  # [s] windows are whole steps of it: no gripper is timed more finely
+WINDOW_GRID_S = 1e-4  # [s] windows are whole steps of it: no gripper is timed more finely
 DECIMALS = 4  # [-] of windows in seconds
 ROUNDING = 1e-9  # [-] of a number of steps
 
@@ -126,5 +126,5 @@ def _relaxed(problem: ThrowProblem, relaxation: Relaxation, share: float) -> Thr
 
 def _with_window(nominal: ThrowProblem, window_s: float, share: float) -> ThrowProblem:
     """Returns the problem with a share of a release window, in whole steps."""
-    steps = math.floor(share * window_s / WINDOW_STEP_S + ROUNDING)
-    return replace(nominal, release_window_s=round(steps * WINDOW_STEP_S, DECIMALS))
+    steps = math.floor(share * window_s / WINDOW_GRID_S + ROUNDING)
+    return replace(nominal, release_window_s=round(steps * WINDOW_GRID_S, DECIMALS))

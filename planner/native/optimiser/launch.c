@@ -304,7 +304,8 @@ static double least_within(double slope, double value, double lower, double uppe
     return isfinite(end) ? slope * (end - value) : 0.0;
 }
 
-/* About the least time of the release, scaled, that a solve can come to. See `_least_release` of fatrop.py. */
+/* About the least time of the release, scaled, that a solve can come to; its oracle is in
+   tests/planner/backends/casadi_fatrop.py. */
 static double least_release(const struct call *call, double scale) {
     const struct problem *of = call->of;
     const double *lower = call->lower, *upper = call->upper;

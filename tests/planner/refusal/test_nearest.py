@@ -133,7 +133,7 @@ def test_as_much_of_the_window_is_offered_as_bisection_finds(monkeypatch, longes
     found = nearest_problem(refused(TARGET))
     assert found is not None
     assert found.release is TARGET.release
-    least_step_s = TARGET.release_window_s / 2**nearest.BISECTIONS + nearest.WINDOW_STEP_S
+    least_step_s = TARGET.release_window_s / 2**nearest.BISECTIONS + nearest.WINDOW_GRID_S
     assert longest_s - least_step_s <= found.release_window_s <= longest_s
     assert found.release_window_s == max(p.release_window_s for p in asked if p.release_window_s <= longest_s)
 
