@@ -31,7 +31,8 @@ from planner.seeds import Candidate, aspects, least_times_to_aspects
 Solve = Callable[[ThrowProblem, Candidate], Solution]
 
 CANDIDATES = 10  # [-] that a search starts from; of a pose most others are full turns away
-ARRIVALS = 2  # [-] given joint states to which Ruckig's soonest motions are tried: the soonest, and one on its other side
+# given joint states to which Ruckig's soonest motions are tried: the soonest one, and the next, should that be blocked
+ARRIVALS = 2
 JERK_SHARES = (1.0, 0.5, 0.25, 0.125, 0.0625, 0.03125)  # [-] of the limit, of these motions in turn
 TICK_SLACK = 1e-6  # [ticks] for rounding
 
