@@ -11,6 +11,8 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
+import psutil
+
 from benchmarks.markdown import markdown_table
 from benchmarks.results import machine, machine_words, write_report
 from tests.system.fault_matrix import (
@@ -91,10 +93,11 @@ def _tried(rig: Rig, phase: Phase, fault: Fault, mode: str) -> CellResult | None
     for _ in range(TRIES):
         try:
             result = run_cell(rig, phase, fault, mode)
-        except AssertionError as error:  # the moment never came
+        except (AssertionError, psutil.NoSuchProcess) as error:  # the moment never came, or was over
             print(f"{where}: {error}", flush=True)
             continue
         if not result.broken():
+            print(f"{where}: {result.outcome}, at rest after {1e3 * result.rest_s:.0f} ms", flush=True)
             break
         print(f"{where}: {'; '.join(result.broken())}", flush=True)
     return result
