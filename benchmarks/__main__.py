@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from benchmarks.results import write_report
 from benchmarks.streaming import streaming_report
 from benchmarks.suite import PAIR_SETS, QUICK_SETS, BenchmarkOptions, run
 from planner.problem import BACKENDS
@@ -49,7 +50,7 @@ def main(argv: Sequence[str]) -> int:
     )
     run(options)
     if given.streaming and given.sets is None:
-        (given.out / "streaming.md").write_text(streaming_report(100 if given.slow else 30, 5))
+        write_report(streaming_report(100 if given.slow else 30, 5), given.rows, "streaming.md")
     return 0
 
 
