@@ -78,7 +78,7 @@ web/node_modules/.package-lock.json: web/package.json web/package-lock.json
 	cd web && npm ci --silent
 	touch $@
 
-bench: $(VENV)/bench.stamp  ## writes docs/benchmarks and build/benchmarks, about ten minutes; SLOW=1 for hours
+bench: $(VENV)/bench.stamp  ## writes build/benchmarks and ThrowBench's table, about ten minutes; SLOW=1 for hours
 	$(BIN)/python -m benchmarks $(if $(SLOW),--slow)
 	$(BIN)/python -m benchmarks.conditions --count $(if $(SLOW),100,5) --out build/benchmarks
 	$(BIN)/python -m benchmarks.maps $(if $(SLOW),,--resolution 0.3 --sample 30) --out build/benchmarks

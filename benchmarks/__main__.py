@@ -26,7 +26,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--slow", action="store_true", help="also 2 x 2,800 pairs and 10,000 audited plans")
     parser.add_argument("--audited", type=int, help="plans audited by other libraries (default 200, slow 10,000)")
     parser.add_argument("--no-streaming", dest="streaming", action="store_false", help="leave the streaming part out")
-    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "benchmarks", help="folder of the report")
+    parser.add_argument("--out", type=Path, default=ROOT / "build" / "benchmarks", help="folder of the report")
     parser.add_argument("--rows", type=Path, default=ROOT / "build" / "benchmarks", help="folder of the raw rows")
     parser.add_argument("--resume", action="store_true", help="keep the rows of an interrupted run")
     return parser.parse_args(argv)
