@@ -78,19 +78,20 @@ web/node_modules/.package-lock.json: web/package.json web/package-lock.json
 	cd web && npm ci --silent
 	touch $@
 
-bench: $(VENV)/bench.stamp  ## writes docs/benchmarks, about ten minutes; SLOW=1 for hours
+bench: $(VENV)/bench.stamp  ## writes build/benchmarks and ThrowBench's table, about ten minutes; SLOW=1 for hours
 	$(BIN)/python -m benchmarks $(if $(SLOW),--slow)
-	$(BIN)/python -m benchmarks.conditions --count $(if $(SLOW),100,5) --out docs/benchmarks
-	$(BIN)/python -m benchmarks.maps $(if $(SLOW),,--resolution 0.3 --sample 30) --out docs/benchmarks
+	$(BIN)/python -m benchmarks.conditions --count $(if $(SLOW),100,5) --out build/benchmarks
+	$(BIN)/python -m benchmarks.maps $(if $(SLOW),,--resolution 0.3 --sample 30) --out build/benchmarks
 	$(BIN)/python -m benchmarks.arm_capsules.report --throws $(if $(SLOW),60,6)
 	$(BIN)/python -m benchmarks.page
 	$(BIN)/python -m benchmarks.throwbench --count $(if $(SLOW),20,4) --out docs/benchmarks/throwbench.md
 
 bench-batches: $(VENV)/ray.stamp  ## batches through both engines, with kills: minutes; SLOW=1: 20,000 plans each, about two hours
-	$(BIN)/python -m benchmarks.batches --count $(if $(SLOW),20000,400) --costs $(if $(SLOW),1000,200) --out docs/benchmarks
+	$(BIN)/python -m benchmarks.batches --count $(if $(SLOW),20000,400) --costs $(if $(SLOW),1000,200) --out build/benchmarks
 
 pictures: $(VENV)/dev.stamp  ## the README's pictures and animation of a throw (needs chromium)
 	$(BIN)/python -m benchmarks.page.pictures
+	$(BIN)/fling map --cell ur5e-sim --extent -1.5 1.5 -1.5 1.5 --out docs/img/map-ur5e-sim.png
 
 docs: $(VENV)/docs.stamp        ## writes build/docs: tutorial, course, reference; runs the course's notebooks
 	$(BIN)/python -P -m sphinx -W --keep-going -q -d build/doctrees docs build/docs

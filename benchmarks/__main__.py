@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from benchmarks.results import write_report
 from benchmarks.streaming import streaming_report
 from benchmarks.suite import PAIR_SETS, QUICK_SETS, BenchmarkOptions, run
 from planner.problem import BACKENDS
@@ -25,7 +26,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--slow", action="store_true", help="also 2 x 2,800 pairs and 10,000 audited plans")
     parser.add_argument("--audited", type=int, help="plans audited by other libraries (default 200, slow 10,000)")
     parser.add_argument("--no-streaming", dest="streaming", action="store_false", help="leave the streaming part out")
-    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "benchmarks", help="folder of the report")
+    parser.add_argument("--out", type=Path, default=ROOT / "build" / "benchmarks", help="folder of the report")
     parser.add_argument("--rows", type=Path, default=ROOT / "build" / "benchmarks", help="folder of the raw rows")
     parser.add_argument("--resume", action="store_true", help="keep the rows of an interrupted run")
     return parser.parse_args(argv)
@@ -49,7 +50,7 @@ def main(argv: Sequence[str]) -> int:
     )
     run(options)
     if given.streaming and given.sets is None:
-        (given.out / "streaming.md").write_text(streaming_report(100 if given.slow else 30, 5))
+        write_report(streaming_report(100 if given.slow else 30, 5), given.rows, "streaming.md")
     return 0
 
 

@@ -1,7 +1,7 @@
 """The same requests under other conditions: through library, command line and service, and beside other work.
 
     python -m benchmarks.conditions                       # 10 requests of every kind, every way and condition
-    python -m benchmarks.conditions --count 100 --out docs/benchmarks
+    python -m benchmarks.conditions --count 100 --out build/benchmarks
     python -m benchmarks.conditions --way library --condition quiet --condition busy
     python -m benchmarks.conditions --count 100 --way command --condition busy --parallel 4
 

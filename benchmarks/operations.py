@@ -1,4 +1,4 @@
-"""`python -m benchmarks.operations`: the service under load; writes `docs/benchmarks/operations.md`.
+"""`python -m benchmarks.operations`: the service under load; writes `build/benchmarks/operations.md`.
 
 Fifty clients that plan without a pause, against the planner alone on as many processes; and two hundred listeners of
 one execution. Service, clients and planner share this machine.
@@ -52,7 +52,7 @@ def main(argv: Sequence[str]) -> int:
     """Measures, writes the page and returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.operations", description=__doc__)
     parser.add_argument("--seconds", type=float, default=60.0, help="of each of the three loads")
-    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "benchmarks")
+    parser.add_argument("--out", type=Path, default=ROOT / "build" / "benchmarks")
     given = parser.parse_args(argv)
     alone = planner_alone(given.seconds)
     with tempfile.TemporaryDirectory() as folder, service(Path(folder)) as (port, url):

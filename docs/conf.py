@@ -18,7 +18,6 @@ extensions = [
     "docs.reference.generated",
     "docs.reference.mathml",
 ]
-exclude_patterns = ["benchmarks/same-answers.md"]
 html_theme = "furo"
 html_title = "Fling"
 html_show_sphinx = False

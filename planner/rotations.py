@@ -34,6 +34,15 @@ def rotation_vector_to_matrix(vector: ArrayLike) -> Array:
     return quaternion_to_matrix(np.concatenate([0.5 * np.sinc(half / np.pi) * vector, np.cos(half)], axis=-1))
 
 
+def roll_pitch_yaw_to_matrix(roll: float, pitch: float, yaw: float) -> Array:
+    """Returns the rotation matrix (3, 3) of rotations [rad] about x, then y, then z: Rz(yaw) Ry(pitch) Rx(roll)."""
+    cr, cp, cy = map(math.cos, (roll, pitch, yaw))
+    sr, sp, sy = map(math.sin, (roll, pitch, yaw))
+    return np.array([[cy, -sy, 0.0], [sy, cy, 0.0], [0.0, 0.0, 1.0]]) @ np.array(
+        [[cp, sp * sr, sp * cr], [0.0, cr, -sr], [-sp, cp * sr, cp * cr]]
+    )
+
+
 def unit_hint(angle_rad: float) -> str:
     """Returns a question after a joint position of two turns and more [rad], which no joint reaches; else nothing."""
     return ": degrees?" if abs(angle_rad) > 2.0 * FULL_TURN else ""

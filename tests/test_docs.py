@@ -26,6 +26,7 @@ WRITTEN_BY_COMMANDS = {
     "http.md",
     "maps.md",
     "page.md",
+    "arm-capsules.md",
 }
 NAMES = {file.name for folder in (*PACKAGES, "docs", "tests") for file in (ROOT / folder).rglob("*.*")} | {
     file.name for file in ROOT.glob("*.*")

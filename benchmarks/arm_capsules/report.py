@@ -1,6 +1,6 @@
-"""The page docs/benchmarks/arm-capsules.md: what is left between arm and capsules, and how close certified throws come.
+"""Writes arm-capsules.md: what is left between arm and capsules, and how close certified throws come.
 
-python -m benchmarks.arm_capsules.report [--throws 6] [--seed 0] [--out docs/benchmarks/arm-capsules.md]
+python -m benchmarks.arm_capsules.report [--throws 6] [--seed 0] [--out build/benchmarks/arm-capsules.md]
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from planner.planning import plan
 from planner.problem import TargetRelease, ThrowProblem
 from planner.robots import robot
 
-OUT = Path(__file__).parents[2] / "docs" / "benchmarks" / "arm-capsules.md"
+OUT = Path(__file__).parents[2] / "build" / "benchmarks" / "arm-capsules.md"
 CELL = """
 robot = "{arm}"
 [tool]
@@ -39,7 +39,7 @@ SELF_STEP_S = 0.02
 HEAD = """# Capsules of the arms
 
 Written by `python -m benchmarks.arm_capsules.report`. The arm itself is what was measured on the meshes of Universal
-Robots, [in 354 directions a part](../collision-geometry.md).
+Robots, in 354 directions a part (docs/collision-geometry.md).
 
 ## What is left between arm and capsules
 
@@ -122,6 +122,7 @@ def main(count: int, seed: int, out: Path) -> None:
     lines = [HEAD, *markdown_table(columns, [containment(name) for name in measured_arms()])]
     if count > 0:
         lines += [THROWS.format(nearest=NEAREST, farthest=FARTHEST, window=1e3 * WINDOW_S), *_thrown(count, seed)]
+    out.parent.mkdir(parents=True, exist_ok=True)
     out.write_text("\n".join([*lines, ""]), encoding="utf-8")
 
 

@@ -1,4 +1,4 @@
-"""`python -m benchmarks.batches --count 20000 --out docs/benchmarks`: batches through both engines, with kills.
+"""`python -m benchmarks.batches --count 20000 --out build/benchmarks`: batches through both engines, with kills.
 
 Ray is measured where it is installed (`pip install -r requirements/ray.txt`), else left out, loudly.
 """

@@ -1,4 +1,4 @@
-"""`python -m benchmarks.maps --out docs/benchmarks`: a map of 3 × 3 m at 5 cm, killed, gone on with and judged.
+"""`python -m benchmarks.maps --out build/benchmarks`: a map of 3 × 3 m at 5 cm, killed, gone on with and judged.
 
 About 25 minutes on two cores that do nothing else; `--resolution 0.3 --sample 30` takes two.
 """
@@ -33,8 +33,7 @@ def main() -> None:
     source = read_source(ROOT / "cells" / f"{given.cell}.toml")
     command = f"python -m benchmarks.maps {' '.join(sys.argv[1:])}".strip()
     task = MapTask(source, request, given.sample, given.workers, command)
-    folder = given.out or Path.cwd()
-    picture = (folder.parent / "img" if given.out else folder) / f"map-{given.cell}.png"
+    picture = (given.out or Path.cwd()) / f"map-{given.cell}.png"
     text = maps_report(task, picture)
     write_report(text, given.out, "maps.md")
 

@@ -50,11 +50,12 @@ def maps_report(task: MapTask, picture: Path) -> str:
         again = plan_again(calm, task.source, task.sample, task.workers)
         same = calm.table.sha256 == killed.table.sha256 and trajectories_sha256(calm) == trajectories_sha256(killed)
     x, y = cell_of(task.source).X_WB[:2, 3].tolist()
+    picture.parent.mkdir(parents=True, exist_ok=True)
     picture.write_bytes(map_picture(calm.table, None, (x, y)).png)
     sections = [
         "# Throwability maps",
         f"{machine_words(about)} Written by `{task.command}`.",
-        f"![The map](../img/{picture.name})",
+        f"![The map]({picture.name})",
         _times(calm, task),
         _kills(calm, killed, same),
         _truth(calm, certified, again),

@@ -1,4 +1,4 @@
-"""`python -m benchmarks.page`: how fast the page is without a graphics processor; writes docs/benchmarks/page.md.
+"""`python -m benchmarks.page`: how fast the page is without a graphics processor; writes build/benchmarks/page.md.
 
 Everything runs on this machine: service, planner, browser, and its drawing in software. Nothing else should.
 """
@@ -26,7 +26,7 @@ Row = tuple[str, str, str]  # quantity, goal, what was measured
 
 
 @click.command()
-@click.option("--out", type=click.Path(file_okay=False, path_type=Path), default=ROOT / "docs" / "benchmarks")
+@click.option("--out", type=click.Path(file_okay=False, path_type=Path), default=ROOT / "build" / "benchmarks")
 def main(out: Path) -> None:
     """Measure the page, and write what was measured."""
     about = machine()

@@ -18,7 +18,7 @@ from benchmarks.statistics import SetSummary, summarise
 METHOD = """A problem is drawn from a random joint state within 1.5 rad of home, joints up to 80 % of their velocity,
 and requested as a pose, a point, or the point where it would land. Sets start from home, `…-anywhere` from random
 postures. A cell of the table has the certified share of the feasible problems, and the median release time over
-Ruckig's. Times are wall time; results.json has every number, [ThrowBench](throwbench.md) other planners."""
+Ruckig's. Times are wall time; results.json has every number, ThrowBench other planners."""
 
 
 def write_report(out: Path, about: dict[str, str], rows: Sequence[ResultRow], audit: AuditResult) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from benchmarks.results import machine
+from benchmarks.results import machine, write_report
 from benchmarks.streaming.arms import IDEAL, MEASURED
 from benchmarks.streaming.bins import BinThrows, throw_into_bins
 from benchmarks.streaming.loops import TRIES, compare_loops
@@ -44,9 +44,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--throws", type=int, default=100)
     parser.add_argument("--runs", type=int, default=5)
-    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "benchmarks")
+    parser.add_argument("--out", type=Path, default=ROOT / "build" / "benchmarks")
     options = parser.parse_args()
-    (options.out / "streaming.md").write_text(streaming_report(options.throws, options.runs))
+    write_report(streaming_report(options.throws, options.runs), options.out, "streaming.md")
     print(f"wrote {options.out / 'streaming.md'}")
 
 

@@ -9,7 +9,7 @@ from executor.streaming.state_checks import StreamFault
 
 POLL_S = 50e-6  # [s] between two readings of the timestamp
 EARLY_S = 400e-6  # [s] polling begins so long before the next timestamp is due
-STALE_S = 0.040  # [s] without a new timestamp the connection is lost: 20 e-Series ticks; row R10 of docs/executor.md
+STALE_S = 0.040  # [s] without a new timestamp the connection is lost: 20 e-Series ticks
 REALTIME_BOUNDS = (0.016, 0.10)  # [s] in a row, less than the watchdog bears; [-] share of the recent ticks
 ORDINARY_BOUNDS = (0.040, 0.30)  # the same without real-time scheduling, which is for simulated cells
 # [-] share of the recent ticks lost while this thread had its processor, whatever its scheduling; source: libfranka's

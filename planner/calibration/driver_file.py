@@ -23,7 +23,7 @@ from planner.calibration.chain import ImplausibleChain, calibrated, transforms_o
 from planner.calibration.dh_table import turn_z
 from planner.errors import CellError
 from planner.robots import Robot
-from planner.rotations import invert_pose, pose
+from planner.rotations import invert_pose, pose, roll_pitch_yaw_to_matrix
 
 LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 COORDINATES = ("x", "y", "z", "roll", "pitch", "yaw")
@@ -86,12 +86,7 @@ def _pose(entry: object, where: str) -> Array:
     if not isinstance(entry, Mapping) or set(entry) != set(COORDINATES):
         raise CellError(where, entry, f"must have exactly {', '.join(COORDINATES)}")
     x, y, z, roll, pitch, yaw = (_number(entry[key], f"{where}.{key}") for key in COORDINATES)
-    cr = math.cos(roll)
-    sr = math.sin(roll)
-    cp = math.cos(pitch)
-    sp = math.sin(pitch)
-    R = turn_z(yaw)[:3, :3] @ np.array([[cp, sp * sr, sp * cr], [0.0, cr, -sr], [-sp, cp * sr, cp * cr]])
-    return pose(np.array([x, y, z]), R)
+    return pose([x, y, z], roll_pitch_yaw_to_matrix(roll, pitch, yaw))
 
 
 def _number(value: object, where: str) -> float:

@@ -5,7 +5,7 @@ All facts about a site are in its cell file; the arm's own data are in `planner.
 
 from planner.cell.arm_data import completed_arm
 from planner.cell.changes import cell_of_keys
-from planner.cell.faults import cell_faults, mended_cell
+from planner.cell.faults import mended_cell
 from planner.cell.fields import choice, merge_defaults, number, vector
 from planner.cell.file import DEFAULTS, NAME_PATTERN, cell_of, checked_polyscope, load_cell, parse_cell
 from planner.cell.model import (
@@ -13,7 +13,6 @@ from planner.cell.model import (
     FARTHEST_M,
     STANDING_RAD,
     Cell,
-    ControllerAddress,
     Gripper,
     Limits,
     Safety,
@@ -32,7 +31,6 @@ __all__ = [
     "Box",
     "Cell",
     "CellSource",
-    "ControllerAddress",
     "Gripper",
     "Limits",
     "Safety",
@@ -40,7 +38,6 @@ __all__ = [
     "Surroundings",
     "ToolCapsule",
     "calibration_path",
-    "cell_faults",
     "cell_of",
     "cell_of_keys",
     "checked_polyscope",

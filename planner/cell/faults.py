@@ -32,15 +32,11 @@ ENTRY = {  # of tools and shapes, which have no defaults
 }
 
 
-def cell_faults(source: CellSource) -> list[CellError]:
-    """Returns the faults of a cell file in the order of reading, one a key; of a list the first wrong entry."""
-    return mended_cell(source)[0]
-
-
 def mended_cell(source: CellSource) -> tuple[list[CellError], Cell | None]:
-    """Returns the faults of a cell file as `cell_faults` does, and the cell with good values in their place.
+    """Returns the faults of a cell file, and the cell with good values in their place.
 
-    No cell where a fault has no good value.
+    The faults are in the order of reading, one a key; of a list the first wrong entry. No cell where a fault has no
+    good value.
     """
     try:
         given = toml_of(source)

@@ -89,22 +89,22 @@ def placement(
     return read_only(pose(p, rotation_vector_to_matrix(turn)))
 
 
-def per_joint(table: Mapping[str, Any], key: str, where: str, own: Array, lower: float = 0.0) -> Array:
-    """Returns a limit (n,) given as one number or one per joint, above `lower` and at most the arm's `own` (n,).
+def per_joint(table: Mapping[str, Any], key: str, where: str, own: Array) -> Array:
+    """Returns a limit (n,) given as one number or one per joint, above 0 and at most the arm's `own` (n,).
 
     Raises:
-        CellError: a limit exceeds the arm's own, or is not above `lower`.
+        CellError: a limit exceeds the arm's own, or is not above 0.
     """
     value = table[key]
     entries = value if isinstance(value, list | tuple) else [value] * len(own)
     if len(entries) != len(own):
         raise CellError(where + key, value, f"must be one number or {len(own)} of them")
-    limits = [_checked(entry, f"{where}{key}[{i}]", lower, math.inf) for i, entry in enumerate(entries)]
+    limits = [_checked(entry, f"{where}{key}[{i}]", 0.0, math.inf) for i, entry in enumerate(entries)]
     for i, (limit, bound) in enumerate(zip(limits, own, strict=True)):
         if limit > bound:
             raise beyond_arm(f"{where}{key}[{i}]", limit, bound)
-        if limit <= lower:
-            raise CellError(f"{where}{key}[{i}]", limit, f"must be above {lower:.6g}")
+        if limit <= 0.0:
+            raise CellError(f"{where}{key}[{i}]", limit, "must be above 0")
     return read_only(limits)
 
 

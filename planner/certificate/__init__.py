@@ -5,7 +5,7 @@ by bisection with proven bounds on the deviation in between. The executor certif
 """
 
 from planner.certificate.bounds import Rates, curvature_bound, point_bound, slope_bound
-from planner.certificate.certificate import Certificate, Check, NotChecked
+from planner.certificate.certificate import Certificate, Check
 from planner.certificate.checks import Examination, certify
 from planner.certificate.clearance import moving_heights, shape_gaps
 from planner.certificate.curves import Curve, Series, motion_curves
@@ -27,7 +27,6 @@ __all__ = [
     "Curve",
     "Examination",
     "MotionSamples",
-    "NotChecked",
     "Rates",
     "Series",
     "certify",

@@ -156,7 +156,7 @@ class Arcs:
         enter = np.where(moving, np.minimum(a, b), np.where(inside, -np.inf, np.inf))
         return enter, np.where(moving, np.maximum(a, b), np.where(inside, np.inf, -np.inf))
 
-    def room_in_mouth(self, centre: Array, radius_m: float, rim_height_m: float, gap_m: float = 0.0) -> Array:
+    def room_in_mouth(self, centre: Array, radius_m: float, rim_height_m: float) -> Array:
         """Returns the room (...,) [m] with which the flights enter a round bin through its mouth.
 
         Negative where they touch its wall or pass it by: by what they lack. Of those that do not rise to the mouth that
@@ -170,10 +170,9 @@ class Arcs:
             centre: of the bin's bottom (3,) [m].
             radius_m: of the mouth [m].
             rim_height_m: height of the rim above the bottom [m].
-            gap_m: required between sphere and wall [m].
         """
         rim = centre[2] + rim_height_m
-        thick = self.radius_m + gap_m
+        thick = self.radius_m
         height = self.p[..., 2] - rim
         down = time_of_flight(height, self.v[..., 2], self.gravity)
         enters = np.isfinite(down)

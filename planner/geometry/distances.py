@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -14,7 +12,7 @@ from planner.native import loops
 POINT_M2 = 1e-18  # [m^2] squared length below which a segment is a point: a capsule shorter than 1e-9 m is a sphere
 
 
-def segment_segment_distance(p0: ArrayLike, p1: ArrayLike, q0: ArrayLike, q1: ArrayLike, *, axis: int = -1) -> Array:
+def segment_segment_distance(p0: ArrayLike, p1: ArrayLike, q0: ArrayLike, q1: ArrayLike) -> Array:
     """Returns the distance (...) [m] between segments p0-p1 and q0-q1.
 
     The closest point on the first line is clamped to the first segment, then the closest point to it on the second
@@ -24,17 +22,11 @@ def segment_segment_distance(p0: ArrayLike, p1: ArrayLike, q0: ArrayLike, q1: Ar
 
     Args:
         p0, p1, q0, q1: ends (..., 3) [m].
-        axis: axis of the coordinates in each of them.
     """
-    ends = [np.asarray(x, dtype=np.float64) for x in (p0, p1, q0, q1)]
-    if any(x.shape != ends[0].shape for x in ends):
-        ends = np.broadcast_arrays(*ends)
-    before = ends[0].shape[:axis]
-    (_, *after) = ends[0].shape[axis:]
-    grouped = np.array([x.reshape(math.prod(before), 3, math.prod(after)) for x in ends])
-    segments = grouped.reshape(2, 2, *grouped.shape[1:]).swapaxes(1, 2).reshape(-1, 2, *grouped.shape[2:])
+    ends = np.array(np.broadcast_arrays(p0, p1, q0, q1), dtype=np.float64)
+    segments = ends.reshape(2, 2, -1, 3, 1).swapaxes(1, 2).reshape(-1, 2, 3, 1)
     pairs = np.arange(len(segments)).reshape(2, -1).T
-    return pair_distances(segments, pairs).reshape((*before, *after))
+    return pair_distances(segments, pairs).reshape(ends.shape[1:-1])
 
 
 def pair_distances(ends: Array, pairs: Index) -> Array:

@@ -5,14 +5,13 @@ from typing import Any
 from planner.releases.joint import JointRelease
 from planner.releases.point import PointRelease
 from planner.releases.pose import PoseRelease
-from planner.releases.release import Bound, JointState, Opening, PointState, Release, ReleaseSample, Target
+from planner.releases.release import Bound, Opening, PointState, Release, ReleaseSample, Target
 from planner.releases.target import TargetRelease
 
 __all__ = [
     "KINDS",
     "Bound",
     "JointRelease",
-    "JointState",
     "Opening",
     "PointRelease",
     "PointState",

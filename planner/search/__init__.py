@@ -1,13 +1,11 @@
 """The search for a plan: what is tried from which candidates, and the way home from what was found."""
 
-from planner.search.record import Attempt, CertifiedSolution, PlanningSearch
+from planner.search.record import PlanningSearch
 from planner.search.search import load_libraries, search_candidates
 from planner.search.stops import search_with_stop
 from planner.search.way_home import best_with_way_home, find_way_home
 
 __all__ = [
-    "Attempt",
-    "CertifiedSolution",
     "PlanningSearch",
     "best_with_way_home",
     "find_way_home",

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from planner.arrays import Array, Mask, read_only
+from planner.arrays import Array, read_only
 from planner.kinematics import jacobian, point_motion
 from planner.native import loops
 from planner.problem import ThrowProblem
@@ -24,7 +24,7 @@ REFINEMENTS = (
 NORMS = read_only([3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 8.0, 8.0])
 
 
-def allocate_velocity(J: Array, v: Array, qd_max: Array, wanted: Mask | None = None) -> Array:
+def allocate_velocity(J: Array, v: Array, qd_max: Array) -> Array:
     """Returns joint velocities (..., n, 6) [rad/s] for tool velocities `v` (..., n, 3) [m/s].
 
     Least squares weighted with qd_max^2; where that exceeds a limit by a factor below `REDUCIBLE_EXCESS`, the largest
@@ -34,15 +34,11 @@ def allocate_velocity(J: Array, v: Array, qd_max: Array, wanted: Mask | None = N
         J: linear Jacobians (n, 3, 6) in the frame of `v` [m/rad].
         v: tool velocities; may have leading dimensions that `J` lacks.
         qd_max: speed limits (6,) [rad/s].
-        wanted: mask (..., n) of the rows to be reduced; None: all.
     """
     v = np.zeros(J.shape[:-1]) + v
     qd = _least_norm(J, v, qd_max)
-    if wanted is not None and not wanted.any():
-        return qd
     excess = largest_share(qd, qd_max)
-    over = (excess > 1.0) & (excess < REDUCIBLE_EXCESS) & (True if wanted is None else wanted)
-    rows = np.flatnonzero(over)
+    rows = np.flatnonzero((excess > 1.0) & (excess < REDUCIBLE_EXCESS))
     rows = np.unravel_index(rows[np.argsort(excess.ravel()[rows], kind="stable")][:REDUCED_MAX], excess.shape)
     qd[rows] = _towards_maximum_norm(J[rows[-1]], v[rows], qd[rows], qd_max)
     return qd

@@ -15,7 +15,7 @@ import numpy as np
 
 from planner.arrays import Array
 from planner.documents import NotXml, parse_xml
-from planner.rotations import pose
+from planner.rotations import pose, roll_pitch_yaw_to_matrix
 
 LINKS_MAX = 500  # of a file: a mobile robot with two arms and hands has a hundred
 SHAPES_MAX = 1000  # of a file: an arm on its table has twenty
@@ -249,18 +249,8 @@ def _origin(element: Element, where: str) -> Array:
     if origin is None:
         return np.eye(4)
     roll, pitch, yaw = _vector(origin, "rpy", where) if "rpy" in origin.attrib else np.zeros(3)
-    cr = math.cos(roll)
-    sr = math.sin(roll)
-    cp = math.cos(pitch)
-    sp = math.sin(pitch)
-    cy = math.cos(yaw)
-    sy = math.sin(yaw)
-    R = [
-        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-        [-sp, cp * sr, cp * cr],
-    ]
-    return pose(_vector(origin, "xyz", where) if "xyz" in origin.attrib else np.zeros(3), R)
+    place = _vector(origin, "xyz", where) if "xyz" in origin.attrib else np.zeros(3)
+    return pose(place, roll_pitch_yaw_to_matrix(roll, pitch, yaw))
 
 
 def _child(element: Element, tag: str, where: str) -> Element:

@@ -1,6 +1,6 @@
 """The RTDE package: uint16 size (header included), uint8 type, body; big-endian.
 
-Source: Universal Robots, RTDE guide, "Protocol"; the tables are in docs/simulator.md.
+Source: Universal Robots, RTDE guide, "Protocol".
 """
 
 from __future__ import annotations

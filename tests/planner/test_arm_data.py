@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from planner.cell import CellSource, cell_faults, cell_of_keys, completed_arm, parse_cell
+from planner.cell import CellSource, cell_of_keys, completed_arm, mended_cell, parse_cell
 from planner.dynamics import joint_torques
 from planner.errors import CellError
 from planner.geometry import arm_capsules
@@ -108,7 +108,7 @@ def test_a_completed_arm_keeps_its_own_limits_in_code():
 )
 def test_a_wrong_number_is_refused_and_nothing_else(changes, field, words):
     text = file_of("ur17g_1300", **changes)
-    faults = cell_faults(CellSource("c", text.encode()))
+    faults = mended_cell(CellSource("c", text.encode()))[0]
     assert [fault.field for fault in faults] == [f"arm_data.{field}"]
     assert words in faults[0].reason
 
@@ -148,4 +148,4 @@ def test_a_payload_that_is_given_is_kept():
 
 def test_every_fault_is_named_where_the_arm_is_incomplete():
     text = f'robot = "ur8long"\n{LINK}[object]\nmass_kg = -1.0\n'
-    assert [fault.field for fault in cell_faults(CellSource("c", text.encode()))] == ["robot", "object.mass_kg"]
+    assert [fault.field for fault in mended_cell(CellSource("c", text.encode()))[0]] == ["robot", "object.mass_kg"]

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planner.cell import CellSource, Safety, cell_faults, cell_of_keys, load_cell, parse_cell, read_source
+from planner.cell import CellSource, Safety, cell_of_keys, load_cell, mended_cell, parse_cell, read_source
 from planner.errors import CellError
 from planner.rotations import pose
 
@@ -90,7 +90,7 @@ NO_CELLS = {
 def test_a_file_that_is_no_cell_is_refused_in_a_sentence(tmp_path, text):
     file = tmp_path / "cell.toml"
     file.write_bytes(text)
-    for read in (load_cell, lambda path: cell_faults(read_source(path)) and load_cell(path)):
+    for read in (load_cell, lambda path: mended_cell(read_source(path))[0] and load_cell(path)):
         with pytest.raises(CellError) as refusal:
             read(file)
         assert len(str(refusal.value)) < 500
@@ -318,7 +318,7 @@ def test_every_fault_of_a_shape_is_named_at_once():
     )
     text = f"{LEAST}[surroundings]\nkeep_out = [{', '.join(entries)}]\n[timing]\nlag_s = 9\n"
     where = "surroundings.keep_out"
-    assert [fault.field for fault in cell_faults(CellSource("c", text.encode()))] == [
+    assert [fault.field for fault in mended_cell(CellSource("c", text.encode()))[0]] == [
         f"{where}[0].shape",
         f"{where}[1].name",
         f"{where}[1].colour",
@@ -352,7 +352,7 @@ serial = 7
 
 
 def test_every_fault_of_a_file_is_named_at_once():
-    faults = {fault.field: fault.reason for fault in cell_faults(CellSource("c", MANY_FAULTS.encode()))}
+    faults = {fault.field: fault.reason for fault in mended_cell(CellSource("c", MANY_FAULTS.encode()))[0]}
     assert set(faults) == {
         "surprise", "home_rad[1]", "tool.mass_kg", "tool.capsules[0].to_m", "tool.capsules[0].colour",
         "tool.capsules[1].to_m", "tool.capsules[1].radius_m", "limits.joint_velocity_rad_s[2]", "limits.tcp_speed_m_s",
@@ -364,7 +364,7 @@ def test_every_fault_of_a_file_is_named_at_once():
 def test_reading_the_file_stops_at_the_first_of_them():
     with pytest.raises(CellError) as first:
         parse_cell(MANY_FAULTS, "c")
-    assert str(first.value) == str(cell_faults(CellSource("c", MANY_FAULTS.encode()))[0])
+    assert str(first.value) == str(mended_cell(CellSource("c", MANY_FAULTS.encode()))[0][0])
 
 
 @pytest.mark.parametrize(
@@ -385,7 +385,7 @@ def test_reading_the_file_stops_at_the_first_of_them():
     ],
 )
 def test_faults_of_one_kind(text, fields):
-    assert [fault.field for fault in cell_faults(CellSource("c", text.encode()))] == fields
+    assert [fault.field for fault in mended_cell(CellSource("c", text.encode()))[0]] == fields
 
 
 @pytest.mark.parametrize(("kind", "robot_makes_it"), [("sim", False), ("ur", True)])
@@ -405,7 +405,7 @@ def test_the_arm_that_was_meant_is_named(given, meant):
 
 
 def test_a_wrong_name_does_not_hide_what_else_is_wrong():
-    faults = cell_faults(CellSource("a b", (LEAST + "[timing]\nlag_s = 9\n").encode()))
+    faults = mended_cell(CellSource("a b", (LEAST + "[timing]\nlag_s = 9\n").encode()))[0]
     assert [fault.field for fault in faults] == ["name", "timing.lag_s"]
 
 

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from planner.cell import CellSource, cell_faults, parse_cell
+from planner.cell import CellSource, mended_cell, parse_cell
 from planner.errors import CellError
 
 SIM = 'robot = "ur5e"\n[link]\nkind = "sim"\n'
@@ -102,4 +102,4 @@ def test_a_compute_box_of_a_real_arm_has_an_address_of_its_own():
 
 def test_keys_of_a_mistyped_kind_are_not_judged():
     text = 'robot = "ur5e"\n[link]\nkind = "sim"\n[gripper]\nkind = "onrobt"\nmodel = "vg10"\n'
-    assert [fault.field for fault in cell_faults(CellSource("c", text.encode()))] == ["gripper.kind"]
+    assert [fault.field for fault in mended_cell(CellSource("c", text.encode()))[0]] == ["gripper.kind"]

@@ -8,7 +8,7 @@ import numpy as np
 
 from planner.arrays import Array
 from planner.cell import nearest_on_cores
-from planner.certificate.flight.flights import TINY_M, nearest_on_segments
+from planner.certificate.flight.flights import TINY_M
 from planner.kinematics import dot
 
 
@@ -20,22 +20,7 @@ def core_bound(corners: list[Array], shapes: Array) -> Array:
         shapes: rows of the shapes (20, ...), see `Solid.row`.
     """
     centre = mean(corners)
-    return _separation(corners, centre, nearest_on_cores(centre, shapes))
-
-
-def segment_bound(corners: list[Array], start: Array, end: Array) -> Array:
-    """Returns lower bounds (...) [m] on the distance of patches from segments.
-
-    Args:
-        corners: of the patches, each (3, ...) [m].
-        start, end: of the segments (3, ...) [m].
-    """
-    centre = mean(corners)
-    return _separation(corners, centre, nearest_on_segments(centre, start, end))
-
-
-def _separation(corners: list[Array], centre: Array, near: Array) -> Array:
-    """Returns min n . (corner - near) over the corners (...), with n the direction from `near` to `centre`."""
+    near = nearest_on_cores(centre, shapes)
     apart = centre - near
     length = np.maximum(np.sqrt(dot(apart, apart)), TINY_M)
     least = reduce(np.minimum, [dot(apart, corner) for corner in corners])

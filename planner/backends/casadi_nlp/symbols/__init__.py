@@ -6,7 +6,6 @@ from planner.backends.casadi_nlp.symbols.rows import (
     FORMULAS,
     LEAVING_ROWS,
     RELEASE_ROWS,
-    WITH_FEWER_SHAPES,
     BlockFormula,
 )
 from planner.backends.casadi_nlp.symbols.terms import Terms
@@ -17,7 +16,6 @@ __all__ = [
     "FORMULAS",
     "LEAVING_ROWS",
     "RELEASE_ROWS",
-    "WITH_FEWER_SHAPES",
     "BlockFormula",
     "Terms",
 ]

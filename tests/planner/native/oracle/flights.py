@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike
 
 from planner.arrays import Array, Index
 from planner.certificate.exits import Cone
-from planner.certificate.flight.flights import nearest_on_segments
-from planner.certificate.flight.separation import segment_bound
+from planner.certificate.flight.flights import TINY_M, nearest_on_segments
 from planner.kinematics import dot
 
 TINY = 1e-9  # [m/s^2] an acceleration that has no direction
@@ -173,6 +172,20 @@ def capsule_bounds(
     turned = (2.0 * w * moving[0] + (a + w * w) * (far + reach[:, None, None])) * (h * h / 8.0)
     start, end = (ends[:, i].T[:, :, None, None] for i in (0, 1))
     return segment_bound(corners_on_grid(local[:, frames]), start, end) - turned[frames]
+
+
+def segment_bound(corners: list[Array], start: Array, end: Array) -> Array:
+    """Returns lower bounds (...) [m] on the distance of patches from segments, along n from the nearest point on.
+
+    Args:
+        corners: of the patches, each (3, ...) [m].
+        start, end: of the segments (3, ...) [m].
+    """
+    centre = reduce(np.add, corners) / len(corners)
+    near = nearest_on_segments(centre, start, end)
+    apart = centre - near
+    least = reduce(np.minimum, [dot(apart, corner) for corner in corners])
+    return (least - dot(apart, near)) / np.maximum(np.sqrt(dot(apart, apart)), TINY_M)
 
 
 def corners_on_grid(x: Array) -> list[Array]:
