@@ -11,7 +11,7 @@ from playwright.sync_api import Browser, expect
 
 from api.cli import main
 from tests.system.browser import CHROMIUM, MISSING, PLAN_MS, Visit, visit
-from tests.web.conftest import Desk, planned
+from tests.web.conftest import HOME, Desk, planned
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason=MISSING)
 
@@ -113,6 +113,17 @@ def test_the_keyboard_plays_and_steps_by_ticks(guest: Visit) -> None:
     guest.field("x [m]").press("Space")
     assert guest.field("x [m]").input_value() == "1. 2"
     assert slider.input_value() >= before  # it may play still; nothing steps it back
+
+
+def test_the_clock_does_not_run_beyond_what_is_shown(guest: Visit, desk: Desk, thrown_id: str) -> None:
+    id = desk.begun(thrown_id, "streaming")
+    guest.outcome("Throwing")
+    still = {"positions": HOME, "velocities": [0.0] * 6, "planned_positions": HOME, "tcp_speed_m_s": 0.0}
+    desk.store.add_event(id, "telemetry", {"clock_s": 9.0, **still})
+    clock = guest.region("Timeline").locator(".clock")
+    expect(clock).not_to_have_text(re.compile("^0.00"), timeout=SOON_MS)
+    shown, end = clock.inner_text().removesuffix(" s").split(" / ")
+    assert shown == end
 
 
 def test_curves_are_saved_as_numbers(guest: Visit) -> None:

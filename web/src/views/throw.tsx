@@ -194,7 +194,7 @@ function ThrowButton(): JSX.Element {
         type="button" class={`throw ${real ? "real" : "primary"}`} disabled={!armed.value && !running.value}
         aria-disabled={!armed.value} aria-describedby={whyNot() === null ? undefined : "why-not"} onClick={act}
       >
-        {throwLabel(current, floorZ.value)}
+        <Unbroken text={throwLabel(current, floorZ.value)} />
       </button>
       {asking.value && armed.value && !running.value ? (
         <AskOnceMore
@@ -206,6 +206,17 @@ function ThrowButton(): JSX.Element {
           onNo={() => (asking.value = false)}
         />
       ) : null}
+    </>
+  );
+}
+
+/** Cell and place of a throw, each on one line. */
+function Unbroken({ text }: { text: string }): JSX.Element {
+  const [cell, place] = text.split(" to ");
+  return (
+    <>
+      <span class="whole">{cell}</span>
+      {place === undefined ? null : <> <span class="whole">to {place}</span></>}
     </>
   );
 }

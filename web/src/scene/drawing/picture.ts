@@ -69,10 +69,11 @@ class Pen {
     return `<path d="${pathOf(seen)}Z" fill="${hex}" fill-opacity="${opacity}"${edge}/>`;
   }
 
-  /** Writes a text to the right of a point, and no further to the right than there is room. */
+  /** Writes a text to the right of a point; of one in the picture no further to the right than there is room. */
   label(at: Vector, text: string, colour: Color): string {
     const { x, y } = this.view.see(at);
-    const left = x > this.view.width ? x : Math.max(0, Math.min(x + 10, this.view.width - text.length * LETTER_PX));
+    const isSeen = x >= 0 && x <= this.view.width;
+    const left = isSeen ? Math.max(0, Math.min(x + 10, this.view.width - text.length * LETTER_PX)) : x + 10;
     return `<text x="${left.toFixed(1)}" y="${(y - 8).toFixed(1)}" fill="#${colour.getHexString()}">${text}</text>`;
   }
 }
