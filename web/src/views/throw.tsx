@@ -142,7 +142,7 @@ function ProblemCard(): JSX.Element | null {
       {refusal.nearest ? (
         <p>
           <button type="button" class="quiet" onClick={takeNearest}>
-            Take nearest
+            Take one that works
           </button>{" "}
           <span class="soft">{nearestWords(refusal.nearest)}</span>
         </p>
@@ -152,9 +152,9 @@ function ProblemCard(): JSX.Element | null {
 }
 
 function nearestWords({ release, release_window_s: window_s }: { release: { kind: string; position?: number[] }; release_window_s?: number | null }): string {
-  const place = release.position ? `: (${release.position.map((x) => x.toFixed(2)).join(", ")})` : "";
-  const timing = window_s ? `, released up to ${figure(1000 * window_s, 2)} ms early or late` : window_s === 0 ? ", without a release window" : "";
-  return `one that works${place}${timing}; there may be a nearer one`;
+  const place = release.position ? `(${release.position.map((x) => x.toFixed(2)).join(", ")})` : "";
+  const timing = window_s ? `released up to ${figure(1000 * window_s, 2)} ms early or late` : window_s === 0 ? "without a release window" : "";
+  return [place, timing, "there may be a nearer one"].filter((part) => part !== "").join(", ");
 }
 
 /** Why a plan that answers the request cannot be thrown now; null where it can, or where something runs. */
