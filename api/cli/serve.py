@@ -148,7 +148,7 @@ def _prepare(cells: Path, name: str, database_url: str) -> Cell:
     from api.cli.support.processes import cell_path
     from planner.cell import load_cell
     from planner.cell_folder import file_faults
-    from store import Store, StoreError
+    from store import Store
 
     path = cell_path(cells, name)
     if faults := file_faults(path):
@@ -156,10 +156,7 @@ def _prepare(cells: Path, name: str, database_url: str) -> Cell:
     cell = load_cell(path)
     for warning in warnings_of(cell):
         say(f"{name}: {warning}", BAD)
-    try:
-        Store.upgrade(database_url)
-    except (StoreError, RuntimeError) as error:
-        raise click.ClickException(str(error)) from error
+    Store.upgrade(database_url)
     return cell
 
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 import socket
+import sqlite3
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -61,6 +63,19 @@ def test_up_names_every_fault_and_warning_of_its_cell(root: Path, tmp_path: Path
     result = up(text.replace("clearance_m = 0.02", "clearance_m = 0.0"), tmp_path, monkeypatch)
     assert result.exit_code == 0, result.output
     assert "lab: surroundings.clearance_m is 0 m" in result.output
+
+
+def test_a_database_of_another_version_is_a_sentence(tmp_path: Path):
+    url = f"sqlite:///{tmp_path / 'fling.db'}"
+    assert fling("db", "upgrade", "--database-url", url).exit_code == 0
+    with sqlite3.connect(tmp_path / "fling.db") as connection:
+        connection.execute("INSERT INTO schema_steps (number) VALUES (99)")
+    sweep = tmp_path / "sweep.json"
+    sweep.write_text('{"requests": [{"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}}]}')
+    for command in (["batch", str(sweep)], ["db", "upgrade"], ["cell", "history"]):
+        result = fling(*command, FLING_DATABASE_URL=url)
+        assert result.exit_code == 1, command
+        assert re.search(r"^fling: the database is at version \d+; .* install a newer version$", result.stderr), command
 
 
 def test_a_wait_says_what_it_is_for(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
