@@ -179,7 +179,7 @@ def known_timing(cell: Cell, database_url: str) -> dict[str, Any] | None:
     """
     try:
         store = Store.open(database_url)
-    except (RuntimeError, StoreError):
+    except StoreError:
         return None
     try:
         used, profile = cell_in_use(store, cell)

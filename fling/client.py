@@ -191,8 +191,10 @@ class Client:
         data = executors_folder(os.environ)
         if execution_id != "latest":
             return stop_socket.stop(data, execution_id, "a client on this machine")
-        is_here = is_loopback_host(self._http.base_url.host)
-        return stop_socket.stop_newest(data, "a client on this machine") if is_here else None
+        return stop_socket.stop_newest(data, "a client on this machine") if self._is_here() else None
+
+    def _is_here(self) -> bool:
+        return is_loopback_host(self._http.base_url.host)
 
     def landed(self, execution_id: str, position: Sequence[float], std_m: float) -> dict[str, Any]:
         """Reports where the object of an execution landed (3,) [m], measured with a standard deviation `std_m` [m]."""
@@ -260,6 +262,11 @@ class Client:
     def _unreachable(self, error: Exception) -> Exception:
         if isinstance(error, httpx2.ReadTimeout | httpx2.RemoteProtocolError):
             detail = f"what listens at {self._http.base_url} does not answer as one ({error})"
+        elif self._is_here() and stop_socket.is_executor_here(executors_folder(os.environ)):
+            detail = (
+                f"there is none at {self._http.base_url} ({error}), though an executor runs here: 'fling up' starts "
+                f"its service again within seconds; without it, start one with 'fling serve'"
+            )
         else:
             detail = f"there is none at {self._http.base_url} ({error}); start one with 'fling up'"
         return self.refusal({"title": "no service", "detail": detail, "status": UNREACHABLE})

@@ -53,7 +53,13 @@ def listen(folder: Path) -> socket.socket:
 
 def running(data: Path) -> list[dict[str, Any]]:
     """Returns the executions that this machine's executors run, the newest first."""
-    return sorted(_answers(data, {"ask": "running"}), key=lambda run: run["id"], reverse=True)
+    runs = [run for run in _answers(data, {"ask": "running"}) if run is not None]
+    return sorted(runs, key=lambda run: run["id"], reverse=True)
+
+
+def is_executor_here(data: Path) -> bool:
+    """Returns whether an executor of this machine answers, whatever it does."""
+    return bool(_answers(data, {"ask": "running"}))
 
 
 def stop(data: Path, execution_id: str, who: str) -> dict[str, Any] | None:
@@ -68,7 +74,7 @@ def stop(data: Path, execution_id: str, who: str) -> dict[str, Any] | None:
         The execution as its executor knows it; None where no executor of this machine runs it.
     """
     answers = _answers(data, {"ask": "stop", "execution_id": execution_id, "who": who})
-    return next((run for run in answers if run["id"] == execution_id), None)
+    return next((run for run in answers if run is not None and run["id"] == execution_id), None)
 
 
 def stop_newest(data: Path, who: str) -> dict[str, Any] | None:
@@ -77,12 +83,12 @@ def stop_newest(data: Path, who: str) -> dict[str, Any] | None:
     return stop(data, runs[0]["id"], who) if runs else None
 
 
-def _answers(data: Path, message: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Returns what the executors answer, those that run something; one that does not answer in time is left out."""
+def _answers(data: Path, message: Mapping[str, Any]) -> list[dict[str, Any] | None]:
+    """Returns what the executors answer, None from one that runs nothing; one that is late is left out."""
     text = json.dumps(message).encode()
     waiting = select.poll()
     asked: dict[int, socket.socket] = {}
-    answers = []
+    answers: list[dict[str, Any] | None] = []
     with ExitStack() as stack:
         for folder in data.glob(f"executor/*/{NAME}"):
             with suppress(OSError):  # nobody listens any more
@@ -99,7 +105,7 @@ def _answers(data: Path, message: Mapping[str, Any]) -> list[dict[str, Any]]:
                 waiting.unregister(number)
                 with suppress(OSError, ValueError):  # it has just ended
                     answers.append(json.loads(asked.pop(number).recv(MESSAGE_BYTES)))
-    return [answer for answer in answers if answer is not None]
+    return answers
 
 
 @contextmanager

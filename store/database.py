@@ -33,6 +33,10 @@ class StoreError(Exception):
     """Root of the errors raised by the store."""
 
 
+class WrongSchema(StoreError):
+    """The database was written by an older or a newer version of Fling; the message says what to do."""
+
+
 class UnknownRow(StoreError):
     """There is no such plan, execution, experiment or batch; the message says which."""
 

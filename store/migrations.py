@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from sqlalchemy import Connection, Engine, inspect, text
 
-from store.database import reading, writing
+from store.database import WrongSchema, reading, writing
 
 TYPES = {
     "sqlite": {"row_id": "INTEGER PRIMARY KEY AUTOINCREMENT", "bytes": "BLOB", "float": "DOUBLE PRECISION"},
@@ -142,7 +142,7 @@ def upgrade(engine: Engine) -> tuple[int, int]:
         The schema version before and after.
 
     Raises:
-        RuntimeError: The database was written by a newer version of Fling.
+        WrongSchema: The database was written by a newer version of Fling.
         StoreUnavailable: The database does not answer or rejects a statement.
     """
     with writing(engine) as connection:  # on SQLite this holds the write lock
@@ -159,19 +159,19 @@ def check(engine: Engine) -> None:
     """Checks that the schema is up to date.
 
     Raises:
-        RuntimeError: The schema is older or newer than this version of Fling.
+        WrongSchema: The schema is older or newer than this version of Fling.
         StoreUnavailable: The database does not answer.
     """
     with reading(engine) as connection:
         version = _version(connection)
     _refuse_newer(version)
     if version < LATEST:
-        raise RuntimeError(f"the database is at version {version}, not {LATEST}: run 'fling db upgrade'")
+        raise WrongSchema(f"the database is at version {version}, not {LATEST}: run 'fling db upgrade'")
 
 
 def _refuse_newer(version: int) -> None:
     if version > LATEST:
-        raise RuntimeError(
+        raise WrongSchema(
             f"the database is at version {version}; this Fling supports up to {LATEST}: install a newer version"
         )
 

@@ -47,7 +47,7 @@ class Store(
         """Opens the database. SQLite is created and migrated; PostgreSQL must be migrated by `fling db upgrade`.
 
         Raises:
-            RuntimeError: The schema is older (PostgreSQL) or newer than this version of Fling.
+            StoreError: The schema is older (PostgreSQL) or newer than this version of Fling.
             StoreUnavailable: There is no usable database at `url`.
         """
         engine = open_engine(url)
@@ -56,7 +56,7 @@ class Store(
                 migrations.upgrade(engine)
             else:
                 migrations.check(engine)
-        except (RuntimeError, StoreError):
+        except StoreError:
             engine.dispose()
             raise
         outage_log(engine).is_muted = False

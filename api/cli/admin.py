@@ -219,12 +219,9 @@ def db() -> None:
 def upgrade(database_url: str | None, as_json: bool) -> None:
     """Bring the database up to date."""
     from fling import this_machine
-    from store import Store, StoreError
+    from store import Store
 
-    try:
-        before, after = Store.upgrade(database_url or this_machine.database_url(os.environ))
-    except (StoreError, RuntimeError) as error:
-        raise click.ClickException(str(error)) from error
+    before, after = Store.upgrade(database_url or this_machine.database_url(os.environ))
     if as_json:
         click.echo(json.dumps({"before": before, "after": after}))
         return

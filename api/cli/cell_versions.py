@@ -76,14 +76,11 @@ def _versions(name: str | None) -> tuple[Path, list[CellVersionRow]]:
     from api.cli.support.processes import cell_path
     from api.settings import parse_settings
     from planner.errors import CellError
-    from store import Store, StoreError
+    from store import Store
 
     settings = parse_settings()
     path = cell_path(settings.cells, name or settings.default_cell)
-    try:
-        store = Store.open(settings.database_url)
-    except (StoreError, RuntimeError) as error:
-        raise click.ClickException(str(error)) from error
+    store = Store.open(settings.database_url)
     try:
         CellRepository(settings.cells).cell(path.stem)
         now = _present(path)

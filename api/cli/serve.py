@@ -142,17 +142,21 @@ def _cell_argument(cell: str | None) -> list[str]:
 
 
 def _prepare(cells: Path, name: str, database_url: str) -> Cell:
-    """Checks the cell and migrates the database. Returns the cell."""
+    """Checks the cell as `fling cell check` does, tells its warnings, and migrates the database. Returns the cell."""
+    from api.cli.admin import CellRefused
+    from api.cli.support.cell_warnings import warnings_of
     from api.cli.support.processes import cell_path
     from planner.cell import load_cell
-    from planner.errors import CellError
-    from store import Store, StoreError
+    from planner.cell_folder import file_faults
+    from store import Store
 
-    try:
-        cell = load_cell(cell_path(cells, name))
-        Store.upgrade(database_url)
-    except (CellError, StoreError, RuntimeError) as error:
-        raise click.ClickException(str(error)) from error
+    path = cell_path(cells, name)
+    if faults := file_faults(path):
+        raise CellRefused({path: faults})
+    cell = load_cell(path)
+    for warning in warnings_of(cell):
+        say(f"{name}: {warning}", BAD)
+    Store.upgrade(database_url)
     return cell
 
 

@@ -136,12 +136,13 @@ def _tracking(recording: str) -> dict[str, Any] | None:
     if not rows:
         return None
     errors = [
-        [float(row[f"q_{joint}_rad"]) - float(row[f"planned_q_{joint}_rad"]) for row in rows] for joint in range(6)
+        [1000 * (float(row[f"q_{joint}_rad"]) - float(row[f"planned_q_{joint}_rad"])) for row in rows]
+        for joint in range(6)
     ]
     return {
         "key": "tracking",
         "label": "Measured less planned",
-        "unit": "rad",
+        "unit": "mrad",
         "check": None,
         "times": [float(row["clock_s"]) for row in rows],
         "steps": False,

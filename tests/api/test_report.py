@@ -168,8 +168,9 @@ def test_the_report_of_an_execution_has_its_outcome_and_its_recording(content: R
     assert "dry run: nothing moved" in report_html(replace(content, execution={**execution, "dry_run": True}))
     carried = json.loads(Outline(text).scripts[0])
     assert carried["landings"] == [{"id": "0", "position": [1.21, 0.3, 0.0], "newest": True}]
+    assert carried["tracking"]["unit"] == "mrad"
     assert carried["tracking"]["times"] == [0.0, 0.002]
-    assert np.allclose([line["values"] for line in carried["tracking"]["lines"]], 0.01)
+    assert np.allclose([line["values"] for line in carried["tracking"]["lines"]], 10.0)
 
 
 def test_the_report_of_an_experiment_has_its_throws_and_their_ellipse(content: ReportContent, throw):

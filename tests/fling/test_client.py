@@ -127,6 +127,27 @@ def test_latest_is_what_runs_here_where_the_service_is_here(url: str, tmp_path: 
     assert asked == ["running", "stop"]
 
 
+def test_a_service_that_is_started_again_is_not_one_to_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Where an executor runs here, 'fling up' most likely does, and brings its service back."""
+    monkeypatch.setenv("FLING_DATA", str(tmp_path))
+    with fling.Client("http://127.0.45.1:9") as client:
+        with pytest.raises(fling.ServiceRefusal, match="start one with 'fling up'"):
+            client.get("/cells")
+        folder = stop_socket.executor_folder(tmp_path, "a cell")
+        folder.mkdir(parents=True)
+        with stop_socket.listen(folder) as listener:
+            listener.setblocking(True)
+
+            def answer() -> None:
+                with listener.accept()[0] as connection:
+                    connection.recv(stop_socket.MESSAGE_BYTES)
+                    connection.send(b"null")  # it runs nothing
+
+            threading.Thread(target=answer, daemon=True).start()
+            with pytest.raises(fling.ServiceRefusal, match="'fling up' starts its service again"):
+                client.get("/cells")
+
+
 def test_events_until_the_end(url: str):
     with fling.Client(url) as client:
         assert [data["state"] for _, data in client.events("e")] == ["queued", "streaming", "finished"]

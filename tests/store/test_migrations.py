@@ -8,7 +8,7 @@ from threading import Barrier
 import pytest
 from sqlalchemy import inspect, text
 
-from store import Store, StoreUnavailable, database, migrations
+from store import Store, StoreError, StoreUnavailable, database, migrations
 from store.database import open_engine
 from store.tables import METADATA
 
@@ -59,7 +59,7 @@ def test_a_newer_database_is_refused(database_url):
     with engine.begin() as connection:
         connection.execute(text("INSERT INTO schema_steps (number) VALUES (99)"))
     engine.dispose()
-    with pytest.raises(RuntimeError, match="newer"):
+    with pytest.raises(StoreError, match="newer"):
         Store.open(database_url)
 
 
@@ -68,7 +68,7 @@ def test_an_older_postgresql_is_refused_and_an_older_sqlite_upgraded(database_ur
         Store.open(database_url).close()
         assert Store.upgrade(database_url) == (migrations.LATEST, migrations.LATEST)
     else:
-        with pytest.raises(RuntimeError, match="fling db upgrade"):
+        with pytest.raises(StoreError, match="fling db upgrade"):
             Store.open(database_url)
 
 

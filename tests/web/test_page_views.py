@@ -11,7 +11,7 @@ from playwright.sync_api import Browser, expect
 
 from api.cli import main
 from tests.system.browser import CHROMIUM, MISSING, PLAN_MS, Visit, visit
-from tests.web.conftest import Desk, planned
+from tests.web.conftest import HOME, Desk, planned
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason=MISSING)
 
@@ -71,6 +71,72 @@ def test_time_is_zoomed_about_the_cursor(guest: Visit) -> None:
     guest.button("Show more of the time").click()
     expect(slider).to_have_attribute("min", "0")
     expect(guest.button("Show more of the time")).to_be_disabled()
+
+
+def test_a_chart_tells_its_values_under_the_pointer(guest: Visit) -> None:
+    planned(guest)
+    timeline = guest.region("Timeline")
+    timeline.get_by_role("button", name="Tool speed").click(timeout=SOON_MS)
+    readout = timeline.locator(".chart-readout")
+    expect(readout).to_be_hidden()
+    plot = timeline.locator(".u-over").bounding_box()
+    end = float(timeline.get_by_role("slider").get_attribute("max") or 0.0)
+    assert plot is not None
+    guest.page.mouse.move(plot["x"] + plot["width"] * 0.1 / end, plot["y"] + 50)  # 0.1 s
+    expect(readout).to_be_visible()
+    told = re.fullmatch(r"0\.(\d{3}) s, m/s\s*tool centre point (\S+)\s*flange \S+", readout.inner_text())
+    assert told is not None
+    assert abs(int(told[1]) - 100) <= 2
+    timeline.get_by_role("slider").fill(f"0.{told[1]}")
+    shown = timeline.locator(".legend .value").first.inner_text()
+    assert float(shown) == pytest.approx(float(told[2]), rel=6e-3)  # three digits there, four here
+    guest.page.mouse.move(plot["x"] + plot["width"] - 5, plot["y"] + 50)  # the arm has come to rest: nothing there
+    expect(readout).to_be_hidden()
+
+
+def test_the_keyboard_plays_and_steps_by_ticks(guest: Visit) -> None:
+    planned(guest)
+    page = guest.page
+    slider = guest.region("Timeline").get_by_role("slider")
+    slider.fill("0.1")
+    page.locator("body").click(position={"x": 640, "y": 30})  # no control has the keys
+    page.keyboard.press("ArrowRight")
+    expect(slider).to_have_value("0.102")
+    page.keyboard.press("Shift+ArrowLeft")
+    expect(slider).to_have_value("0.082")
+    page.keyboard.press("Space")
+    expect(guest.button("Play").or_(guest.button("Pause"))).to_be_visible()
+    page.wait_for_function("document.querySelector('.time-slider input').value !== '0.082'")
+    guest.field("x [m]").press("End")
+    before = slider.input_value()
+    guest.field("x [m]").press("ArrowLeft")  # a field's own
+    guest.field("x [m]").press("Space")
+    assert guest.field("x [m]").input_value() == "1. 2"
+    assert slider.input_value() >= before  # it may play still; nothing steps it back
+
+
+def test_the_clock_does_not_run_beyond_what_is_shown(guest: Visit, desk: Desk, thrown_id: str) -> None:
+    id = desk.begun(thrown_id, "streaming")
+    guest.outcome("Throwing")
+    still = {"positions": HOME, "velocities": [0.0] * 6, "planned_positions": HOME, "tcp_speed_m_s": 0.0}
+    desk.store.add_event(id, "telemetry", {"clock_s": 9.0, **still})
+    clock = guest.region("Timeline").locator(".clock")
+    expect(clock).not_to_have_text(re.compile("^0.00"), timeout=SOON_MS)
+    shown, end = clock.inner_text().removesuffix(" s").split(" / ")
+    assert shown == end
+
+
+def test_curves_are_saved_as_numbers(guest: Visit) -> None:
+    planned(guest)
+    timeline = guest.region("Timeline")
+    timeline.get_by_role("button", name="Velocity").click(timeout=SOON_MS)
+    with guest.page.expect_download() as saved:
+        guest.button("Save these curves as CSV").click()
+    head, first, *rest = Path(saved.value.path()).read_text().splitlines()
+    assert saved.value.suggested_filename == "fling-joint_velocity.csv"
+    assert head.startswith("time [s],Base [rad/s],Shoulder [rad/s],")
+    assert [float(value) for value in first.split(",")] == pytest.approx([0.0] * 7, abs=1e-9)
+    assert float(rest[0].split(",")[0]) == pytest.approx(0.002)
 
 
 def test_a_limit_that_holds_does_not_read_as_exceeded(guest: Visit) -> None:

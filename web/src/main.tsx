@@ -8,6 +8,7 @@ import { keepFocus } from "./focus";
 import { stop } from "./state/actions";
 import { followCalibration } from "./state/calibrate";
 import { follow } from "./state/follow";
+import { listenForPlayback } from "./state/playback";
 import { dark, endTime, isReal, playing, running, state, time } from "./state/store";
 import "./style/page.css";
 
@@ -53,6 +54,7 @@ const root = document.getElementById("app");
 if (root) {
   followTheme();
   listenForStop();
+  listenForPlayback();
   keepFocus(root);
   play();
   effect(() => {

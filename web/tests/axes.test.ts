@@ -10,6 +10,8 @@ describe("the numbers along an axis", () => {
     expect(tickTexts([-4e-7, -2e-7, 0, 2e-7])).toEqual(["−0.0000004", "−0.0000002", "0.0000000", "0.0000002"]);
     expect(tickTexts([0, 0.05, 0.1])).toEqual(["0.00", "0.05", "0.10"]);
     expect(tickTexts([-500, 0, 500])).toEqual(["−500", "0", "500"]);
+    expect(tickTexts([0, 0.25, 0.5, 0.75])).toEqual(["0.00", "0.25", "0.50", "0.75"]);
+    expect(tickTexts([0.0935, 0.09375, 0.094])).toEqual(["0.09350", "0.09375", "0.09400"]);
   });
   it("have no zero with a sign", () => {
     expect(tickTexts([-0.5, -1e-17, 0.5])).toEqual(["−0.5", "0.0", "0.5"]);

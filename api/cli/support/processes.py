@@ -19,11 +19,12 @@ from typing import IO, Self
 import click
 
 from api.cli.support.client import ServiceClient, ServiceError
+from fling.client import UNREACHABLE
 
 STOP_S = 5.0  # [s] for a child to end; the executor brakes its robot first
 READY_S = 300.0  # [s] for a child to get ready: it imports and builds for ten seconds, longer beside busy processes
-SAID_EVERY_S = 30.0  # [s] between two sentences that say what is waited for
-POLL_S = 0.1  # [s] between two looks at the service's readiness
+SAID_AFTER_S = 3.0  # [s] of waiting until it is said what for; then whenever the wait has doubled
+POLL_S = 0.1  # [s] between two looks at a child's readiness
 DEATHS_MAX = 3
 DEATHS_WITHIN_S = 60.0  # [-], [s] a child that ends more often within this time does not come back
 NO_CLIENT = (
@@ -34,8 +35,36 @@ NO_CLIENT = (
 PR_SET_PDEATHSIG = 1  # source: Linux prctl(2)
 
 
+READYING = {  # what a child does until it is ready
+    "simulator": "the simulated controller loads its libraries",
+    "executor": "the executor loads its libraries and connects to the controller",
+    "service": "the service loads the planner",
+}
+
+
 class ChildFailed(RuntimeError):
     """A child did not start, or ended by itself."""
+
+
+class Waiting:
+    """A wait that says what it is for.
+
+    Args:
+        patience_s: until it ends [s].
+    """
+
+    def __init__(self, patience_s: float) -> None:
+        self._begun = time.monotonic()
+        self._said_next_s = SAID_AFTER_S
+        self._patience_s = patience_s
+
+    def goes_on(self, reason: str) -> bool:
+        """Returns whether there is time left; says now and then what is waited for."""
+        waited_s = time.monotonic() - self._begun
+        if waited_s >= self._said_next_s:
+            click.echo(f"  {waited_s:.0f} s: {reason} …")
+            self._said_next_s = 2.0 * waited_s
+        return waited_s < self._patience_s
 
 
 @dataclass
@@ -149,11 +178,11 @@ class ChildProcesses:
             self._log.close()
 
     def _wait(self, name: str, child: subprocess.Popen[bytes], ready: threading.Event, ready_s: float) -> None:
-        deadline = time.monotonic() + ready_s
-        while not ready.wait(0.05):
+        waiting = Waiting(ready_s)
+        while not ready.wait(POLL_S):
             if child.poll() is not None:
                 raise ChildFailed(f"the {name} ended with status {child.returncode} before it was ready")
-            if time.monotonic() > deadline:
+            if not waiting.goes_on(READYING.get(name, f"the {name} gets ready")):
                 raise ChildFailed(f"the {name} was not ready within {ready_s:g} s")
 
 
@@ -234,21 +263,17 @@ def _interrupt(_number: int, _frame: object) -> None:
 
 
 def _wait_until_ready(children: ChildProcesses, url: str, cell: str, ready_s: float) -> None:
-    begun = time.monotonic()
-    reason = ""
-    said = 0
+    waiting = Waiting(ready_s)
+    reason = READYING["service"]
     with ServiceClient(url, os.environ.get("FLING_TOKEN")) as client:
-        while (waited := time.monotonic() - begun) < ready_s:
+        while waiting.goes_on(reason):
             children.check()
-            if waited // SAID_EVERY_S > said:
-                said += 1
-                click.echo(f"still waiting after {waited:.0f} s: {reason}")
             try:
                 if client.get("/readyz")["cells"].get(cell):
                     return
-                reason = "the executor sent no heartbeat"
+                reason = "the executor sent no heartbeat yet"
             except ServiceError as error:
-                reason = error.message
+                reason = READYING["service"] if error.problem.get("status") == UNREACHABLE else error.message
             time.sleep(POLL_S)
     raise ChildFailed(f"not ready within {ready_s:g} s: {reason}")
 

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import shutil
 import signal
 import socket
+import sqlite3
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,7 +22,7 @@ from api.cli import main
 from api.cli.support.addresses import require_free
 from api.cli.support.client import ServiceClient
 from api.cli.support.errors import FlingGroup
-from api.cli.support.processes import DEATHS_MAX, ChildFailed, ChildProcesses
+from api.cli.support.processes import DEATHS_MAX, ChildFailed, ChildProcesses, Waiting
 
 HOST = "127.0.45.3"
 GRIPPER = 'output = "tool_digital"\nindex = 0\nopen_level = true'  # of the shipped cells
@@ -29,8 +32,8 @@ def fling(*arguments: str, **environment: str):
     return CliRunner().invoke(main, arguments, env=environment or None)
 
 
-def test_up_proposes_a_throw_of_its_own_arm(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    text = (root / "cells" / "ur10e-sim.toml").read_text()
+def up(text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Runs `fling up` with a cell file, and nothing that it would start."""
     (tmp_path / "cells").mkdir()
     (tmp_path / "cells" / "lab.toml").write_text(text)
     monkeypatch.setattr("api.cli.support.processes.start_all", lambda *_: None)
@@ -39,9 +42,49 @@ def test_up_proposes_a_throw_of_its_own_arm(root: Path, tmp_path: Path, monkeypa
     monkeypatch.setattr("api.cli.support.processes.catch_signals", lambda: None)
     monkeypatch.setattr("api.cli.serve._keep_alive", lambda _: None)
     settings = {"FLING_CELLS": str(tmp_path / "cells"), "FLING_DATABASE_URL": f"sqlite:///{tmp_path / 'fling.db'}"}
-    result = fling("up", "--cell", "lab", "--port", "8000", **settings)
+    return fling("up", "--cell", "lab", "--port", "8000", **settings)
+
+
+def test_up_proposes_a_throw_of_its_own_arm(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    result = up((root / "cells" / "ur10e-sim.toml").read_text(), tmp_path, monkeypatch)
     assert result.exit_code == 0, result.output
     assert "\ntry: fling throw 1.8 0.3 0.0\n" in result.output
+
+
+def test_up_names_every_fault_and_warning_of_its_cell(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    text = (root / "cells" / "ur5e-sim.toml").read_text()
+    spoilt = text.replace("mass_kg = 1.0", "mass_kg = -1.0").replace("\ndelay_s = 0.040", '\ndelay_s = "late"')
+    result = up(spoilt, tmp_path, monkeypatch)
+    assert result.exit_code == 1
+    assert "2 faults" in result.stderr
+    assert "tool.mass_kg" in result.stderr
+    assert "gripper.delay_s" in result.stderr
+    shutil.rmtree(tmp_path / "cells")
+    result = up(text.replace("clearance_m = 0.02", "clearance_m = 0.0"), tmp_path, monkeypatch)
+    assert result.exit_code == 0, result.output
+    assert "lab: surroundings.clearance_m is 0 m" in result.output
+
+
+def test_a_database_of_another_version_is_a_sentence(tmp_path: Path):
+    url = f"sqlite:///{tmp_path / 'fling.db'}"
+    assert fling("db", "upgrade", "--database-url", url).exit_code == 0
+    with sqlite3.connect(tmp_path / "fling.db") as connection:
+        connection.execute("INSERT INTO schema_steps (number) VALUES (99)")
+    sweep = tmp_path / "sweep.json"
+    sweep.write_text('{"requests": [{"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}}]}')
+    for command in (["batch", str(sweep)], ["db", "upgrade"], ["cell", "history"]):
+        result = fling(*command, FLING_DATABASE_URL=url)
+        assert result.exit_code == 1, command
+        assert re.search(r"^fling: the database is at version \d+; .* install a newer version$", result.stderr), command
+
+
+def test_a_wait_says_what_it_is_for(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
+    clock = iter([100.0, 101.0, 103.5, 105.0, 107.5, 111.0])
+    monkeypatch.setattr("api.cli.support.processes.time.monotonic", lambda: next(clock))
+    waiting = Waiting(10.0)
+    assert [waiting.goes_on("the executor connects") for _ in range(5)] == [True, True, True, True, False]
+    told = "  4 s: the executor connects …\n  8 s: the executor connects …\n"
+    assert capsys.readouterr().out == told
 
 
 @pytest.mark.parametrize(

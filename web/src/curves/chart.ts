@@ -2,10 +2,12 @@
 
 import uPlot from "uplot";
 import "uplot/dist/uPlot.min.css";
+import "../style/chart.css";
 
 import { pngOf } from "../service/save";
+import { figure } from "../state/words";
 import type { Quantity } from "./quantities";
-import { axisRange, tickTexts } from "./ticks";
+import { axisRange, TICK_STEPS, tickTexts } from "./ticks";
 
 export interface ChartColors {
   readonly lines: readonly string[];
@@ -41,7 +43,7 @@ const EDGE_S = 0.004; // [s] a cursor this far beyond the axis still stands at i
 const WHEEL = 0.002; // zoom for each unit that a wheel turns
 const LEAST_PX = 120; // [px] width
 /** Space beside the curves [px]: a control over the same time lies between them. */
-export const EDGES_PX = { left: 68, right: 14 } as const;
+export const EDGES_PX = { left: 76, right: 24 } as const;
 const LABEL_PX = 16; // [px] of the axis's unit
 
 /** Range of a quantity: the lines that are shown, and their limits. */
@@ -122,15 +124,42 @@ async function pictureOf(plot: uPlot, quantity: Quantity, { colors, visible }: C
   return pngOf(canvas);
 }
 
+/** Tells the time under the pointer and the value of each line there, beside the pointer. */
+function readOut(plot: uPlot, quantity: Quantity, { colors, visible }: ChartOptions, readout: HTMLElement): void {
+  const { left = -1, idx } = plot.cursor;
+  readout.hidden = left < 0 || plot.posToVal(left, "x") > (quantity.times.at(-1) ?? 0);
+  if (readout.hidden || idx === null || idx === undefined) return;
+  const lines = quantity.lines.flatMap((line, i) => {
+    const value = line.values[idx];
+    if (!visible[i] || value === null || value === undefined) return [];
+    return [written(`${line.label} ${figure(value, 4)}`, colors.lines[i % colors.lines.length] ?? colors.ink)];
+  });
+  readout.replaceChildren(written(`${quantity.times[idx]!.toFixed(3)} s, ${quantity.unit}`, colors.ink), ...lines);
+  const isRight = left > plot.over.clientWidth / 2;
+  readout.style.transform = `translateX(calc(${left}px ${isRight ? "- 100% - 10px" : "+ 10px"}))`;
+}
+
+function written(text: string, colour: string): HTMLElement {
+  const row = document.createElement("div");
+  row.textContent = text;
+  row.style.color = colour;
+  return row;
+}
+
 /** Draws one quantity into `host`. A click or a drag in it moves the time. */
 export function createChart(host: HTMLElement, quantity: Quantity, options: ChartOptions): Chart {
   const { colors } = options;
-  const axis = { stroke: colors.ink, font: FONT, grid: { stroke: colors.grid, width: 1 }, ticks: { stroke: colors.grid, width: 1 } };
+  const axis = { stroke: colors.ink, font: FONT, incrs: TICK_STEPS, grid: { stroke: colors.grid, width: 1 }, ticks: { stroke: colors.grid, width: 1 } };
   const mark = document.createElement("div");
   mark.className = "chart-cursor";
-  let shown = 0; // [s]
+  mark.hidden = true;
+  const readout = document.createElement("div");
+  readout.className = "chart-readout";
+  readout.hidden = true;
+  let shown: number | null = null; // [s]; null: this chart has no cursor
   let range = options.range;
   const place = (drawn: uPlot): void => {
+    if (shown === null) return;
     mark.hidden = shown < range[0] - EDGE_S || shown > range[1] + EDGE_S;
     mark.style.transform = `translateX(${drawn.valToPos(shown, "x")}px)`;
   };
@@ -168,12 +197,13 @@ export function createChart(host: HTMLElement, quantity: Quantity, options: Char
             place(drawn); // its scales may be others
           },
         ],
+        setCursor: [(drawn) => readOut(drawn, quantity, options, readout)],
       },
     },
     [quantity.times as number[], ...quantity.lines.map((line) => line.values as (number | null)[])],
     host,
   );
-  plot.over.append(mark);
+  plot.over.append(mark, readout);
   const pointed = (event: PointerEvent): void => {
     if (event.type === "pointermove" && event.buttons === 0) return;
     const box = plot.over.getBoundingClientRect();

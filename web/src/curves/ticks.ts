@@ -1,11 +1,20 @@
 // Numbers along the axes of charts. Pure.
 
-/** Returns ticks as text with as many decimals as tell them apart, and no zero with a sign. */
+const DECIMALS_MAX = 12;
+/** Steps between ticks: the 1, 2 and 5 of every power of ten, which need the fewest digits. */
+export const TICK_STEPS = Array.from({ length: 24 }, (_, i) => i - DECIMALS_MAX).flatMap((power) => [1, 2, 5].map((step) => Number(`${step}e${power}`)));
+
+/** Returns ticks as text with as many decimals as their step has, and no zero with a sign. */
 export function tickTexts(ticks: readonly number[]): string[] {
-  const steps = ticks.slice(1).map((tick, i) => Math.abs(tick - ticks[i]!));
-  const step = Math.min(...steps, Infinity);
-  const decimals = Number.isFinite(step) && step > 0 ? Math.max(0, Math.ceil(-Math.log10(step) - 1e-9)) : 3;
-  return ticks.map((tick) => tick.toFixed(Math.min(decimals, 12)).replace(/^-(0(\.0*)?)$/, "$1").replace("-", "−"));
+  const step = Math.min(...ticks.slice(1).map((tick, i) => Math.abs(tick - ticks[i]!)), Infinity);
+  const decimals = Number.isFinite(step) && step > 0 ? decimalsOf(step) : 3;
+  return ticks.map((tick) => tick.toFixed(decimals).replace(/^-(0(\.0*)?)$/, "$1").replace("-", "−"));
+}
+
+function decimalsOf(step: number): number {
+  let decimals = 0;
+  while (decimals < DECIMALS_MAX && Math.abs(Number(step.toFixed(decimals)) - step) > 1e-6 * step) decimals += 1;
+  return decimals;
 }
 
 const LEAST_SPAN = 1e-3; // [of the quantity's unit] less than this is rounding, and drawn as a straight line

@@ -138,7 +138,9 @@ function caption(quantity: Quantity, lines: readonly string[], release_s: number
   picture.setAttribute("aria-label", `Save ${quantity.label} as SVG`);
   const pixels = button("PNG", () => void png().then((blob) => save(blob, `${name}-${quantity.key}.png`)));
   pixels.setAttribute("aria-label", `Save ${quantity.label} as PNG`);
-  text.append(picture, pixels);
+  const saves = element("span", "saves");
+  saves.append(picture, pixels);
+  text.append(saves);
   return text;
 }
 

@@ -193,6 +193,7 @@ class ThrowScene implements face.Scene {
 
   resize(): void {
     this.stage.resize();
+    this.drawAxes();
     if (this.isOwnView) return;
     this.framed = "";
     this.look(true);
@@ -316,7 +317,7 @@ class ThrowScene implements face.Scene {
   }
 
   private drawAxes(): void {
-    this.show("axes", this.cell ? axisThings(axisMarks(this.cell.floorZ, this.extent), this.palette) : []);
+    this.show("axes", this.cell ? axisThings(axisMarks(this.cell.floorZ, this.extent), this.palette, this.stage.canvas.clientHeight) : []);
   }
 
   private drawTarget(): void {

@@ -182,7 +182,7 @@ async function followRun(id: string, signal: AbortSignal): Promise<void> {
   for await (const { kind, data } of watchExecution(id, signal)) {
     dispatch({ type: "event", id, kind, data });
     const clock = data["clock_s"];
-    if (kind === "telemetry" && typeof clock === "number" && running.value) time.value = Math.max(0, clock);
+    if (kind === "telemetry" && typeof clock === "number" && running.value) time.value = Math.min(endTime.value, Math.max(0, clock));
   }
   if (signal.aborted) return;
   await readExecution(id);

@@ -142,7 +142,7 @@ function ProblemCard(): JSX.Element | null {
       {refusal.nearest ? (
         <p>
           <button type="button" class="quiet" onClick={takeNearest}>
-            Take nearest
+            Take one that works
           </button>{" "}
           <span class="soft">{nearestWords(refusal.nearest)}</span>
         </p>
@@ -152,9 +152,9 @@ function ProblemCard(): JSX.Element | null {
 }
 
 function nearestWords({ release, release_window_s: window_s }: { release: { kind: string; position?: number[] }; release_window_s?: number | null }): string {
-  const place = release.position ? `: (${release.position.map((x) => x.toFixed(2)).join(", ")})` : "";
-  const timing = window_s ? `, released up to ${figure(1000 * window_s, 2)} ms early or late` : window_s === 0 ? ", without a release window" : "";
-  return `one that works${place}${timing}; there may be a nearer one`;
+  const place = release.position ? `(${release.position.map((x) => x.toFixed(2)).join(", ")})` : "";
+  const timing = window_s ? `released up to ${figure(1000 * window_s, 2)} ms early or late` : window_s === 0 ? "without a release window" : "";
+  return [place, timing, "there may be a nearer one"].filter((part) => part !== "").join(", ");
 }
 
 /** Why a plan that answers the request cannot be thrown now; null where it can, or where something runs. */
@@ -194,7 +194,7 @@ function ThrowButton(): JSX.Element {
         type="button" class={`throw ${real ? "real" : "primary"}`} disabled={!armed.value && !running.value}
         aria-disabled={!armed.value} aria-describedby={whyNot() === null ? undefined : "why-not"} onClick={act}
       >
-        {throwLabel(current, floorZ.value)}
+        <Unbroken text={throwLabel(current, floorZ.value)} />
       </button>
       {asking.value && armed.value && !running.value ? (
         <AskOnceMore
@@ -206,6 +206,17 @@ function ThrowButton(): JSX.Element {
           onNo={() => (asking.value = false)}
         />
       ) : null}
+    </>
+  );
+}
+
+/** Cell and place of a throw, each on one line. */
+function Unbroken({ text }: { text: string }): JSX.Element {
+  const [cell, place] = text.split(" to ");
+  return (
+    <>
+      <span class="whole">{cell}</span>
+      {place === undefined ? null : <> <span class="whole">to {place}</span></>}
     </>
   );
 }

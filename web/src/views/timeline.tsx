@@ -6,10 +6,12 @@ import { useEffect, useMemo, useRef } from "preact/hooks";
 
 import { type Chart, createChart, EDGES_PX } from "../curves/chart";
 import { curveDrawing } from "../curves/drawing";
+import { curveTable } from "../curves/table";
 import { bindingCheck, type JointLimits, type Quantity, quantitiesOf } from "../curves/quantities";
 import { zoom } from "../curves/zoom";
 import { save } from "../service/save";
 import type { CellModel, Plan } from "../service/types";
+import { play, tick } from "../state/playback";
 import { answered, curves, dark, endTime, model, playing, shown, span, standing, time, zoomed } from "../state/store";
 import { figure } from "../state/words";
 import { chartColors } from "./colours";
@@ -18,6 +20,7 @@ import { Icon } from "./icons";
 const HEIGHT_PX = 148;
 const SLOW = 0.125;
 const ZOOM = 2; // of a step
+const KEYS = "Space plays; ← and → go by a tick, with Shift by ten";
 
 const chosen = signal<string | null>(null); // quantity; null: the one whose limit binds
 const hidden = signal<readonly number[]>([]); // lines of it
@@ -43,16 +46,12 @@ export function TimelineSection(): JSX.Element {
 function Transport(): JSX.Element {
   const end = endTime.value;
   const off = end === 0;
-  const toggle = (pace: number): void => {
-    if (playing.value === 0 && time.value >= end - 1e-6) time.value = 0;
-    playing.value = playing.value === pace ? 0 : pace;
-  };
   return (
     <div class="transport">
-      <button type="button" class="icon" disabled={off} aria-label={playing.value === 1 ? "Pause" : "Play"} onClick={() => toggle(1)}>
+      <button type="button" class="icon" disabled={off} aria-label={playing.value === 1 ? "Pause" : "Play"} aria-keyshortcuts="Space" title={KEYS} onClick={() => play(1)}>
         <Icon name={playing.value === 1 ? "pause" : "play"} />
       </button>
-      <button type="button" class="icon slow" disabled={off} aria-pressed={playing.value === SLOW} aria-label="Slow motion" onClick={() => toggle(SLOW)}>
+      <button type="button" class="icon slow" disabled={off} aria-pressed={playing.value === SLOW} aria-label="Slow motion" onClick={() => play(SLOW)}>
         ⅛×
       </button>
       <output class="clock">{off ? "–" : `${time.value.toFixed(2)} / ${end.toFixed(2)} s`}</output>
@@ -79,7 +78,7 @@ function TimeSlider(): JSX.Element {
   return (
     <div class="time-slider" style={{ paddingLeft: `${EDGES_PX.left - THUMB_PX / 2}px`, paddingRight: `${EDGES_PX.right - THUMB_PX / 2}px` }}>
       <input
-        type="range" min={from} max={to} step="0.002" disabled={off} aria-label="Time [s]" value={time.value}
+        type="range" min={from} max={to} step={tick()} disabled={off} aria-label="Time [s]" value={time.value}
         aria-valuetext={`${time.value.toFixed(3)} s${playing.value === 0 ? "" : ", playing"}`}
         onInput={(event) => {
           playing.value = 0;
@@ -154,21 +153,28 @@ function Curves({ plan, quantity, binding }: Offered & { plan: Plan }): JSX.Elem
       />
       <Legend
         quantity={quantity} hidden={hidden.value}
-        onSave={(form) => {
-          const content = form === "svg" ? Promise.resolve(new Blob([curveDrawing(quantity, release_s)], { type: "image/svg+xml" })) : chart.current?.png();
-          void content?.then((blob) => save(blob, `${quantity.key}.${form}`));
-        }}
+        onSave={(form) => void curvesAs(form, quantity, release_s, chart.current).then((blob) => blob && save(blob, `${quantity.key}.${form}`))}
         onToggle={(line) => (hidden.value = hidden.value.includes(line) ? hidden.value.filter((i) => i !== line) : [...hidden.value, line])}
       />
     </div>
   );
 }
 
+const FORMS = ["png", "svg", "csv"] as const;
+type Form = (typeof FORMS)[number];
+
+/** Returns the curves as a picture, as a drawing or as numbers. */
+async function curvesAs(form: Form, quantity: Quantity, release_s: number | null, chart: Chart | null): Promise<Blob | undefined> {
+  if (form === "png") return chart?.png();
+  if (form === "svg") return new Blob([curveDrawing(quantity, release_s)], { type: "image/svg+xml" });
+  return new Blob([curveTable(quantity)], { type: "text/csv" });
+}
+
 interface LegendProps {
   readonly quantity: Quantity;
   readonly hidden: readonly number[];
   readonly onToggle: (line: number) => void;
-  readonly onSave: (form: "svg" | "png") => void;
+  readonly onSave: (form: Form) => void;
 }
 
 /** Name and value at the cursor of each line; a click hides it. */
@@ -185,7 +191,7 @@ function Legend({ quantity, hidden, onToggle, onSave }: LegendProps): JSX.Elemen
         </li>
       ))}
       <li class="save">
-        {(["png", "svg"] as const).map((form) => (
+        {FORMS.map((form) => (
           <button key={form} type="button" class="chip" aria-label={`Save these curves as ${form.toUpperCase()}`} onClick={() => onSave(form)}>
             {form.toUpperCase()}
           </button>

@@ -17,6 +17,7 @@ import { outlineOf, pathOf, Projection, type Seen, shapesOf } from "./solids";
 const GRID_M = 0.5; // [m] between lines of the floor
 const GRID_LINES = 5; // to each side of the middle of what is shown
 const CIRCLE_POINTS = 48;
+const LETTER_PX = 7; // [px] about the width of a letter
 
 /** What a drawing shows. */
 export interface Drawn {
@@ -68,9 +69,12 @@ class Pen {
     return `<path d="${pathOf(seen)}Z" fill="${hex}" fill-opacity="${opacity}"${edge}/>`;
   }
 
+  /** Writes a text to the right of a point; of one in the picture no further to the right than there is room. */
   label(at: Vector, text: string, colour: Color): string {
     const { x, y } = this.view.see(at);
-    return `<text x="${(x + 10).toFixed(1)}" y="${(y - 8).toFixed(1)}" fill="#${colour.getHexString()}">${text}</text>`;
+    const isSeen = x >= 0 && x <= this.view.width;
+    const left = isSeen ? Math.max(0, Math.min(x + 10, this.view.width - text.length * LETTER_PX)) : x + 10;
+    return `<text x="${left.toFixed(1)}" y="${(y - 8).toFixed(1)}" fill="#${colour.getHexString()}">${text}</text>`;
   }
 }
 
