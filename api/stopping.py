@@ -97,4 +97,5 @@ class Stopping:
 
 def _row(told: Mapping[str, Any]) -> ExecutionRow:
     """Returns an execution as its executor tells it, whose version may have other fields than this one."""
-    return ExecutionRow(**{field.name: told.get(field.name) for field in dataclasses.fields(ExecutionRow)})
+    known: dict[str, Any] = {field.name: told.get(field.name) for field in dataclasses.fields(ExecutionRow)}
+    return ExecutionRow(**known)
