@@ -22,6 +22,11 @@ class ServiceError(click.ClickException):
         super().__init__(describe(problem))
         self.problem = problem
 
+    @property
+    def is_unreachable(self) -> bool:
+        """Whether no service answered: there is no status then."""
+        return not self.problem.get("status")
+
 
 class ServiceClient(Client):
     """The client of `fling`, whose errors are those of the command line."""
