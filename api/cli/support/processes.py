@@ -19,7 +19,6 @@ from typing import IO, Self
 import click
 
 from api.cli.support.client import ServiceClient, ServiceError
-from fling.client import UNREACHABLE
 
 STOP_S = 5.0  # [s] for a child to end; the executor brakes its robot first
 READY_S = 300.0  # [s] for a child to get ready: it imports and builds for ten seconds, longer beside busy processes
@@ -273,7 +272,8 @@ def _wait_until_ready(children: ChildProcesses, url: str, cell: str, ready_s: fl
                     return
                 reason = "the executor sent no heartbeat yet"
             except ServiceError as error:
-                reason = READYING["service"] if error.problem.get("status") == UNREACHABLE else error.message
+                is_answered = error.problem.get("status")  # 0: nothing listens yet
+                reason = error.message if is_answered else READYING["service"]
             time.sleep(POLL_S)
     raise ChildFailed(f"not ready within {ready_s:g} s: {reason}")
 
