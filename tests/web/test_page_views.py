@@ -118,9 +118,10 @@ def test_the_keyboard_plays_and_steps_by_ticks(guest: Visit) -> None:
 def test_the_clock_does_not_run_beyond_what_is_shown(guest: Visit, desk: Desk, thrown_id: str) -> None:
     id = desk.begun(thrown_id, "streaming")
     guest.outcome("Throwing")
+    clock = guest.region("Timeline").locator(".clock")
+    expect(clock).to_have_text(re.compile("^0.00 / "), timeout=SOON_MS)  # its plan is there
     still = {"positions": HOME, "velocities": [0.0] * 6, "planned_positions": HOME, "tcp_speed_m_s": 0.0}
     desk.store.add_event(id, "telemetry", {"clock_s": 9.0, **still})
-    clock = guest.region("Timeline").locator(".clock")
     expect(clock).not_to_have_text(re.compile("^0.00"), timeout=SOON_MS)
     shown, end = clock.inner_text().removesuffix(" s").split(" / ")
     assert shown == end
