@@ -90,7 +90,7 @@ class Execution:
             ExecutionRefused: it does not answer, or is not ready.
         """
         link = self.session.cell.gripper.link
-        if link is None or self.problem.ends_at_rest or self.row.dry_run:
+        if link is None or not self.problem.throws or self.row.dry_run:
             return
         try:
             self.gripper = GripperConnection(link, self.session.cell.link.host)

@@ -61,7 +61,7 @@ def _program_text(plan: dict[str, Any], cells: Path | None) -> str:
     failures = [check.name for check in certify(problem, trajectory).checks if not check.ok]
     if failures:
         raise click.ClickException(f"the plan fails its certificate: {', '.join(failures)}")
-    rows = sample_rows(problem.cell, trajectory, throws=not problem.ends_at_rest)
+    rows = sample_rows(problem.cell, trajectory, throws=problem.throws)
     brakes = find_brakes(problem.cell, rows.q, rows.qd, rows.qdd, trajectory.dt, problem.holds_object)
     program = controller_program(problem.cell, rows, brakes)
     return program.text(None, _head(plan, cell, trajectory, program))

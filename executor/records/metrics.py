@@ -181,7 +181,7 @@ def _release(
     """
     fastest = float(np.abs(trajectory.qd[trajectory.release_index]).max())
     planned, measured = (telemetry.at_clock(name, trajectory.release_time_s) for name in ("planned_qd", "qd"))
-    if problem.ends_at_rest or measured is None or planned is None:
+    if not problem.throws or measured is None or planned is None:
         return dict.fromkeys(RELEASE_NUMBERS)
     error = np.abs(measured - planned)
     unexpected = None

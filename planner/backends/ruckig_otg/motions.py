@@ -12,6 +12,7 @@ The variants differ in the launch:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
@@ -22,6 +23,7 @@ from planner.backends.ruckig_otg.arrival import earliest_arrival
 from planner.backends.ruckig_otg.library import State, Vector, accelerations, fastest_motion
 from planner.backends.solution import Solution
 from planner.cell import Limits
+from planner.errors import SolverFailed
 from planner.problem import ThrowProblem
 from planner.seeds import Candidate
 from planner.timing import RESERVES, fits, grid_limits, onto_grid
@@ -29,6 +31,8 @@ from planner.trajectory import join
 
 LaunchVariant = Literal["free", "synchronised", "independent", "gentle"]
 VARIANTS: tuple[LaunchVariant, ...] = get_args(LaunchVariant)
+LegVariant = Literal["synchronised", "independent", "gentle"]
+LEG_VARIANTS: tuple[LegVariant, ...] = get_args(LegVariant)  # of a leg between two states at speed
 GENTLE_SPEED = 0.6  # [-] of the velocity limit
 GENTLE = 0.5  # [-] of the limits on acceleration and jerk
 
@@ -51,7 +55,7 @@ def solve(problem: ThrowProblem, candidate: Candidate, variant: LaunchVariant = 
     if variant == "free":
         qdd = earliest_arrival(problem, candidate).qdd
     if variant == "gentle":
-        problem = replace(problem, limits=_gentle(problem.limits, candidate))
+        problem = replace(problem, limits=_gentle(problem.limits, np.abs(candidate.qd)))
     at_ticks = _independent if variant == "independent" else _synchronised
 
     def launch(limits: Limits) -> tuple[State, Vector]:
@@ -65,6 +69,44 @@ def solve(problem: ThrowProblem, candidate: Candidate, variant: LaunchVariant = 
     else:
         tail = _on_grid(problem, release, lambda limits: _brake(release, limits, problem.dt))
     return Solution(join(head, tail, 1.0 / problem.dt), variant)
+
+
+def leg(problem: ThrowProblem, start: State, end: State | None, variant: LegVariant) -> State:
+    """Returns the samples of the fastest motion of a variant from one state to another, exactly on ticks.
+
+    Args:
+        problem: gives limits and tick.
+        start: q [rad], qd [rad/s], qdd [rad/s^2], each (6,).
+        end: the same quantities; None for rest, anywhere.
+        variant: one of `LEG_VARIANTS`.
+
+    Raises:
+        SolverFailed: Ruckig refuses the states.
+        BackendUnavailable: ruckig is not installed.
+    """
+    if variant == "gentle":
+        speeds = np.abs(start[1]) if end is None else np.maximum(np.abs(start[1]), np.abs(end[1]))
+        problem = replace(problem, limits=_gentle(problem.limits, speeds))
+    if end is None:
+        return _on_grid(problem, start, lambda limits: _brake(start, limits, problem.dt))
+    at_ticks = _independent if variant == "independent" else _synchronised
+    return _on_grid(problem, start, lambda limits: (end, at_ticks(start, end, limits, problem.dt)))
+
+
+def least_leg_time(problem: ThrowProblem, start: State, end: State | None) -> float:
+    """Returns the time of the fastest motion from one state to another [s]; infinite where Ruckig refuses them.
+
+    Args:
+        problem: gives limits and tick.
+        start, end: as of `leg`.
+
+    Raises:
+        BackendUnavailable: ruckig is not installed.
+    """
+    try:
+        return float(fastest_motion(start, end, problem.limits, problem.dt, on_ticks=False).duration)
+    except SolverFailed:
+        return math.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,8 +158,9 @@ def initial_guess(problem: ThrowProblem, candidate: Candidate) -> RuckigMotion:
     return RuckigMotion(launch, brake, launch.duration, launch.duration + brake.duration)
 
 
-def _gentle(limits: Limits, candidate: Candidate) -> Limits:
-    qd_max = np.maximum(GENTLE_SPEED * limits.qd_max, np.minimum(np.abs(candidate.qd), limits.qd_max))
+def _gentle(limits: Limits, speeds: Vector) -> Limits:
+    """Returns gentle limits; those on velocity are no less than given speeds (6,) [rad/s]."""
+    qd_max = np.maximum(GENTLE_SPEED * limits.qd_max, np.minimum(speeds, limits.qd_max))
     return replace(limits, qd_max=qd_max, qdd_max=GENTLE * limits.qdd_max, jerk_max=GENTLE * limits.jerk_max)
 
 
