@@ -233,16 +233,20 @@ class Plan:
         if self.planned is not None:
             motion = self.planned.trajectory
             names = self.planned.problem.cell.robot.joint_names
-            return Trajectory(motion.sample_rate_hz, motion.q, motion.qd, motion.qdd, motion.release_index, names)
+            samples = (motion.sample_rate_hz, motion.q, motion.qd, motion.qdd)
+            return Trajectory(*samples, motion.release_index, motion.passage_indices, names)
         found = self.document.get("trajectory")
         if found is None:
             raise ValueError("the plan has no trajectory; ask for it without trajectory=False")
+        passages = self.document.get("passages", ())
+        release = self.document["release"]
         return Trajectory(
             sample_rate_hz=self.document["sample_rate_hz"],
             q=np.array(found["positions"], float),
             qd=np.array(found["velocities"], float),
             qdd=np.array(found["accelerations"], float),
-            release_index=self.document["release"]["index"],
+            release_index=(release or passages[-1])["index"],
+            passage_indices=tuple(passage["index"] for passage in passages),
             joint_names=tuple(found["joint_names"]),
         )
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -162,16 +163,12 @@ class _Legs:
         if ends:
             self.times[number][:, at[1]] = math.inf
             return
-        while math.isfinite(self.times[number][at]):
-            self.variants[number][at] += 1
-            if self.variants[number][at] == len(LEG_VARIANTS):
-                self.times[number][at] = math.inf
-                return
-            try:
+        for variant in range(int(self.variants[number][at]) + 1, len(LEG_VARIANTS)):
+            self.variants[number][at] = variant
+            with suppress(SolverFailed):
                 self.times[number][at] = self.problem.dt * (len(self.samples(number, way)[0]) - 1)
                 return
-            except SolverFailed:
-                continue
+        self.times[number][at] = math.inf
 
     def leg_name(self, number: int) -> str:
         """Returns a leg in words."""

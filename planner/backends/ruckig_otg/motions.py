@@ -87,6 +87,8 @@ def leg(problem: ThrowProblem, start: State, end: State | None, variant: LegVari
     if variant == "gentle":
         speeds = np.abs(start[1]) if end is None else np.maximum(np.abs(start[1]), np.abs(end[1]))
         problem = replace(problem, limits=_gentle(problem.limits, speeds))
+    if end is None and variant == "independent":
+        raise SolverFailed("every joint brakes by itself")
     if end is None:
         return _on_grid(problem, start, lambda limits: _brake(start, limits, problem.dt))
     at_ticks = _independent if variant == "independent" else _synchronised
