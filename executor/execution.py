@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -188,7 +189,8 @@ class Execution:
         assert self.run is not None and self.run.result is not None
         ended = self.run.result
         if self.row.dry_run:
-            ended = replace(ended, output_sent_s=None)  # its time came, and nothing was switched
+            never = (math.nan,) * len(ended.switched_s)
+            ended = replace(ended, output_sent_s=None, switched_s=never)  # its time came, and nothing was switched
         outcome, reason = self._outcome(ended)
         telemetry = records.Telemetry(ended.rows)
         landing = None if outcome == "held" else self._landing()

@@ -155,11 +155,12 @@ def _passages(problem: ThrowProblem, trajectory: Trajectory) -> list[dict[str, A
                     "command_time_s": edge.command_time_s,
                     "edge_time_s": edge.edge_time_s,
                 }
+                for switch in passage.outputs
                 for edge in edges
-                if edge.passage == number
+                if edge.switch is switch
             ],
         }
-        for number, (passage, index) in enumerate(zip(problem.passages, trajectory.passed, strict=True))
+        for passage, index in zip(problem.passages, trajectory.passed, strict=True)
     ]
 
 

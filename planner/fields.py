@@ -248,14 +248,14 @@ class Record:
         before = len(errors)
         prefix = f"{path}." if path else ""
         found: dict[str, Any] = {}
-        for name, field in self.fields.items():
-            if name not in value and field.is_required:
+        for name, each in self.fields.items():
+            if name not in value and each.is_required:
                 errors.append(FieldError(prefix + name, "is missing"))
                 continue
-            entry = value.get(name, field.default)
-            if entry is None and field.is_nullable:
+            entry = value.get(name, each.default)
+            if entry is None and each.is_nullable:
                 continue
-            entry = field.shape.read(entry, prefix + name, errors)
+            entry = each.shape.read(entry, prefix + name, errors)
             if entry is not None:
                 found[name] = entry
         unknown = islice((str(name) for name in value if name not in self.fields), ERRORS_MAX)

@@ -227,11 +227,11 @@ def _output_errors(outputs: Sequence[OutputSwitch], path: str, cell: Cell) -> li
 
 
 def output_edges(cell: Cell, passages: Sequence[Passage], trajectory: Trajectory) -> list[OutputEdge]:
-    """Returns the edges of a motion's outputs, passage by passage."""
+    """Returns the edges of a motion's outputs in the order of their commands."""
     edges = []
-    for number, (passage, index) in enumerate(zip(passages, trajectory.passed, strict=True)):
+    for number, passage in enumerate(passages):
         for switch in passage.outputs:
-            edge_s = index / trajectory.sample_rate_hz + switch.offset_s
+            edge_s = trajectory.passed[number] / trajectory.sample_rate_hz + switch.offset_s
             command_s = edge_s - cell.output_delay_s(switch.output, switch.index) - cell.timing.lag_s
             edges.append(OutputEdge(number, switch, command_s, edge_s))
-    return edges
+    return sorted(edges, key=lambda edge: edge.command_time_s)

@@ -97,7 +97,9 @@ def _refuse_impossible_passages(problem: ThrowProblem) -> None:
         try:
             refuse_impossible(problem.through(passage.state, passage.releases))
         except Infeasible as refusal:
-            raise Infeasible([violation.within(f"passage {passage.name!r}") for violation in refusal.violations]) from None
+            raise Infeasible(
+                [violation.within(f"passage {passage.name!r}") for violation in refusal.violations]
+            ) from None
 
 
 def _search_release(search: PlanningSearch, releases: Sequence[ReleaseState]) -> None:

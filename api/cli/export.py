@@ -54,6 +54,7 @@ def _program_text(plan: dict[str, Any], cells: Path | None) -> str:
     from planner.answer import plan_from_document
     from planner.approach import find_brakes
     from planner.certificate import certify
+    from planner.passages import output_edges
     from planner.stream_rows import controller_program, sample_rows
 
     cell = _cell_of(plan, cells)
@@ -61,7 +62,8 @@ def _program_text(plan: dict[str, Any], cells: Path | None) -> str:
     failures = [check.name for check in certify(problem, trajectory).checks if not check.ok]
     if failures:
         raise click.ClickException(f"the plan fails its certificate: {', '.join(failures)}")
-    rows = sample_rows(problem.cell, trajectory, throws=problem.throws)
+    edges = output_edges(problem.cell, problem.passages, trajectory)
+    rows = sample_rows(problem.cell, trajectory, problem.throws, edges)
     brakes = find_brakes(problem.cell, rows.q, rows.qd, rows.qdd, trajectory.dt, problem.holds_object)
     program = controller_program(problem.cell, rows, brakes)
     return program.text(None, _head(plan, cell, trajectory, program))

@@ -6,7 +6,8 @@
       → Ruckig's motion along it → certificate
       → the leg in which a check fails gets its next variant, or is left out; and again
 
-A state is passed with zero acceleration, or with that at which the tool keeps its twist. Counts alone decide what is tried; the only clock is the request's time limit.
+A state is passed with zero acceleration, or with that at which the tool keeps its twist. Counts alone decide what is
+tried; the only clock is the request's time limit.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
@@ -178,8 +180,8 @@ class _Legs:
         """Returns what stands in the way of every motion: of the leg that no state is left for, else of the last."""
         for number, times in enumerate(self.times):
             if not np.isfinite(times).any():
-                refused = nothing_found("motion", f"{self.leg_name(number)}: within the limits no joint motion leads there")
-                return self.obstacles.get(number, refused)
+                refused = nothing_found("motion", "no joint motion within the limits leads there")
+                return self.obstacles.get(number, refused.within(self.leg_name(number)))
         if not self.obstacles:
             return nothing_found("motion", "no chain of joint states was found through all passages")
         return self.obstacles[max(self.obstacles)]
@@ -206,7 +208,7 @@ def _legs(search: PlanningSearch) -> _Legs:
         names.append("rest")
         states.append([None])
     times = []
-    for before, after in zip(states[:-1], states[1:], strict=True):
+    for before, after in pairwise(states):
         rows = [[ruckig_otg.least_leg_time(problem, a, b) for b in after] for a in before if a is not None]
         times.append(np.array(rows))
     return _Legs(problem, names, states, times, [np.zeros(each.shape, np.int64) for each in times])
