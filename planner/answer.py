@@ -256,7 +256,9 @@ def plan_from_document(document: Mapping[str, Any], cell: Cell) -> tuple[ThrowPr
         passed = tuple(each["index"] for each in document.get("passages", ()))
         release = document["release"]
         release_index = passed[-1] if release is None else release["index"]
-        trajectory = Trajectory(float(document["sample_rate_hz"]), *arrays, release_index, passed)
+        trajectory = Trajectory(
+            float(document["sample_rate_hz"]), *arrays, release_index=release_index, passage_indices=passed
+        )
     except (KeyError, IndexError, ValueError, TypeError) as error:
         raise InvalidProblem([FieldError("trajectory", str(error))]) from error
     return problem, trajectory

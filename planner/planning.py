@@ -65,11 +65,10 @@ def plan(problem: ThrowProblem, hints: SearchHints = ORDINARY) -> Plan:
     search = PlanningSearch(problem, begun_s + problem.time_limit_s, tell=hints.meter.step)
     hints.meter.begin("search")
     try:
+        refuse_impossible(problem)
         if problem.is_chain:
-            _refuse_impossible_passages(problem)
             search_chain(search)
         else:
-            refuse_impossible(problem)
             _search_release(search, hints.releases)
         best, way_home = best_with_way_home(search)
     except (Infeasible, SolverFailed) as refusal:
@@ -89,17 +88,6 @@ def plan(problem: ThrowProblem, hints: SearchHints = ORDINARY) -> Plan:
         way_home=way_home,
         was_cut_short=search.was_cut_short,
     )
-
-
-def _refuse_impossible_passages(problem: ThrowProblem) -> None:
-    """Raises `Infeasible` where a bound proves that no motion from rest has the state of a passage; names it."""
-    for passage in problem.passages:
-        try:
-            refuse_impossible(problem.through(passage.state, passage.releases))
-        except Infeasible as refusal:
-            raise Infeasible(
-                [violation.within(f"passage {passage.name!r}") for violation in refusal.violations]
-            ) from None
 
 
 def _search_release(search: PlanningSearch, releases: Sequence[ReleaseState]) -> None:

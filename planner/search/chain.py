@@ -80,14 +80,18 @@ def _try(search: PlanningSearch, legs: _Legs, way: list[int]) -> None:
             return
     motion = _joined(search.problem, made)
     found = search.certify("ruckig", Solution(motion, "leg by leg"))
-    failed = found.examination.first_failure
-    if failed is None:
+    if found.is_valid:
         return
-    violation = Violation(failed.name, failed.value, failed.limit, failed.unit, failed.at_s, failed.detail)
-    legs.give_way(_leg_of(search.problem, motion, failed), way, violation, ends=failed.name in OF_RELEASE)
+    blamed = set()
+    for failed in found.examination.failures:
+        leg = _leg_of(motion, failed)
+        if leg not in blamed:
+            blamed.add(leg)
+            violation = Violation(failed.name, failed.value, failed.limit, failed.unit, failed.at_s, failed.detail)
+            legs.give_way(leg, way, violation, ends=failed.name in OF_RELEASE)
 
 
-def _leg_of(problem: ThrowProblem, motion: Trajectory, failed: Check) -> int:
+def _leg_of(motion: Trajectory, failed: Check) -> int:
     """Returns the number of the leg in which a check fails; of the flight, that which leads to the release."""
     if failed.name in OF_RELEASE:
         return motion.passed.index(motion.release_index)
@@ -101,7 +105,8 @@ def _joined(problem: ThrowProblem, legs: Sequence[State]) -> Trajectory:
     ends = np.cumsum([len(leg[0]) - 1 for leg in legs]).tolist()
     passed = tuple(ends[: len(problem.passages)])
     releases = (index for each, index in zip(problem.passages, passed, strict=True) if each.releases)
-    return Trajectory(1.0 / problem.dt, *arrays, next(releases, passed[-1]), passed)
+    released = next(releases, passed[-1])
+    return Trajectory(1.0 / problem.dt, *arrays, release_index=released, passage_indices=passed)
 
 
 @dataclass(eq=False)
@@ -196,7 +201,7 @@ def _legs(search: PlanningSearch) -> _Legs:
     """
     problem = search.problem
     zero = np.zeros(6)
-    asked: list[tuple[str, Release, bool]] = [(repr(each.name), each.state, each.releases) for each in problem.passages]
+    asked = [(f"passage {each.name!r}", each.state, each.releases) for each in problem.passages]
     if problem.end is not None:
         asked.append(("the end", problem.end, False))
     names = ["the start"]
@@ -223,7 +228,7 @@ def _found(search: PlanningSearch, name: str, state: Release, releases: bool) ->
     except Infeasible as refusal:
         search.log_attempt("candidates", f"no joint state of {name}", begun_s)
         log = [attempt.__dict__ for attempt in search.attempts]
-        raise Infeasible([each.within(f"passage {name}") for each in refusal.violations], attempts=log) from None
+        raise Infeasible([each.within(name) for each in refusal.violations], attempts=log) from None
     q = np.array([each.q for each in found])
     qd = np.array([each.qd for each in found])
     steady = _steady(problem, q, qd)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from fling.words import passing_text
 from planner.errors import CUT_SHORT
 
 # What a cell file says of the release's timing; source: `learning.release.PRIOR_STD`
@@ -21,8 +22,7 @@ def plan_text(plan: dict[str, Any]) -> str:
     solver = plan["solver"]
     flight = plan["flight"]
     lines = [
-        f"planned by {plan['backend']} in {1000 * solver['solve_time_s']:.0f} ms: release after "
-        f"{plan['release_time_s']:.3f} s of {plan['duration_s']:.3f} s; "
+        f"planned by {plan['backend']} in {1000 * solver['solve_time_s']:.0f} ms: {passing_text(plan)}; "
         f"{_checked_text(plan['certificate'])}"
     ]
     if flight:

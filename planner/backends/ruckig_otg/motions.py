@@ -81,18 +81,26 @@ def leg(problem: ThrowProblem, start: State, end: State | None, variant: LegVari
         variant: one of `LEG_VARIANTS`.
 
     Raises:
-        SolverFailed: Ruckig refuses the states.
+        SolverFailed: Ruckig refuses the states, or its motion exceeds a limit once it is on ticks.
         BackendUnavailable: ruckig is not installed.
     """
+    if end is None and variant == "independent":
+        raise SolverFailed("a brake has no such variant")
+    limited = problem
     if variant == "gentle":
         speeds = np.abs(start[1]) if end is None else np.maximum(np.abs(start[1]), np.abs(end[1]))
-        problem = replace(problem, limits=_gentle(problem.limits, speeds))
-    if end is None and variant == "independent":
-        raise SolverFailed("every joint brakes by itself")
-    if end is None:
-        return _on_grid(problem, start, lambda limits: _brake(start, limits, problem.dt))
-    at_ticks = _independent if variant == "independent" else _synchronised
-    return _on_grid(problem, start, lambda limits: (end, at_ticks(start, end, limits, problem.dt)))
+        limited = replace(problem, limits=_gentle(problem.limits, speeds))
+
+    def phase(limits: Limits) -> tuple[State, Vector]:
+        if end is None:
+            return _brake(start, limits, problem.dt)
+        at_ticks = _independent if variant == "independent" else _synchronised
+        return end, at_ticks(start, end, limits, problem.dt)
+
+    samples = _on_grid(limited, start, phase)
+    if not fits(samples, problem.limits, problem.dt):
+        raise SolverFailed("the motion exceeds a joint's limit on ticks")
+    return samples
 
 
 def least_leg_time(problem: ThrowProblem, start: State, end: State | None) -> float:

@@ -1,5 +1,6 @@
 // What the page says, in words: states, outcomes, stops and what to do after them, refusals. Pure.
 
+import { mainTime } from "../model/passages";
 import type { CellState, CellSummary, Execution, LandingAnswer, Plan, PlanProgress } from "../service/types";
 import type { Run } from "./machine";
 import { armKind } from "./readiness";
@@ -313,10 +314,15 @@ export function metricRows(metrics: Readonly<Record<string, unknown>>): readonly
   });
 }
 
+function passedWords(passages: NonNullable<Plan["passages"]>): string {
+  const times = passages.map(({ name, time_s }) => `${name} after ${time_s.toFixed(2)} s`);
+  return `Passes ${times.join(", ")}`;
+}
+
 /** What the plan promises, in a sentence or two. */
 export function planWords(plan: Plan): string {
   const flight = plan.flight;
-  const release = `Release after ${plan.release_time_s.toFixed(2)} s`;
+  const release = plan.passages && !plan.release ? passedWords(plan.passages) : `Release after ${mainTime(plan).toFixed(2)} s`;
   if (!flight) return `${release}; at rest after ${plan.duration_s.toFixed(2)} s. Nothing flies.`;
   return (
     `${release} at ${flight.speed_m_s.toFixed(1)} m/s, ${flight.time_of_flight_s.toFixed(2)} s of flight, ` +

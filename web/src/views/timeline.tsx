@@ -8,6 +8,7 @@ import { type Chart, createChart, EDGES_PX } from "../curves/chart";
 import { curveDrawing } from "../curves/drawing";
 import { bindingCheck, type JointLimits, type Quantity, quantitiesOf } from "../curves/quantities";
 import { zoom } from "../curves/zoom";
+import { type Flag, flagsOf } from "../model/passages";
 import { save } from "../service/save";
 import type { CellModel, Plan } from "../service/types";
 import { answered, curves, dark, endTime, model, playing, shown, span, standing, time, zoomed } from "../state/store";
@@ -145,22 +146,42 @@ function Quantities({ quantities, quantity, binding }: Offered): JSX.Element {
 
 function Curves({ plan, quantity, binding }: Offered & { plan: Plan }): JSX.Element {
   const chart = useRef<Chart | null>(null);
-  const release_s = plan.flight ? plan.release_time_s : null;
+  const flags = useMemo(() => flagsOf(plan), [plan]);
   return (
     <div class="curves">
       <ChartView
-        quantity={quantity} hidden={hidden.value} binding={quantity.check === binding} release_s={release_s}
+        quantity={quantity} hidden={hidden.value} binding={quantity.check === binding} flags={flags}
         onChart={(made) => (chart.current = made)}
       />
       <Legend
         quantity={quantity} hidden={hidden.value}
         onSave={(form) => {
-          const content = form === "svg" ? Promise.resolve(new Blob([curveDrawing(quantity, release_s)], { type: "image/svg+xml" })) : chart.current?.png();
+          const content = form === "svg" ? Promise.resolve(new Blob([curveDrawing(quantity, flags)], { type: "image/svg+xml" })) : chart.current?.png();
           void content?.then((blob) => save(blob, `${quantity.key}.${form}`));
         }}
         onToggle={(line) => (hidden.value = hidden.value.includes(line) ? hidden.value.filter((i) => i !== line) : [...hidden.value, line])}
       />
+      {plan.passages ? <Flags flags={flags} /> : null}
     </div>
+  );
+}
+
+/** What happens at an instant; a click goes there. */
+function Flags({ flags }: { readonly flags: readonly Flag[] }): JSX.Element {
+  const go = (at_s: number): void => {
+    playing.value = 0;
+    time.value = Math.min(Math.max(at_s, 0), endTime.value);
+  };
+  return (
+    <ol class="flags" aria-label="Passages and outputs">
+      {flags.map(({ at_s, text, level }) => (
+        <li key={`${text} ${at_s}`}>
+          <button type="button" class={`chip ${level === null ? "passage" : ""}`} onClick={() => go(at_s)}>
+            {text} <span class="value">{at_s.toFixed(3)} s</span>
+          </button>
+        </li>
+      ))}
+    </ol>
   );
 }
 
@@ -204,11 +225,11 @@ interface ChartViewProps {
   readonly quantity: Quantity;
   readonly hidden: readonly number[];
   readonly binding: boolean;
-  readonly release_s: number | null;
+  readonly flags: readonly Flag[];
   readonly onChart: (chart: Chart | null) => void;
 }
 
-function ChartView({ quantity, hidden, binding, release_s, onChart }: ChartViewProps): JSX.Element {
+function ChartView({ quantity, hidden, binding, flags, onChart }: ChartViewProps): JSX.Element {
   const host = useRef<HTMLDivElement>(null);
   const chart = useRef<Chart | null>(null);
   const isDark = dark.value;
@@ -221,7 +242,7 @@ function ChartView({ quantity, hidden, binding, release_s, onChart }: ChartViewP
       time.value = Math.min(at, endTime.value);
     };
     const range = span.peek();
-    chart.current = createChart(element, quantity, { height: HEIGHT_PX, colors: chartColors(), release_s, binding, visible, range, onTime, onZoom: zoomAt });
+    chart.current = createChart(element, quantity, { height: HEIGHT_PX, colors: chartColors(), flags, binding, visible, range, onTime, onZoom: zoomAt });
     chart.current.setTime(time.peek());
     onChart(chart.current);
     const observer = new ResizeObserver(() => chart.current?.resize(element.clientWidth));
@@ -232,7 +253,7 @@ function ChartView({ quantity, hidden, binding, release_s, onChart }: ChartViewP
       chart.current = null;
       onChart(null);
     };
-  }, [quantity, hidden, binding, release_s, isDark]);
+  }, [quantity, hidden, binding, flags, isDark]);
   useSignalEffect(() => chart.current?.setTime(time.value));
   useSignalEffect(() => chart.current?.setRange(span.value));
   return <div class="chart" ref={host} role="img" aria-label={chartWords(quantity)} />;
