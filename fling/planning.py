@@ -41,7 +41,7 @@ def problem(
     """
     asked = request_of(request, options)
     if not isinstance(asked, Mapping):
-        reason = f"must be a release, passages, or a mapping as `POST /plan` takes it, not {asked!r:.60}"
+        reason = f"must be a release, or a mapping as `POST /plan` takes it, or a list of passages, not {asked!r:.60}"
         raise InvalidProblem([FieldError("request", reason)])
     named = asked.get("cell") if cell is None else cell
     found = named if isinstance(named, Cell) else open_cell(DEFAULT_CELL if named is None else named)

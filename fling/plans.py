@@ -14,8 +14,7 @@ import numpy as np
 from fling.cells import open_cell
 from fling.motion import Trajectory
 from fling.picture import STYLE, plan_svg
-from fling.words import passing_text
-from planner.answer import Attempt
+from planner.answer import Attempt, passing_text
 from planner.arrays import Array
 from planner.cell import Cell
 from planner.certificate import Certificate, Check
@@ -316,9 +315,12 @@ class Plan:
 
     def _facts(self) -> dict[str, str]:
         """Returns what the plan is in a few words each, by name."""
-        facts = {"Cell": self.cell, "Motion": passing_text(self.document)}
-        if self.release is not None:
-            facts["Motion"] += f", {self.release.speed_m_s:.2f} m/s"
+        facts = {"Cell": self.cell}
+        if self.passages or self.release is None:
+            facts["Passages"] = passing_text(self.document)
+        else:
+            release = f"at {self.release.time_s:.3f} s of {self.duration_s:.3f} s, {self.release.speed_m_s:.2f} m/s"
+            facts["Release"] = f"{self.request['release']['kind']} {release}"
         if self.flight is not None:
             facts["Landing"] = _landing_text(self.flight)
         if self.odds is not None:

@@ -104,6 +104,16 @@ def plan_document(plan: Plan, request: Mapping[str, Any], plan_id: str, created_
     }
 
 
+def passing_text(document: Mapping[str, Any]) -> str:
+    """Returns in words when a plan passes what it was asked to pass: the release; without one, its passages."""
+    end = f"of {document['duration_s']:.3f} s"
+    if document["release_time_s"] is not None:
+        return f"release after {document['release_time_s']:.3f} s {end}"
+    passages = document["passages"]
+    times = ", ".join(f"{each['time_s']:.3f}" for each in passages)
+    return f"{'passage' if len(passages) == 1 else 'passages'} after {times} s {end}"
+
+
 def iso_time(at: float) -> str:
     """Returns seconds since the epoch as UTC in ISO 8601 with milliseconds."""
     return datetime.fromtimestamp(at, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")

@@ -171,7 +171,7 @@ class Flag:
 
 
 @dataclass(frozen=True)
-class Items:
+class RecordList:
     """A list of records.
 
     Attributes:

@@ -11,7 +11,7 @@ import numpy as np
 from planner.arrays import Array, read_only
 from planner.cell import Cell
 from planner.errors import FieldError
-from planner.fields import Choice, Field, Flag, Items, Kinds, Number, Record, Text, Vector, Whole, Yes, required
+from planner.fields import Choice, Field, Flag, Kinds, Number, Record, RecordList, Text, Vector, Whole, Yes, required
 from planner.grippers import OUTPUTS
 from planner.releases import KINDS, POSE, JointRelease, PoseRelease, Release, release_document
 from planner.trajectory import Trajectory
@@ -96,7 +96,7 @@ PASSAGE = Record(
             Kinds({name: kind.record for name, kind in KINDS.items()}), "The state, of any kind of `release`."
         ),
         "releases": Field(Yes(), "true: the object leaves the tool here; at one passage at most."),
-        "outputs": Field(Items(SWITCH, 0, OUTPUTS_MAX), "What switches about it; absent: nothing."),
+        "outputs": Field(RecordList(SWITCH, 0, OUTPUTS_MAX), "What switches about it; absent: nothing."),
     },
     planned={
         "line": f"{NOT_YET}: pass states",
@@ -104,7 +104,7 @@ PASSAGE = Record(
         "not_before_s": f"{NOT_YET}: a motion passes each state as soon as it can",
     },
 )
-PASSAGES = Items(PASSAGE, 1, PASSAGES_MAX)
+PASSAGES = RecordList(PASSAGE, 1, PASSAGES_MAX)
 END = Kinds(
     {
         "rest": Record("RestEndRequest", "At rest, anywhere.", {}),

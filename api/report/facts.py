@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from api.report.landings import landings_svg
-from fling.words import passing_text
+from planner.answer import passing_text
 
 KEY_METRICS = (  # of an execution: key, label, factor, unit
     ("landing_error_m", "landing error", 1000.0, "mm"),

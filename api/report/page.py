@@ -17,7 +17,7 @@ from typing import Any
 
 from api.report.charts import joint_charts
 from api.report.facts import certificate_section, execution_section, experiment_section, plan_section
-from fling.words import passing_text
+from planner.answer import passing_text
 
 PROGRAM = Path(__file__).parents[1] / "web" / "report"
 NO_PICTURE = "<p>The plan's cell file is missing or has changed since planning: no picture of the arm.</p>"

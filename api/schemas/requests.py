@@ -12,7 +12,20 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, PlainValidator, create_model
 
-from planner.fields import NUMBER_MAX, Choice, Flag, Items, Kinds, PerJoint, Record, Shape, Text, Vector, Whole, Yes
+from planner.fields import (
+    NUMBER_MAX,
+    Choice,
+    Flag,
+    Kinds,
+    PerJoint,
+    Record,
+    RecordList,
+    Shape,
+    Text,
+    Vector,
+    Whole,
+    Yes,
+)
 from planner.fields import Number as NumberShape
 from planner.request import PLAN_REQUEST, read_request
 
@@ -38,7 +51,7 @@ def _type_of(shape: Shape) -> Any:
             return Annotated[reduce(or_, models), Field(discriminator="kind")]
         case Record():
             return _model_of(shape)
-        case Items(record, least, most):
+        case RecordList(record, least, most):
             return Annotated[list[_model_of(record)], Field(min_length=least, max_length=most)]
         case Choice(values):
             return Literal[tuple(values)]

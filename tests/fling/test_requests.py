@@ -40,7 +40,7 @@ def test_the_fields_are_those_of_the_service(kind: str):
 
 
 def test_the_options_are_those_of_the_service():
-    assert set(fling.Options.__annotations__) == set(PLAN_REQUEST.fields) - {"cell", "release"}
+    assert set(fling.Options.__annotations__) == set(PLAN_REQUEST.fields) - {"cell", "release", "passages"}
     assert set(fling.Limits.__annotations__) == set(LIMITS.fields)
     assert set(get_args(Backend)) == set(BACKENDS)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from fling.words import passing_text
 from planner.errors import CUT_SHORT
 
 # What a cell file says of the release's timing; source: `learning.release.PRIOR_STD`
@@ -19,6 +18,8 @@ BOX = "keep_out"  # beginning of `landed_on` where the object met a box, on its 
 
 def plan_text(plan: dict[str, Any]) -> str:
     """Returns a summary of a plan in a few lines."""
+    from planner.answer import passing_text  # loads numpy, which other texts do without
+
     solver = plan["solver"]
     flight = plan["flight"]
     lines = [
