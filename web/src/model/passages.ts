@@ -32,6 +32,7 @@ export function flagsOf(plan: Plan): Flag[] {
   return flags.sort((a, b) => a.at_s - b.at_s);
 }
 
-function edgeWords({ output, index, level }: Passed["outputs"][number]): string {
+/** An output's edge in words. */
+export function edgeWords({ output, index, level }: Pick<Passed["outputs"][number], "output" | "index" | "level">): string {
   return `${output.replaceAll("_", " ")} ${index} ${level ? "on" : "off"}`;
 }
