@@ -42,6 +42,9 @@ def test_the_time_line_shows_what_happens_in_passing(guest: Visit, desk: Desk, r
     flags.nth(3).click()
     expect(guest.region("Timeline").get_by_role("slider")).to_have_attribute("aria-valuetext", f"{at_s} s")
     expect(guest.page.locator("body")).to_contain_text("Passes part 0 after")
+    expect(guest.button("Throw on ur5e-sim: a motion through part 0, part 1")).to_be_enabled()
+    guest.field("x [m]").fill("1.1")
+    expect(guest.button("Throw on")).to_be_disabled()  # the form asks for something else now
     assert guest.complaints == []
 
 
