@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from executor import realtime
 from executor.settings import ExecutorSettings
-from executor.stream_job import ExpectedLanding, JobRows, StreamJob, SwitchRow
+from executor.stream_job import ExpectedLanding, JobRows, StreamJob
 from learning import FEEDBACK_GAIN, FEEDBACK_MAX, CellKnowledge
 from planner.approach import Approach, find_brakes
 from planner.certificate import window_landing_points
@@ -79,10 +79,7 @@ def prepare_job(
         output_index=gripper.index,
         output_level=gripper.open_level,
         second=gripper.second,
-        switches=[
-            SwitchRow(row, edge.switch.output, edge.switch.index, edge.switch.level)
-            for edge, row in zip(edges, rows.switch_rows, strict=True)
-        ],
+        switches=list(rows.switches),
         link=gripper.link,
         gripper_fd=gripper_fd,
         opens_in_s=0.0 if gripper.link is None else gripper.delay_s + LATE_STD * gripper.jitter_s + REPORT_S,

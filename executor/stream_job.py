@@ -9,6 +9,7 @@ import json
 import os
 from dataclasses import asdict, dataclass, replace
 
+from planner.controller_program import SwitchRow
 from planner.grippers import GripperLink, SecondOutput
 
 Row = list[float]
@@ -66,16 +67,6 @@ class ExpectedLanding:
         before = self.by_lateness[i]
         after = self.by_lateness[i + 1]
         return [(1.0 - share) * a + share * b for a, b in zip(before, after, strict=True)]
-
-
-@dataclass(frozen=True)
-class SwitchRow:
-    """A digital output that is switched with the command of a row."""
-
-    row: int
-    output: str
-    index: int
-    level: bool
 
 
 @dataclass(frozen=True, kw_only=True)

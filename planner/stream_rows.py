@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from planner.approach import Brakes
 from planner.cell import Cell
-from planner.controller_program import ROWS_MAX, STRIDE_MAX_S, ControllerProgram, GripperEdge, NoProgram
+from planner.controller_program import ROWS_MAX, STRIDE_MAX_S, ControllerProgram, GripperEdge, NoProgram, SwitchRow
 from planner.passages import OutputEdge
 from planner.trajectory import Trajectory
 
@@ -31,7 +31,7 @@ class StreamRows:
         reference_q, reference_qd: (M, 6) one lag earlier [rad, rad/s].
         release_row: row nearest to the release.
         output_row: row with which the gripper's output is switched; -1 for a motion that throws nothing.
-        switch_rows: rows with which the outputs of the passages are switched, in the order of the edges.
+        switches: the outputs of the passages, in the order of the edges.
     """
 
     first_clock_s: float
@@ -42,7 +42,7 @@ class StreamRows:
     reference_qd: Vector
     release_row: int
     output_row: int
-    switch_rows: tuple[int, ...] = ()
+    switches: tuple[SwitchRow, ...] = ()
 
 
 def sample_rows(cell: Cell, trajectory: Trajectory, throws: bool, edges: Sequence[OutputEdge] = ()) -> StreamRows:
@@ -75,8 +75,9 @@ def sample_rows(cell: Cell, trajectory: Trajectory, throws: bool, edges: Sequenc
     reference_q, reference_qd, _ = trajectory.at(clock - lag)
     release_row = round((trajectory.release_time_s - first) / dt)
     output_row = round((opens - first) / dt) if throws else -1
-    switch_rows = tuple(round((at_s - first) / dt) for at_s in told)
-    return StreamRows(first, q, qd, qdd, reference_q, reference_qd, release_row, output_row, switch_rows)
+    lines = [(edge.switch.output, edge.switch.index, edge.switch.level) for edge in edges]
+    switches = tuple(SwitchRow(round((at_s - first) / dt), *line) for at_s, line in zip(told, lines, strict=True))
+    return StreamRows(first, q, qd, qdd, reference_q, reference_qd, release_row, output_row, switches)
 
 
 def controller_program(cell: Cell, rows: StreamRows, brakes: Brakes, thinned: bool = False) -> ControllerProgram:
@@ -89,11 +90,9 @@ def controller_program(cell: Cell, rows: StreamRows, brakes: Brakes, thinned: bo
         thinned: leave rows out, and ramp from one to the next, where a program does not hold all: an approach.
 
     Raises:
-        NoProgram: there are too many rows, more than one output opens the gripper, or passages have outputs.
+        NoProgram: there are too many rows, or more than one output opens the gripper.
     """
     gripper = cell.gripper
-    if rows.switch_rows:
-        raise NoProgram("a program switches no outputs about passages yet: use speedj or servoj")
     if rows.output_row >= 0 and (gripper.link is not None or gripper.second is not None):
         how = "more than one output" if gripper.link is None else "no output of the controller"
         raise NoProgram(f"a program opens grippers of one output; gripper.kind {gripper.kind!r} has {how}: use speedj")
@@ -118,4 +117,5 @@ def controller_program(cell: Cell, rows: StreamRows, brakes: Brakes, thinned: bo
             row=rows.output_row,
             closes_until=math.ceil(rows.release_row + lag_ticks),
         ),
+        switches=rows.switches,
     )

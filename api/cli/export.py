@@ -116,11 +116,16 @@ def _head(plan: dict[str, Any], cell: Cell, trajectory: Trajectory, program: Con
 def _throw_words(plan: dict[str, Any], cell: Cell, program: ControllerProgram) -> list[str]:
     gripper = program.gripper
     flight = plan["flight"]
+    switched = [
+        f"{switch.row * program.dt:.3f} s after its first row it sets {switch.output} {switch.index} to {switch.level};"
+        for switch in program.switches
+    ]
     if gripper.row < 0:
-        return ["It throws nothing."]
+        return ["It throws nothing.", *switched]
     speed = "" if flight is None else f" at {flight['speed_m_s']:.2f} m/s"
     lands = "" if flight is None else f" and lands at {_rounded(flight['landing_point'])} m in the cell's world"
     return [
+        *switched,
         f"{gripper.row * program.dt:.3f} s after its first row it sets {gripper.output} {gripper.index} to "
         f"{gripper.open_level}: the gripper opens;",
         f"{cell.gripper.delay_s + cell.timing.lag_s:.3f} s later the object leaves it{speed}{lands}.",

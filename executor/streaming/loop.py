@@ -134,7 +134,7 @@ class Stream:
             self._watch_gripper(row)
             command = self._send(row, reference[0])
             self._open_gripper(row, command)
-            self.outputs.send(row)
+            self._switch_outputs(row)
             self._record(reference, command)
         return self.verdict
 
@@ -269,6 +269,10 @@ class Stream:
             return
         self.connection.gripper.tell(True)
         self._note_opening(row)
+
+    def _switch_outputs(self, row: int) -> None:
+        """Switches what the plan switches with a row."""
+        self.outputs.send(row)
 
     def _note_opening(self, row: int) -> None:
         """Notes that the gripper was told to open with a row."""

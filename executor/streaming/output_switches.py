@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from executor.stream_job import StreamJob
+from planner.controller_program import SwitchRow
 
 if TYPE_CHECKING:
     from executor.streaming.rtde_connection import RtdeConnection
@@ -26,13 +27,25 @@ class OutputSwitches:
 
     def send(self, row: int) -> None:
         """Switches what is due at a row; after lost ticks at the next one."""
-        job = self._job
-        while self._next < len(job.switches) and job.switches[self._next].row <= row:
-            due = job.switches[self._next]
+        while (due := self._due(row)) is not None:
             self._set(due.output, due.index, due.level)
-            sent_s = job.first_clock_s + (row - job.lag_ticks) * job.dt
-            self._connection.memory.switched[self._next] = sent_s
-            self._next += 1
+            self._note(row)
+
+    def note(self, row: int) -> None:
+        """Notes that somebody else has switched what was due up to a row, in time."""
+        while (due := self._due(row)) is not None:
+            self._note(due.row)
+
+    def _due(self, row: int) -> SwitchRow | None:
+        """Returns the next output, if it is due at a row."""
+        switches = self._job.switches
+        return switches[self._next] if self._next < len(switches) and switches[self._next].row <= row else None
+
+    def _note(self, row: int) -> None:
+        """Notes that the next output was switched with a row."""
+        job = self._job
+        self._connection.memory.switched[self._next] = job.first_clock_s + (row - job.lag_ticks) * job.dt
+        self._next += 1
 
     def stop(self) -> None:
         """Ends the switching of a motion that is braked."""

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from planner.answer import plan_document, plan_from_document
+from planner.approach import find_brakes
 from planner.cell import cell_of_keys
 from planner.errors import CellError, InvalidProblem
 from planner.passages import output_edges
@@ -157,22 +158,32 @@ def test_outputs_are_switched_with_the_nearest_row(offset_s: float, lag_s: float
     motion = standing(150)
     edges = output_edges(here, problem.passages, motion)
     rows = sample_rows(here, motion, False, edges)
-    assert len(rows.switch_rows) == 2
-    for number, (row, edge) in enumerate(zip(rows.switch_rows, edges, strict=True)):
+    assert len(rows.switches) == 2
+    for number, (switch, edge) in enumerate(zip(rows.switches, edges, strict=True)):
+        row = switch.row
         assert 0 <= row < len(rows.q)
         happens_s = rows.first_clock_s + row * motion.dt
         assert abs(happens_s - edge.edge_time_s) <= (1e-9 if number == 0 else 0.5 * motion.dt + 1e-9)
     assert rows.first_clock_s <= -lag_s
 
 
-def test_a_program_of_the_controller_refuses_outputs_by_name() -> None:
-    from planner.approach import find_brakes
-    from planner.controller_program import NoProgram
-
+def test_a_program_of_the_controller_switches_outputs_at_their_rows_and_ends_that_in_a_stop() -> None:
     here = cell()
-    problem = problem_from_request({"passages": [passage(outputs=[FLASH])]}, here)
+    switches = [FLASH, FLASH | {"level": False, "offset_s": 0.1}, FLASH | {"index": 3, "offset_s": 0.2}]
+    problem = problem_from_request({"passages": [passage(outputs=switches)]}, here)
     motion = standing(150)
     rows = sample_rows(here, motion, False, output_edges(here, problem.passages, motion))
-    brakes = find_brakes(here, rows.q, rows.qd, rows.qdd, motion.dt)
-    with pytest.raises(NoProgram, match="outputs about passages"):
-        controller_program(here, rows, brakes)
+    program = controller_program(here, rows, find_brakes(here, rows.q, rows.qd, rows.qdd, motion.dt))
+    lines = program.text(None).splitlines()
+    follows = [i for i, line in enumerate(lines) if line.startswith("  follow(")]
+    first, second, third = (switch.row for switch in rows.switches)
+    assert lines[follows[first] - 3 : follows[first]] == [
+        "  if not braking:",
+        "    set_standard_digital_out(2, True)",
+        "  end",
+    ]
+    assert lines[follows[second] - 2] == "    set_standard_digital_out(2, False)"
+    assert lines[follows[third] - 2] == "    set_standard_digital_out(3, True)"
+    stop = lines.index(f"    if row + 1 >= {first} and row < {second}:")
+    assert lines[stop + 1] == "      set_standard_digital_out(2, False)"
+    assert sum(line == lines[stop] for line in lines) == 2  # where it gives up, and where it brakes
