@@ -4,7 +4,7 @@
       → a graph: a node a state, an edge a leg from one passage to the next, as long as its fastest motion
       → the shortest way through it, which chooses the branches of the inverse kinematics for the whole chain
       → Ruckig's motion along it → certificate
-      → the leg in which a check fails gets its next variant, or is left out; and again
+      → the leg in which a check fails is made gentler, or left out; and again
 
 A state is passed with zero acceleration, or with that at which the tool keeps its twist. Counts alone decide what is
 tried; the only clock is the request's time limit.
@@ -23,9 +23,8 @@ import numpy as np
 
 from planner.arrays import Array
 from planner.backends import ruckig_otg
-from planner.backends.ruckig_otg import LEG_VARIANTS
 from planner.backends.solution import Solution
-from planner.certificate import Check
+from planner.certificate import SINGULARITY_WINDOW_S, Check
 from planner.errors import TIME_LIMIT, Infeasible, SolverFailed, Violation, nothing_found
 from planner.kinematics import inverse_velocity, jacobian, singularity_distances, tcp_acceleration
 from planner.problem import ThrowProblem
@@ -34,7 +33,8 @@ from planner.search.record import PlanningSearch
 from planner.seeds import candidates
 from planner.trajectory import Trajectory
 
-STATES = 16  # [-] joint states kept of a passage: a pose has eight branches, each with full turns
+PACES = (1.0, 0.5, 0.25)  # [-] of a leg, tried in turn: torques, tool speed and what is near may ask for a gentler one
+STATES = 24  # [-] joint states kept of a passage: a pose has eight branches, each with full turns and two accelerations
 MOTIONS = 100  # [-] motions certified before a search gives up
 OF_RELEASE = ("flight_clearance", "landing", "landing_window", "opening_direction")  # checks that the release decides
 State = tuple[Array, Array, Array]
@@ -52,15 +52,14 @@ def search_chain(search: PlanningSearch) -> None:
     """
     begun_s = time.perf_counter()
     legs = _legs(search)
-    tried = 0
-    while search.best is None and tried < MOTIONS and not search.out_of_time:
+    while search.best is None and len(search.rejected) < MOTIONS and not search.out_of_time:
         way = legs.shortest()
         if way is None:
             break
         search.begin_candidate()
-        tried += 1
         _try(search, legs, way)
     search.note_end()
+    tried = len(search.certified) + len(search.rejected)
     search.log_attempt("ruckig", f"leg by leg: {len(search.certified)} of {tried} motions certified", begun_s)
     if search.best is None:
         log = [attempt.__dict__ for attempt in search.attempts]
@@ -76,7 +75,8 @@ def _try(search: PlanningSearch, legs: _Legs, way: list[int]) -> None:
         try:
             made.append(legs.samples(number, way))
         except SolverFailed as failure:
-            legs.give_way(number, way, nothing_found("motion", str(failure)))
+            obstacle = next(iter(failure.violations), nothing_found("motion", str(failure)))
+            legs.give_way(number, way, obstacle)
             return
     motion = _joined(search.problem, made)
     found = search.certify("ruckig", Solution(motion, "leg by leg"))
@@ -118,7 +118,7 @@ class _Legs:
         names: of start, passages and end, in words.
         states: joint states of each; None: rest, anywhere.
         times: of the fastest leg from every state of one to every state of the next (n, m) [s]; infinite for none.
-        variants: number of the variant of each leg (n, m).
+        paces: number of the pace of each leg (n, m).
         obstacles: what stood in the way of a leg last, and how often one did, by its number.
     """
 
@@ -126,7 +126,7 @@ class _Legs:
     names: list[str]
     states: list[list[State | None]]
     times: list[Array]
-    variants: list[Array]
+    paces: list[Array]
     obstacles: dict[int, Violation] = field(default_factory=dict)
 
     def shortest(self) -> list[int] | None:
@@ -146,18 +146,40 @@ class _Legs:
         return way[::-1]
 
     def samples(self, number: int, way: Sequence[int]) -> State:
-        """Returns the samples of a leg of a way, in its present variant.
+        """Returns the samples of a leg of a way, at its present pace.
 
         Raises:
-            SolverFailed: Ruckig refuses its states.
+            SolverFailed: Ruckig refuses its states, or it comes too near to a singularity beside a passage.
         """
         start = self.states[number][way[number]]
         assert start is not None
-        variant = LEG_VARIANTS[int(self.variants[number][way[number], way[number + 1]])]
-        return ruckig_otg.leg(self.problem, start, self.states[number + 1][way[number + 1]], variant)
+        pace = PACES[int(self.paces[number][way[number], way[number + 1]])]
+        made = ruckig_otg.leg(self.problem, start, self.states[number + 1][way[number + 1]], pace)
+        self._check_singularities(number, made[0])
+        return made
+
+    def _check_singularities(self, number: int, q: Array) -> None:
+        """Looks at the postures (n, 6) of a leg beside its passages, which is quick: most legs that fail, fail there.
+
+        Raises:
+            SolverFailed: one is too near to a singularity.
+        """
+        problem = self.problem
+        ticks = round(SINGULARITY_WINDOW_S / problem.dt)
+        passages = problem.passages
+        leaves = number > 0 and not passages[number - 1].state.is_at_rest
+        arrives = number < len(passages) and not passages[number].state.is_at_rest
+        beside = np.concatenate([q[: ticks * leaves], q[len(q) - min(ticks * arrives, len(q)) :]])
+        if len(beside) == 0:
+            return
+        least = float(singularity_distances(problem.cell.robot, beside).minimum.min())
+        limit = problem.limits.singularity_distance_min
+        if least < limit:
+            found = Violation("singularity_distance", least, limit, "1", detail="beside a passage")
+            raise SolverFailed(str(found), violations=[found])
 
     def give_way(self, number: int, way: Sequence[int], obstacle: Violation, ends: bool = False) -> None:
-        """Takes the next variant of a leg, or leaves it out after the last one.
+        """Makes a leg gentler, or leaves it out after the last pace.
 
         Args:
             number: of the leg.
@@ -170,8 +192,8 @@ class _Legs:
         if ends:
             self.times[number][:, at[1]] = math.inf
             return
-        for variant in range(int(self.variants[number][at]) + 1, len(LEG_VARIANTS)):
-            self.variants[number][at] = variant
+        for pace in range(int(self.paces[number][at]) + 1, len(PACES)):
+            self.paces[number][at] = pace
             with suppress(SolverFailed):
                 self.times[number][at] = self.problem.dt * (len(self.samples(number, way)[0]) - 1)
                 return
@@ -248,8 +270,13 @@ def _steady(problem: ThrowProblem, q: Array, qd: Array) -> Array:
 
 
 def _near(problem: ThrowProblem, before: Sequence[State | None], found: list[State | None]) -> list[State | None]:
-    """Returns the states nearest to any of those before, by the time that the joints need at their greatest speed."""
+    """Returns the states that are kept: half of them nearest to any before, the others the soonest from rest.
+
+    Near is measured by the time that the joints need at their greatest speed. `found` begins with the soonest states.
+    """
     at = np.array([state[0] for state in before if state is not None])
     q = np.array([state[0] for state in found if state is not None])
     needed_s = (np.abs(q[:, None] - at) / problem.limits.qd_max).max(axis=2).min(axis=1)
-    return [found[i] for i in np.argsort(needed_s, kind="stable")[:STATES]]
+    nearest = np.argsort(needed_s, kind="stable").tolist()
+    kept = dict.fromkeys([*nearest[: STATES // 2], *range(STATES // 2), *nearest[STATES // 2 :]])
+    return [found[i] for i in list(kept)[:STATES] if i < len(found)]

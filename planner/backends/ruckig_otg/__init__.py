@@ -6,10 +6,8 @@ Source: Berscheid and Kroeger, Jerk-limited Real-time Trajectory Generation with
 from planner.backends.ruckig_otg.arrival import arrival, least_times
 from planner.backends.ruckig_otg.library import TICKS_MIN, ruckig_module
 from planner.backends.ruckig_otg.motions import (
-    LEG_VARIANTS,
     VARIANTS,
     LaunchVariant,
-    LegVariant,
     initial_guess,
     least_leg_time,
     leg,
@@ -17,11 +15,9 @@ from planner.backends.ruckig_otg.motions import (
 )
 
 __all__ = [
-    "LEG_VARIANTS",
     "TICKS_MIN",
     "VARIANTS",
     "LaunchVariant",
-    "LegVariant",
     "arrival",
     "initial_guess",
     "least_leg_time",

@@ -31,10 +31,8 @@ from planner.trajectory import join
 
 LaunchVariant = Literal["free", "synchronised", "independent", "gentle"]
 VARIANTS: tuple[LaunchVariant, ...] = get_args(LaunchVariant)
-LegVariant = Literal["synchronised", "independent", "gentle"]
-LEG_VARIANTS: tuple[LegVariant, ...] = get_args(LegVariant)  # of a leg between two states at speed
-GENTLE_SPEED = 0.6  # [-] of the velocity limit
 GENTLE = 0.5  # [-] of the limits on acceleration and jerk
+SPEED_AT_NO_PACE = 0.2  # [-] of the velocity limit, with which that of a pace grows to 1: 0.6 for the variant `gentle`
 
 
 def solve(problem: ThrowProblem, candidate: Candidate, variant: LaunchVariant = "synchronised") -> Solution:
@@ -55,7 +53,7 @@ def solve(problem: ThrowProblem, candidate: Candidate, variant: LaunchVariant = 
     if variant == "free":
         qdd = earliest_arrival(problem, candidate).qdd
     if variant == "gentle":
-        problem = replace(problem, limits=_gentle(problem.limits, np.abs(candidate.qd)))
+        problem = replace(problem, limits=_gentle(problem.limits, np.abs(candidate.qd), GENTLE))
     at_ticks = _independent if variant == "independent" else _synchronised
 
     def launch(limits: Limits) -> tuple[State, Vector]:
@@ -71,31 +69,26 @@ def solve(problem: ThrowProblem, candidate: Candidate, variant: LaunchVariant = 
     return Solution(join(head, tail, 1.0 / problem.dt), variant)
 
 
-def leg(problem: ThrowProblem, start: State, end: State | None, variant: LegVariant) -> State:
-    """Returns the samples of the fastest motion of a variant from one state to another, exactly on ticks.
+def leg(problem: ThrowProblem, start: State, end: State | None, pace: float) -> State:
+    """Returns the samples of the fastest motion from one state to another, exactly on ticks.
 
     Args:
         problem: gives limits and tick.
         start: q [rad], qd [rad/s], qdd [rad/s^2], each (6,).
         end: the same quantities; None for rest, anywhere.
-        variant: one of `LEG_VARIANTS`.
+        pace: share of the limits on acceleration and jerk; speed is limited less.
 
     Raises:
         SolverFailed: Ruckig refuses the states, or its motion exceeds a limit once it is on ticks.
         BackendUnavailable: ruckig is not installed.
     """
-    if end is None and variant == "independent":
-        raise SolverFailed("a brake has no such variant")
-    limited = problem
-    if variant == "gentle":
-        speeds = np.abs(start[1]) if end is None else np.maximum(np.abs(start[1]), np.abs(end[1]))
-        limited = replace(problem, limits=_gentle(problem.limits, speeds))
+    speeds = np.abs(start[1]) if end is None else np.maximum(np.abs(start[1]), np.abs(end[1]))
+    limited = replace(problem, limits=_gentle(problem.limits, speeds, pace)) if pace < 1.0 else problem
 
     def phase(limits: Limits) -> tuple[State, Vector]:
         if end is None:
             return _brake(start, limits, problem.dt)
-        at_ticks = _independent if variant == "independent" else _synchronised
-        return end, at_ticks(start, end, limits, problem.dt)
+        return end, _synchronised(start, end, limits, problem.dt)
 
     samples = _on_grid(limited, start, phase)
     if not fits(samples, problem.limits, problem.dt):
@@ -168,10 +161,11 @@ def initial_guess(problem: ThrowProblem, candidate: Candidate) -> RuckigMotion:
     return RuckigMotion(launch, brake, launch.duration, launch.duration + brake.duration)
 
 
-def _gentle(limits: Limits, speeds: Vector) -> Limits:
-    """Returns gentle limits; those on velocity are no less than given speeds (6,) [rad/s]."""
-    qd_max = np.maximum(GENTLE_SPEED * limits.qd_max, np.minimum(speeds, limits.qd_max))
-    return replace(limits, qd_max=qd_max, qdd_max=GENTLE * limits.qdd_max, jerk_max=GENTLE * limits.jerk_max)
+def _gentle(limits: Limits, speeds: Vector, pace: float) -> Limits:
+    """Returns the limits of a pace; those on velocity are no less than given speeds (6,) [rad/s]."""
+    share = SPEED_AT_NO_PACE + (1.0 - SPEED_AT_NO_PACE) * pace
+    qd_max = np.maximum(share * limits.qd_max, np.minimum(speeds, limits.qd_max))
+    return replace(limits, qd_max=qd_max, qdd_max=pace * limits.qdd_max, jerk_max=pace * limits.jerk_max)
 
 
 def _on_grid(problem: ThrowProblem, start: State, phase: Callable[[Limits], tuple[State, Vector]]) -> State:
