@@ -36,6 +36,7 @@ from planner.trajectory import Trajectory
 PACES = (1.0, 0.5, 0.25)  # [-] of a leg, tried in turn: torques, tool speed and what is near may ask for a gentler one
 STATES = 24  # [-] joint states kept of a passage: a pose has eight branches, each with full turns and two accelerations
 MOTIONS = 100  # [-] motions certified before a search gives up
+WAYS = 1000  # [-] ways looked at: most that do not come to a motion have a leg that Ruckig refuses
 OF_RELEASE = ("flight_clearance", "landing", "landing_window", "opening_direction")  # checks that the release decides
 State = tuple[Array, Array, Array]
 
@@ -52,9 +53,9 @@ def search_chain(search: PlanningSearch) -> None:
     """
     begun_s = time.perf_counter()
     legs = _legs(search)
-    while search.best is None and len(search.rejected) < MOTIONS and not search.out_of_time:
+    for _ in range(WAYS):
         way = legs.shortest()
-        if way is None:
+        if way is None or search.best is not None or len(search.rejected) == MOTIONS or search.out_of_time:
             break
         search.begin_candidate()
         _try(search, legs, way)
@@ -119,7 +120,7 @@ class _Legs:
         states: joint states of each; None: rest, anywhere.
         times: of the fastest leg from every state of one to every state of the next (n, m) [s]; infinite for none.
         paces: number of the pace of each leg (n, m).
-        obstacles: what stood in the way of a leg last, and how often one did, by its number.
+        obstacles: what stood in the way of a leg last, by its number.
     """
 
     problem: ThrowProblem
