@@ -178,17 +178,22 @@ class Passage:
         state: to be passed.
         outputs: what switches about it.
         releases: whether the object leaves the tool there.
+        at_s: time from the motion's start [s].
+        not_before_s: earliest time from the motion's start [s].
     """
 
     name: str
     state: Release
     outputs: Sequence[Output] = ()
     releases: bool = False
+    at_s: float | None = None
+    not_before_s: float | None = None
 
     def as_document(self) -> dict[str, Any]:
         """Returns the passage as JSON."""
-        document = {"name": self.name, "state": self.state.as_document(), "outputs": [vars(o) for o in self.outputs]}
-        return {**document, "releases": True} if self.releases else document
+        given = _given({"at_s": self.at_s, "not_before_s": self.not_before_s, "releases": self.releases or None})
+        outputs = [vars(output) for output in self.outputs]
+        return plain_values({"name": self.name, "state": self.state.as_document(), "outputs": outputs, **given})
 
 
 Request = Mapping[str, Any] | Release | Sequence[Passage]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, NamedTuple
@@ -20,6 +21,8 @@ PASSAGES_MAX = 20
 OUTPUTS_MAX = 8  # switched about one passage: a controller's bank of outputs has no more
 OFFSET_MAX_S = 2.0  # [s] of an output from its passage; catches milliseconds
 NAME_MAX = 64  # characters of a passage's name
+ROUNDING = 1e-6  # [ticks] of a time in floating point
+TIME_MAX_S = 60.0  # [s] of a passage: a motion may take no longer
 NOT_YET = "is not supported yet"
 
 
@@ -48,12 +51,30 @@ class Passage:
         state: what is required of the state, as of a release.
         outputs: what switches about it.
         releases: whether the object leaves the tool there.
+        not_before_s: earliest time from the motion's start [s].
+        at_s: time from the motion's start, rounded to a tick [s]; None: as soon as possible.
     """
 
     name: str
     state: Release
     outputs: tuple[OutputSwitch, ...] = ()
     releases: bool = False
+    not_before_s: float = 0.0
+    at_s: float | None = None
+
+    @property
+    def is_timed(self) -> bool:
+        """Whether it may be too soon."""
+        return self.at_s is not None or self.not_before_s > 0.0
+
+    def first_tick(self, rate_hz: float) -> int:
+        """Returns the first tick at which it may be passed."""
+        return math.ceil(self.not_before_s * rate_hz - ROUNDING) if self.at_s is None else round(self.at_s * rate_hz)
+
+    def is_in_time(self, tick: int, rate_hz: float) -> bool:
+        """Returns whether it may be passed at a tick."""
+        first = self.first_tick(rate_hz)
+        return tick == first if self.at_s is not None else tick >= first
 
 
 class OutputEdge(NamedTuple):
@@ -97,12 +118,15 @@ PASSAGE = Record(
         ),
         "releases": Field(Yes(), "true: the object leaves the tool here; at one passage at most."),
         "outputs": Field(RecordList(SWITCH, 0, OUTPUTS_MAX), "What switches about it; absent: nothing."),
+        "at_s": Field(
+            Number(above=0.0, most=TIME_MAX_S),
+            "Time of the passage from the motion's start, rounded to a tick [s]; absent: as soon as possible.",
+        ),
+        "not_before_s": Field(
+            Number(above=0.0, most=TIME_MAX_S), "Earliest time of the passage from the motion's start [s]."
+        ),
     },
-    planned={
-        "line": f"{NOT_YET}: pass states",
-        "at_s": f"{NOT_YET}: a motion passes each state as soon as it can",
-        "not_before_s": f"{NOT_YET}: a motion passes each state as soon as it can",
-    },
+    planned={"line": f"{NOT_YET}: pass states"},
 )
 PASSAGES = RecordList(PASSAGE, 1, PASSAGES_MAX)
 END = Kinds(
@@ -136,6 +160,8 @@ def passages_from_json(given: Sequence[Mapping[str, Any]], X_WR: Array) -> tuple
             state=KINDS[each["state"]["kind"]].from_json(each["state"], X_WR),
             outputs=tuple(OutputSwitch(**switch) for switch in each.get("outputs", ())),
             releases=each.get("releases", False),
+            not_before_s=each.get("not_before_s", 0.0),
+            at_s=each.get("at_s"),
         )
         for each in given
     )
@@ -146,6 +172,10 @@ def passage_document(passage: Passage) -> dict[str, Any]:
     document: dict[str, Any] = {"name": passage.name, "state": release_document(passage.state)}
     if passage.releases:
         document["releases"] = True
+    if passage.at_s is not None:
+        document["at_s"] = passage.at_s
+    if passage.not_before_s > 0.0:
+        document["not_before_s"] = passage.not_before_s
     return {**document, "outputs": [asdict(switch) for switch in passage.outputs]}
 
 
@@ -201,6 +231,8 @@ def passage_errors(passages: Sequence[Passage], cell: Cell) -> list[FieldError]:
             errors.append(FieldError(f"{path}.state", "is at rest: nothing is thrown from there"))
         if each.releases and i != releasing[0]:
             errors.append(FieldError(f"{path}.releases", f"{names[releasing[0]]!r} lets the object go already"))
+        if each.at_s is not None and each.not_before_s > 0.0:
+            errors.append(FieldError(f"{path}.not_before_s", "give either at_s or not_before_s"))
         for error in each.state.errors(cell):
             errors.append(FieldError(error.field.replace("release.", f"{path}.state.", 1), error.reason))
         errors += _output_errors(each.outputs, f"{path}.outputs", cell)

@@ -143,8 +143,8 @@ class ThrowProblem:
 
     @property
     def is_chain(self) -> bool:
-        """Whether the motion passes more than one state, or ends in a given one."""
-        return len(self.passages) > 1 or self.end is not None
+        """Whether the motion passes more than one state, passes one at a given time, or ends in a given one."""
+        return len(self.passages) > 1 or self.end is not None or any(each.is_timed for each in self.passages)
 
     def with_release(self, release: Release) -> ThrowProblem:
         """Returns the problem with another release."""

@@ -57,7 +57,7 @@ def release_velocity(motion: MotionSamples) -> Check | None:
 
 
 def passage(motion: MotionSamples) -> Check | None:
-    """Checks that every passage has its state, each after the one before, and the end the one that is asked for.
+    """Checks that every passage has its state, in time and after the one before, and the end what is asked for.
 
     The detail names the one that is kept least; None where no passages are asked for.
     """
@@ -65,13 +65,9 @@ def passage(motion: MotionSamples) -> Check | None:
     trajectory = motion.trajectory
     if not problem.passages:
         return None
-    passed = trajectory.passed
-    releases = [index for each, index in zip(problem.passages, passed, strict=False) if each.releases]
-    if len(passed) != len(problem.passages) or not all(a < b for a, b in pairwise((0, *passed))):
-        return at_most("passage", math.inf, 0.0, "1", None, "they are not passed one after another")
-    if problem.throws and releases != [trajectory.release_index]:
-        return at_most("passage", math.inf, 0.0, "1", None, "the object is let go elsewhere")
-    states = [(each.name, each.state, index) for each, index in zip(problem.passages, passed, strict=True)]
+    if (wrong := _wrong_order(problem, trajectory)) is not None:
+        return wrong
+    states = [(each.name, each.state, index) for each, index in zip(problem.passages, trajectory.passed, strict=True)]
     if problem.end is not None:
         states.append(("end", problem.end, len(trajectory.q) - 1))
     found = []
@@ -80,6 +76,21 @@ def passage(motion: MotionSamples) -> Check | None:
             if each is not None:
                 found.append(replace(each, detail=f"{name}: {each.detail or each.unit}"))
     return min(found, key=lambda check: (check.ok, check.margin), default=None)
+
+
+def _wrong_order(problem: ThrowProblem, trajectory: Trajectory) -> Check | None:
+    """Returns the failed check of passages that are not where or when they are asked for; None for those that are."""
+    passed = trajectory.passed
+    if len(passed) != len(problem.passages) or not all(a < b for a, b in pairwise((0, *passed))):
+        return at_most("passage", math.inf, 0.0, "1", None, "they are not passed one after another")
+    for each, index in zip(problem.passages, passed, strict=True):
+        at_s = index * trajectory.dt
+        if each.releases and index != trajectory.release_index:
+            return at_most("passage", math.inf, 0.0, "1", at_s, f"{each.name}: the object is let go elsewhere")
+        if not each.is_in_time(index, trajectory.sample_rate_hz):
+            limit = each.not_before_s if each.at_s is None else each.at_s
+            return at_most("passage", at_s, limit, "s", at_s, f"{each.name}: time").provided(False)
+    return None
 
 
 def _position(name: str, motion: MotionSamples, asked: Release, index: int) -> Check | None:

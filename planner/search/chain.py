@@ -37,6 +37,7 @@ PACES = (1.0, 0.5, 0.25)  # [-] of a leg, tried in turn: torques, tool speed and
 STATES = 24  # [-] joint states kept of a passage: a pose has eight branches, each with full turns and two accelerations
 MOTIONS = 100  # [-] motions certified before a search gives up
 WAYS = 1000  # [-] ways looked at: most that do not come to a motion have a leg that Ruckig refuses
+ROUNDING = 1e-6  # [ticks] of a duration in floating point
 OF_RELEASE = ("flight_clearance", "landing", "landing_window", "opening_direction")  # checks that the release decides
 State = tuple[Array, Array, Array]
 
@@ -72,9 +73,11 @@ def search_chain(search: PlanningSearch) -> None:
 def _try(search: PlanningSearch, legs: _Legs, way: list[int]) -> None:
     """Makes and certifies the motion along a way; what stands in its way is noted with its leg."""
     made = []
+    tick = 0
     for number in range(len(way) - 1):
         try:
-            made.append(legs.samples(number, way))
+            made.append(legs.samples(number, way, tick))
+            tick += len(made[-1][0]) - 1
         except SolverFailed as failure:
             obstacle = next(iter(failure.violations), nothing_found("motion", str(failure)))
             legs.give_way(number, way, obstacle)
@@ -134,10 +137,10 @@ class _Legs:
         """Returns the number of the state of each on the shortest way; None where there is none. Bellman, 1957."""
         cost = np.zeros(1)
         came_from = []
-        for times in self.times:
+        for number, times in enumerate(self.times):
             total = cost[:, None] + times
             came_from.append(total.argmin(axis=0))
-            cost = total.min(axis=0)
+            cost = self._in_time(number, total.min(axis=0))
         last = int(cost.argmin())
         if not math.isfinite(cost[last]):
             return None
@@ -146,17 +149,46 @@ class _Legs:
             way.append(int(back[way[-1]]))
         return way[::-1]
 
-    def samples(self, number: int, way: Sequence[int]) -> State:
+    def _in_time(self, number: int, arrivals: Array) -> Array:
+        """Returns when the states at the end of a leg are passed (m,) [s], at the soonest; infinite where too late."""
+        if number >= len(self.problem.passages):
+            return arrivals
+        passage = self.problem.passages[number]
+        first_s = passage.first_tick(1.0 / self.problem.dt) * self.problem.dt
+        in_time = np.maximum(arrivals, first_s)
+        if passage.at_s is None:
+            return in_time
+        if arrivals.min() > first_s and math.isfinite(arrivals.min()):
+            late = Violation(
+                "passage", float(arrivals.min()), passage.at_s, "s", detail="the soonest that it is passed"
+            )
+            self.obstacles[number] = late.within(self.leg_name(number))
+        return np.where(arrivals > first_s, math.inf, in_time)
+
+    def samples(self, number: int, way: Sequence[int], begun: int | None = None) -> State:
         """Returns the samples of a leg of a way, at its present pace.
 
+        Args:
+            number: of the leg.
+            way: that it is on.
+            begun: tick at which it begins; None: it takes as long as it does.
+
         Raises:
-            SolverFailed: Ruckig refuses its states, or it comes too near to a singularity beside a passage.
+            SolverFailed: Ruckig refuses its states, it is passed too late, or it comes too near to a singularity beside
+                a passage.
         """
         start = self.states[number][way[number]]
         assert start is not None
         pace = PACES[int(self.paces[number][way[number], way[number + 1]])]
-        made = ruckig_otg.leg(self.problem, start, self.states[number + 1][way[number + 1]], pace)
+        problem = self.problem
+        timed = None if begun is None or number >= len(problem.passages) else problem.passages[number]
+        least_s = 0.0 if timed is None else (timed.first_tick(1.0 / problem.dt) - (begun or 0)) * problem.dt
+        made = ruckig_otg.leg(problem, start, self.states[number + 1][way[number + 1]], pace, least_s)
         self._check_singularities(number, made[0])
+        tick = (begun or 0) + len(made[0]) - 1
+        if timed is not None and not timed.is_in_time(tick, 1.0 / problem.dt):
+            late = Violation("passage", tick * problem.dt, timed.at_s, "s", detail="no motion was found to be in time")
+            raise SolverFailed(str(late), violations=[late])
         return made
 
     def _check_singularities(self, number: int, q: Array) -> None:
@@ -238,7 +270,7 @@ def _legs(search: PlanningSearch) -> _Legs:
     times = []
     for before, after in pairwise(states):
         rows = [[ruckig_otg.least_leg_time(problem, a, b) for b in after] for a in before if a is not None]
-        times.append(np.array(rows))
+        times.append(problem.dt * np.ceil(np.array(rows) / problem.dt - ROUNDING))
     return _Legs(problem, names, states, times, [np.zeros(each.shape, np.int64) for each in times])
 
 

@@ -69,7 +69,7 @@ def solve(problem: ThrowProblem, candidate: Candidate, variant: LaunchVariant = 
     return Solution(join(head, tail, 1.0 / problem.dt), variant)
 
 
-def leg(problem: ThrowProblem, start: State, end: State | None, pace: float) -> State:
+def leg(problem: ThrowProblem, start: State, end: State | None, pace: float, least_s: float = 0.0) -> State:
     """Returns the samples of the fastest motion from one state to another, exactly on ticks.
 
     Args:
@@ -77,6 +77,7 @@ def leg(problem: ThrowProblem, start: State, end: State | None, pace: float) -> 
         start: q [rad], qd [rad/s], qdd [rad/s^2], each (6,).
         end: the same quantities; None for rest, anywhere.
         pace: share of the limits on acceleration and jerk; speed is limited less.
+        least_s: shortest duration, not of a brake [s].
 
     Raises:
         SolverFailed: Ruckig refuses the states, or its motion exceeds a limit once it is on ticks.
@@ -88,7 +89,7 @@ def leg(problem: ThrowProblem, start: State, end: State | None, pace: float) -> 
     def phase(limits: Limits) -> tuple[State, Vector]:
         if end is None:
             return _brake(start, limits, problem.dt)
-        return end, _synchronised(start, end, limits, problem.dt)
+        return end, _synchronised(start, end, limits, problem.dt, least_s)
 
     samples = _on_grid(limited, start, phase)
     if not fits(samples, problem.limits, problem.dt):
@@ -179,9 +180,9 @@ def _on_grid(problem: ThrowProblem, start: State, phase: Callable[[Limits], tupl
     return samples
 
 
-def _synchronised(start: State, end: State, limits: Limits, dt: float) -> Vector:
+def _synchronised(start: State, end: State, limits: Limits, dt: float, least_s: float = 0.0) -> Vector:
     """Returns the accelerations at the ticks (N+1, 6) of the motion in which all joints arrive together."""
-    return accelerations(fastest_motion(start, end, limits, dt), dt)
+    return accelerations(fastest_motion(start, end, limits, dt, least_s=least_s), dt)
 
 
 def _independent(start: State, end: State, limits: Limits, dt: float) -> Vector:

@@ -120,6 +120,45 @@ def test_a_release_asked_for_as_a_passage_is_the_same_motion() -> None:
     assert alone.trajectory.release_index == passage.trajectory.release_index
 
 
+@pytest.mark.parametrize(
+    "times",
+    [
+        {0: ("at_s", 1.5)},
+        {2: ("not_before_s", 1.5), 4: ("at_s", 2.4001)},
+        {i: ("at_s", 1.3 + 0.14 * i) for i in range(5)},
+    ],
+)
+def test_passages_are_at_their_times(times: dict[int, tuple[str, float]]) -> None:
+    request = row()
+    for i, (name, at_s) in times.items():
+        request["passages"][i][name] = at_s
+    found = planned(request)
+    tick_s = found.trajectory.dt
+    for i, (name, at_s) in times.items():
+        passed_s = found.trajectory.passed[i] * tick_s
+        assert passed_s >= at_s if name == "not_before_s" else abs(passed_s - at_s) <= 0.5 * tick_s
+    later = replace(found.problem, passages=tuple(
+        replace(each, not_before_s=0.0, at_s=found.trajectory.passed[i] * tick_s + tick_s)
+        for i, each in enumerate(found.problem.passages)
+    ))  # fmt: skip
+    (failure,) = certify(later, found.trajectory).failures
+    assert (failure.name, failure.detail) == ("passage", "part 0: time")
+
+
+def test_a_passage_that_cannot_be_in_time_is_refused_with_the_soonest_time() -> None:
+    request = row()
+    request["passages"][2]["at_s"] = 1.0
+    with pytest.raises(Infeasible, match="to passage 'part 2': the soonest that it is passed") as refused:
+        plan(problem_from_request(request, cell()))
+    (violation,) = refused.value.violations
+    soonest_s = violation.value
+    assert soonest_s is not None
+    assert violation.limit == 1.0
+    assert soonest_s == pytest.approx(planned(row()).trajectory.passed[2] / 500.0, abs=0.02)
+    request["passages"][2]["at_s"] = soonest_s + 0.05
+    assert planned(request).trajectory.passed[2] == round((soonest_s + 0.05) * 500.0)
+
+
 def changed(motion: Trajectory, **fields: Any) -> Trajectory:
     return replace(motion, **fields)
 

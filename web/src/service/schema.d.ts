@@ -2742,10 +2742,20 @@ export interface components {
          */
         PassageRequest: {
             /**
+             * At S
+             * @description Time of the passage from the motion's start, rounded to a tick [s]; absent: as soon as possible.
+             */
+            at_s?: number | null;
+            /**
              * Name
              * @description Name of the passage, of its own in the motion.
              */
             name: string;
+            /**
+             * Not Before S
+             * @description Earliest time of the passage from the motion's start [s].
+             */
+            not_before_s?: number | null;
             /**
              * Outputs
              * @description What switches about it; absent: nothing.
