@@ -275,7 +275,7 @@ class Plan:
             motion = self.planned.trajectory
             names = self.planned.problem.cell.robot.joint_names
             samples = (motion.sample_rate_hz, motion.q, motion.qd, motion.qdd)
-            return Trajectory(*samples, motion.release_index, motion.passage_indices, names)
+            return Trajectory(*samples, motion.release_index, names, passage_indices=motion.passage_indices)
         found = self.document.get("trajectory")
         if found is None:
             raise ValueError("the plan has no trajectory; ask for it without trajectory=False")

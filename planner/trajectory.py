@@ -7,7 +7,7 @@ and every bound between samples has a closed form. See docs/decisions/0003.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -39,7 +39,7 @@ class Trajectory:
     qd: Array
     qdd: Array
     release_index: int
-    passage_indices: tuple[int, ...] = ()
+    passage_indices: tuple[int, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
         for name in ("q", "qd", "qdd"):
