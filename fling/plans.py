@@ -24,11 +24,13 @@ from planner.problem import ThrowProblem
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class PassedState:
-    """A state that the motion passes, in the world.
+class Release:
+    """The state in which the object leaves the tool, in the world.
 
     Attributes:
         time_s: on the trajectory, exactly a tick [s].
+        command_time_s: of the gripper's open command, its delay and the arm's lag sooner [s]; None for a move that
+            ends at rest.
         index: sample of the trajectory.
         q, qd, qdd: joint positions, velocities, accelerations (6,) [rad, rad/s, rad/s^2].
         position: of the tool centre point (3,) [m].
@@ -38,6 +40,7 @@ class PassedState:
     """
 
     time_s: float
+    command_time_s: float | None
     index: int
     q: Array
     qd: Array
@@ -52,18 +55,6 @@ class PassedState:
     def speed_m_s(self) -> float:
         """Speed of the tool centre point [m/s]."""
         return float(np.linalg.norm(self.linear))
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Release(PassedState):
-    """The state in which the object leaves the tool, in the world.
-
-    Attributes:
-        command_time_s: of the gripper's open command, its delay and the arm's lag sooner [s]; None for a move that
-            ends at rest.
-    """
-
-    command_time_s: float | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,8 +76,8 @@ class Edge:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Passed(PassedState):
-    """A passage of the motion.
+class Passed(Release):
+    """A passage of the motion; `command_time_s` is None where nothing is let go.
 
     Attributes:
         name: as in the request.
@@ -214,7 +205,7 @@ class Plan:
         found = self.document["release"]
         if found is None:
             return None
-        return Release(**_passed(found), time_s=self.document["release_time_s"], command_time_s=found["command_time_s"])
+        return Release(**_passed(found), time_s=self.document["release_time_s"])
 
     @cached_property
     def passages(self) -> tuple[Passed, ...]:
@@ -332,9 +323,10 @@ class Plan:
 
 
 def _passed(found: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns the attributes of a `PassedState`, but its time."""
+    """Returns the attributes of a `Release`, but its time."""
     return {
         "index": found["index"],
+        "command_time_s": found["command_time_s"],
         "q": np.array(found["positions"]),
         "qd": np.array(found["velocities"]),
         "qdd": np.array(found["accelerations"]),

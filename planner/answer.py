@@ -141,8 +141,7 @@ def _passed(problem: ThrowProblem, trajectory: Trajectory) -> dict[str, Any]:
     """Returns what a plan says of its release, null where passages without one are asked for, and of its passages."""
     release = None
     if problem.throws or not problem.passages:
-        at_s = command_time(problem.cell, trajectory.release_time_s) if problem.throws else None
-        release = {**_state(problem, trajectory, trajectory.release_index), "command_time_s": at_s}
+        release = _state(problem, trajectory, trajectory.release_index, problem.throws)
     document = {"release_time_s": None if release is None else trajectory.release_time_s, "release": release}
     if problem.passages:
         document["passages"] = _passages(problem, trajectory)
@@ -155,7 +154,7 @@ def _passages(problem: ThrowProblem, trajectory: Trajectory) -> list[dict[str, A
     return [
         {
             "name": passage.name,
-            **_state(problem, trajectory, index),
+            **_state(problem, trajectory, index, passage.releases),
             "end_index": index,  # a state is passed in an instant
             "time_s": index / trajectory.sample_rate_hz,
             "releases": passage.releases,
@@ -174,7 +173,8 @@ def _passages(problem: ThrowProblem, trajectory: Trajectory) -> list[dict[str, A
     ]
 
 
-def _state(problem: ThrowProblem, trajectory: Trajectory, k: int) -> dict[str, Any]:
+def _state(problem: ThrowProblem, trajectory: Trajectory, k: int, lets_go: bool) -> dict[str, Any]:
+    """Returns the state at a sample, and when the gripper is told to open for it; None where it is not."""
     X_WT, V_WT = tool_state(problem.cell, trajectory.q[k], trajectory.qd[k])
     return {
         "index": k,
@@ -187,6 +187,7 @@ def _state(problem: ThrowProblem, trajectory: Trajectory, k: int) -> dict[str, A
             "rotation_vector": matrix_to_rotation_vector(X_WT[:3, :3]).tolist(),
         },
         "twist": {"linear": V_WT[:3].tolist(), "angular": V_WT[3:].tolist()},
+        "command_time_s": command_time(problem.cell, k / trajectory.sample_rate_hz) if lets_go else None,
     }
 
 

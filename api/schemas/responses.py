@@ -25,20 +25,15 @@ class FullTwist(BaseModel):
     angular: Vector3 = Field(description="[rad/s]")
 
 
-class PassedState(BaseModel):
-    """A state that the motion passes."""
+class ReleaseState(BaseModel):
+    """The state in which the object leaves the tool."""
 
-    index: int = Field(description="Sample of the trajectory; a state is passed exactly on a tick.")
+    index: int = Field(description="Sample of the trajectory; the release is exactly on a tick.")
     positions: Joints = Field(description="[rad]")
     velocities: Joints = Field(description="[rad/s]")
     accelerations: Joints = Field(description="[rad/s^2]")
     pose: FullPose
     twist: FullTwist
-
-
-class ReleaseState(PassedState):
-    """The state in which the object leaves the tool."""
-
     command_time_s: float | None = Field(
         description="Time of the gripper's open command: release - gripper delay - arm lag [s]; null at rest."
     )
@@ -55,8 +50,8 @@ class OutputTimes(BaseModel):
     edge_time_s: float = Field(description="When it changes [s].")
 
 
-class PassageAnswer(PassedState):
-    """A passage of the motion."""
+class PassageAnswer(ReleaseState):
+    """A state that the motion passes; `command_time_s` is null where nothing is let go."""
 
     name: str
     end_index: int = Field(description="Sample at which the passage ends: `index`, as a state is an instant.")

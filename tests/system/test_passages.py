@@ -52,6 +52,17 @@ THROW = {
 }
 
 
+CAMERA = {
+    "name": "camera",
+    "state": {
+        "kind": "pose",
+        "pose": {"position": [0.1, -0.45, 0.4], "rotation_vector": DOWN},
+        "twist": {"linear": [0.0, 0.45, 0.0], "angular": [0.0, 0.0, 0.0]},
+    },
+    "outputs": [{"output": "standard_digital", "index": 0, "level": i == 0, "offset_s": 0.03 * i} for i in range(2)],
+}
+
+
 def stored(rig: Rig, request: dict[str, Any]) -> str:
     """Plans a request and stores it; returns the plan's id."""
     request = {"cell": "rig", **request}
@@ -141,6 +152,14 @@ def test_a_camera_is_triggered_before_the_release_of_a_throw(rig: Rig, mode: str
     assert row.metrics["released"]
     if mode != "servoj":
         assert row.metrics["landing_error_m"] < 0.02
+
+
+def test_an_object_is_thrown_after_a_passage_of_the_tool_itself(rig: Rig) -> None:
+    row = rig.quiet_run(stored(rig, {"passages": [CAMERA, *THROW["passages"]]}))
+    assert row.outcome == "completed", row.reason
+    as_planned(rig, row)
+    assert row.metrics is not None
+    assert row.metrics["landing_error_m"] < 0.02
 
 
 @pytest.mark.parametrize("mode", ["speedj", "script"])
