@@ -2691,7 +2691,7 @@ export interface components {
         };
         /**
          * PassageAnswer
-         * @description A passage of the motion.
+         * @description A state that the motion passes; `command_time_s` is null where nothing is let go.
          */
         PassageAnswer: {
             /**
@@ -2700,13 +2700,18 @@ export interface components {
              */
             accelerations: number[];
             /**
+             * Command Time S
+             * @description Time of the gripper's open command: release - gripper delay - arm lag [s]; null at rest.
+             */
+            command_time_s: number | null;
+            /**
              * End Index
              * @description Sample at which the passage ends: `index`, as a state is an instant.
              */
             end_index: number;
             /**
              * Index
-             * @description Sample of the trajectory; a state is passed exactly on a tick.
+             * @description Sample of the trajectory; the release is exactly on a tick.
              */
             index: number;
             /** Name */
@@ -3748,7 +3753,7 @@ export interface components {
             command_time_s: number | null;
             /**
              * Index
-             * @description Sample of the trajectory; a state is passed exactly on a tick.
+             * @description Sample of the trajectory; the release is exactly on a tick.
              */
             index: number;
             pose: components["schemas"]["FullPose"];
