@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -90,7 +91,7 @@ class Execution:
             ExecutionRefused: it does not answer, or is not ready.
         """
         link = self.session.cell.gripper.link
-        if link is None or self.problem.ends_at_rest or self.row.dry_run:
+        if link is None or not self.problem.throws or self.row.dry_run:
             return
         try:
             self.gripper = GripperConnection(link, self.session.cell.link.host)
@@ -188,7 +189,8 @@ class Execution:
         assert self.run is not None and self.run.result is not None
         ended = self.run.result
         if self.row.dry_run:
-            ended = replace(ended, output_sent_s=None)  # its time came, and nothing was switched
+            never = (math.nan,) * len(ended.switched_s)
+            ended = replace(ended, output_sent_s=None, switched_s=never)  # its time came, and nothing was switched
         outcome, reason = self._outcome(ended)
         telemetry = records.Telemetry(ended.rows)
         landing = None if outcome == "held" else self._landing()

@@ -16,6 +16,7 @@ from planner.certificate import window_landing_points
 from planner.controller_program import NUMBERS, Watch
 from planner.flight import landing_points
 from planner.geometry import tool_state
+from planner.passages import output_edges
 from planner.problem import ThrowProblem
 from planner.stream_rows import StreamRows, controller_program, sample_rows
 from planner.trajectory import Trajectory
@@ -62,7 +63,8 @@ def prepare_job(
     gripper = cell.gripper
     dt = 1.0 / cell.robot.sample_rate_hz
     dead_man_s = settings.dead_man_s if mode == "script" and not dry_run else None
-    rows = sample_rows(cell, trajectory, throws=not problem.ends_at_rest)
+    edges = output_edges(cell, problem.passages, trajectory)
+    rows = sample_rows(cell, trajectory, problem.throws, edges)
     return StreamJob(
         host=cell.link.host,
         mode=mode,
@@ -77,10 +79,11 @@ def prepare_job(
         output_index=gripper.index,
         output_level=gripper.open_level,
         second=gripper.second,
+        switches=list(rows.switches),
         link=gripper.link,
         gripper_fd=gripper_fd,
         opens_in_s=0.0 if gripper.link is None else gripper.delay_s + LATE_STD * gripper.jitter_s + REPORT_S,
-        landing=None if problem.ends_at_rest else landing,
+        landing=landing if problem.throws else None,
         approach=_approach_rows(approach, dead_man_s),
         qd_max=cell.robot.qd_max.tolist(),
         acceleration=float(np.min(cell.robot.qdd_max)),

@@ -11,10 +11,12 @@ import mmap
 import os
 import struct
 from collections.abc import Sequence
+from math import nan
 
 HEADER_BYTES = 4096
 TEXT_AT = 1024  # [bytes] offset of the reason in the header
 TEXT_BYTES = 1024
+SWITCHED_AT = 2048  # [bytes] offset of when the outputs of passages were switched, to the header's end
 
 # States of the streaming process.
 STARTING, APPROACHING, STREAMING, BRAKING, STOPPING, DONE, FAULT = range(7)
@@ -56,6 +58,7 @@ class SharedMemory:
         fd: descriptor of the anonymous file; the child inherits it.
         capacity: number of rows it holds; later rows are dropped, and counted in `ROWS` only.
         fields: the header fields above, as numbers.
+        switched: when each output of a job's passages was switched, on the plan's clock [s]; NaN for never.
     """
 
     def __init__(self, fd: int, capacity: int) -> None:
@@ -64,13 +67,17 @@ class SharedMemory:
         memory = mmap.mmap(fd, HEADER_BYTES + capacity * ROW.size)
         self.memory: mmap.mmap | None = memory
         self.fields: memoryview[float] | list[float] = memoryview(memory)[:TEXT_AT].cast("d")
+        self.switched: memoryview[float] | list[float] = memoryview(memory)[SWITCHED_AT:HEADER_BYTES].cast("d")
 
     @classmethod
     def create(cls, capacity: int) -> SharedMemory:
         """Returns fresh memory with room for `capacity` rows."""
         fd = os.memfd_create("fling-shared-memory")
         os.ftruncate(fd, HEADER_BYTES + capacity * ROW.size)
-        return cls(fd, capacity)
+        made = cls(fd, capacity)
+        for i in range(len(made.switched)):
+            made.switched[i] = nan
+        return made
 
     @classmethod
     def attach(cls, fd: int) -> SharedMemory:
@@ -108,6 +115,7 @@ class SharedMemory:
         The mapping itself ends with the last reader that is just at it in another thread.
         """
         self.fields = list(self.fields)
+        self.switched = list(self.switched)
         self.memory = None
         if self.fd >= 0:
             os.close(self.fd)

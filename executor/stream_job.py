@@ -9,6 +9,7 @@ import json
 import os
 from dataclasses import asdict, dataclass, replace
 
+from planner.controller_program import SwitchRow
 from planner.grippers import GripperLink, SecondOutput
 
 Row = list[float]
@@ -108,6 +109,7 @@ class StreamJob(JobRows):
         output: "tool_digital", "standard_digital" or "configurable_digital".
         output_index, output_level: index of that output, and the level that opens the gripper.
         second: an output that changes with it; None without one.
+        switches: the outputs that are switched about the passages, in the order of their rows.
         link: how the gripper is reached where no output switches it; None: outputs do.
         gripper_fd: inherited descriptor of the connection to it; -1: none, the run lets go of nothing.
         opens_in_s: longest time from one lag after the command until such a gripper reports that it opens [s].
@@ -135,6 +137,7 @@ class StreamJob(JobRows):
     output_index: int
     output_level: bool
     second: SecondOutput | None
+    switches: list[SwitchRow]
     link: GripperLink | None
     gripper_fd: int
     opens_in_s: float
@@ -164,10 +167,12 @@ class StreamJob(JobRows):
         approach = fields.pop("approach")
         landing = fields.pop("landing")
         second = fields.pop("second")
+        switches = fields.pop("switches")
         link = fields.pop("link")
         return cls(
             **fields,
             second=None if second is None else SecondOutput(**second),
+            switches=[SwitchRow(**each) for each in switches],
             link=None if link is None else GripperLink(**link),
             approach=None if approach is None else JobRows(**approach),
             landing=None if landing is None else ExpectedLanding(**landing),
@@ -180,7 +185,7 @@ class StreamJob(JobRows):
         """
         assert self.approach is not None
         rows = vars(self.approach)
-        throws_nothing = {"output_row": -1, "release_row": len(self.approach.q) - 1, "landing": None}
+        throws_nothing = {"output_row": -1, "release_row": len(self.approach.q) - 1, "landing": None, "switches": []}
         fastest = max(abs(v) for qd in self.approach.qd for v in qd)
         tracking_max = self.tracking_max + APPROACH_LATE_S * fastest
         mode = self.mode if self.mode == "script" else "speedj"

@@ -298,6 +298,7 @@ class StreamRun:
             output_closed_s=self.held_at_s if np.isnan(closed) else closed,
             timestamp_at_zero=float(fields[shm.TIMESTAMP_AT_ZERO]),
             in_order=not failure,
+            switched_s=tuple(memory.switched[: len(self.job.switches)]),
         )
 
     def _verdict(self, failure: str) -> tuple[str, str]:

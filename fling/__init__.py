@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from fling.motion import Trajectory
     from fling.picture import plan_svg
     from fling.planning import plan, problem
-    from fling.plans import Flight, Odds, Plan, Release
-    from fling.requests import Bin, Joint, Limits, Options, Point, Pose, Target
+    from fling.plans import Edge, Flight, Odds, Passed, Plan, Release
+    from fling.requests import Bin, Joint, Limits, Options, Output, Passage, Point, Pose, Target
     from fling.ros import as_joint_trajectory
     from planner import flight, kinematics, rotations, timing
     from planner.cell import Cell
@@ -56,6 +56,7 @@ __all__ = [
     "Certificate",
     "Check",
     "Client",
+    "Edge",
     "FieldError",
     "FileRefused",
     "Flight",
@@ -66,6 +67,9 @@ __all__ = [
     "Limits",
     "Odds",
     "Options",
+    "Output",
+    "Passage",
+    "Passed",
     "Plan",
     "PlannerError",
     "Point",
@@ -107,8 +111,8 @@ _HOMES = {  # module: the public names that it holds
     "fling.motion": ("Trajectory",),
     "fling.picture": ("plan_svg",),
     "fling.planning": ("plan", "problem"),
-    "fling.plans": ("Flight", "Odds", "Plan", "Release"),
-    "fling.requests": ("Bin", "Joint", "Limits", "Options", "Point", "Pose", "Target"),
+    "fling.plans": ("Edge", "Flight", "Odds", "Passed", "Plan", "Release"),
+    "fling.requests": ("Bin", "Joint", "Limits", "Options", "Output", "Passage", "Point", "Pose", "Target"),
     "fling.ros": ("as_joint_trajectory",),
     "planner": ("flight", "kinematics", "rotations", "timing"),
     "planner.cell": ("Cell",),

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Self, Unpack
 import httpx2
 
 from fling import stop_socket
-from fling.requests import Options, Release, plain_values, request_of
+from fling.requests import Options, Request, plain_values, request_of
 from fling.this_machine import executors_folder, is_loopback_host
 from fling.tracing import trace_context
 from planner.progress import Observer, Progress
@@ -81,7 +81,7 @@ class Client:
 
     def plan(
         self,
-        request: Mapping[str, Any] | Release,
+        request: Request,
         cell: str | None = None,
         trajectory: bool = True,
         progress: Observer | None = None,
@@ -90,7 +90,7 @@ class Client:
         """Returns the stored plan of a request. An exception meanwhile, such as Ctrl-C, ends the search at the service.
 
         Args:
-            request: a release such as `fling.Target`, or all of it as `POST /plan` takes it.
+            request: a release such as `fling.Target`, a list of `fling.Passage`, or all of it as `POST /plan` takes it.
             cell: name of the cell; by default the one that the request names, or the service's.
             trajectory: whether the answer has the samples.
             progress: called with a `Progress` several times a second; what it raises ends the search.

@@ -30,6 +30,7 @@ class Trajectory(planner.trajectory.Trajectory):
         qd: velocities (N, n) [rad/s].
         qdd: accelerations (N, n) [rad/s^2].
         release_index: sample at which the object leaves; the last one for a move that ends at rest.
+        passage_indices: samples of the passages; empty: the release is the only one.
         joint_names: of the n joints; those of UR's ROS driver.
 
     Raises:
@@ -41,7 +42,9 @@ class Trajectory(planner.trajectory.Trajectory):
     def __repr__(self) -> str:
         """Returns the motion in a line."""
         samples = f"{len(self.q)} samples at {self.sample_rate_hz:g} Hz"
-        return f"<Trajectory {samples}: release at {self.release_time_s:.3f} s of {self.duration_s:.3f} s>"
+        what = "passages" if self.passage_indices else "release"
+        times = ", ".join(f"{self.t[index]:.3f}" for index in self.passed)
+        return f"<Trajectory {samples}: {what} at {times} s of {self.duration_s:.3f} s>"
 
     def to_frame(self) -> DataFrame:
         """Returns a pandas frame: one row a tick, indexed by time [s], columns such as `elbow_joint_velocity_rad_s`.
@@ -59,7 +62,7 @@ class Trajectory(planner.trajectory.Trajectory):
             csv.writer(file).writerows(self._table())
 
     def plot(self) -> Figure:
-        """Returns a matplotlib figure of position, velocity and acceleration over time, with the release.
+        """Returns a matplotlib figure of position, velocity and acceleration over time, with release and passages.
 
         Raises:
             ImportError: matplotlib is not installed.
@@ -67,11 +70,12 @@ class Trajectory(planner.trajectory.Trajectory):
         figure = _notebook_module("matplotlib.figure").Figure(figsize=(8.0, 7.0), layout="constrained")
         for axes, (name, label) in zip(figure.subplots(3, 1, sharex=True), AXES.items(), strict=True):
             axes.plot(self.t, getattr(self, name), label=self.joint_names)
-            axes.axvline(self.release_time_s, color="black", linestyle="--", linewidth=0.8)
+            for index in self.passed:
+                axes.axvline(self.t[index], color="black", linestyle="--", linewidth=0.8)
             axes.set_ylabel(label)
             axes.grid(alpha=0.3)
         figure.axes[0].legend(fontsize="small", ncols=3)
-        figure.axes[-1].set_xlabel("time [s]; dashed: release")
+        figure.axes[-1].set_xlabel("time [s]; dashed: release, or passages")
         return figure
 
     def _table(self) -> Iterator[list[Any]]:

@@ -50,6 +50,7 @@ class PlanScene:
         arms: Points (n, 3) along the arm at the start, the release and the end.
         path: Positions (N, 3) of the tool centre point.
         release_index: Sample of the release in `path`.
+        passed: Samples of the passages; without any, that of the release.
         flight: Positions (n, 3) of the object in flight; empty for a move that ends at rest.
         target: Target (3,) of the throw, None for other releases.
         opening: Mouth of the bin around the target, None without one.
@@ -59,6 +60,7 @@ class PlanScene:
     arms: tuple[Vector, ...]
     path: Vector
     release_index: int
+    passed: tuple[int, ...]
     flight: Vector
     target: Vector | None
     opening: Opening | None
@@ -93,7 +95,7 @@ def _scene(plan: Mapping[str, Any], cell: Cell) -> PlanScene:
     place = None if target is None else target.p_W
     opening = None if target is None else target.opening
     floor = cell.surroundings.floor_z_m
-    return PlanScene(arms, X_WT[:, :3, 3], k, _flight(plan, problem), place, opening, floor)
+    return PlanScene(arms, X_WT[:, :3, 3], k, trajectory.passed, _flight(plan, problem), place, opening, floor)
 
 
 def _arm(cell: Cell, q: Vector) -> Vector:
@@ -152,7 +154,7 @@ def _view(name: str, left: float, scene: PlanScene, project: Any, bin: list[Vect
     if len(scene.flight):
         parts.append(_line(to_pixels(project(scene.flight)), "flight"))
         parts.append(_dot(to_pixels(project(scene.flight[-1:])), "landing", 4))
-    parts.append(_dot(to_pixels(path[scene.release_index][None]), "let-go", 4))
+    parts += [_dot(to_pixels(path[index][None]), "let-go", 4) for index in scene.passed]
     parts += [_line(to_pixels(project(line)), "bin") for line in bin]
     if scene.target is not None:
         parts.append(_dot(to_pixels(project(scene.target[None])), "target", 8))

@@ -10,7 +10,7 @@ from uuid import uuid4
 
 from fling.cells import open_cell
 from fling.plans import Plan
-from fling.requests import Options, Release, request_of
+from fling.requests import Options, Request, request_of
 from planner import planning
 from planner.answer import iso_time, plan_document
 from planner.cell import Cell
@@ -24,14 +24,14 @@ DEFAULT_CELL = "ur5e-sim"
 
 
 def problem(
-    request: Mapping[str, Any] | Release,
+    request: Request,
     cell: Cell | str | Path | Mapping[str, Any] | None = None,
     **options: Unpack[Options],
 ) -> ThrowProblem:
     """Returns the problem that a request states, in the planner's units.
 
     Args:
-        request: a release such as `fling.Target`, or all of it as `POST /plan` takes it.
+        request: a release such as `fling.Target`, a list of `fling.Passage`, or all of it as `POST /plan` takes it.
         cell: a cell, or what `fling.open_cell` takes; by default the one that the request names, or `ur5e-sim`.
         options: what the request states beside the release.
 
@@ -41,7 +41,7 @@ def problem(
     """
     asked = request_of(request, options)
     if not isinstance(asked, Mapping):
-        reason = f"must be a release, or a mapping as `POST /plan` takes it, not {asked!r:.60}"
+        reason = f"must be a release, or a mapping as `POST /plan` takes it, or a list of passages, not {asked!r:.60}"
         raise InvalidProblem([FieldError("request", reason)])
     named = asked.get("cell") if cell is None else cell
     found = named if isinstance(named, Cell) else open_cell(DEFAULT_CELL if named is None else named)
@@ -53,7 +53,7 @@ def problem(
 
 
 def plan(
-    request: Mapping[str, Any] | Release | ThrowProblem,
+    request: Request | ThrowProblem,
     cell: Cell | str | Path | Mapping[str, Any] | None = None,
     progress: Observer | None = None,
     **options: Unpack[Options],
@@ -63,7 +63,8 @@ def plan(
     The first plan of a process takes longer: it loads the optimiser.
 
     Args:
-        request: a release such as `fling.Target`, all of it as `POST /plan` takes it, or a problem.
+        request: a release such as `fling.Target`, a list of `fling.Passage`, all of it as `POST /plan` takes it, or a
+            problem.
         cell: a cell, or what `fling.open_cell` takes; by default the one that the request names, or `ur5e-sim`.
         progress: called with a `Progress` at each step of the search, and decides nothing; what it raises ends the
             search.

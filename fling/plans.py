@@ -14,7 +14,7 @@ import numpy as np
 from fling.cells import open_cell
 from fling.motion import Trajectory
 from fling.picture import STYLE, plan_svg
-from planner.answer import Attempt
+from planner.answer import Attempt, passing_text
 from planner.arrays import Array
 from planner.cell import Cell
 from planner.certificate import Certificate, Check
@@ -23,7 +23,7 @@ from planner.planning import Plan as Planned
 from planner.problem import ThrowProblem
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Release:
     """The state in which the object leaves the tool, in the world.
 
@@ -55,6 +55,37 @@ class Release:
     def speed_m_s(self) -> float:
         """Speed of the tool centre point [m/s]."""
         return float(np.linalg.norm(self.linear))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Edge:
+    """An output that switches about a passage; times are on the plan's clock [s].
+
+    Attributes:
+        output, index, level, offset_s: as in the request.
+        command_time_s: when it is commanded.
+        edge_time_s: when it changes.
+    """
+
+    output: str
+    index: int
+    level: bool
+    offset_s: float
+    command_time_s: float
+    edge_time_s: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Passed(Release):
+    """A passage of the motion; `command_time_s` is None where nothing is let go.
+
+    Attributes:
+        name: as in the request.
+        edges: its outputs, in the order of the request.
+    """
+
+    name: str
+    edges: tuple[Edge, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,28 +195,29 @@ class Plan:
         return self.document["duration_s"]
 
     @property
-    def release_time_s(self) -> float:
-        """Time of the release [s]."""
+    def release_time_s(self) -> float | None:
+        """Time of the release [s]; None for passages that let nothing go."""
         return self.document["release_time_s"]
 
     @cached_property
-    def release(self) -> Release:
-        """The state in which the object leaves the tool."""
+    def release(self) -> Release | None:
+        """The state in which the object leaves the tool; None for passages that let nothing go."""
         found = self.document["release"]
-        pose = found["pose"]
-        twist = found["twist"]
-        return Release(
-            time_s=self.release_time_s,
-            command_time_s=found["command_time_s"],
-            index=found["index"],
-            q=np.array(found["positions"]),
-            qd=np.array(found["velocities"]),
-            qdd=np.array(found["accelerations"]),
-            position=np.array(pose["position"]),
-            quaternion=np.array(pose["quaternion"]),
-            rotation_vector=np.array(pose["rotation_vector"]),
-            linear=np.array(twist["linear"]),
-            angular=np.array(twist["angular"]),
+        if found is None:
+            return None
+        return Release(**_passed(found), time_s=self.document["release_time_s"])
+
+    @cached_property
+    def passages(self) -> tuple[Passed, ...]:
+        """The passages in their order; none where a release alone was asked for."""
+        return tuple(
+            Passed(
+                **_passed(found),
+                time_s=found["time_s"],
+                name=found["name"],
+                edges=tuple(Edge(**edge) for edge in found["outputs"]),
+            )
+            for found in self.document.get("passages", ())
         )
 
     @cached_property
@@ -233,16 +265,20 @@ class Plan:
         if self.planned is not None:
             motion = self.planned.trajectory
             names = self.planned.problem.cell.robot.joint_names
-            return Trajectory(motion.sample_rate_hz, motion.q, motion.qd, motion.qdd, motion.release_index, names)
+            samples = (motion.sample_rate_hz, motion.q, motion.qd, motion.qdd)
+            return Trajectory(*samples, motion.release_index, names, passage_indices=motion.passage_indices)
         found = self.document.get("trajectory")
         if found is None:
             raise ValueError("the plan has no trajectory; ask for it without trajectory=False")
+        passages = self.document.get("passages", ())
+        release = self.document["release"]
         return Trajectory(
             sample_rate_hz=self.document["sample_rate_hz"],
             q=np.array(found["positions"], float),
             qd=np.array(found["velocities"], float),
             qdd=np.array(found["accelerations"], float),
-            release_index=self.document["release"]["index"],
+            release_index=(release or passages[-1])["index"],
+            passage_indices=tuple(passage["index"] for passage in passages),
             joint_names=tuple(found["joint_names"]),
         )
 
@@ -270,8 +306,12 @@ class Plan:
 
     def _facts(self) -> dict[str, str]:
         """Returns what the plan is in a few words each, by name."""
-        release = f"at {self.release_time_s:.3f} s of {self.duration_s:.3f} s, {self.release.speed_m_s:.2f} m/s"
-        facts = {"Cell": self.cell, "Release": f"{self.request['release']['kind']} {release}"}
+        facts = {"Cell": self.cell}
+        if self.passages or self.release is None:
+            facts["Passages"] = passing_text(self.document)
+        else:
+            release = f"at {self.release.time_s:.3f} s of {self.duration_s:.3f} s, {self.release.speed_m_s:.2f} m/s"
+            facts["Release"] = f"{self.request['release']['kind']} {release}"
         if self.flight is not None:
             facts["Landing"] = _landing_text(self.flight)
         if self.odds is not None:
@@ -280,6 +320,18 @@ class Plan:
         facts["Certificate"] = f"valid, {count} checks" if self.document["certificate"]["valid"] else "not valid"
         facts["Found by"] = f"{self.backend} in {1e3 * self.solve_time_s:.0f} ms"
         return facts
+
+
+def _passed(found: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns the attributes of a `Release`, but its time."""
+    return {
+        "index": found["index"],
+        "command_time_s": found["command_time_s"],
+        "q": np.array(found["positions"]),
+        "qd": np.array(found["velocities"]),
+        "qdd": np.array(found["accelerations"]),
+        **{name: np.array(values) for name, values in {**found["pose"], **found["twist"]}.items()},
+    }
 
 
 def _landing_text(flight: Flight) -> str:

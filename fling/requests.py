@@ -1,8 +1,10 @@
 """Requests as typed objects: what a motion must pass, and what it is to respect.
 
-A release is one of `Joint`, `Pose`, `Point` and `Target`; their fields are those of `POST /plan`, with the same units::
+A release is one of `Joint`, `Pose`, `Point` and `Target`; their fields are those of `POST /plan`, with the same units.
+A list of `Passage` is passed one after another::
 
     fling.plan(fling.Target([1.2, 0.3, 0.0]), "ur5e-sim", release_window_s=0.01)
+    fling.plan([fling.Passage("camera", fling.Point([0.5, 0.2, 0.6], [0.8, 0.3, 0.6]))], end={"kind": "home"})
 """
 
 from __future__ import annotations
@@ -31,6 +33,7 @@ class Options(TypedDict, total=False):
     """What a request may state beside its release; `POST /plan` says what an absent field means."""
 
     start: Numbers | Mapping[str, Any]  # joint positions (6,) [rad]; default: the cell's home
+    end: Mapping[str, Any]  # of passages: where they come to rest; default: anywhere
     frame: Literal["world", "base"]  # of positions and velocities in the request
     backend: Backend
     limits: Limits
@@ -149,19 +152,71 @@ class Target:
 Release = Joint | Pose | Point | Target
 
 
-def request_of(asked: Mapping[str, Any] | Release, options: Mapping[str, Any]) -> Any:
+@dataclass(frozen=True)
+class Output:
+    """A digital output that switches about a passage.
+
+    Attributes:
+        output: "standard_digital", "configurable_digital" or "tool_digital".
+        index: number of the output.
+        level: that it changes to.
+        offset_s: from the passage to the edge [s]; negative before it.
+    """
+
+    output: str
+    index: int
+    level: bool = True
+    offset_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Passage:
+    """A state to pass, and what switches about it.
+
+    Attributes:
+        name: of its own in the motion.
+        state: to be passed.
+        outputs: what switches about it.
+        releases: whether the object leaves the tool there.
+        at_s: time from the motion's start [s].
+        not_before_s: earliest time from the motion's start [s].
+    """
+
+    name: str
+    state: Release
+    outputs: Sequence[Output] = ()
+    releases: bool = False
+    at_s: float | None = None
+    not_before_s: float | None = None
+
+    def as_document(self) -> dict[str, Any]:
+        """Returns the passage as JSON."""
+        given = _given({"at_s": self.at_s, "not_before_s": self.not_before_s, "releases": self.releases or None})
+        outputs = [vars(output) for output in self.outputs]
+        return plain_values({"name": self.name, "state": self.state.as_document(), "outputs": outputs, **given})
+
+
+Request = Mapping[str, Any] | Release | Sequence[Passage]
+
+
+def request_of(asked: Request, options: Mapping[str, Any]) -> Any:
     """Returns a request in the shape of `POST /plan`, in plain values: a release or a request, and options to it.
 
-    What is neither a release nor a request stays, for the planner's own refusal to name it.
+    What is neither a release, nor passages, nor a request stays, for the planner's own refusal to name it.
     """
     if isinstance(asked, Release):
         return request_of({"release": asked}, options)
+    if isinstance(asked, list | tuple):
+        return request_of({"passages": asked}, options)
     if not isinstance(asked, Mapping):
         return asked
     request = {**asked, **options}
     release = request.get("release")
     if isinstance(release, Release):
         request["release"] = release.as_document()
+    passages = request.get("passages")
+    if isinstance(passages, list | tuple):
+        request["passages"] = [each.as_document() if isinstance(each, Passage) else each for each in passages]
     start = request.get("start")
     if "start" in options and start is not None and not isinstance(start, Mapping):
         request["start"] = {"positions": start}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -17,6 +17,7 @@ from planner.errors import CUT_SHORT, FieldError, InvalidProblem
 from planner.flight import Flight, landing_per_release_delay, path
 from planner.geometry import tool_state
 from planner.kinematics import tcp_acceleration
+from planner.passages import output_edges
 from planner.problem import ThrowProblem
 from planner.request import problem_from_request
 from planner.rotations import matrix_to_quaternion, matrix_to_rotation_vector
@@ -85,8 +86,7 @@ def plan_document(plan: Plan, request: Mapping[str, Any], plan_id: str, created_
         "backend": plan.backend,
         "sample_rate_hz": trajectory.sample_rate_hz,
         "duration_s": trajectory.duration_s,
-        "release_time_s": trajectory.release_time_s,
-        "release": _release(plan.problem, trajectory),
+        **_passed(plan.problem, trajectory),
         "flight": _flight(plan.problem, trajectory),
         "way_home": {"duration_s": plan.way_home.duration_s},
         "trajectory": _samples(cell, trajectory),
@@ -102,6 +102,16 @@ def plan_document(plan: Plan, request: Mapping[str, Any], plan_id: str, created_
             "attempts": [attempt.__dict__ for attempt in plan.attempts],
         },
     }
+
+
+def passing_text(document: Mapping[str, Any]) -> str:
+    """Returns in words when a plan passes what it was asked to pass: the release; without one, its passages."""
+    end = f"of {document['duration_s']:.3f} s"
+    if document["release_time_s"] is not None:
+        return f"release after {document['release_time_s']:.3f} s {end}"
+    passages = document["passages"]
+    times = ", ".join(f"{each['time_s']:.3f}" for each in passages)
+    return f"{'passage' if len(passages) == 1 else 'passages'} after {times} s {end}"
 
 
 def iso_time(at: float) -> str:
@@ -127,8 +137,44 @@ def _samples(cell: Cell, trajectory: Trajectory) -> dict[str, Any]:
     }
 
 
-def _release(problem: ThrowProblem, trajectory: Trajectory) -> dict[str, Any]:
-    k = trajectory.release_index
+def _passed(problem: ThrowProblem, trajectory: Trajectory) -> dict[str, Any]:
+    """Returns what a plan says of its release, null where passages without one are asked for, and of its passages."""
+    release = None
+    if problem.throws or not problem.passages:
+        release = _state(problem, trajectory, trajectory.release_index, problem.throws)
+    document = {"release_time_s": None if release is None else trajectory.release_time_s, "release": release}
+    if problem.passages:
+        document["passages"] = _passages(problem, trajectory)
+    return document
+
+
+def _passages(problem: ThrowProblem, trajectory: Trajectory) -> list[dict[str, Any]]:
+    """Returns the passages with their states and their outputs' times, in their order."""
+    edges = output_edges(problem.cell, problem.passages, trajectory)
+    return [
+        {
+            "name": passage.name,
+            **_state(problem, trajectory, index, passage.releases),
+            "end_index": index,  # a state is passed in an instant
+            "time_s": index / trajectory.sample_rate_hz,
+            "releases": passage.releases,
+            "outputs": [
+                {
+                    **asdict(edge.switch),
+                    "command_time_s": edge.command_time_s,
+                    "edge_time_s": edge.edge_time_s,
+                }
+                for switch in passage.outputs
+                for edge in edges
+                if edge.switch is switch
+            ],
+        }
+        for passage, index in zip(problem.passages, trajectory.passed, strict=True)
+    ]
+
+
+def _state(problem: ThrowProblem, trajectory: Trajectory, k: int, lets_go: bool) -> dict[str, Any]:
+    """Returns the state at a sample, and when the gripper is told to open for it; None where it is not."""
     X_WT, V_WT = tool_state(problem.cell, trajectory.q[k], trajectory.qd[k])
     return {
         "index": k,
@@ -141,7 +187,7 @@ def _release(problem: ThrowProblem, trajectory: Trajectory) -> dict[str, Any]:
             "rotation_vector": matrix_to_rotation_vector(X_WT[:3, :3]).tolist(),
         },
         "twist": {"linear": V_WT[:3].tolist(), "angular": V_WT[3:].tolist()},
-        "command_time_s": None if problem.ends_at_rest else command_time(problem.cell, trajectory.release_time_s),
+        "command_time_s": command_time(problem.cell, k / trajectory.sample_rate_hz) if lets_go else None,
     }
 
 
@@ -218,8 +264,13 @@ def plan_from_document(document: Mapping[str, Any], cell: Cell) -> tuple[ThrowPr
     try:
         samples = document["trajectory"]
         arrays = [np.array(samples[name], float) for name in ("positions", "velocities", "accelerations")]
-        trajectory = Trajectory(float(document["sample_rate_hz"]), *arrays, release_index=document["release"]["index"])
-    except (KeyError, ValueError, TypeError) as error:
+        passed = tuple(each["index"] for each in document.get("passages", ()))
+        release = document["release"]
+        release_index = passed[-1] if release is None else release["index"]
+        trajectory = Trajectory(
+            float(document["sample_rate_hz"]), *arrays, release_index=release_index, passage_indices=passed
+        )
+    except (KeyError, IndexError, ValueError, TypeError) as error:
         raise InvalidProblem([FieldError("trajectory", str(error))]) from error
     return problem, trajectory
 
@@ -256,7 +307,7 @@ def aimed_problem(problem: ThrowProblem, shift: Array) -> ThrowProblem:
     if target is None or not shift.any():
         return problem
     aim = replace(target, p_W=target.p_W + shift)
-    return replace(problem, release=problem.release.with_target(aim), aim_shift=problem.aim_shift + shift)
+    return replace(problem.with_release(problem.release.with_target(aim)), aim_shift=problem.aim_shift + shift)
 
 
 def _as_the_flight_says(cell: Cell, flight: Mapping[str, Any]) -> Cell:

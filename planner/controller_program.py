@@ -1,7 +1,7 @@
 """A certified motion as one URScript program, which runs inside the controller: nothing is streamed.
 
 A row is one line: the joint speeds of a cycle, and how long the verified brake from there takes. The program sends a
-row a cycle by speedj, switches the gripper's output at its row, and flies the brake of the present row where that is
+row a cycle by speedj, switches outputs at their rows, and flies the brake of the present row where that is
 asked for. It stops the arm at once where the controller's own target has left the motion: no brake is verified there. A
 *watched* program begins when an RTDE client tells it to, and stops the arm, too, once that client has not raised its
 heartbeat for the dead-man time; one for the pendant has no such client (docs/decisions/0029-script-mode.md).
@@ -72,6 +72,21 @@ class GripperEdge:
         return f"{SET_OUTPUT[self.output]}({self.index}, {self.open_level == opens})"
 
 
+@dataclass(frozen=True)
+class SwitchRow:
+    """A digital output that is switched with a row."""
+
+    row: int
+    output: str
+    index: int
+    level: bool
+
+    @property
+    def text(self) -> str:
+        """The statement that switches it."""
+        return f"{SET_OUTPUT[self.output]}({self.index}, {self.level})"
+
+
 @dataclass(frozen=True, kw_only=True)
 class Watch:
     """The RTDE client of a watched program.
@@ -98,6 +113,7 @@ class ControllerProgram:
         rest_ticks: ticks at rest after a brake, in which the measured motion comes to its end.
         acceleration: argument of speedj [rad/s^2].
         gripper: the output; row -1 where nothing is thrown.
+        switches: further outputs, in the order of their rows; a stop gives those that were switched their last level.
     """
 
     start: Sequence[float]
@@ -108,6 +124,7 @@ class ControllerProgram:
     rest_ticks: int
     acceleration: float
     gripper: GripperEdge
+    switches: Sequence[SwitchRow] = ()
 
     def __post_init__(self) -> None:
         if len(self.qd) > ROWS_MAX:
@@ -129,8 +146,8 @@ class ControllerProgram:
             header: lines of comment that come first.
         """
         rows = [
-            f"  follow([{', '.join(f'{v:.6f}' for v in qd)}], {ticks})"
-            for qd, ticks in zip(self.qd, self.brake_ticks, strict=True)
+            f"{self._switching(number)}  follow([{', '.join(f'{v:.6f}' for v in qd)}], {ticks})"
+            for number, (qd, ticks) in enumerate(zip(self.qd, self.brake_ticks, strict=True))
         ]
         parts = [
             *(f"# {line}".rstrip() for line in header),
@@ -163,10 +180,20 @@ class ControllerProgram:
             "go": watch.run + GO,
         }
 
+    def _switching(self, row: int) -> str:
+        """Returns what switches the further outputs with a row."""
+        due = [f"    {switch.text}\n" for switch in self.switches if switch.row == row]
+        return f"  if not braking:\n{''.join(due)}  end\n" if due else ""
+
     def _closing(self, indent: str) -> str:
-        """Returns what closes the gripper again while it holds the object."""
+        """Returns what closes the gripper again while it holds the object, and ends the switching of outputs."""
         gripper = self.gripper
         lines = [f"if opened and row < {gripper.closes_until}:", f"  {gripper.text(False)}", "end"]
+        last = {(switch.output, switch.index): switch for switch in self.switches}
+        for switch in last.values():
+            own = [each for each in self.switches if (each.output, each.index) == (switch.output, switch.index)]
+            if len(own) > 1:
+                lines += [f"if row + 1 >= {own[0].row} and row < {switch.row}:", f"  {switch.text}", "end"]
         return "\n".join(indent + line for line in lines)
 
     def _give_up(self, watch: Watch | None) -> str:

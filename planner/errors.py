@@ -16,7 +16,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from reprlib import Repr
 from typing import Any
 
@@ -162,6 +162,10 @@ class Violation:
     at_s: float | None = None
     detail: str = ""
     proven: bool = False
+
+    def within(self, where: str) -> Violation:
+        """Returns the violation with the part of a motion that it is about, in words."""
+        return replace(self, detail=f"{where}: {self.detail}" if self.detail else where)
 
     def __str__(self) -> str:
         if self.value is None or self.limit is None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from itertools import islice
 from typing import Any, Protocol
@@ -143,6 +143,58 @@ class Yes:
 
 
 @dataclass(frozen=True)
+class Whole:
+    """A whole number within bounds."""
+
+    least: int
+    most: int
+
+    def read(self, value: Any, path: str, errors: list[FieldError]) -> int | None:
+        """Returns the whole number."""
+        number = Number(self.least, self.most).read(value, path, errors)
+        if number is None or number == int(number):
+            return None if number is None else int(number)
+        errors.append(FieldError(path, f"must be a whole number; it is {shown(value)}"))
+        return None
+
+
+@dataclass(frozen=True)
+class Flag:
+    """True or false."""
+
+    def read(self, value: Any, path: str, errors: list[FieldError]) -> bool | None:
+        """Returns the value."""
+        if isinstance(value, bool):
+            return value
+        errors.append(FieldError(path, f"must be true or false; it is {shown(value)}"))
+        return None
+
+
+@dataclass(frozen=True)
+class RecordList:
+    """A list of records.
+
+    Attributes:
+        record: of each entry.
+        least, most: how many there may be.
+    """
+
+    record: Record
+    least: int
+    most: int
+
+    def read(self, value: Any, path: str, errors: list[FieldError]) -> list[dict[str, Any]] | None:
+        """Returns the fields of each entry."""
+        if not is_list(value):
+            errors.append(FieldError(path, f"must be a list, not {named(value)}"))
+            return None
+        if not self.least <= len(value) <= self.most:
+            errors.append(FieldError(path, f"has {len(value)} entries; it may have {self.least} to {self.most}"))
+            return None
+        return [self.record.read(entry, f"{path}[{i}]", errors) for i, entry in enumerate(value)]
+
+
+@dataclass(frozen=True)
 class Field:
     """A field of a record.
 
@@ -179,12 +231,14 @@ class Record:
         fields: by name.
         rule: refuses values that do not fit each other, given those of all fields, the path of the record's fields, and
             the errors.
+        planned: names of further fields that are not supported yet, each with the reason of its refusal.
     """
 
     name: str
     text: str
     fields: Mapping[str, Field]
     rule: Callable[[dict[str, Any], str, list[FieldError]], None] | None = None
+    planned: Mapping[str, str] = field(default_factory=dict)
 
     def read(self, value: Any, path: str, errors: list[FieldError]) -> dict[str, Any]:
         """Returns the fields that are there and not refused, defaults filled in."""
@@ -194,18 +248,20 @@ class Record:
         before = len(errors)
         prefix = f"{path}." if path else ""
         found: dict[str, Any] = {}
-        for name, field in self.fields.items():
-            if name not in value and field.is_required:
+        for name, each in self.fields.items():
+            if name not in value and each.is_required:
                 errors.append(FieldError(prefix + name, "is missing"))
                 continue
-            entry = value.get(name, field.default)
-            if entry is None and field.is_nullable:
+            entry = value.get(name, each.default)
+            if entry is None and each.is_nullable:
                 continue
-            entry = field.shape.read(entry, prefix + name, errors)
+            entry = each.shape.read(entry, prefix + name, errors)
             if entry is not None:
                 found[name] = entry
         unknown = islice((str(name) for name in value if name not in self.fields), ERRORS_MAX)
-        errors.extend(FieldError(prefix + short_name(name), unknown_field(name, self.fields)) for name in unknown)
+        for name in unknown:
+            reason = self.planned.get(name) or unknown_field(name, self.fields)
+            errors.append(FieldError(prefix + short_name(name), reason))
         if self.rule is not None and len(errors) == before:
             self.rule(found, path, errors)
         return found
@@ -232,7 +288,7 @@ class Kinds:
         """Returns the record of a kind, with its field `kind`."""
         record = self.records[kind]
         which = required(Choice((kind,)), "")
-        return Record(record.name, record.text, {"kind": which, **record.fields}, record.rule)
+        return replace(record, fields={"kind": which, **record.fields})
 
 
 def unknown_field(name: str, known: Mapping[str, Any]) -> str:

@@ -17,6 +17,7 @@ from planner.search import (
     best_with_way_home,
     load_libraries,
     search_candidates,
+    search_chain,
     search_with_stop,
 )
 from planner.seeds import Candidate, NoCandidates, ReleaseState, candidates, neighbour_candidates
@@ -65,14 +66,13 @@ def plan(problem: ThrowProblem, hints: SearchHints = ORDINARY) -> Plan:
     hints.meter.begin("search")
     try:
         refuse_impossible(problem)
-        found = _candidates(search, hints.releases)
-        search_candidates(search, found)
-        search.note_end()
-        if search.best is None and problem.backend == "auto" and not hints.releases:
-            search_with_stop(search, found)
+        if problem.is_chain:
+            search_chain(search)
+        else:
+            _search_release(search, hints.releases)
         best, way_home = best_with_way_home(search)
     except (Infeasible, SolverFailed) as refusal:
-        if hints.offers_nearest:
+        if hints.offers_nearest and not problem.is_chain:
             hints.meter.begin("nearest")
             _offer_nearest(refusal, search)
         raise
@@ -88,6 +88,24 @@ def plan(problem: ThrowProblem, hints: SearchHints = ORDINARY) -> Plan:
         way_home=way_home,
         was_cut_short=search.was_cut_short,
     )
+
+
+def _search_release(search: PlanningSearch, releases: Sequence[ReleaseState]) -> None:
+    """Searches for the soonest motion that passes the one state of a problem.
+
+    Args:
+        search: updated in place.
+        releases: of `SearchHints`.
+
+    Raises:
+        Infeasible: there are no candidates.
+        SolverFailed: the deadline passed before one was found.
+    """
+    found = _candidates(search, releases)
+    search_candidates(search, found)
+    search.note_end()
+    if search.best is None and search.problem.backend == "auto" and not releases:
+        search_with_stop(search, found)
 
 
 def _candidates(search: PlanningSearch, releases: Sequence[ReleaseState]) -> list[Candidate]:

@@ -25,6 +25,7 @@ from planner.geometry import (
     point_segment_distance,
     segment_shape_distance,
 )
+from planner.passages import Passage, passage_errors, with_main_state
 from planner.releases import JointRelease, Opening, PointRelease, PoseRelease, Release, Target, TargetRelease
 from planner.rotations import unit_hint
 
@@ -42,6 +43,7 @@ __all__ = [
 ]
 
 BACKENDS = ("auto", "casadi", "ruckig", "toppra", "cubic", "trapezoid", "ramp")
+CHAIN_BACKENDS = ("auto", "ruckig")  # that make motions of several passages, or to a given end
 # [s] default time limit: a search ends by its budgets of work. It took at most 3 s of processor time in 250 requests; a
 # planner process of lower priority beside twelve busy ones takes up to twenty times as long, one of a batch longer.
 TIME_LIMIT_S = 120.0
@@ -57,7 +59,8 @@ class ThrowProblem:
     Attributes:
         cell: the robot station.
         start: joint positions at rest (6,) [rad].
-        release: what is required of the release, see `planner.releases`.
+        release: what is required of the release, see `planner.releases`. With `passages`, the state of the one that
+            lets the object go; without such a one, that of the last.
         limits: the cell's, tightened by the request.
         release_window_s: largest deviation of the release time for which the landing tolerance must hold [s].
         landing_tolerance_m: landing error allowed in the window [m]; 0: only the nominal release counts.
@@ -66,6 +69,8 @@ class ThrowProblem:
         holds_object: whether the object is in the tool until the release; False for a way home after a throw.
         aim_shift: by how much the release's target, the aim, lies off the real one (3,), so that a learnt cell hits
             that [m]. The bin stands about the real one.
+        passages: the states to pass one after another; empty: the release alone.
+        end: state at rest in which the motion ends; None: anywhere.
 
     Raises:
         InvalidProblem: every field that contradicts another field or the cell.
@@ -81,12 +86,17 @@ class ThrowProblem:
     time_limit_s: float = TIME_LIMIT_S
     holds_object: bool = True
     aim_shift: Array = field(default_factory=lambda: np.zeros(3))
+    passages: tuple[Passage, ...] = ()
+    end: Release | None = None
 
     def __post_init__(self) -> None:
         errors = [*_limit_errors(self.limits, self.cell), *_start_errors(self.start, self.limits)]
-        errors += self.release.errors(self.cell)
+        errors += passage_errors(self.passages, self.cell) if self.passages else self.release.errors(self.cell)
         if self.backend not in BACKENDS:
             errors.append(FieldError("backend", f"{self.backend!r} is not one of {', '.join(BACKENDS)}"))
+        elif self.is_chain and self.backend not in CHAIN_BACKENDS:
+            reason = f"{self.backend!r} makes no motion through several states; give {' or '.join(CHAIN_BACKENDS)}"
+            errors.append(FieldError("backend", reason))
         if not 0.0 < self.time_limit_s <= TIME_LIMIT_MAX_S:
             errors.append(FieldError("time_limit_s", f"{self.time_limit_s} is not in (0, {TIME_LIMIT_MAX_S:g}] s"))
         if errors:
@@ -124,6 +134,26 @@ class ThrowProblem:
     def ends_at_rest(self) -> bool:
         """Whether the release state is at rest; such a move throws nothing and has an empty brake."""
         return self.release.is_at_rest
+
+    @cached_property
+    def throws(self) -> bool:
+        """Whether the object leaves the tool; otherwise there is no flight, and what was held is held to the end."""
+        lets_go = not self.passages or any(passage.releases for passage in self.passages)
+        return lets_go and not self.ends_at_rest
+
+    @property
+    def is_chain(self) -> bool:
+        """Whether the motion passes more than one state, passes one at a given time, or ends in a given one."""
+        return len(self.passages) > 1 or self.end is not None or any(each.is_timed for each in self.passages)
+
+    def with_release(self, release: Release) -> ThrowProblem:
+        """Returns the problem with another release."""
+        passages = with_main_state(self.passages, release) if self.passages else ()
+        return replace(self, release=release, passages=passages)
+
+    def through(self, state: Release, releases: bool) -> ThrowProblem:
+        """Returns the problem of passing one state alone, with or without letting the object go there."""
+        return replace(self, release=state, passages=(Passage("", state, releases=releases),), end=None)
 
     @property
     def fixes_joints(self) -> bool:
@@ -241,7 +271,7 @@ class ThrowProblem:
     @property
     def is_robust(self) -> bool:
         """Whether the landing tolerance must hold for a window of release times."""
-        return self.release_window_s > 0.0 and self.landing_tolerance_m > 0.0 and not self.ends_at_rest
+        return self.release_window_s > 0.0 and self.landing_tolerance_m > 0.0 and self.throws
 
     @property
     def planned_window_s(self) -> float:
@@ -255,7 +285,7 @@ class ThrowProblem:
         The object has to leave and fly clear of everything after a release at any of these times; where it lands counts
         in the window alone. 0 for a move, or without the object.
         """
-        if self.ends_at_rest or not self.holds_object:
+        if not self.throws or not self.holds_object:
             return 0.0
         return max(self.planned_window_s, JITTER_DEVIATIONS * self.cell.gripper.jitter_s)
 

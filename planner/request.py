@@ -17,7 +17,17 @@ import numpy as np
 from planner.arrays import Array, read_only
 from planner.cell import Cell, Limits
 from planner.errors import FieldError, InvalidProblem, figures
-from planner.fields import Choice, Field, Kinds, Number, PerJoint, Record, Text, Vector, Yes, required
+from planner.fields import Choice, Field, Kinds, Number, PerJoint, Record, Text, Vector, Yes
+from planner.passages import (
+    END,
+    NOT_YET,
+    PASSAGES,
+    end_document,
+    end_from_json,
+    main_state,
+    passage_document,
+    passages_from_json,
+)
 from planner.problem import (
     BACKENDS,
     JITTER_DEVIATIONS,
@@ -46,12 +56,24 @@ def _check_start(given: dict[str, Any], path: str, errors: list[FieldError]) -> 
         errors.append(FieldError(path, "give either positions or current"))
 
 
-def _check_odds(given: dict[str, Any], path: str, errors: list[FieldError]) -> None:
+def _check_motion(given: dict[str, Any], path: str, errors: list[FieldError]) -> None:
+    """Refuses a motion that is not stated in one way, and odds of one that aims at nothing."""
+    prefix = f"{path}." if path else ""
+    if "passages" not in given:
+        if "release" not in given:
+            errors.append(FieldError(f"{prefix}release", "is missing; or give passages"))
+            return
+        if "end" in given:
+            errors.append(FieldError(f"{prefix}end", "is for a motion of passages"))
+    elif "release" in given:
+        errors.append(FieldError(f"{prefix}release", "give either release or passages"))
+        return
     asked = given.get("min_hit_probability", 0.0)
-    if asked > 0.0 and not KINDS[given["release"]["kind"]].aims:
+    states = [given["release"]] if "release" in given else [each["state"] for each in given["passages"]]
+    if asked > 0.0 and not any(KINDS[state["kind"]].aims for state in states):
         aiming = " or ".join(name for name, kind in KINDS.items() if kind.aims)
         reason = f"{asked:g} is for a release of kind {aiming}: the others have nothing to hit"
-        errors.append(FieldError(f"{path}.min_hit_probability".lstrip("."), reason))
+        errors.append(FieldError(f"{prefix}min_hit_probability", reason))
 
 
 START = Record(
@@ -62,6 +84,7 @@ START = Record(
         "current": Field(Yes(), "true: the current joint positions, as the cell's executor reports them."),
     },
     _check_start,
+    planned=dict.fromkeys(("velocities", "accelerations", "execution", "at_s"), f"{NOT_YET}: a motion starts at rest"),
 )
 LIMITS = Record(
     "RequestLimits",
@@ -78,10 +101,15 @@ PLAN_REQUEST = Record(
     {
         "cell": Field(Text(CELL_NAME_MAX), "Name of the cell; absent: the service's default cell."),
         "start": Field(START, "Start of the launch; absent: the cell's home."),
-        "release": required(
+        "release": Field(
             Kinds({name: kind.record for name, kind in KINDS.items()}),
-            "The state to pass or the point to hit: one of four kinds.",
+            "The state to pass or the point to hit: one of four kinds. It is short for one passage that releases; give "
+            "either.",
         ),
+        "passages": Field(
+            PASSAGES, "States to pass one after another, as fast as the limits allow, and the outputs about them."
+        ),
+        "end": Field(END, "Where a motion of passages comes to rest; absent: anywhere."),
         "frame": Field(
             Choice(("world", "base")), "Frame of positions and velocities in this request.", default="world"
         ),
@@ -115,7 +143,7 @@ PLAN_REQUEST = Record(
             "search ends, the best motion so far can be the plan: its `solver.status` then says so.",
         ),
     },
-    _check_odds,
+    _check_motion,
 )
 
 
@@ -155,7 +183,11 @@ def problem_from_request(request: Mapping[str, Any], cell: Cell) -> ThrowProblem
     if errors:
         raise InvalidProblem(errors)
     X_WR = cell.X_WB if asked["frame"] == "base" else np.eye(4)  # R: the frame of the request
-    release = KINDS[asked["release"]["kind"]].from_json(asked["release"], X_WR)
+    passages = passages_from_json(asked.get("passages", ()), X_WR)
+    if passages:
+        release = main_state(passages)
+    else:
+        release = KINDS[asked["release"]["kind"]].from_json(asked["release"], X_WR)
     window_s, tolerance_m = _window(asked, release, cell)
     return ThrowProblem(
         cell=cell,
@@ -166,16 +198,22 @@ def problem_from_request(request: Mapping[str, Any], cell: Cell) -> ThrowProblem
         landing_tolerance_m=tolerance_m,
         backend=asked["backend"],
         time_limit_s=asked.get("time_limit_s", TIME_LIMIT_S),
+        passages=passages,
+        end=end_from_json(asked["end"], cell.home, X_WR) if "end" in asked else None,
     )
 
 
 def request_document(problem: ThrowProblem, release: Release) -> dict[str, Any]:
     """Returns the request that states `problem` with another release, in the shape of `POST /plan`."""
     limits = problem.limits
+    motion: dict[str, Any] = {"release": release_document(release)}
+    if problem.passages:
+        passages = problem.with_release(release).passages
+        motion = {"passages": [passage_document(each) for each in passages], "end": end_document(problem.end)}
     return {
         "cell": problem.cell.name,
         "start": {"positions": problem.start.tolist()},
-        "release": release_document(release),
+        **motion,
         "frame": "world",
         "backend": problem.backend,
         "limits": {name: getattr(limits, attribute).tolist() for name, (attribute, _) in LIMIT_FIELDS.items()},

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +11,8 @@ from numpy.typing import NDArray
 
 from planner.approach import Brakes
 from planner.cell import Cell
-from planner.controller_program import ROWS_MAX, STRIDE_MAX_S, ControllerProgram, GripperEdge, NoProgram
+from planner.controller_program import ROWS_MAX, STRIDE_MAX_S, ControllerProgram, GripperEdge, NoProgram, SwitchRow
+from planner.passages import OutputEdge
 from planner.trajectory import Trajectory
 
 Vector = NDArray[np.float64]
@@ -28,7 +30,8 @@ class StreamRows:
         q, qd, qdd: (M, 6) [rad, rad/s, rad/s^2].
         reference_q, reference_qd: (M, 6) one lag earlier [rad, rad/s].
         release_row: row nearest to the release.
-        output_row: row with which the gripper's output is switched; -1 for a move that ends at rest.
+        output_row: row with which the gripper's output is switched; -1 for a motion that throws nothing.
+        switches: the outputs of the passages, in the order of the edges.
     """
 
     first_clock_s: float
@@ -39,20 +42,31 @@ class StreamRows:
     reference_qd: Vector
     release_row: int
     output_row: int
+    switches: tuple[SwitchRow, ...] = ()
 
 
-def sample_rows(cell: Cell, trajectory: Trajectory, throws: bool) -> StreamRows:
-    """Samples a motion, at rest before and after, so that the gripper's command falls on a tick exactly.
+def sample_rows(cell: Cell, trajectory: Trajectory, throws: bool, edges: Sequence[OutputEdge] = ()) -> StreamRows:
+    """Samples a motion, at rest before and after, so that one command falls on a tick exactly.
 
-    Rows are on the plan's clock, on which the motion is measured; a row is sent one lag earlier, and so is the
-    gripper's command: at release - delay - lag, the plan's `command_time_s` (docs/conventions.md, Time).
+    That is the gripper's; without a throw, the first of the outputs about the passages. Other outputs are switched with
+    the nearest row. Rows are on the plan's clock, on which the motion is measured; a row is sent one lag earlier, and
+    so is an output's command: the gripper's at release - delay - lag, the plan's `command_time_s` (docs/conventions.md,
+    Time).
+
+    Args:
+        cell: the robot station.
+        trajectory: of the motion.
+        throws: whether the gripper opens.
+        edges: of the outputs about the passages.
     """
     dt = trajectory.dt
     lag = cell.timing.lag_s
     opens = trajectory.release_time_s - cell.gripper.delay_s  # plan time at which the output must physically change
-    origin = opens if throws else 0.0
-    first = origin - math.ceil((origin - min(origin, 0.0) + lag + LEAD_IN_S) / dt) * dt
-    count = math.ceil((trajectory.duration_s + lag + SETTLE_S - first) / dt) + 1
+    told = [edge.command_time_s + lag for edge in edges]  # plan times at which outputs without a delay would change
+    origin = opens if throws else next(iter(told), 0.0)
+    first = origin - math.ceil((origin - min(origin, 0.0, *told) + lag + LEAD_IN_S) / dt) * dt
+    last = max(trajectory.duration_s + lag + SETTLE_S, *told, 0.0)
+    count = math.ceil((last - first) / dt) + 1
     clock = first + np.arange(count) * dt
     q, qd, qdd = trajectory.at(clock)
     still = (clock <= 0.0) | (clock >= trajectory.duration_s)
@@ -61,7 +75,9 @@ def sample_rows(cell: Cell, trajectory: Trajectory, throws: bool) -> StreamRows:
     reference_q, reference_qd, _ = trajectory.at(clock - lag)
     release_row = round((trajectory.release_time_s - first) / dt)
     output_row = round((opens - first) / dt) if throws else -1
-    return StreamRows(first, q, qd, qdd, reference_q, reference_qd, release_row, output_row)
+    lines = [(edge.switch.output, edge.switch.index, edge.switch.level) for edge in edges]
+    switches = tuple(SwitchRow(round((at_s - first) / dt), *line) for at_s, line in zip(told, lines, strict=True))
+    return StreamRows(first, q, qd, qdd, reference_q, reference_qd, release_row, output_row, switches)
 
 
 def controller_program(cell: Cell, rows: StreamRows, brakes: Brakes, thinned: bool = False) -> ControllerProgram:
@@ -101,4 +117,5 @@ def controller_program(cell: Cell, rows: StreamRows, brakes: Brakes, thinned: bo
             row=rows.output_row,
             closes_until=math.ceil(rows.release_row + lag_ticks),
         ),
+        switches=rows.switches,
     )

@@ -7,7 +7,7 @@ and every bound between samples has a closed form. See docs/decisions/0003.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -26,10 +26,12 @@ class Trajectory:
         q: positions (N, n) [rad]; sample i is at i / sample_rate_hz.
         qd: velocities (N, n) [rad/s].
         qdd: accelerations (N, n) [rad/s^2].
-        release_index: sample at which the object leaves; the last one for a move that ends at rest.
+        release_index: sample at which the object leaves; the last one for a move that ends at rest, and that of the
+            last passage for a motion that lets nothing go.
+        passage_indices: samples of the passages, in their order; empty: there is one, at `release_index`.
 
     Raises:
-        ValueError: the arrays have different shapes, or the release is not a sample.
+        ValueError: the arrays have different shapes, or a release or passage is not a sample.
     """
 
     sample_rate_hz: float
@@ -37,6 +39,7 @@ class Trajectory:
     qd: Array
     qdd: Array
     release_index: int
+    passage_indices: tuple[int, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
         for name in ("q", "qd", "qdd"):
@@ -45,6 +48,8 @@ class Trajectory:
             raise ValueError(f"q {self.q.shape}, qd {self.qd.shape}, qdd {self.qdd.shape} must be one (N >= 2, n)")
         if not 0 <= self.release_index < len(self.q):
             raise ValueError(f"release_index {self.release_index} is not a sample of {len(self.q)}")
+        if any(not 0 <= index < len(self.q) for index in self.passage_indices):
+            raise ValueError(f"passage_indices {self.passage_indices} are not samples of {len(self.q)}")
 
     @property
     def dt(self) -> float:
@@ -65,6 +70,11 @@ class Trajectory:
     def release_time_s(self) -> float:
         """Time of the release [s]."""
         return self.release_index / self.sample_rate_hz
+
+    @property
+    def passed(self) -> tuple[int, ...]:
+        """Samples of the passages, in their order."""
+        return self.passage_indices or (self.release_index,)
 
     @cached_property
     def jerk(self) -> Array:

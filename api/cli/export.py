@@ -54,6 +54,7 @@ def _program_text(plan: dict[str, Any], cells: Path | None) -> str:
     from planner.answer import plan_from_document
     from planner.approach import find_brakes
     from planner.certificate import certify
+    from planner.passages import output_edges
     from planner.stream_rows import controller_program, sample_rows
 
     cell = _cell_of(plan, cells)
@@ -61,7 +62,8 @@ def _program_text(plan: dict[str, Any], cells: Path | None) -> str:
     failures = [check.name for check in certify(problem, trajectory).checks if not check.ok]
     if failures:
         raise click.ClickException(f"the plan fails its certificate: {', '.join(failures)}")
-    rows = sample_rows(problem.cell, trajectory, throws=not problem.ends_at_rest)
+    edges = output_edges(problem.cell, problem.passages, trajectory)
+    rows = sample_rows(problem.cell, trajectory, problem.throws, edges)
     brakes = find_brakes(problem.cell, rows.q, rows.qd, rows.qdd, trajectory.dt, problem.holds_object)
     program = controller_program(problem.cell, rows, brakes)
     return program.text(None, _head(plan, cell, trajectory, program))
@@ -114,11 +116,16 @@ def _head(plan: dict[str, Any], cell: Cell, trajectory: Trajectory, program: Con
 def _throw_words(plan: dict[str, Any], cell: Cell, program: ControllerProgram) -> list[str]:
     gripper = program.gripper
     flight = plan["flight"]
+    switched = [
+        f"{switch.row * program.dt:.3f} s after its first row it sets {switch.output} {switch.index} to {switch.level};"
+        for switch in program.switches
+    ]
     if gripper.row < 0:
-        return ["It throws nothing."]
+        return ["It throws nothing.", *switched]
     speed = "" if flight is None else f" at {flight['speed_m_s']:.2f} m/s"
     lands = "" if flight is None else f" and lands at {_rounded(flight['landing_point'])} m in the cell's world"
     return [
+        *switched,
         f"{gripper.row * program.dt:.3f} s after its first row it sets {gripper.output} {gripper.index} to "
         f"{gripper.open_level}: the gripper opens;",
         f"{cell.gripper.delay_s + cell.timing.lag_s:.3f} s later the object leaves it{speed}{lands}.",

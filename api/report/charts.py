@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -25,21 +26,24 @@ def joint_charts(plan: Mapping[str, Any]) -> str:
     trajectory = plan["trajectory"]
     times = trajectory["time_from_start"]
     names = trajectory["joint_names"]
-    charts = (
-        f"<h2>{title}</h2>{_chart(times, trajectory[name], names, plan['release_time_s'])}" for name, title in CHARTS
-    )
+    passed = [(each["name"], each["time_s"]) for each in plan.get("passages", ())]
+    marks = passed or [("release", plan["release_time_s"])]
+    charts = (f"<h2>{title}</h2>{_chart(times, trajectory[name], names, marks)}" for name, title in CHARTS)
     return "".join(charts)
 
 
-def _chart(times: Sequence[float], values: Sequence[Sequence[float]], names: Sequence[str], release_s: float) -> str:
-    """Returns a chart of all joints over time, with the release marked."""
+def _chart(
+    times: Sequence[float], values: Sequence[Sequence[float]], names: Sequence[str], marks: Sequence[tuple[str, float]]
+) -> str:
+    """Returns a chart of all joints over time, with names at times [s] marked."""
     t = np.asarray(times)
     y = np.asarray(values)
     low = float(y.min())
     high = float(y.max())
     x_of = LEFT + (WIDTH - LEFT - RIGHT) * t / max(float(t[-1]), 1e-9)
     y_of = EDGE + (HEIGHT - 2 * EDGE) * (high - y) / max(high - low, 1e-9)
-    lines = [_axis(low, high, float(t[-1])), _release_line(LEFT + (WIDTH - LEFT - RIGHT) * release_s / float(t[-1]))]
+    lines = [_axis(low, high, float(t[-1]))]
+    lines += [_mark(LEFT + (WIDTH - LEFT - RIGHT) * at_s / float(t[-1]), name) for name, at_s in marks]
     for joint, (name, colour) in enumerate(zip(names, COLOURS, strict=True)):
         points = " ".join(f"{px:.1f},{py:.1f}" for px, py in zip(x_of, y_of[:, joint], strict=True))
         lines.append(f'<polyline fill="none" stroke="{colour}" stroke-width="1.6" points="{points}"/>')
@@ -59,8 +63,8 @@ def _axis(low: float, high: float, end_s: float) -> str:
     )
 
 
-def _release_line(x: float) -> str:
+def _mark(x: float, name: str) -> str:
     return (
         f'<line x1="{x:.1f}" x2="{x:.1f}" y1="{EDGE}" y2="{HEIGHT - EDGE}" stroke="#8888" stroke-dasharray="4 3"/>'
-        f'<text class="label" x="{x + 4:.1f}" y="{EDGE - 6}">release</text>'
+        f'<text class="label" x="{x + 4:.1f}" y="{EDGE - 6}">{html.escape(name)}</text>'
     )

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from api.report.landings import landings_svg
+from planner.answer import passing_text
 
 KEY_METRICS = (  # of an execution: key, label, factor, unit
     ("landing_error_m", "landing error", 1000.0, "mm"),
@@ -24,7 +25,7 @@ def plan_section(plan: Mapping[str, Any]) -> str:
         ("planned", plan["created_at"]),
         ("cell", f"{plan['cell']} (sha256 {plan['cell_sha256'][:12]}…)"),
         ("back end", f"{plan['backend']}, {1000 * solver['solve_time_s']:.1f} ms: {solver['status']}"),
-        ("release", f"after {plan['release_time_s']:.3f} s of {plan['duration_s']:.3f} s"),
+        ("motion", passing_text(plan)),
     ]
     if plan.get("way_home"):
         facts.append(("way home", f"{plan['way_home']['duration_s']:.1f} s from the plan's end"))

@@ -17,6 +17,7 @@ from typing import Any
 
 from api.report.charts import joint_charts
 from api.report.facts import certificate_section, execution_section, experiment_section, plan_section
+from planner.answer import passing_text
 
 PROGRAM = Path(__file__).parents[1] / "web" / "report"
 NO_PICTURE = "<p>The plan's cell file is missing or has changed since planning: no picture of the arm.</p>"
@@ -84,7 +85,7 @@ def _title(content: ReportContent) -> str:
 def _subtitle(plan: Mapping[str, Any]) -> str:
     flight = plan["flight"]
     where = "" if flight is None else f", lands at ({', '.join(f'{x:.2f}' for x in flight['landing_point'])}) m"
-    return f"{plan['cell']}: release after {plan['release_time_s']:.3f} s{where}"
+    return f"{plan['cell']}: {passing_text(plan)}{where}"
 
 
 def _moving(content: ReportContent) -> str:

@@ -37,6 +37,20 @@ class RunTiming(TimingNumbers):
     rows: int = Field(description="Rows of the recording.")
 
 
+class SwitchedOutput(BaseModel):
+    """An output of a passage in one run; times are on the plan's clock."""
+
+    passage: str
+    output: str
+    index: int
+    level: bool
+    command_time_s: float | None = Field(description="When it was sent [s]; null where it was not.")
+    edge_time_s: float | None = Field(
+        description="When it was seen to change, up to a tick after it did [s]; null where it was not."
+    )
+    edge_late_s: float | None = Field(description="That less the planned edge [s].")
+
+
 class ExecutionMetrics(BaseModel):
     """What was measured in one run; null where this run or this cell has no value."""
 
@@ -65,6 +79,7 @@ class ExecutionMetrics(BaseModel):
     gripper_opened_s: float | None = Field(None, description="When the object left; simulated cells [s].")
     gripper_opened_late_s: float | None = Field(None, description="That less the planned release [s].")
     released: bool | None = Field(None, description="Whether the gripper was commanded to open.")
+    outputs: list[SwitchedOutput] = Field([], description="Of the passages, in the order of their commands.")
     landing_point: Vector3 | None = Field(None, description="Where the object landed; simulated cells [m].")
     landing_error_m: float | None = Field(None, description="Distance from the planned landing point [m].")
     landed_on: str | None = Field(None, description="What the object landed on; simulated cells.")

@@ -12,7 +12,20 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, PlainValidator, create_model
 
-from planner.fields import NUMBER_MAX, Choice, Kinds, PerJoint, Record, Shape, Text, Vector, Yes
+from planner.fields import (
+    NUMBER_MAX,
+    Choice,
+    Flag,
+    Kinds,
+    PerJoint,
+    Record,
+    RecordList,
+    Shape,
+    Text,
+    Vector,
+    Whole,
+    Yes,
+)
 from planner.fields import Number as NumberShape
 from planner.request import PLAN_REQUEST, read_request
 
@@ -38,17 +51,23 @@ def _type_of(shape: Shape) -> Any:
             return Annotated[reduce(or_, models), Field(discriminator="kind")]
         case Record():
             return _model_of(shape)
+        case RecordList(record, least, most):
+            return Annotated[list[_model_of(record)], Field(min_length=least, max_length=most)]
         case Choice(values):
             return Literal[tuple(values)]
         case Text(most):
             return Annotated[str, Field(max_length=most)]
         case Yes():
             return Literal[True]
+        case Flag():
+            return bool
     return _type_of_numbers(shape)
 
 
 def _type_of_numbers(shape: Shape) -> Any:
     match shape:
+        case Whole(least, most):
+            return Annotated[int, Field(ge=least, le=most)]
         case NumberShape(least, most, None):
             return Annotated[float, Field(ge=least, le=most)]
         case NumberShape(_, most, above):
@@ -122,6 +141,26 @@ _BIN = {
     }
 }
 
+_DOWN = {"linear": [0.0, 0.8, 0.0], "angular": [0.0, 0.0, 0.0]}
+_PASSAGES = {
+    "passages": [
+        {
+            "name": f"part {i}",
+            "state": {
+                "kind": "pose",
+                "pose": {"position": [0.5, y, 0.35], "rotation_vector": [3.141592653589793, 0.0, 0.0]},
+                "twist": _DOWN,
+            },
+            "outputs": [
+                {"output": "standard_digital", "index": i, "level": True},
+                {"output": "standard_digital", "index": i, "level": False, "offset_s": 0.02},
+            ],
+        }
+        for i, y in enumerate((-0.12, 0.0, 0.12))
+    ],
+    "end": {"kind": "home"},
+}
+
 PLAN_EXAMPLES = {
     "target": {"summary": "Hit a point on the floor, whenever the gripper opens", "value": _TARGET},
     "soonest": {"summary": "Hit it as soon as possible", "value": _SOONEST},
@@ -129,5 +168,6 @@ PLAN_EXAMPLES = {
     "bin": {"summary": "Throw into a bin", "value": _BIN},
     "joint": {"summary": "Pass a joint state, with tighter limits", "value": _JOINT},
     "point": {"summary": "Release at a point with a velocity", "value": _POINT},
+    "passages": {"summary": "Trigger a camera over each of three parts in passing", "value": _PASSAGES},
 }
 EXECUTE_EXAMPLES = {"latest": {"summary": "Execute the newest plan (simulated cell)", "value": {"plan_id": "latest"}}}

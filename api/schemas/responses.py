@@ -39,6 +39,27 @@ class ReleaseState(BaseModel):
     )
 
 
+class OutputTimes(BaseModel):
+    """An output that switches about a passage; times are on the plan's clock."""
+
+    output: str
+    index: int
+    level: bool
+    offset_s: float = Field(description="As in the request [s].")
+    command_time_s: float = Field(description="When it is commanded: edge - delay of the output - arm lag [s].")
+    edge_time_s: float = Field(description="When it changes [s].")
+
+
+class PassageAnswer(ReleaseState):
+    """A state that the motion passes; `command_time_s` is null where nothing is let go."""
+
+    name: str
+    end_index: int = Field(description="Sample at which the passage ends: `index`, as a state is an instant.")
+    time_s: float = Field(description="[s]")
+    releases: bool = Field(description="Whether the object leaves the tool here.")
+    outputs: list[OutputTimes]
+
+
 class WindowEntry(BaseModel):
     """Landing error of an early or late release."""
 
@@ -156,9 +177,10 @@ class PlanContent(BaseModel):
     backend: str = Field(description="Back end that found the plan.")
     sample_rate_hz: float = Field(description="[Hz]")
     duration_s: float = Field(description="[s]")
-    release_time_s: float = Field(description="[s]")
-    release: ReleaseState
-    flight: FlightAnswer | None = Field(description="null for a move that ends at rest.")
+    release_time_s: float | None = Field(description="[s]; null for passages that let nothing go.")
+    release: ReleaseState | None = Field(description="null for passages that let nothing go.")
+    passages: list[PassageAnswer] | None = Field(None, description="Absent where a release alone was asked for.")
+    flight: FlightAnswer | None = Field(description="null for a motion that throws nothing.")
     way_home: WayHomeAnswer | None = Field(None, description="Plans of earlier versions have none.")
     certificate: CertificateAnswer
     solver: SolverAnswer

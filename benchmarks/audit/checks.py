@@ -19,7 +19,7 @@ from benchmarks.audit.flights import flight_faults
 from benchmarks.audit.mujoco_model import inverse_dynamics
 from benchmarks.audit.pinocchio_arm import arm_model, dh_frames_in_urdf, poses_and_velocity
 from benchmarks.audit.safety import grip_faults, object_times, safety_faults
-from planner.problem import JointRelease, PointRelease, PoseRelease, ThrowProblem
+from planner.problem import JointRelease, PointRelease, PoseRelease, Release, ThrowProblem
 from planner.trajectory import Trajectory
 
 Vector = NDArray[np.float64]
@@ -78,7 +78,7 @@ def find_faults(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
     """Returns the faults of a certified motion; an empty list if it is right."""
     found = motion_faults(problem, motion)
     found += [*safety_faults(problem, motion), *grip_faults(problem, motion), *flight_faults(problem, motion)]
-    return found + _release(problem, motion)
+    return found + [fault for release, k in _passed(problem, motion) for fault in _state(problem, motion, release, k)]
 
 
 def motion_faults(problem: ThrowProblem, motion: Trajectory, smooth: bool = False) -> list[AuditFault]:
@@ -138,14 +138,22 @@ def _torques(problem: ThrowProblem, motion: Trajectory, dense: DenseSamples) -> 
 
 def _space(problem: ThrowProblem, motion: Trajectory, dense: DenseSamples) -> list[AuditFault]:
     rows = slice(None, None, dense.every(SPARSE_S))
-    return spatial_faults(problem, dense.q[rows], dense.qd[rows], dense.t[rows], object_times(problem, motion)[1])
+    moving = [k * motion.dt for release, k in _passed(problem, motion) if not release.is_at_rest]
+    held_until_s = object_times(problem, motion)[1]
+    return spatial_faults(problem, dense.q[rows], dense.qd[rows], dense.t[rows], held_until_s, np.array(moving))
 
 
-def _release(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
-    """Returns the faults of the release state."""
+def _passed(problem: ThrowProblem, motion: Trajectory) -> list[tuple[Release, int]]:
+    """Returns the states that are asked for, each with its sample: of the release, or of all passages and the end."""
+    if not problem.passages:
+        return [(problem.release, motion.release_index)]
+    states = [(passage.state, k) for passage, k in zip(problem.passages, motion.passed, strict=True)]
+    return states if problem.end is None else [*states, (problem.end, len(motion.q) - 1)]
+
+
+def _state(problem: ThrowProblem, motion: Trajectory, release: Release, k: int) -> list[AuditFault]:
+    """Returns the faults of the state at a sample, where that of a release is asked for."""
     cell = problem.cell
-    k = motion.release_index
-    release = problem.release
     model = arm_model(cell, True)
     poses, v = poses_and_velocity(cell, model, model.createData(), motion.q[k], motion.qd[k])
     p = poses[6].act(cell.tool.X_FT[:3, 3])
@@ -161,12 +169,13 @@ def _release(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
         found += over("release_position", "another place of release", apart, 0.0, 2.0 * LENGTH_SLACK_M, "m")
         found += over("release_velocity", "another velocity of release", too_fast, 0.0, 2.0 * SPEED_SLACK, "m/s")
     if isinstance(release, PoseRelease):
-        found += _orientation(release, problem, motion, model)
+        found += _orientation(release, problem, motion, k, model)
     return found
 
 
-def _orientation(release: PoseRelease, problem: ThrowProblem, motion: Trajectory, model: pin.Model) -> list[AuditFault]:
-    k = motion.release_index
+def _orientation(
+    release: PoseRelease, problem: ThrowProblem, motion: Trajectory, k: int, model: pin.Model
+) -> list[AuditFault]:
     data = model.createData()
     pin.forwardKinematics(model, data, motion.q[k], motion.qd[k])
     R_WT = (

@@ -69,7 +69,9 @@ class SpatialExtremes:
         ]
 
 
-def spatial_faults(problem: ThrowProblem, q: Vector, qd: Vector, t: Vector, held_until_s: float) -> list[AuditFault]:
+def spatial_faults(
+    problem: ThrowProblem, q: Vector, qd: Vector, t: Vector, held_until_s: float, passed_s: Vector
+) -> list[AuditFault]:
     """Returns the violated distances, speeds and singularity distances.
 
     Args:
@@ -78,10 +80,10 @@ def spatial_faults(problem: ThrowProblem, q: Vector, qd: Vector, t: Vector, held
         qd: Joint velocities (n, 6) [rad/s].
         t: Times (n,) [s].
         held_until_s: Time until which the object may be held, the end of the release window [s].
+        passed_s: Times of the release, or of the passages, that are at speed (k,) [s].
     """
     cell = problem.cell
     worst = SpatialExtremes()
-    release_s = held_until_s - (problem.release_window_s if problem.is_robust else 0.0)
     model = arm_model(cell, False)
     obstacles = _obstacles(problem)
     data = model.createData()
@@ -95,7 +97,7 @@ def spatial_faults(problem: ThrowProblem, q: Vector, qd: Vector, t: Vector, held
         worst.self_gap = min([worst.self_gap, *(_distance(cell, places, *pair) for pair in pairs)])
         worst.boxes = min(worst.boxes, _box_gap(cell, obstacles, places, held))
         worst.outside = max(worst.outside, _outside(cell, poses))
-        if not problem.ends_at_rest and abs(t[i] - release_s) <= SINGULARITY_WINDOW_S:
+        if (np.abs(t[i] - passed_s) <= SINGULARITY_WINDOW_S).any():
             worst.singular = min(worst.singular, _singularity_distance(data))
     return worst.faults(problem)
 

@@ -92,7 +92,7 @@ def _landing(x: Vector, plane_z: float, radius: float) -> tuple[Vector, int, int
 
 def flight_faults(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
     """Returns what is wrong with landing and flight of every release in the window."""
-    return [] if problem.ends_at_rest else [*_landings(problem, motion), *clearance_faults(problem, motion)]
+    return [*_landings(problem, motion), *clearance_faults(problem, motion)] if problem.throws else []
 
 
 def clearance_faults(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:

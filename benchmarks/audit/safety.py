@@ -25,7 +25,7 @@ STOP_DISTANCE = 1.31
 
 def object_times(problem: ThrowProblem, motion: Trajectory) -> tuple[float, float]:
     """Returns from when the object may be gone, and until when it may be held [s]."""
-    if problem.ends_at_rest:
+    if not problem.throws:
         return np.inf, np.inf
     window = problem.release_window_s if problem.is_robust else 0.0
     return motion.release_time_s - window, motion.release_time_s + window

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from executor.records.landing import Landing
+from executor.records.outputs import output_warnings, switched_outputs
 from executor.records.telemetry import RunResult, Telemetry
 from executor.records.timing import path_error_m, tool_points
 from learning import CellKnowledge, lag_advice
@@ -56,6 +57,7 @@ def metrics(
         **_tracking(problem, telemetry, timing),
         **_release(problem, trajectory, telemetry, known),
         **_gripper(trajectory, result, landing),
+        "outputs": switched_outputs(problem, trajectory, result),
         **_landing(problem, trajectory, landing, np.zeros(3) if aim_shift is None else aim_shift),
     }
 
@@ -89,7 +91,7 @@ def release_verdict(
     off = [*_speed_warning(numbers), *_landing_warning(problem, trajectory, landing, aim_shift)]
     if numbers["released"] and landing is None and problem.cell.link.kind == "sim":
         return "completed", "the gripper was commanded to open, but no object left it"
-    if warnings := [*off, *timing_advice(problem, numbers)]:
+    if warnings := [*off, *output_warnings(numbers["outputs"], problem), *timing_advice(problem, numbers)]:
         return "completed", f"warning: {'; '.join(warnings)}"
     return None
 
@@ -181,7 +183,7 @@ def _release(
     """
     fastest = float(np.abs(trajectory.qd[trajectory.release_index]).max())
     planned, measured = (telemetry.at_clock(name, trajectory.release_time_s) for name in ("planned_qd", "qd"))
-    if problem.ends_at_rest or measured is None or planned is None:
+    if not problem.throws or measured is None or planned is None:
         return dict.fromkeys(RELEASE_NUMBERS)
     error = np.abs(measured - planned)
     unexpected = None

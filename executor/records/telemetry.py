@@ -33,6 +33,7 @@ class RunResult:
         moved_between: controller's times between which its fingers began to open [s]; NaN where it does not report it.
         timestamp_at_zero: the controller's time at plan time 0 [s].
         in_order: whether the process itself brought the arm to rest.
+        switched_s: plan times at which the outputs of the passages were sent, in their order [s]; NaN for never.
     """
 
     outcome: str
@@ -47,6 +48,7 @@ class RunResult:
     output_closed_s: float | None = None
     stayed_closed: bool = False
     moved_between: tuple[float, float] = (math.nan, math.nan)
+    switched_s: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

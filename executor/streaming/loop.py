@@ -13,6 +13,7 @@ from executor.streaming.clock import ControllerClock, LostTicks
 from executor.streaming.command_watch import CommandWatch
 from executor.streaming.gripper_watch import GripperWatch
 from executor.streaming.landing_watch import LandingWatch
+from executor.streaming.output_switches import OutputSwitches
 from executor.streaming.rtde_connection import SERVO_CONSTANT_S, RtdeConnection
 from executor.streaming.state_checks import StopRequests, StreamFault
 from planner.brake_profile import brake_weights
@@ -106,6 +107,7 @@ class Stream:
         self.verdict = ("completed", "")
         self.output_sent = False
         self.commands = CommandWatch()
+        self.outputs = OutputSwitches(connection, job)
         self.gripper = self._gripper_watch()
         self.watch = None if job.landing is None or job.dry_run else LandingWatch(job, job.landing)
         self.decides_at = job.output_row  # row at which it is decided whether the object is kept
@@ -132,6 +134,7 @@ class Stream:
             self._watch_gripper(row)
             command = self._send(row, reference[0])
             self._open_gripper(row, command)
+            self._switch_outputs(row)
             self._record(reference, command)
         return self.verdict
 
@@ -192,6 +195,7 @@ class Stream:
     def _brake(self, row: int, stop: tuple[str, str]) -> None:
         self.verdict = stop
         self.schedule.divert(row)
+        self.outputs.stop()
         self.fields[shm.STATE] = shm.BRAKING
 
     def _divert(self, row: int, stop: tuple[str, str]) -> None:
@@ -265,6 +269,10 @@ class Stream:
             return
         self.connection.gripper.tell(True)
         self._note_opening(row)
+
+    def _switch_outputs(self, row: int) -> None:
+        """Switches what the plan switches with a row."""
+        self.outputs.send(row)
 
     def _note_opening(self, row: int) -> None:
         """Notes that the gripper was told to open with a row."""

@@ -254,6 +254,11 @@ class ScriptStream(Stream):
             self._recorded = self.clock.tick
             super()._record(reference, command)
 
+    def _switch_outputs(self, row: int) -> None:
+        """Notes what the program has switched: with the rows up to that which it shows, or from which it brakes."""
+        program = self.clock.program
+        self.outputs.note(program.row if program.brake_row < 0 else program.brake_row)
+
     def _open_gripper(self, row: int, command: Row) -> None:
         """Asks the program to keep an object that would miss; it opens the gripper itself."""
         waits = self.job.output_row >= 0 and not self.output_sent and self.verdict[0] == "completed"

@@ -59,7 +59,7 @@ class PlanRecord:
 
     Attributes:
         row: What the store keeps: the document as bytes, and its columns. A plan that is not stored has an empty id.
-        release_time_s: Release time [s].
+        release_time_s: Release time [s]; None for passages that let nothing go.
         duration_s: Duration of the motion [s].
         release_speed_m_s: Speed of the object at the release [m/s]; None for a move that ends at rest.
         shift_early_m, shift_late_m: How far the landing point moves for a release 10 ms early, or late [m].
@@ -69,7 +69,7 @@ class PlanRecord:
     """
 
     row: PlanRow
-    release_time_s: float
+    release_time_s: float | None
     duration_s: float
     release_speed_m_s: float | None = None
     shift_early_m: float | None = None

@@ -134,7 +134,7 @@ class _OddsSearch:
         flight = release_flight(found.problem, found.trajectory)
         assert flight is not None and asked.target is not None  # it has just been planned to a target
         slower = replace(asked.target, max_speed_m_s=step.value * flight.speed_m_s)
-        return replace(asked, release=asked.release.with_target(slower))
+        return asked.with_release(asked.release.with_target(slower))
 
 
 def _steps(problem: ThrowProblem, known: CellKnowledge) -> Iterator[_Step]:

@@ -20,6 +20,18 @@ UNKNOWN_KEY = "unknown key"  # how its reason begins
 LIMIT_MIN = 1e-6  # [any unit] smallest limit that is accepted: a limit of zero forbids every motion
 
 
+class TablesByName(dict[str, Any]):
+    """Default of a table of tables whose names are free, all with the same keys; it is empty."""
+
+    def __init__(self, each: Mapping[str, Any]) -> None:
+        """Takes the defaults of each table."""
+        super().__init__()
+        self.each = each
+
+    def __missing__(self, name: str) -> Mapping[str, Any]:
+        return self.each
+
+
 def merge_defaults(given: Mapping[str, Any], defaults: Mapping[str, Any], where: str = "") -> dict[str, Any]:
     """Returns `given` with missing keys filled in from `defaults`, in nested tables too.
 
@@ -36,6 +48,8 @@ def merge_defaults(given: Mapping[str, Any], defaults: Mapping[str, Any], where:
         if isinstance(default, Mapping):
             if not isinstance(value, Mapping):
                 raise CellError(where + key, value, "must be a table")
+            if isinstance(default, TablesByName):
+                default = dict.fromkeys(value, default.each)
             value = merge_defaults(value, default, f"{where}{key}.")
         merged[key] = value
     return merged

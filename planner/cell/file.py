@@ -18,6 +18,7 @@ from planner.arrays import Array, read_only
 from planner.calibration import CalibrationFile, parse_calibration
 from planner.cell.arm_data import ARM_DATA, completed_arm
 from planner.cell.fields import (
+    TablesByName,
     beyond_arm,
     choice,
     exactly,
@@ -29,7 +30,7 @@ from planner.cell.fields import (
     tables,
     vector,
 )
-from planner.cell.gripper import GRIPPER, gripper_of
+from planner.cell.gripper import GRIPPER, gripper_of, outputs_of
 from planner.cell.keep_out import corners, keep_out_shapes
 from planner.cell.model import (
     FARTHEST_M,
@@ -86,6 +87,7 @@ DEFAULTS: dict[str, Any] = {
     },
     "object": {"mass_kg": 0.05, "radius_m": 0.02, "drag_coefficient": 0.0},
     "gripper": GRIPPER,
+    "outputs": TablesByName({"output": None, "index": None, "delay_s": 0.0}),
     "safety": {
         "tool_speed_m_s": None,
         "elbow_speed_m_s": None,
@@ -211,6 +213,7 @@ def _cell(document: dict[str, Any], source: CellSource) -> Cell:
         timing=Timing(number(document["timing"], "lag_s", "timing.", 0.0, 0.5)),
         link=controller,
         sim=_sim(document["sim"], arm),
+        outputs=outputs_of(document["outputs"]),
         document=document,
     )
 

@@ -1,4 +1,4 @@
-"""The table `[gripper]` of a cell file: outputs, buses, snippets and calls, and how the object is held."""
+"""The tables `[gripper]` and `[outputs]` of a cell file: outputs, buses, snippets and calls, how the object is held."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ import numpy as np
 
 from planner.arrays import Array, read_only
 from planner.cell.fields import choice, number, optional, vector
-from planner.cell.model import ControllerAddress, Gripper
+from planner.cell.model import ControllerAddress, DigitalOutput, Gripper
 from planner.errors import CellError
 from planner.grippers import KINDS, MODELS, NOT_SUPPORTED, OUTPUTS, PORTS, UNTIMED, WIRED, GripperLink, SecondOutput
 
 WHERE = "gripper."
 # [m/s^2] a grip that withstands less holds nothing, and one that withstands a thousand times gravity is not limited
 HOLD_ACCELERATION_RANGE = 1e-3, 1e4
+OUTPUT_DELAY_MAX_S = 0.5  # [s] of an output beyond the lag of motions; catches milliseconds
 BLOW_OFF_MAX_S = 10.0  # [s] of compressed air after a release; catches milliseconds
 TEXT_MAX = 4000  # characters of a snippet; it is sent in one piece
 OPEN_LEVEL = {"digital": True, "vacuum": False}  # of the first output: a vacuum is off
@@ -64,6 +65,22 @@ def gripper_of(table: dict[str, Any], controller: ControllerAddress) -> Gripper:
     )
 
 
+def outputs_of(tables: Mapping[str, Mapping[str, Any]]) -> dict[str, DigitalOutput]:
+    """Returns the further outputs that a cell file lists, by name.
+
+    Raises:
+        CellError: a field is refused, or two names are of one output.
+    """
+    found: dict[str, DigitalOutput] = {}
+    for name, table in tables.items():
+        where = f"outputs.{name}."
+        line = _line(table, "output", "index", where)
+        if any(line == (other.output, other.index) for other in found.values()):
+            raise CellError(f"{where}index", line[1], f"is an output of kind {line[0]} that has another name already")
+        found[name] = DigitalOutput(*line, number(table, "delay_s", where, 0.0, OUTPUT_DELAY_MAX_S))
+    return found
+
+
 def _kind(table: Mapping[str, Any]) -> str:
     kind = table["kind"]
     if isinstance(kind, str) and kind in NOT_SUPPORTED:
@@ -76,16 +93,16 @@ def _kind(table: Mapping[str, Any]) -> str:
     return kind
 
 
-def _line(table: Mapping[str, Any], output: str, index: str) -> tuple[str, int]:
+def _line(table: Mapping[str, Any], output: str, index: str, where: str = WHERE) -> tuple[str, int]:
     """Returns kind and number of a digital output."""
-    kind = choice(table, output, WHERE, OUTPUTS)
-    return kind, _whole(table, index, 0, OUTPUTS[kind] - 1)
+    kind = choice(table, output, where, OUTPUTS)
+    return kind, _whole(table, index, 0, OUTPUTS[kind] - 1, where)
 
 
-def _whole(table: Mapping[str, Any], key: str, lower: int, upper: int) -> int:
-    value = number(table, key, WHERE, lower, upper)
+def _whole(table: Mapping[str, Any], key: str, lower: int, upper: int, where: str = WHERE) -> int:
+    value = number(table, key, where, lower, upper)
     if value != int(value):
-        raise CellError(WHERE + key, value, "must be a whole number")
+        raise CellError(where + key, value, "must be a whole number")
     return int(value)
 
 

@@ -271,6 +271,20 @@ class Sim:
     seed: int
 
 
+@dataclass(frozen=True)
+class DigitalOutput:
+    """A digital output of the controller, and how it behaves.
+
+    Attributes:
+        output, index: kind and number of the output.
+        delay_s: from when an output without a delay would change until this one does [s].
+    """
+
+    output: str
+    index: int
+    delay_s: float
+
+
 @dataclass(frozen=True, eq=False)
 class Cell:
     """One robot station.
@@ -287,6 +301,7 @@ class Cell:
         home: joint positions (6,) [rad] where a throw starts by default.
         X_WB: pose (4, 4) of the arm's base in the world.
         tool, limits, surroundings, object, gripper, safety, timing, link, sim: the tables of the cell file.
+        outputs: further outputs, by name.
         document: keys and numbers of the cell file as written, with defaults filled in.
         content: hash of what the cell says, by which one that was changed in code is told from that of a file.
         check: raises a `CellError` for a cell that `with_tool` and its like may not return; None: there is no more to
@@ -311,6 +326,7 @@ class Cell:
     timing: Timing
     link: ControllerAddress
     sim: Sim
+    outputs: Mapping[str, DigitalOutput]
     document: Mapping[str, Any] = field(repr=False)
     content: str = field(default="", repr=False)
     check: Callable[[Cell], object] | None = field(default=None, repr=False)
@@ -352,6 +368,11 @@ class Cell:
         field, value = ("tool.mass_kg", tool_kg) if tool_kg > object_kg else ("object.mass_kg", object_kg)
         weigh = f"tool and object weigh {tool_kg + object_kg:.6g} kg together"
         raise CellError(field, value, f"{weigh}; a {self.robot.name} is rated for {rated_kg:g} kg")
+
+    def output_delay_s(self, output: str, index: int) -> float:
+        """Returns the delay of a digital output [s]; 0 for one that the cell file does not list."""
+        listed = self.outputs.values()
+        return next((each.delay_s for each in listed if (each.output, each.index) == (output, index)), 0.0)
 
     def with_limits(self, **keys: Any) -> Cell:
         """Returns this cell with other limits, and a hash of its own.

@@ -53,6 +53,7 @@ MOTION_CHECKS: tuple[CheckFunction, ...] = (
     release.landing_window,
     release.release_position,
     release.release_velocity,
+    release.passage,
     release.landing,
     flight_clearance,
     grip.grip_acceleration,

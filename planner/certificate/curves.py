@@ -19,7 +19,7 @@ from planner.certificate.clearance import moving_heights, pair_gaps, shape_gaps
 from planner.certificate.flight import Flights, flights_of
 from planner.certificate.grip import felt_sizes
 from planner.certificate.safety_limits import momentum_sizes, power_sizes
-from planner.certificate.samples import ArmSamples, MotionSamples, ticks_around_release
+from planner.certificate.samples import ArmSamples, MotionSamples, ticks_around
 from planner.certificate.stopping import stopping_distances, stopping_times
 from planner.certificate.tool import SINGULARITY_WINDOW_S
 from planner.certificate.torque import torque_sizes
@@ -193,7 +193,9 @@ def _singularities(shown: ShownMotion) -> list[Curve]:
     distances = np.abs(signed_singularity_distances(problem.cell.robot, shown.trajectory.q[shown.rows]))
     required = None if problem.ends_at_rest else problem.limits.singularity_distance_min
     series = tuple(Series(name, d, required) for name, d in zip(SINGULARITIES, distances.T, strict=True))
-    first, last = ticks_around_release(shown.trajectory, SINGULARITY_WINDOW_S)
+    passed = shown.trajectory.passed
+    first, _ = ticks_around(shown.trajectory, passed[0], SINGULARITY_WINDOW_S)
+    _, last = ticks_around(shown.trajectory, passed[-1], SINGULARITY_WINDOW_S)
     span = (float(shown.trajectory.t[first]), float(shown.trajectory.t[last]))
     return [Curve("singularity_distance", "1", shown.t, series, limited=None if problem.ends_at_rest else span)]
 
@@ -213,7 +215,7 @@ def _grip(shown: ShownMotion) -> list[Curve]:
 
 def _flight(shown: ShownMotion) -> list[Curve]:
     """Returns the distance of the object's surface from what it might meet, of a release on time."""
-    if shown.problem.ends_at_rest:
+    if not shown.problem.throws:
         return []
     flights = flights_of(shown.motion)
     if flights.end is None:

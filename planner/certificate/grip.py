@@ -72,11 +72,11 @@ def _acceleration_rates(motion: MotionSamples, in_tool: bool) -> tuple[Array, Ar
 def opening_direction(motion: MotionSamples) -> Check | NotChecked | None:
     """Checks that the object leaves within the cone that the gripper opens, whenever that opens within its spread.
 
-    It is out once it has moved by its radius against the tool, or by 1 cm; None for a move that ends at rest.
+    It is out once it has moved by its radius against the tool, or by 1 cm; None for a motion that throws nothing.
     """
     name = "opening_direction"
     gripper = motion.problem.cell.gripper
-    if motion.problem.ends_at_rest:
+    if not motion.problem.throws:
         return None
     if gripper.opening_direction is None or gripper.opening_cone_rad is None:
         return NotChecked(name)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 
@@ -15,7 +17,7 @@ from planner.certificate.samples import ArmSamples, MotionSamples
 from planner.flight import Flight, LandingStates, fly, landing_states
 from planner.geometry import ToolState, tool_state
 from planner.problem import ThrowProblem
-from planner.releases import Bound, ReleaseSample
+from planner.releases import Bound, Release, ReleaseSample
 from planner.rotations import pose
 from planner.trajectory import Trajectory
 
@@ -26,8 +28,8 @@ LANDING_TOLERANCE_M = 5e-4  # [m] of the nominal release; far below the scatter 
 
 
 def release_flight(problem: ThrowProblem, trajectory: Trajectory) -> Flight | None:
-    """Returns the flight of the object from the release; None for a move that ends at rest, or if it never lands."""
-    if problem.ends_at_rest:
+    """Returns the flight of the object from the release; None if nothing is thrown, or if it never lands."""
+    if not problem.throws:
         return None
     k = trajectory.release_index
     state = tool_state(problem.cell, trajectory.q[k], trajectory.qd[k])
@@ -41,21 +43,71 @@ def _flown(problem: ThrowProblem, p_WT: Array, v_WT: Array) -> Flight | None:
 
 
 def release_position(motion: MotionSamples) -> Check | None:
-    """Checks the place of the release; None where it is free."""
-    bounds = motion.problem.release.position_bounds(_sample(motion))
-    return _tightest("release_position", bounds, RELEASE_POSITION_TOLERANCE, motion.trajectory.release_time_s)
+    """Checks the place of the release; None where it is free, or where passages without a release are asked for."""
+    if motion.problem.passages and not motion.problem.throws:
+        return None
+    return _position("release_position", motion, motion.problem.release, motion.trajectory.release_index)
 
 
 def release_velocity(motion: MotionSamples) -> Check | None:
-    """Checks the velocity of the release; None where it is free."""
-    bounds = motion.problem.release.velocity_bounds(_sample(motion))
-    return _tightest("release_velocity", bounds, RELEASE_VELOCITY_TOLERANCE, motion.trajectory.release_time_s)
+    """Checks the velocity of the release; None where it is free, or where passages without a release are asked for."""
+    if motion.problem.passages and not motion.problem.throws:
+        return None
+    return _velocity("release_velocity", motion, motion.problem.release, motion.trajectory.release_index)
 
 
-def _sample(motion: MotionSamples) -> ReleaseSample:
-    """Returns the motion at its release."""
-    row = motion.trajectory.release_index
-    k = motion.release_knot
+def passage(motion: MotionSamples) -> Check | None:
+    """Checks that every passage has its state, in time and after the one before, and the end what is asked for.
+
+    The detail names the one that is kept least; None where no passages are asked for.
+    """
+    problem = motion.problem
+    trajectory = motion.trajectory
+    if not problem.passages:
+        return None
+    if (wrong := _wrong_order(problem, trajectory)) is not None:
+        return wrong
+    states = [(each.name, each.state, index) for each, index in zip(problem.passages, trajectory.passed, strict=True)]
+    if problem.end is not None:
+        states.append(("end", problem.end, len(trajectory.q) - 1))
+    found = []
+    for name, state, index in states:
+        for each in (_position("passage", motion, state, index), _velocity("passage", motion, state, index)):
+            if each is not None:
+                found.append(replace(each, detail=f"{name}: {each.detail or each.unit}"))
+    return min(found, key=lambda check: (check.ok, check.margin), default=None)
+
+
+def _wrong_order(problem: ThrowProblem, trajectory: Trajectory) -> Check | None:
+    """Returns the failed check of passages that are not where or when they are asked for; None for those that are."""
+    passed = trajectory.passed
+    if len(passed) != len(problem.passages) or not all(a < b for a, b in pairwise((0, *passed))):
+        return at_most("passage", math.inf, 0.0, "1", None, "they are not passed one after another")
+    for each, index in zip(problem.passages, passed, strict=True):
+        at_s = index * trajectory.dt
+        if each.releases and index != trajectory.release_index:
+            return at_most("passage", math.inf, 0.0, "1", at_s, f"{each.name}: the object is let go elsewhere")
+        if not each.is_in_time(index, trajectory.sample_rate_hz):
+            limit = each.not_before_s if each.at_s is None else each.at_s
+            return at_most("passage", at_s, limit, "s", at_s, f"{each.name}: time").provided(False)
+    return None
+
+
+def _position(name: str, motion: MotionSamples, asked: Release, index: int) -> Check | None:
+    """Returns the check of the place at a sample that is a knot; None where it is free."""
+    bounds = asked.position_bounds(_sample(motion, index))
+    return _tightest(name, bounds, RELEASE_POSITION_TOLERANCE, index * motion.trajectory.dt)
+
+
+def _velocity(name: str, motion: MotionSamples, asked: Release, index: int) -> Check | None:
+    """Returns the check of the velocity at a sample that is a knot; None where it is free."""
+    bounds = asked.velocity_bounds(_sample(motion, index))
+    return _tightest(name, bounds, RELEASE_VELOCITY_TOLERANCE, index * motion.trajectory.dt)
+
+
+def _sample(motion: MotionSamples, row: int) -> ReleaseSample:
+    """Returns the motion at a sample that is a knot."""
+    k = int(np.searchsorted(motion.knots, row))
     arm = motion.at_knots
     R_WT = arm.X_WL[k, 6, :3, :3] @ motion.problem.cell.tool.X_FT[:3, :3]
     V_WT = np.concatenate([arm.v_WT[:, k], arm.links.angular_velocity[:, 5, k]])

@@ -131,7 +131,8 @@ class MotionSamples:
         trajectory, last = self.trajectory, len(self.trajectory.q) - 1
         spacing = min(max(trajectory.duration_s / KNOTS, SPACING_S[0]), SPACING_S[1])
         stride = 1 if self.is_told else max(1, round(spacing * trajectory.sample_rate_hz))
-        return _merged(np.arange(0, last, stride), trajectory.release_index, *self._object_changes, last)
+        passed = (trajectory.release_index, *trajectory.passage_indices)
+        return _merged(np.arange(0, last, stride), *passed, *self._object_changes, last)
 
     @cached_property
     def sparse(self) -> Index:
@@ -149,7 +150,7 @@ class MotionSamples:
     def gone_from_s(self) -> float:
         """Time from which the object may have left [s]: the first that the gripper may open at, a knot.
 
-        Infinite for a move that ends at rest, -infinite for one without the object.
+        Infinite for a motion that throws nothing, -infinite for one without the object.
         """
         return self._change_s(0)
 
@@ -157,7 +158,7 @@ class MotionSamples:
     def held_until_s(self) -> float:
         """Time until which the object may still be held [s]: the last that the gripper may open at, a knot.
 
-        Infinite for a move that ends at rest, -infinite for one without the object.
+        Infinite for a motion that throws nothing, -infinite for one without the object.
         """
         return self._change_s(1)
 
@@ -165,7 +166,7 @@ class MotionSamples:
         """Returns the time of one end of the span in which the object may be held or gone [s]."""
         if not self.problem.holds_object:
             return -math.inf
-        return math.inf if self.problem.ends_at_rest else float(self.trajectory.t[self._object_changes[end]])
+        return float(self.trajectory.t[self._object_changes[end]]) if self.problem.throws else math.inf
 
     def worse_of(self, t: Array, held: Array, empty: Array) -> Array:
         """Returns values (..., k) at times `t` (k,) with the object while it is held, without it once it is gone.
@@ -252,9 +253,13 @@ def ticks_around_release(trajectory: Trajectory, window_s: float) -> tuple[int, 
         trajectory: the motion; what lies before or after it is left out.
         window_s: half of the window [s].
     """
+    return ticks_around(trajectory, trajectory.release_index, window_s)
+
+
+def ticks_around(trajectory: Trajectory, index: int, window_s: float) -> tuple[int, int]:
+    """Returns the first and the last sample of a window around another one, as of `ticks_around_release`."""
     reach = math.ceil(window_s * trajectory.sample_rate_hz - TICK_ROUNDING)
-    k = trajectory.release_index
-    return max(0, k - reach), min(len(trajectory.q) - 1, k + reach)
+    return max(0, index - reach), min(len(trajectory.q) - 1, index + reach)
 
 
 def _merged(rows: Index, *more: int) -> Index:

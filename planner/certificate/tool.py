@@ -10,7 +10,7 @@ from planner.arrays import Array, Index
 from planner.certificate.bounds import Rates, curvature_bound, joint_rates, point_bound, prove_above
 from planner.certificate.certificate import ROUNDING, Check, NotChecked, at_least, at_most
 from planner.certificate.loads import watched_levers
-from planner.certificate.samples import ArmSamples, MotionSamples, ticks_around_release
+from planner.certificate.samples import ArmSamples, MotionSamples, ticks_around
 from planner.dynamics import WatchedPoint, tool_points
 from planner.kinematics import SINGULARITIES, signed_singularity_distances
 from planner.robots import Robot
@@ -57,20 +57,32 @@ def _speed(motion: MotionSamples, point: WatchedPoint, lever: Array, limit: floa
 
 
 def singularity_distance(motion: MotionSamples) -> Check | None:
-    """Checks the distance to all three singularities around the release; None for a move that ends at rest."""
+    """Checks the distance to all three singularities around the release, or around every passage at speed.
+
+    None for a move that ends at rest.
+    """
     problem = motion.problem
     trajectory = motion.trajectory
-    if problem.ends_at_rest:
-        return None
+    found = [_singularity_distance(motion, trajectory.release_index)] if not problem.ends_at_rest else []
+    if problem.passages:
+        moving = zip(problem.passages, trajectory.passed, strict=False)
+        found = [_singularity_distance(motion, index) for each, index in moving if not each.state.is_at_rest]
+    return min(found, key=lambda check: (check.ok, check.margin), default=None)
+
+
+def _singularity_distance(motion: MotionSamples, index: int) -> Check:
+    """Returns the check of the distance to singularities around a sample."""
+    problem = motion.problem
+    trajectory = motion.trajectory
     required = motion.limits.singularity_distance_min
     robot = problem.cell.robot
-    first, last = ticks_around_release(trajectory, SINGULARITY_WINDOW_S)
+    first, last = ticks_around(trajectory, index, SINGULARITY_WINDOW_S)
     rows = motion.knots[(motion.knots > first) & (motion.knots < last)]
     rows = np.concatenate([[first], rows, [last]])
 
     # Signed on the side of the release: a zero between two samples is a change of sign, which |f| would hide.
     signed = signed_singularity_distances(robot, trajectory.q[rows])
-    side = np.sign(signed[np.searchsorted(rows, trajectory.release_index)])
+    side = np.sign(signed[np.searchsorted(rows, index)])
 
     def evaluate(t: Array, item: Index) -> Array:
         return (signed_singularity_distances(robot, trajectory.at(t)[0]) * side)[np.arange(len(t)), item]

@@ -31,7 +31,7 @@ def blocked_postures(problem: ThrowProblem) -> list[Violation]:
     ]
     if found and np.abs(problem.start - problem.cell.home).max() < NEAR_RAD:
         return found
-    at_home = _broken(problem, problem.cell.home, problem.ends_at_rest, NEAR_RAD)
+    at_home = _broken(problem, problem.cell.home, not problem.throws, NEAR_RAD)
     if at_home:
         worst = min(at_home, key=lambda check: check.margin)
         words = obstacle_words(at_home)

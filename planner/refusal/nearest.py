@@ -121,7 +121,7 @@ def _largest(asked: Callable[[float], ThrowProblem], answers: _Answers) -> Throw
 
 
 def _relaxed(problem: ThrowProblem, relaxation: Relaxation, share: float) -> ThrowProblem:
-    return replace(problem, release=relaxation(share))
+    return problem.with_release(relaxation(share))
 
 
 def _with_window(nominal: ThrowProblem, window_s: float, share: float) -> ThrowProblem:

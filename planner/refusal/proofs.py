@@ -16,6 +16,7 @@ from planner.certificate import SINGULARITY_WINDOW_S
 from planner.errors import Infeasible, Violation
 from planner.flight import least_speed
 from planner.geometry import body_model, segment_shape_distance, tool_state
+from planner.passages import Passage
 from planner.problem import ThrowProblem
 from planner.refusal.blocked_postures import blocked_postures
 from planner.refusal.released_flight import released_flight_blocked
@@ -37,8 +38,18 @@ def refuse_impossible(problem: ThrowProblem) -> None:
 
 def proven_violations(problem: ThrowProblem) -> list[Violation]:
     """Returns the violations that no motion avoids, as far as bounds alone tell."""
-    found = [*_of_demands(problem), *filter(None, [released_flight_blocked(problem)]), *blocked_postures(problem)]
-    return [replace(violation, proven=True) for violation in found]
+    if problem.is_chain:
+        found = [each for passage in problem.passages for each in _of_passage(problem, passage)]
+    else:
+        found = [*_of_demands(problem), *filter(None, [released_flight_blocked(problem)])]
+    return [replace(violation, proven=True) for violation in (*found, *blocked_postures(problem))]
+
+
+def _of_passage(problem: ThrowProblem, passage: Passage) -> list[Violation]:
+    """Returns what rules out a passage by itself; names it."""
+    alone = problem.through(passage.state, passage.releases)
+    found = [*_of_demands(alone), *filter(None, [released_flight_blocked(alone)])]
+    return [violation.within(f"passage {passage.name!r}") for violation in found]
 
 
 def _of_demands(problem: ThrowProblem) -> list[Violation]:

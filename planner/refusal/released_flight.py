@@ -23,7 +23,7 @@ SLACK_M = 0.002  # [m] depth from which a contact is proven: the certificate let
 
 def released_flight_blocked(problem: ThrowProblem) -> Violation | None:
     """Returns the violation by a flight that the request fixes and that meets a shape or the base; None otherwise."""
-    if problem.target is not None or problem.ends_at_rest:
+    if problem.target is not None or not problem.throws:
         return None
     p, v = _release(problem)
     t = _times(problem, p, v)

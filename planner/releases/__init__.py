@@ -4,12 +4,13 @@ from typing import Any
 
 from planner.releases.joint import JointRelease
 from planner.releases.point import PointRelease
-from planner.releases.pose import PoseRelease
+from planner.releases.pose import POSE, PoseRelease
 from planner.releases.release import Bound, Opening, PointState, Release, ReleaseSample, Target
 from planner.releases.target import TargetRelease
 
 __all__ = [
     "KINDS",
+    "POSE",
     "Bound",
     "JointRelease",
     "Opening",

@@ -1,5 +1,6 @@
 """The search for a plan: what is tried from which candidates, and the way home from what was found."""
 
+from planner.search.chain import search_chain
 from planner.search.record import PlanningSearch
 from planner.search.search import load_libraries, search_candidates
 from planner.search.stops import search_with_stop
@@ -11,5 +12,6 @@ __all__ = [
     "find_way_home",
     "load_libraries",
     "search_candidates",
+    "search_chain",
     "search_with_stop",
 ]

@@ -55,14 +55,14 @@ def best_with_way_home(search: PlanningSearch) -> tuple[CertifiedSolution, Appro
 def find_way_home(
     problem: ThrowProblem, motion: CertifiedSolution, deadline_s: float = math.inf
 ) -> tuple[Approach | None, tuple[Check, ...]]:
-    """Returns the way home from the end of a motion: without the object after a throw, with it after a move to rest.
+    """Returns the way home from the end of a motion: without the object after a throw, with it otherwise.
 
     Without one, the checks that a straight move home fails. After the deadline, on `time.perf_counter`, a straight move
     alone is tried.
     """
     cell = problem.cell_with_bin
     end = motion.solution.trajectory.q[-1]
-    return find_approach(cell, end, cell.home, with_object=problem.ends_at_rest, deadline_s=deadline_s)
+    return find_approach(cell, end, cell.home, with_object=not problem.throws, deadline_s=deadline_s)
 
 
 def _violation(failures: tuple[Check, ...], tried: int) -> Violation:

@@ -11,6 +11,7 @@ import pytest
 
 import fling
 from fling.requests import Backend, request_of
+from planner.passages import PASSAGE, SWITCH
 from planner.problem import BACKENDS
 from planner.releases import KINDS
 from planner.request import LIMITS, PLAN_REQUEST, read_request
@@ -39,8 +40,20 @@ def test_the_fields_are_those_of_the_service(kind: str):
     assert {each.name for each in fields(RELEASES[kind])} == set(KINDS[kind].record.fields)
 
 
+def test_passages_state_what_the_service_takes():
+    edge = fling.Output("standard_digital", 2, False, offset_s=-0.01)
+    throw = fling.Passage("throw", RELEASES["target"], releases=True)
+    stated = request_of([fling.Passage("by", RELEASES["point"], [edge], at_s=1.5), throw], {"end": {"kind": "home"}})
+    first, second = read_request(stated)["passages"]
+    assert first["outputs"] == [{"output": "standard_digital", "index": 2, "level": False, "offset_s": -0.01}]
+    assert (first["name"], first["at_s"], "releases" in first) == ("by", 1.5, False)
+    assert (second["releases"], "at_s" in second) == (True, False)
+    assert {each.name for each in fields(throw)} == set(PASSAGE.fields)
+    assert {each.name for each in fields(edge)} == set(SWITCH.fields)
+
+
 def test_the_options_are_those_of_the_service():
-    assert set(fling.Options.__annotations__) == set(PLAN_REQUEST.fields) - {"cell", "release"}
+    assert set(fling.Options.__annotations__) == set(PLAN_REQUEST.fields) - {"cell", "release", "passages"}
     assert set(fling.Limits.__annotations__) == set(LIMITS.fields)
     assert set(get_args(Backend)) == set(BACKENDS)
 

@@ -161,7 +161,7 @@ def test_every_refusal_names_its_field(change, field):
     ("change", "field", "known"),
     [
         ({"relase_window_s": 0.01}, "relase_window_s", "release_window_s"),
-        ({"start": {"positions": [0.0] * 6, "velocities": [0.0] * 6}}, "start.velocities", "positions"),
+        ({"start": {"positions": [0.0] * 6, "speeds": [0.0] * 6}}, "start.speeds", "positions"),
         ({"limits": {"speed": None}}, "limits.speed", "velocity, acceleration, jerk"),
         ({"release": {**POINT, "speed": 1.0}}, "release.speed", "kind, position, velocity"),
         ({"release": {"kind": "joint", "position": [0.0] * 6}}, "release.position", "positions"),

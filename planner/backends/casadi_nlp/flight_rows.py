@@ -33,7 +33,7 @@ Edge = list[float]
 
 def constrains_flight(problem: ThrowProblem) -> bool:
     """Returns whether block "flight" says anything about a problem: an edge, a mouth or an opening direction."""
-    if problem.ends_at_rest:
+    if not problem.throws:
         return False
     is_passed = aims(problem) and (bool(problem.cell.surroundings.keep_out) or bin_of(problem) is not None)
     return is_passed or problem.cell.gripper.opening_direction is not None

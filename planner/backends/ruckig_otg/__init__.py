@@ -5,7 +5,14 @@ Source: Berscheid and Kroeger, Jerk-limited Real-time Trajectory Generation with
 
 from planner.backends.ruckig_otg.arrival import arrival, least_times
 from planner.backends.ruckig_otg.library import TICKS_MIN, ruckig_module
-from planner.backends.ruckig_otg.motions import VARIANTS, LaunchVariant, initial_guess, solve
+from planner.backends.ruckig_otg.motions import (
+    VARIANTS,
+    LaunchVariant,
+    initial_guess,
+    least_leg_time,
+    leg,
+    solve,
+)
 
 __all__ = [
     "TICKS_MIN",
@@ -13,7 +20,9 @@ __all__ = [
     "LaunchVariant",
     "arrival",
     "initial_guess",
+    "least_leg_time",
     "least_times",
+    "leg",
     "ruckig_module",
     "solve",
 ]

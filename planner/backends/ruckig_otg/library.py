@@ -33,7 +33,13 @@ def ruckig_module() -> ModuleType:
 
 
 def fastest_motion(
-    start: State, end: State | None, limits: Limits, dt: float, joints: slice = ALL_JOINTS, on_ticks: bool = True
+    start: State,
+    end: State | None,
+    limits: Limits,
+    dt: float,
+    joints: slice = ALL_JOINTS,
+    on_ticks: bool = True,
+    least_s: float = 0.0,
 ) -> Any:
     """Returns Ruckig's trajectory in which all joints arrive together.
 
@@ -44,6 +50,7 @@ def fastest_motion(
         dt: one tick [s].
         joints: those that move.
         on_ticks: whether the duration is rounded up to whole ticks.
+        least_s: shortest duration [s].
 
     Raises:
         SolverFailed: Ruckig refuses the states.
@@ -60,6 +67,8 @@ def fastest_motion(
     request.max_acceleration, request.max_jerk = limits.qdd_max[joints].tolist(), limits.jerk_max[joints].tolist()
     if end is None:
         request.control_interface = ruckig.ControlInterface.Velocity
+    if least_s > 0.0:
+        request.minimum_duration = least_s
     if on_ticks:
         request.duration_discretization = ruckig.DurationDiscretization.Discrete
     try:

@@ -12,6 +12,7 @@ The variants differ in the launch:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
@@ -22,6 +23,7 @@ from planner.backends.ruckig_otg.arrival import earliest_arrival
 from planner.backends.ruckig_otg.library import State, Vector, accelerations, fastest_motion
 from planner.backends.solution import Solution
 from planner.cell import Limits
+from planner.errors import SolverFailed
 from planner.problem import ThrowProblem
 from planner.seeds import Candidate
 from planner.timing import RESERVES, fits, grid_limits, onto_grid
@@ -29,8 +31,8 @@ from planner.trajectory import join
 
 LaunchVariant = Literal["free", "synchronised", "independent", "gentle"]
 VARIANTS: tuple[LaunchVariant, ...] = get_args(LaunchVariant)
-GENTLE_SPEED = 0.6  # [-] of the velocity limit
 GENTLE = 0.5  # [-] of the limits on acceleration and jerk
+SPEED_AT_NO_PACE = 0.2  # [-] of the velocity limit, with which that of a pace grows to 1: 0.6 for the variant `gentle`
 
 
 def solve(problem: ThrowProblem, candidate: Candidate, variant: LaunchVariant = "synchronised") -> Solution:
@@ -51,7 +53,7 @@ def solve(problem: ThrowProblem, candidate: Candidate, variant: LaunchVariant = 
     if variant == "free":
         qdd = earliest_arrival(problem, candidate).qdd
     if variant == "gentle":
-        problem = replace(problem, limits=_gentle(problem.limits, candidate))
+        problem = replace(problem, limits=_gentle(problem.limits, np.abs(candidate.qd), GENTLE))
     at_ticks = _independent if variant == "independent" else _synchronised
 
     def launch(limits: Limits) -> tuple[State, Vector]:
@@ -65,6 +67,50 @@ def solve(problem: ThrowProblem, candidate: Candidate, variant: LaunchVariant = 
     else:
         tail = _on_grid(problem, release, lambda limits: _brake(release, limits, problem.dt))
     return Solution(join(head, tail, 1.0 / problem.dt), variant)
+
+
+def leg(problem: ThrowProblem, start: State, end: State | None, pace: float, least_s: float = 0.0) -> State:
+    """Returns the samples of the fastest motion from one state to another, exactly on ticks.
+
+    Args:
+        problem: gives limits and tick.
+        start: q [rad], qd [rad/s], qdd [rad/s^2], each (6,).
+        end: the same quantities; None for rest, anywhere.
+        pace: share of the limits on acceleration and jerk; speed is limited less.
+        least_s: shortest duration, not of a brake [s].
+
+    Raises:
+        SolverFailed: Ruckig refuses the states, or its motion exceeds a limit once it is on ticks.
+        BackendUnavailable: ruckig is not installed.
+    """
+    speeds = np.abs(start[1]) if end is None else np.maximum(np.abs(start[1]), np.abs(end[1]))
+    limited = replace(problem, limits=_gentle(problem.limits, speeds, pace)) if pace < 1.0 else problem
+
+    def phase(limits: Limits) -> tuple[State, Vector]:
+        if end is None:
+            return _brake(start, limits, problem.dt)
+        return end, _synchronised(start, end, limits, problem.dt, least_s)
+
+    samples = _on_grid(limited, start, phase)
+    if not fits(samples, problem.limits, problem.dt):
+        raise SolverFailed("the motion exceeds a joint's limit on ticks")
+    return samples
+
+
+def least_leg_time(problem: ThrowProblem, start: State, end: State | None) -> float:
+    """Returns the time of the fastest motion from one state to another [s]; infinite where Ruckig refuses them.
+
+    Args:
+        problem: gives limits and tick.
+        start, end: as of `leg`.
+
+    Raises:
+        BackendUnavailable: ruckig is not installed.
+    """
+    try:
+        return float(fastest_motion(start, end, problem.limits, problem.dt, on_ticks=False).duration)
+    except SolverFailed:
+        return math.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,9 +162,11 @@ def initial_guess(problem: ThrowProblem, candidate: Candidate) -> RuckigMotion:
     return RuckigMotion(launch, brake, launch.duration, launch.duration + brake.duration)
 
 
-def _gentle(limits: Limits, candidate: Candidate) -> Limits:
-    qd_max = np.maximum(GENTLE_SPEED * limits.qd_max, np.minimum(np.abs(candidate.qd), limits.qd_max))
-    return replace(limits, qd_max=qd_max, qdd_max=GENTLE * limits.qdd_max, jerk_max=GENTLE * limits.jerk_max)
+def _gentle(limits: Limits, speeds: Vector, pace: float) -> Limits:
+    """Returns the limits of a pace; those on velocity are no less than given speeds (6,) [rad/s]."""
+    share = SPEED_AT_NO_PACE + (1.0 - SPEED_AT_NO_PACE) * pace
+    qd_max = np.maximum(share * limits.qd_max, np.minimum(speeds, limits.qd_max))
+    return replace(limits, qd_max=qd_max, qdd_max=pace * limits.qdd_max, jerk_max=pace * limits.jerk_max)
 
 
 def _on_grid(problem: ThrowProblem, start: State, phase: Callable[[Limits], tuple[State, Vector]]) -> State:
@@ -132,9 +180,9 @@ def _on_grid(problem: ThrowProblem, start: State, phase: Callable[[Limits], tupl
     return samples
 
 
-def _synchronised(start: State, end: State, limits: Limits, dt: float) -> Vector:
+def _synchronised(start: State, end: State, limits: Limits, dt: float, least_s: float = 0.0) -> Vector:
     """Returns the accelerations at the ticks (N+1, 6) of the motion in which all joints arrive together."""
-    return accelerations(fastest_motion(start, end, limits, dt), dt)
+    return accelerations(fastest_motion(start, end, limits, dt, least_s=least_s), dt)
 
 
 def _independent(start: State, end: State, limits: Limits, dt: float) -> Vector:

@@ -75,11 +75,11 @@ def flight_clearance(motion: MotionSamples) -> Check | None:
     The value is a proven lower bound on the distance of the object's surface from the obstacle that leaves it least
     beyond what is required, and the limit is what that one requires; up to 3 cm beyond it the value is at most 1 cm too
     small. The landing plane, what lies below it, what the object lands on, and what does not let go of it at once do
-    not count in it, only whether the object meets them before. None for a move that ends at rest.
+    not count in it, only whether the object meets them before. None for a motion that throws nothing.
     """
     name = "flight_clearance"
     problem = motion.problem
-    if problem.ends_at_rest:
+    if not problem.throws:
         return None
     flights = flights_of(motion)
     if flights.end is None:

@@ -1,9 +1,10 @@
-// One chart over a plan's time: uPlot with limits, a marker of the release and the cursor that the scene shares.
+// One chart over a plan's time: uPlot with limits, flags of what happens at an instant, and the cursor that the scene shares.
 
 import uPlot from "uplot";
 import "uplot/dist/uPlot.min.css";
 import "../style/chart.css";
 
+import type { Flag } from "../model/passages";
 import { pngOf } from "../service/save";
 import { figure } from "../state/words";
 import type { Quantity } from "./quantities";
@@ -20,7 +21,7 @@ export interface ChartColors {
 interface ChartOptions {
   readonly height: number; // [px]
   readonly colors: ChartColors;
-  readonly release_s: number | null; // a mark on the time axis
+  readonly flags: readonly Flag[]; // on the time axis
   readonly binding: boolean; // whether its limit is the one that binds
   readonly visible: readonly boolean[];
   readonly range: readonly [number, number]; // of the time axis [s]
@@ -45,6 +46,7 @@ const LEAST_PX = 120; // [px] width
 /** Space beside the curves [px]: a control over the same time lies between them. */
 export const EDGES_PX = { left: 76, right: 24 } as const;
 const LABEL_PX = 16; // [px] of the axis's unit
+const PENNANT_PX = [7, 7] as const; // [px] width and height
 
 /** Range of a quantity: the lines that are shown, and their limits. */
 function valueRange({ lines, limits }: Quantity, visible: readonly boolean[]): [number, number] {
@@ -71,13 +73,13 @@ function drawLimits(plot: uPlot, quantity: Quantity, options: ChartOptions): voi
     ctx.lineTo(bbox.left + bbox.width, y);
     ctx.stroke();
   }
-  if (options.release_s !== null) drawRelease(plot, options, options.release_s, scale);
+  for (const flag of options.flags) (flag.level === null ? drawPassage : drawEdge)(plot, options, flag, scale);
   ctx.restore();
 }
 
-function drawRelease(plot: uPlot, options: ChartOptions, release_s: number, scale: number): void {
+function drawPassage(plot: uPlot, options: ChartOptions, { at_s, text }: Flag, scale: number): void {
   const { ctx, bbox } = plot;
-  const x = Math.round(plot.valToPos(release_s, "x", true));
+  const x = Math.round(plot.valToPos(at_s, "x", true));
   ctx.globalAlpha = 0.7;
   ctx.strokeStyle = options.colors.ink;
   ctx.lineWidth = scale;
@@ -90,14 +92,32 @@ function drawRelease(plot: uPlot, options: ChartOptions, release_s: number, scal
   ctx.fillStyle = options.colors.ink;
   ctx.font = `${11 * scale}px system-ui, sans-serif`;
   ctx.globalAlpha = 1;
-  const width = ctx.measureText("release").width;
+  const width = ctx.measureText(text).width;
   const right = x + 5 * scale + width < bbox.left + bbox.width;
   const at = [right ? x + 5 * scale : x - 5 * scale - width, bbox.top + bbox.height - 5 * scale] as const;
   ctx.textAlign = "left";
   ctx.strokeStyle = options.colors.paper;
   ctx.lineWidth = 4 * scale;
-  ctx.strokeText("release", ...at); // a halo, where it lies on a line
-  ctx.fillText("release", ...at);
+  ctx.strokeText(text, ...at); // a halo, where it lies on a line
+  ctx.fillText(text, ...at);
+}
+
+/** An output's edge is a pennant at the top: full where it is switched on, empty where it is switched off. */
+function drawEdge(plot: uPlot, options: ChartOptions, { at_s, level }: Flag, scale: number): void {
+  const { ctx, bbox } = plot;
+  const x = Math.round(plot.valToPos(at_s, "x", true));
+  ctx.globalAlpha = 1;
+  ctx.setLineDash([]);
+  ctx.lineWidth = scale;
+  ctx.strokeStyle = options.colors.ink;
+  ctx.fillStyle = level ? options.colors.ink : options.colors.paper;
+  ctx.beginPath();
+  ctx.moveTo(x, bbox.top + PENNANT_PX[1] * 2 * scale);
+  ctx.lineTo(x, bbox.top);
+  ctx.lineTo(x + PENNANT_PX[0] * scale, bbox.top + (PENNANT_PX[1] / 2) * scale);
+  ctx.lineTo(x, bbox.top + PENNANT_PX[1] * scale);
+  ctx.fill();
+  ctx.stroke();
 }
 
 const HEAD_PX = 26; // [px] for the names above the curves

@@ -1,5 +1,6 @@
 /** A curve against its limits as a vector drawing for a paper. */
 
+import type { Flag } from "../model/passages";
 import type { Quantity } from "./quantities";
 
 const [WIDTH, HEIGHT] = [640, 320]; // [px]
@@ -14,15 +15,15 @@ interface Range {
   readonly high: number;
 }
 
-/** Returns a drawing of a quantity over time; `release_s` is marked where it is not null. */
-export function curveDrawing(quantity: Quantity, release_s: number | null): string {
+/** Returns a drawing of a quantity over time, with flags of what happens at an instant. */
+export function curveDrawing(quantity: Quantity, flags: readonly Flag[]): string {
   const [t, y] = [rangeOf(quantity.times, 0), rangeOf(valuesOf(quantity), ROOM)];
   const xAt = scale(t, EDGE.left, WIDTH - EDGE.right);
   const yAt = scale(y, HEIGHT - EDGE.bottom, EDGE.top);
   const parts = [
     ...axes(quantity, t, y, xAt, yAt),
     ...limitLines(quantity, y, yAt),
-    ...(release_s === null ? [] : [releaseLine(xAt(release_s))]),
+    ...flags.map((flag) => (flag.level === null ? passageLine : pennant)(xAt(flag.at_s), flag)),
     ...quantity.lines.map((line, i) => `<path d="${pathOf(quantity, line.values, xAt, yAt)}" fill="none" stroke="${colourOf(i)}" stroke-width="1.8"/>`),
     ...quantity.lines.map((line, i) => `<text x="${WIDTH - EDGE.right + 10}" y="${EDGE.top + 12 + 17 * i}" fill="${colourOf(i)}">${escaped(line.label)}</text>`),
   ];
@@ -85,9 +86,15 @@ function limitLines({ limits }: Quantity, y: Range, yAt: (y: number) => number):
   });
 }
 
-function releaseLine(x: number): string {
+function passageLine(x: number, { text }: Flag): string {
   const at = x.toFixed(1);
-  return `<path d="M${at} ${EDGE.top}V${HEIGHT - EDGE.bottom}" stroke="#1c2733" stroke-opacity="0.6" stroke-dasharray="2 3"/><text x="${at}" y="${EDGE.top - 7}" text-anchor="middle">release</text>`;
+  return `<path d="M${at} ${EDGE.top}V${HEIGHT - EDGE.bottom}" stroke="#1c2733" stroke-opacity="0.6" stroke-dasharray="2 3"/><text x="${at}" y="${EDGE.top - 7}" text-anchor="middle">${escaped(text)}</text>`;
+}
+
+/** An output's edge: full where it is switched on, empty where it is switched off. */
+function pennant(x: number, { text, level }: Flag): string {
+  const shape = `<path d="M${x.toFixed(1)} ${EDGE.top + 14}V${EDGE.top}l7 3.5l-7 3.5" stroke="#1c2733" fill="${level ? "#1c2733" : "#fff"}">`;
+  return `${shape}<title>${escaped(text)}</title></path>`;
 }
 
 /** Returns the path of a line, with gaps where it has no value, and steps where a value holds until the next. */

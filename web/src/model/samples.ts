@@ -37,6 +37,6 @@ export function stateAt(samples: Samples, sampleRateHz: number, t: number): Join
 }
 
 /** When a plan's arm rests and its object has landed [s]. */
-export function endOf(plan: { duration_s: number; release_time_s: number; flight?: { time_of_flight_s: number } | null }): number {
-  return Math.max(plan.duration_s, plan.release_time_s + (plan.flight?.time_of_flight_s ?? 0));
+export function endOf(plan: { duration_s: number; release_time_s: number | null; flight?: { time_of_flight_s: number } | null }): number {
+  return Math.max(plan.duration_s, (plan.release_time_s ?? 0) + (plan.flight?.time_of_flight_s ?? 0));
 }

@@ -9,6 +9,7 @@ import { type Chart, createChart } from "../curves/chart";
 import { type Quantity, quantitiesOf } from "../curves/quantities";
 import { createDrawnScene, createScene } from "../scene/index";
 import type { CameraPreset, Ellipse, Landing, Scene, Theme } from "../scene/interface";
+import { type Flag, flagsOf, mainTime } from "../model/passages";
 import { endOf } from "../model/samples";
 import { save } from "../service/save";
 import type { CellModel, Curves, Plan } from "../service/types";
@@ -39,7 +40,7 @@ function start(): void {
   const data = JSON.parse(text) as ReportData;
   const dark = window.matchMedia("(prefers-color-scheme: dark)");
   const scene = mountScene(host, data, dark.matches ? "dark" : "light");
-  const player = new Player(host, endOf(data.plan), data.plan.release_time_s);
+  const player = new Player(host, endOf(data.plan), mainTime(data.plan));
   const quantities = [...quantitiesOf(data.plan, NO_LIMITS, data.curves), ...(data.tracking ? [data.tracking] : [])];
   let charts = mountCharts(quantities, data.plan, dark.matches ? "dark" : "light", player);
   player.onTime((t) => {
@@ -54,7 +55,7 @@ function start(): void {
   for (const button of document.querySelectorAll<HTMLButtonElement>("button[data-time]")) {
     button.addEventListener("click", () => player.go(Number(button.dataset["time"])));
   }
-  player.go(data.plan.release_time_s);
+  player.go(mainTime(data.plan));
   Object.assign(window, { report: { scene, player } });
 }
 
@@ -113,20 +114,20 @@ function mountCharts(quantities: readonly Quantity[], plan: Plan, theme: Theme, 
   const style = getComputedStyle(document.documentElement);
   const colour = (name: string): string => style.getPropertyValue(name).trim();
   const colors = { lines: LINES[theme], ink: colour("--ink"), grid: colour("--line"), limit: colour("--bad"), paper: colour("--paper") };
-  const release_s = plan.flight ? plan.release_time_s : null;
+  const flags = flagsOf(plan);
   return quantities.map((quantity) => {
     const figure = element("figure", "curve");
     const place = element("div", "plot");
-    figure.append(caption(quantity, LINES[theme], release_s, plan.id, () => chart.png()), place);
+    figure.append(caption(quantity, LINES[theme], flags, plan.id, () => chart.png()), place);
     host.append(figure);
     const visible = quantity.lines.map(() => true);
-    const chart = createChart(place, quantity, { height: CHART_PX, colors, release_s, binding: false, visible, range: [0, endOf(plan)], onTime: (t) => player.go(t) });
+    const chart = createChart(place, quantity, { height: CHART_PX, colors, flags, binding: false, visible, range: [0, endOf(plan)], onTime: (t) => player.go(t) });
     new ResizeObserver(() => chart.resize(place.clientWidth)).observe(place);
     return chart;
   });
 }
 
-function caption(quantity: Quantity, lines: readonly string[], release_s: number | null, name: string, png: () => Promise<Blob>): HTMLElement {
+function caption(quantity: Quantity, lines: readonly string[], flags: readonly Flag[], name: string, png: () => Promise<Blob>): HTMLElement {
   const text = element("figcaption");
   text.append(element("b", "", `${quantity.label} [${quantity.unit}]`));
   quantity.lines.forEach((line, i) => {
@@ -134,7 +135,7 @@ function caption(quantity: Quantity, lines: readonly string[], release_s: number
     key.style.color = lines[i % lines.length]!;
     text.append(key);
   });
-  const picture = button("SVG", () => save(new Blob([curveDrawing(quantity, release_s)], { type: "image/svg+xml" }), `${name}-${quantity.key}.svg`));
+  const picture = button("SVG", () => save(new Blob([curveDrawing(quantity, flags)], { type: "image/svg+xml" }), `${name}-${quantity.key}.svg`));
   picture.setAttribute("aria-label", `Save ${quantity.label} as SVG`);
   const pixels = button("PNG", () => void png().then((blob) => save(blob, `${name}-${quantity.key}.png`)));
   pixels.setAttribute("aria-label", `Save ${quantity.label} as PNG`);

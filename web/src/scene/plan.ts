@@ -5,6 +5,7 @@ import type { CellGeometry } from "../model/cell";
 import { toolPose, toolState } from "../model/chain";
 import { type Air, fly, path, sampledPath } from "../model/flight";
 import { plus, positionOf, scaled, type Vector } from "../model/poses";
+import { mainState, mainTime } from "../model/passages";
 import { durationOf, endOf, type JointState, type Samples, stateAt } from "../model/samples";
 import type { Plan } from "../service/types";
 import { polyline, thinned } from "./lines";
@@ -36,14 +37,14 @@ export class PlanMotion {
   ) {
     this.samples = plan.trajectory as unknown as Samples;
     this.rate = plan.sample_rate_hz;
-    this.releaseTime = plan.release_time_s;
+    this.releaseTime = mainTime(plan);
     this.duration = durationOf(this.samples, this.rate);
     this.flies = plan.flight !== null && plan.flight !== undefined;
     this.flightTime = plan.flight?.time_of_flight_s ?? 0;
     this.end = endOf(plan);
-    this.p = plan.release.pose.position as unknown as Vector;
+    this.p = mainState(plan).pose.position as unknown as Vector;
     this.speedFactor = plan.flight?.release_speed_factor ?? 1;
-    this.v = scaled(plan.release.twist.linear as unknown as Vector, this.speedFactor);
+    this.v = scaled(mainState(plan).twist.linear as unknown as Vector, this.speedFactor);
     this.air = { gravity: cell.air.gravity, drag: plan.flight?.drag_per_m ?? cell.air.drag };
   }
 
@@ -61,7 +62,7 @@ export class PlanMotion {
   /** Returns the way of the tool, cut at the release. */
   toolPath(): [Vector[], Vector[]] {
     const points = this.samples.positions.map((q) => positionOf(toolPose(this.cell.chain, q)));
-    const k = this.plan.release.index;
+    const k = mainState(this.plan).index;
     return [thinned(points.slice(0, k + 1), STEP_M), thinned(points.slice(k), STEP_M)];
   }
 
@@ -106,7 +107,8 @@ export function planThings(motion: PlanMotion, palette: Palette, stale: boolean)
     polyline(brake, { colour: palette.brake, width: 1.8, opacity: 0.75 }),
   ];
   if (!motion.flies) return things;
-  const { release, flight } = motion.plan;
+  const { flight } = motion.plan;
+  const release = mainState(motion.plan);
   const [p, v] = [release.pose.position, release.twist.linear] as unknown as [Vector, Vector];
   const landing = flight!.landing_point as unknown as Vector;
   return [

@@ -1653,6 +1653,12 @@ export interface components {
              */
             missed_ticks: number | null;
             /**
+             * Outputs
+             * @description Of the passages, in the order of their commands.
+             * @default []
+             */
+            outputs: components["schemas"]["SwitchedOutput"][];
+            /**
              * Path Error Max M
              * @description Largest distance from the planned path [m].
              * @default null
@@ -2098,6 +2104,33 @@ export interface components {
              * @description Probability of a hit [-].
              */
             value: number;
+        };
+        /**
+         * HomeEndRequest
+         * @description At rest in the cell's home.
+         */
+        HomeEndRequest: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "home";
+        };
+        /**
+         * JointEndRequest
+         * @description At rest in a joint position.
+         */
+        JointEndRequest: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "joint";
+            /**
+             * Positions
+             * @description Joint positions [rad].
+             */
+            positions: number[];
         };
         /**
          * JointReleaseRequest
@@ -2602,6 +2635,149 @@ export interface components {
             rim_height_m: number;
         };
         /**
+         * OutputSwitchRequest
+         * @description A digital output that switches about a passage.
+         */
+        OutputSwitchRequest: {
+            /**
+             * Index
+             * @description Number of the output.
+             */
+            index: number;
+            /**
+             * Level
+             * @description Level that it changes to.
+             */
+            level: boolean;
+            /**
+             * Offset S
+             * @description Time from the passage to the edge [s]; negative: before it.
+             * @default 0
+             */
+            offset_s: number;
+            /**
+             * Output
+             * @description Kind of the output.
+             * @enum {string}
+             */
+            output: "tool_digital" | "standard_digital" | "configurable_digital";
+        };
+        /**
+         * OutputTimes
+         * @description An output that switches about a passage; times are on the plan's clock.
+         */
+        OutputTimes: {
+            /**
+             * Command Time S
+             * @description When it is commanded: edge - delay of the output - arm lag [s].
+             */
+            command_time_s: number;
+            /**
+             * Edge Time S
+             * @description When it changes [s].
+             */
+            edge_time_s: number;
+            /** Index */
+            index: number;
+            /** Level */
+            level: boolean;
+            /**
+             * Offset S
+             * @description As in the request [s].
+             */
+            offset_s: number;
+            /** Output */
+            output: string;
+        };
+        /**
+         * PassageAnswer
+         * @description A state that the motion passes; `command_time_s` is null where nothing is let go.
+         */
+        PassageAnswer: {
+            /**
+             * Accelerations
+             * @description [rad/s^2]
+             */
+            accelerations: number[];
+            /**
+             * Command Time S
+             * @description Time of the gripper's open command: release - gripper delay - arm lag [s]; null at rest.
+             */
+            command_time_s: number | null;
+            /**
+             * End Index
+             * @description Sample at which the passage ends: `index`, as a state is an instant.
+             */
+            end_index: number;
+            /**
+             * Index
+             * @description Sample of the trajectory; the release is exactly on a tick.
+             */
+            index: number;
+            /** Name */
+            name: string;
+            /** Outputs */
+            outputs: components["schemas"]["OutputTimes"][];
+            pose: components["schemas"]["FullPose"];
+            /**
+             * Positions
+             * @description [rad]
+             */
+            positions: number[];
+            /**
+             * Releases
+             * @description Whether the object leaves the tool here.
+             */
+            releases: boolean;
+            /**
+             * Time S
+             * @description [s]
+             */
+            time_s: number;
+            twist: components["schemas"]["FullTwist"];
+            /**
+             * Velocities
+             * @description [rad/s]
+             */
+            velocities: number[];
+        };
+        /**
+         * PassageRequest
+         * @description A state to pass at speed, exactly on a tick.
+         */
+        PassageRequest: {
+            /**
+             * At S
+             * @description Time of the passage from the motion's start, rounded to a tick [s]; absent: as soon as possible.
+             */
+            at_s?: number | null;
+            /**
+             * Name
+             * @description Name of the passage, of its own in the motion.
+             */
+            name: string;
+            /**
+             * Not Before S
+             * @description Earliest time of the passage from the motion's start [s].
+             */
+            not_before_s?: number | null;
+            /**
+             * Outputs
+             * @description What switches about it; absent: nothing.
+             */
+            outputs?: components["schemas"]["OutputSwitchRequest"][] | null;
+            /**
+             * Releases
+             * @description true: the object leaves the tool here; at one passage at most.
+             */
+            releases?: true | null;
+            /**
+             * State
+             * @description The state, of any kind of `release`.
+             */
+            state: components["schemas"]["PoseReleaseRequest"] | components["schemas"]["PointReleaseRequest"] | components["schemas"]["JointReleaseRequest"] | components["schemas"]["TargetReleaseRequest"];
+        };
+        /**
          * PlanAnswer
          * @description A plan: request, trajectory, certificate. Immutable.
          */
@@ -2636,7 +2812,7 @@ export interface components {
              * @description [s]
              */
             duration_s: number;
-            /** @description null for a move that ends at rest. */
+            /** @description null for a motion that throws nothing. */
             flight: components["schemas"]["FlightAnswer"] | null;
             /** @description For a target. */
             hit_probability?: components["schemas"]["HitProbability"] | null;
@@ -2645,16 +2821,22 @@ export interface components {
             /** @description For a target. */
             landing_ellipse?: components["schemas"]["LandingEllipse"] | null;
             /**
+             * Passages
+             * @description Absent where a release alone was asked for.
+             */
+            passages?: components["schemas"]["PassageAnswer"][] | null;
+            /**
              * Profile
              * @description The profile that was used; null: the cell file's numbers.
              */
             profile?: string | null;
-            release: components["schemas"]["ReleaseState"];
+            /** @description null for passages that let nothing go. */
+            release: components["schemas"]["ReleaseState"] | null;
             /**
              * Release Time S
-             * @description [s]
+             * @description [s]; null for passages that let nothing go.
              */
-            release_time_s: number;
+            release_time_s: number | null;
             /**
              * Request
              * @description The request.
@@ -2749,23 +2931,29 @@ export interface components {
              * @description [s]
              */
             duration_s: number;
-            /** @description null for a move that ends at rest. */
+            /** @description null for a motion that throws nothing. */
             flight: components["schemas"]["FlightAnswer"] | null;
             /** @description For a target. */
             hit_probability?: components["schemas"]["HitProbability"] | null;
             /** @description For a target. */
             landing_ellipse?: components["schemas"]["LandingEllipse"] | null;
             /**
+             * Passages
+             * @description Absent where a release alone was asked for.
+             */
+            passages?: components["schemas"]["PassageAnswer"][] | null;
+            /**
              * Profile
              * @description The profile that was used; null: the cell file's numbers.
              */
             profile?: string | null;
-            release: components["schemas"]["ReleaseState"];
+            /** @description null for passages that let nothing go. */
+            release: components["schemas"]["ReleaseState"] | null;
             /**
              * Release Time S
-             * @description [s]
+             * @description [s]; null for passages that let nothing go.
              */
-            release_time_s: number;
+            release_time_s: number | null;
             /**
              * Request
              * @description The request.
@@ -2834,6 +3022,11 @@ export interface components {
              */
             cell?: string | null;
             /**
+             * End
+             * @description Where a motion of passages comes to rest; absent: anywhere.
+             */
+            end?: (components["schemas"]["RestEndRequest"] | components["schemas"]["HomeEndRequest"] | components["schemas"]["JointEndRequest"] | components["schemas"]["PoseEndRequest"]) | null;
+            /**
              * Frame
              * @description Frame of positions and velocities in this request.
              * @default world
@@ -2853,10 +3046,15 @@ export interface components {
              */
             min_hit_probability?: number | null;
             /**
-             * Release
-             * @description The state to pass or the point to hit: one of four kinds.
+             * Passages
+             * @description States to pass one after another, as fast as the limits allow, and the outputs about them.
              */
-            release: components["schemas"]["PoseReleaseRequest"] | components["schemas"]["PointReleaseRequest"] | components["schemas"]["JointReleaseRequest"] | components["schemas"]["TargetReleaseRequest"];
+            passages?: components["schemas"]["PassageRequest"][] | null;
+            /**
+             * Release
+             * @description The state to pass or the point to hit: one of four kinds. It is short for one passage that releases; give either.
+             */
+            release?: (components["schemas"]["PoseReleaseRequest"] | components["schemas"]["PointReleaseRequest"] | components["schemas"]["JointReleaseRequest"] | components["schemas"]["TargetReleaseRequest"]) | null;
             /**
              * Release Window S
              * @description A release early or late by up to this [s] still lands within `landing_tolerance_m`; without one there is no window. Absent: for a target three times the gripper's jitter, at least 0.005, otherwise 0; 0 asks for the soonest release. With `min_hit_probability` it is the shortest window that is tried; absent: 0.
@@ -2910,7 +3108,7 @@ export interface components {
              * @description [s]
              */
             duration_s: number;
-            /** @description null for a move that ends at rest. */
+            /** @description null for a motion that throws nothing. */
             flight: components["schemas"]["FlightAnswer"] | null;
             /** @description For a target. */
             hit_probability?: components["schemas"]["HitProbability"] | null;
@@ -2919,16 +3117,22 @@ export interface components {
             /** @description For a target. */
             landing_ellipse?: components["schemas"]["LandingEllipse"] | null;
             /**
+             * Passages
+             * @description Absent where a release alone was asked for.
+             */
+            passages?: components["schemas"]["PassageAnswer"][] | null;
+            /**
              * Profile
              * @description The profile that was used; null: the cell file's numbers.
              */
             profile?: string | null;
-            release: components["schemas"]["ReleaseState"];
+            /** @description null for passages that let nothing go. */
+            release: components["schemas"]["ReleaseState"] | null;
             /**
              * Release Time S
-             * @description [s]
+             * @description [s]; null for passages that let nothing go.
              */
-            release_time_s: number;
+            release_time_s: number | null;
             /**
              * Request
              * @description The request.
@@ -3064,6 +3268,19 @@ export interface components {
              * @description Orientation as UR's rotation vector [rad]. Answers give both, which must agree.
              */
             rotation_vector?: number[] | null;
+        };
+        /**
+         * PoseEndRequest
+         * @description At rest with the tool in a pose.
+         */
+        PoseEndRequest: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "pose";
+            /** @description Pose of the tool centre point, in `frame`. */
+            pose: components["schemas"]["Pose"];
         };
         /**
          * PoseReleaseRequest
@@ -3574,6 +3791,17 @@ export interface components {
             velocity?: number | number[] | null;
         };
         /**
+         * RestEndRequest
+         * @description At rest, anywhere.
+         */
+        RestEndRequest: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "rest";
+        };
+        /**
          * RobotActionAnswer
          * @description A request to operate a robot, and what became of it.
          */
@@ -4010,6 +4238,35 @@ export interface components {
             keep_out: components["schemas"]["ShapeAnswer"][];
         };
         /**
+         * SwitchedOutput
+         * @description An output of a passage in one run; times are on the plan's clock.
+         */
+        SwitchedOutput: {
+            /**
+             * Command Time S
+             * @description When it was sent [s]; null where it was not.
+             */
+            command_time_s: number | null;
+            /**
+             * Edge Late S
+             * @description That less the planned edge [s].
+             */
+            edge_late_s: number | null;
+            /**
+             * Edge Time S
+             * @description When it was seen to change, up to a tick after it did [s]; null where it was not.
+             */
+            edge_time_s: number | null;
+            /** Index */
+            index: number;
+            /** Level */
+            level: boolean;
+            /** Output */
+            output: string;
+            /** Passage */
+            passage: string;
+        };
+        /**
          * TargetReleaseRequest
          * @description Hit a point by free flight; the planner chooses the release.
          */
@@ -4427,6 +4684,8 @@ export type FullTwist = components['schemas']['FullTwist'];
 export type GripperAnswer = components['schemas']['GripperAnswer'];
 export type Health = components['schemas']['Health'];
 export type HitProbability = components['schemas']['HitProbability'];
+export type HomeEndRequest = components['schemas']['HomeEndRequest'];
+export type JointEndRequest = components['schemas']['JointEndRequest'];
 export type JointReleaseRequest = components['schemas']['JointReleaseRequest'];
 export type LandingAnswer = components['schemas']['LandingAnswer'];
 export type LandingEllipse = components['schemas']['LandingEllipse'];
@@ -4442,6 +4701,10 @@ export type MapReason = components['schemas']['MapReason'];
 export type MapValues = components['schemas']['MapValues'];
 export type ObjectAnswer = components['schemas']['ObjectAnswer'];
 export type OpeningRequest = components['schemas']['OpeningRequest'];
+export type OutputSwitchRequest = components['schemas']['OutputSwitchRequest'];
+export type OutputTimes = components['schemas']['OutputTimes'];
+export type PassageAnswer = components['schemas']['PassageAnswer'];
+export type PassageRequest = components['schemas']['PassageRequest'];
 export type PlanAnswer = components['schemas']['PlanAnswer'];
 export type PlanCurves = components['schemas']['PlanCurves'];
 export type PlanList = components['schemas']['PlanList'];
@@ -4452,6 +4715,7 @@ export type PlanSummary = components['schemas']['PlanSummary'];
 export type PointReleaseRequest = components['schemas']['PointReleaseRequest'];
 export type PooledTimingAnswer = components['schemas']['PooledTimingAnswer'];
 export type Pose = components['schemas']['Pose'];
+export type PoseEndRequest = components['schemas']['PoseEndRequest'];
 export type PoseReleaseRequest = components['schemas']['PoseReleaseRequest'];
 export type ProblemAnswer = components['schemas']['ProblemAnswer'];
 export type ProfileAnswer = components['schemas']['ProfileAnswer'];
@@ -4461,6 +4725,7 @@ export type ProfileSummary = components['schemas']['ProfileSummary'];
 export type Readiness = components['schemas']['Readiness'];
 export type ReleaseState = components['schemas']['ReleaseState'];
 export type RequestLimits = components['schemas']['RequestLimits'];
+export type RestEndRequest = components['schemas']['RestEndRequest'];
 export type RobotActionAnswer = components['schemas']['RobotActionAnswer'];
 export type RobotActionRequest = components['schemas']['RobotActionRequest'];
 export type RobotStateAnswer = components['schemas']['RobotStateAnswer'];
@@ -4473,6 +4738,7 @@ export type SolverEnd = components['schemas']['SolverEnd'];
 export type StartRequest = components['schemas']['StartRequest'];
 export type StateEvent = components['schemas']['StateEvent'];
 export type SurroundingsAnswer = components['schemas']['SurroundingsAnswer'];
+export type SwitchedOutput = components['schemas']['SwitchedOutput'];
 export type TargetReleaseRequest = components['schemas']['TargetReleaseRequest'];
 export type TargetStatistics = components['schemas']['TargetStatistics'];
 export type TelemetryEvent = components['schemas']['TelemetryEvent'];

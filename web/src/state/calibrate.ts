@@ -217,11 +217,12 @@ async function estimate(now: Calibration, signal: AbortSignal): Promise<void> {
 async function oddsChange(now: Calibration, profile: string, signal: AbortSignal): Promise<OddsChange | null> {
   try {
     const { min_hit_probability: _, ...request } = requestOf(state.value.request, now.cell) as PlanRequest & { min_hit_probability?: number };
-    if (request.release.kind !== "target") return null;
+    if (request.release?.kind !== "target") return null;
     const odds = async (id: string): Promise<Odds | null> =>
       (await post<Plan>(`/plan?store=false&trajectory=false&profile=${id}`, request, { signal })).hit_probability ?? null;
     const after = await odds(profile);
-    return after && { target: request.release.position as number[], before: now.before === null ? null : await odds(now.before), after };
+    const target = request.release.position as number[];
+    return after && { target, before: now.before === null ? null : await odds(now.before), after };
   } catch {
     return null; // a throw that the form cannot ask for says nothing of the profile
   }

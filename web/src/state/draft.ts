@@ -210,6 +210,7 @@ export function withNearest(draft: Draft, nearest: Nearest): Draft {
     tolerance: nearest.landing_tolerance_m === undefined || nearest.landing_tolerance_m === null ? draft.tolerance : String(nearest.landing_tolerance_m),
     singularityDistance: text(nearest.singularity_distance_min, draft.singularityDistance),
   };
+  if (!release) return common;
   if (release.kind === "joint") {
     return { ...common, kind: "joint", jointPositions: texts(release.positions), jointVelocities: texts(release.velocities) };
   }
@@ -249,7 +250,7 @@ export function draftOf(request: PlanRequest): Draft {
     timeLimit: number(request.time_limit_s),
   };
   const release = request.release;
-  if (release.kind !== "target") return withNearest(own, request);
+  if (release?.kind !== "target") return withNearest(own, request);
   return {
     ...own,
     kind: "target",
@@ -264,7 +265,7 @@ export function draftOf(request: PlanRequest): Draft {
   };
 }
 
-function poseTexts(release: Extract<PlanRequest["release"], { kind: "pose" }>): Partial<Draft> {
+function poseTexts(release: Extract<NonNullable<PlanRequest["release"]>, { kind: "pose" }>): Partial<Draft> {
   const { pose, twist } = release;
   return {
     kind: "pose",

@@ -257,8 +257,11 @@ async function followLink(): Promise<void> {
 /** Brings back a plan with a form: the tab's own, else that of the plan's request. */
 function restore(plan: Plan, own: Draft | null): void {
   const asked = plan.request as unknown as PlanRequest;
-  const request = own ?? draftOf(asked);
-  dispatch({ type: "restored", cell: plan.cell, request, plan, answers: answersTo(request, plan.cell, asked) });
+  const stated = draftOf(asked);
+  const request = own ?? stated;
+  // The form has no fields for passages: their plan answers it until it is edited, and then it asks for a release.
+  const answers = asked.passages ? JSON.stringify(request) === JSON.stringify(stated) : answersTo(request, plan.cell, asked);
+  dispatch({ type: "restored", cell: plan.cell, request, plan, answers });
 }
 
 /** Whether a form asks for exactly what a plan was made for. */

@@ -237,6 +237,7 @@ export function placeWords(place: readonly number[], floorZ: number | null): str
 export function throwLabel(plan: Plan | null, floorZ: number | null): string {
   if (plan === null) return "Throw";
   const place = aimOf(plan);
+  if (!place && plan.passages) return `Throw on ${plan.cell}: a motion through ${plan.passages.map(({ name }) => name).join(", ")}`;
   if (!place) return `Throw on ${plan.cell}: a move that ends at rest`;
   return `Throw on ${plan.cell} to ${placeWords(place, floorZ)}`;
 }

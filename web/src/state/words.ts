@@ -1,5 +1,6 @@
 // What the page says, in words: states, outcomes, stops and what to do after them, refusals. Pure.
 
+import { edgeWords, mainTime } from "../model/passages";
 import type { CellState, CellSummary, Execution, LandingAnswer, Plan, PlanProgress } from "../service/types";
 import type { Run } from "./machine";
 import { armKind } from "./readiness";
@@ -306,17 +307,34 @@ const METRICS: Readonly<Record<string, readonly [string, string, number]>> = {
 /** Everything that was measured in an execution, as names and values. */
 export function metricRows(metrics: Readonly<Record<string, unknown>>): readonly (readonly [string, string])[] {
   const known = Object.entries(metrics).filter(([, value]) => value !== null && typeof value !== "object");
-  return known.map(([name, value]) => {
+  const rows = known.map(([name, value]) => {
     const [label, unit, scale] = METRICS[name] ?? [constraintWords(name), "", 1];
     if (typeof value === "boolean") return [label, value ? "yes" : "no"] as const;
     return [label, typeof value === "number" ? `${figure(value * scale, 4)} ${unit}`.trimEnd() : plainWords(String(value))] as const;
   });
+  return [...rows, ...outputRows((metrics["outputs"] ?? []) as Outputs)];
+}
+
+type Outputs = NonNullable<NonNullable<Execution["metrics"]>["outputs"]>;
+
+/** When each output of a plan's passages was seen to change. */
+function outputRows(outputs: Outputs): (readonly [string, string])[] {
+  return outputs.map((each) => {
+    const late = each.edge_late_s ?? 0;
+    const seen = each.edge_time_s === null ? "not seen" : `after ${each.edge_time_s.toFixed(3)} s, ${figure(1000 * Math.abs(late), 2)} ms ${late < 0 ? "early" : "late"}`;
+    return [`${each.passage}: ${edgeWords(each)}`, seen] as const;
+  });
+}
+
+function passedWords(passages: NonNullable<Plan["passages"]>): string {
+  const times = passages.map(({ name, time_s }) => `${name} after ${time_s.toFixed(2)} s`);
+  return `Passes ${times.join(", ")}`;
 }
 
 /** What the plan promises, in a sentence or two. */
 export function planWords(plan: Plan): string {
   const flight = plan.flight;
-  const release = `Release after ${plan.release_time_s.toFixed(2)} s`;
+  const release = plan.passages && !plan.release ? passedWords(plan.passages) : `Release after ${mainTime(plan).toFixed(2)} s`;
   if (!flight) return `${release}; at rest after ${plan.duration_s.toFixed(2)} s. Nothing flies.`;
   return (
     `${release} at ${flight.speed_m_s.toFixed(1)} m/s, ${flight.time_of_flight_s.toFixed(2)} s of flight, ` +

@@ -6,6 +6,7 @@ import { useEffect, useRef } from "preact/hooks";
 
 import { createChart } from "../curves/chart";
 import type { Quantity } from "../curves/quantities";
+import { mainTime } from "../model/passages";
 import { call, get } from "../service/client";
 import type { Execution, Plan } from "../service/types";
 import { aimOf, placeWords } from "../state/machine";
@@ -101,7 +102,7 @@ function factsOf({ run, plan }: Side): readonly (readonly [string, string])[] {
   return [
     ["Outcome", outcomeWords({ ...run, dryRun: run.dry_run })],
     ["Target", aim ? placeWords(aim, floorZ.value) : "–"],
-    ["Release", `${figure(plan.release_time_s)} s${plan.flight ? ` at ${figure(plan.flight.speed_m_s)} m/s` : ""}`],
+    [plan.release ? "Release" : "Last passage", `${figure(mainTime(plan))} s${plan.flight ? ` at ${figure(plan.flight.speed_m_s)} m/s` : ""}`],
     ["Streamed by", run.mode],
     ...(offset ? ([["Reported off in x, y", offset.map((x) => length(x)).join(", ")]] as const) : []),
     ...metricRows(run.metrics ?? {}),
@@ -117,7 +118,7 @@ function DeviationChart({ sides }: { sides: readonly Side[] }): JSX.Element | nu
     if (element === null || !recorded) return;
     const quantity = quantityOf(sides);
     const ends = [quantity.times[0] ?? 0, quantity.times.at(-1) ?? 1] as const;
-    const options = { height: HEIGHT_PX, colors: chartColors(), release_s: null, binding: false, visible: [true, true], range: ends };
+    const options = { height: HEIGHT_PX, colors: chartColors(), flags: [], binding: false, visible: [true, true], range: ends };
     const chart = createChart(element, quantity, { ...options, onTime: () => undefined });
     const observer = new ResizeObserver(() => chart.resize(element.clientWidth));
     observer.observe(element);

@@ -9,6 +9,7 @@ import { curveDrawing } from "../curves/drawing";
 import { curveTable } from "../curves/table";
 import { bindingCheck, type JointLimits, type Quantity, quantitiesOf } from "../curves/quantities";
 import { zoom } from "../curves/zoom";
+import { type Flag, flagsOf } from "../model/passages";
 import { save } from "../service/save";
 import type { CellModel, Plan } from "../service/types";
 import { play, tick } from "../state/playback";
@@ -144,18 +145,19 @@ function Quantities({ quantities, quantity, binding }: Offered): JSX.Element {
 
 function Curves({ plan, quantity, binding }: Offered & { plan: Plan }): JSX.Element {
   const chart = useRef<Chart | null>(null);
-  const release_s = plan.flight ? plan.release_time_s : null;
+  const flags = useMemo(() => flagsOf(plan), [plan]);
   return (
     <div class="curves">
       <ChartView
-        quantity={quantity} hidden={hidden.value} binding={quantity.check === binding} release_s={release_s}
+        quantity={quantity} hidden={hidden.value} binding={quantity.check === binding} flags={flags}
         onChart={(made) => (chart.current = made)}
       />
       <Legend
         quantity={quantity} hidden={hidden.value}
-        onSave={(form) => void curvesAs(form, quantity, release_s, chart.current).then((blob) => blob && save(blob, `${quantity.key}.${form}`))}
+        onSave={(form) => void curvesAs(form, quantity, flags, chart.current).then((blob) => blob && save(blob, `${quantity.key}.${form}`))}
         onToggle={(line) => (hidden.value = hidden.value.includes(line) ? hidden.value.filter((i) => i !== line) : [...hidden.value, line])}
       />
+      {plan.passages ? <Flags flags={flags} /> : null}
     </div>
   );
 }
@@ -164,10 +166,29 @@ const FORMS = ["png", "svg", "csv"] as const;
 type Form = (typeof FORMS)[number];
 
 /** Returns the curves as a picture, as a drawing or as numbers. */
-async function curvesAs(form: Form, quantity: Quantity, release_s: number | null, chart: Chart | null): Promise<Blob | undefined> {
+async function curvesAs(form: Form, quantity: Quantity, flags: readonly Flag[], chart: Chart | null): Promise<Blob | undefined> {
   if (form === "png") return chart?.png();
-  if (form === "svg") return new Blob([curveDrawing(quantity, release_s)], { type: "image/svg+xml" });
+  if (form === "svg") return new Blob([curveDrawing(quantity, flags)], { type: "image/svg+xml" });
   return new Blob([curveTable(quantity)], { type: "text/csv" });
+}
+
+/** What happens at an instant; a click goes there. */
+function Flags({ flags }: { readonly flags: readonly Flag[] }): JSX.Element {
+  const go = (at_s: number): void => {
+    playing.value = 0;
+    time.value = Math.min(Math.max(at_s, 0), endTime.value);
+  };
+  return (
+    <ol class="flags" aria-label="Passages and outputs">
+      {flags.map(({ at_s, text, level }) => (
+        <li key={`${text} ${at_s}`}>
+          <button type="button" class={`chip ${level === null ? "passage" : ""}`} onClick={() => go(at_s)}>
+            {text} <span class="value">{at_s.toFixed(3)} s</span>
+          </button>
+        </li>
+      ))}
+    </ol>
+  );
 }
 
 interface LegendProps {
@@ -210,11 +231,11 @@ interface ChartViewProps {
   readonly quantity: Quantity;
   readonly hidden: readonly number[];
   readonly binding: boolean;
-  readonly release_s: number | null;
+  readonly flags: readonly Flag[];
   readonly onChart: (chart: Chart | null) => void;
 }
 
-function ChartView({ quantity, hidden, binding, release_s, onChart }: ChartViewProps): JSX.Element {
+function ChartView({ quantity, hidden, binding, flags, onChart }: ChartViewProps): JSX.Element {
   const host = useRef<HTMLDivElement>(null);
   const chart = useRef<Chart | null>(null);
   const isDark = dark.value;
@@ -227,7 +248,7 @@ function ChartView({ quantity, hidden, binding, release_s, onChart }: ChartViewP
       time.value = Math.min(at, endTime.value);
     };
     const range = span.peek();
-    chart.current = createChart(element, quantity, { height: HEIGHT_PX, colors: chartColors(), release_s, binding, visible, range, onTime, onZoom: zoomAt });
+    chart.current = createChart(element, quantity, { height: HEIGHT_PX, colors: chartColors(), flags, binding, visible, range, onTime, onZoom: zoomAt });
     chart.current.setTime(time.peek());
     onChart(chart.current);
     const observer = new ResizeObserver(() => chart.current?.resize(element.clientWidth));
@@ -238,7 +259,7 @@ function ChartView({ quantity, hidden, binding, release_s, onChart }: ChartViewP
       chart.current = null;
       onChart(null);
     };
-  }, [quantity, hidden, binding, release_s, isDark]);
+  }, [quantity, hidden, binding, flags, isDark]);
   useSignalEffect(() => chart.current?.setTime(time.value));
   useSignalEffect(() => chart.current?.setRange(span.value));
   return <div class="chart" ref={host} role="img" aria-label={chartWords(quantity)} />;

@@ -4,6 +4,7 @@ import type { Color, PerspectiveCamera } from "three";
 import { type Body, linesOf } from "../../model/bodies";
 import type { CellGeometry } from "../../model/cell";
 import { linkPoses, toolPose } from "../../model/chain";
+import { mainState } from "../../model/passages";
 import { plus, positionOf, type Vector } from "../../model/poses";
 import { axisMarks } from "../axes";
 import type { Turned } from "../arm/turned";
@@ -160,7 +161,8 @@ function throwLines({ motion, object, cell, q }: Drawn, pen: Pen, palette: Palet
   const [launch, brake] = motion.toolPath();
   const lines = [pen.line(brake, palette.brake, 1.2), pen.line(launch, palette.launch, 2.4)];
   if (!motion.flies) return [...lines, dot];
-  const { release, flight } = motion.plan;
+  const { flight } = motion.plan;
+  const release = mainState(motion.plan);
   const [p, v] = [release.pose.position, release.twist.linear] as unknown as [Vector, Vector];
   return [
     ...lines,

@@ -1,0 +1,269 @@
+"""Passages: the states that a motion passes one after another, and the outputs that switch about each of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from planner.arrays import Array, read_only
+from planner.cell import Cell
+from planner.errors import FieldError
+from planner.fields import Choice, Field, Flag, Kinds, Number, Record, RecordList, Text, Vector, Whole, Yes, required
+from planner.grippers import OUTPUTS
+from planner.releases import KINDS, POSE, JointRelease, PoseRelease, Release, release_document
+from planner.trajectory import Trajectory
+
+PASSAGES_MAX = 20
+OUTPUTS_MAX = 8  # switched about one passage: a controller's bank of outputs has no more
+OFFSET_MAX_S = 2.0  # [s] of an output from its passage; catches milliseconds
+NAME_MAX = 64  # characters of a passage's name
+ROUNDING = 1e-6  # [ticks] of a time in floating point
+TIME_MAX_S = 60.0  # [s] of a passage: a motion may take no longer
+NOT_YET = "is not supported yet"
+
+
+@dataclass(frozen=True)
+class OutputSwitch:
+    """A digital output that switches at a fixed time about a passage.
+
+    Attributes:
+        output, index: kind and number of the output.
+        level: that it changes to.
+        offset_s: from the passage to the edge [s]; negative before it.
+    """
+
+    output: str
+    index: int
+    level: bool
+    offset_s: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Passage:
+    """A state that a motion passes at a tick.
+
+    Attributes:
+        name: that its request gives it.
+        state: what is required of the state, as of a release.
+        outputs: what switches about it.
+        releases: whether the object leaves the tool there.
+        not_before_s: earliest time from the motion's start [s].
+        at_s: time from the motion's start, rounded to a tick [s]; None: as soon as possible.
+    """
+
+    name: str
+    state: Release
+    outputs: tuple[OutputSwitch, ...] = ()
+    releases: bool = False
+    not_before_s: float = 0.0
+    at_s: float | None = None
+
+    @property
+    def is_timed(self) -> bool:
+        """Whether it may be too soon."""
+        return self.at_s is not None or self.not_before_s > 0.0
+
+    def first_tick(self, rate_hz: float) -> int:
+        """Returns the first tick at which it may be passed."""
+        return math.ceil(self.not_before_s * rate_hz - ROUNDING) if self.at_s is None else round(self.at_s * rate_hz)
+
+    def is_in_time(self, tick: int, rate_hz: float) -> bool:
+        """Returns whether it may be passed at a tick."""
+        first = self.first_tick(rate_hz)
+        return tick == first if self.at_s is not None else tick >= first
+
+
+class OutputEdge(NamedTuple):
+    """An output's edge in a plan; times are on the plan's clock [s].
+
+    Attributes:
+        passage: number of its passage.
+        switch: the output, and the level that it changes to.
+        command_time_s: when the output is commanded: its delay and the arm's lag before the edge.
+        edge_time_s: when it is to change.
+    """
+
+    passage: int
+    switch: OutputSwitch
+    command_time_s: float
+    edge_time_s: float
+
+
+SWITCH = Record(
+    "OutputSwitchRequest",
+    "A digital output that switches about a passage.",
+    {
+        "output": required(Choice(tuple(OUTPUTS)), "Kind of the output."),
+        "index": required(Whole(0, max(OUTPUTS.values()) - 1), "Number of the output."),
+        "level": required(Flag(), "Level that it changes to."),
+        "offset_s": Field(
+            Number(-OFFSET_MAX_S, OFFSET_MAX_S),
+            "Time from the passage to the edge [s]; negative: before it.",
+            default=0.0,
+        ),
+    },
+    planned={"offset_m": f"{NOT_YET}: it is for lines; give offset_s"},
+)
+PASSAGE = Record(
+    "PassageRequest",
+    "A state to pass at speed, exactly on a tick.",
+    {
+        "name": required(Text(NAME_MAX), "Name of the passage, of its own in the motion."),
+        "state": required(
+            Kinds({name: kind.record for name, kind in KINDS.items()}), "The state, of any kind of `release`."
+        ),
+        "releases": Field(Yes(), "true: the object leaves the tool here; at one passage at most."),
+        "outputs": Field(RecordList(SWITCH, 0, OUTPUTS_MAX), "What switches about it; absent: nothing."),
+        "at_s": Field(
+            Number(above=0.0, most=TIME_MAX_S),
+            "Time of the passage from the motion's start, rounded to a tick [s]; absent: as soon as possible.",
+        ),
+        "not_before_s": Field(
+            Number(above=0.0, most=TIME_MAX_S), "Earliest time of the passage from the motion's start [s]."
+        ),
+    },
+    planned={"line": f"{NOT_YET}: pass states"},
+)
+PASSAGES = RecordList(PASSAGE, 1, PASSAGES_MAX)
+END = Kinds(
+    {
+        "rest": Record("RestEndRequest", "At rest, anywhere.", {}),
+        "home": Record("HomeEndRequest", "At rest in the cell's home.", {}),
+        "joint": Record(
+            "JointEndRequest",
+            "At rest in a joint position.",
+            {"positions": required(Vector(6), "Joint positions [rad].")},
+        ),
+        "pose": Record(
+            "PoseEndRequest",
+            "At rest with the tool in a pose.",
+            {"pose": required(POSE, "Pose of the tool centre point, in `frame`.")},
+        ),
+    }
+)
+
+
+def passages_from_json(given: Sequence[Mapping[str, Any]], X_WR: Array) -> tuple[Passage, ...]:
+    """Returns the passages in the world.
+
+    Args:
+        given: as read by `PASSAGES`.
+        X_WR: pose of the request's frame.
+    """
+    return tuple(
+        Passage(
+            name=each["name"],
+            state=KINDS[each["state"]["kind"]].from_json(each["state"], X_WR),
+            outputs=tuple(OutputSwitch(**switch) for switch in each.get("outputs", ())),
+            releases=each.get("releases", False),
+            not_before_s=each.get("not_before_s", 0.0),
+            at_s=each.get("at_s"),
+        )
+        for each in given
+    )
+
+
+def passage_document(passage: Passage) -> dict[str, Any]:
+    """Returns a passage in the shape of `POST /plan`, in the world frame."""
+    document: dict[str, Any] = {"name": passage.name, "state": release_document(passage.state)}
+    if passage.releases:
+        document["releases"] = True
+    if passage.at_s is not None:
+        document["at_s"] = passage.at_s
+    if passage.not_before_s > 0.0:
+        document["not_before_s"] = passage.not_before_s
+    return {**document, "outputs": [asdict(switch) for switch in passage.outputs]}
+
+
+def end_from_json(given: Mapping[str, Any], home: Array, X_WR: Array) -> Release | None:
+    """Returns the state at rest in which a motion ends; None for rest anywhere.
+
+    Args:
+        given: as read by `END`.
+        home: joint positions of the cell's home (6,) [rad].
+        X_WR: pose of the request's frame.
+    """
+    still = read_only(np.zeros(6))
+    if given["kind"] == "rest":
+        return None
+    if given["kind"] == "pose":
+        at_rest = {"linear": [0.0, 0.0, 0.0], "angular": [0.0, 0.0, 0.0]}
+        return PoseRelease.from_json({"pose": given["pose"], "twist": at_rest}, X_WR)
+    return JointRelease(home if given["kind"] == "home" else read_only(given["positions"]), still)
+
+
+def end_document(end: Release | None) -> dict[str, Any]:
+    """Returns an end in the shape of `POST /plan`, in the world frame."""
+    if end is None:
+        return {"kind": "rest"}
+    given = release_document(end)
+    return {name: value for name, value in given.items() if name not in ("velocities", "twist")}
+
+
+def main_state(passages: Sequence[Passage]) -> Release:
+    """Returns the state at which the object leaves; without one, that of the last passage."""
+    return next((each.state for each in passages if each.releases), passages[-1].state)
+
+
+def with_main_state(passages: Sequence[Passage], state: Release) -> tuple[Passage, ...]:
+    """Returns the passages with another `main_state`."""
+    was = main_state(passages)
+    return tuple(replace(each, state=state) if each.state is was else each for each in passages)
+
+
+def passage_errors(passages: Sequence[Passage], cell: Cell) -> list[FieldError]:
+    """Returns every field of a request's passages that contradicts another one or the cell."""
+    errors = []
+    names = [each.name for each in passages]
+    releasing = [i for i, each in enumerate(passages) if each.releases]
+    for i, each in enumerate(passages):
+        path = f"passages[{i}]"
+        if each.name in names[:i]:
+            errors.append(FieldError(f"{path}.name", f"{each.name!r} is the name of another passage"))
+        if each.state.aims and not each.releases:
+            reason = f"a state of kind {each.state.name} lets the object go: give releases, or another kind"
+            errors.append(FieldError(f"{path}.state.kind", reason))
+        if each.releases and each.state.is_at_rest:
+            errors.append(FieldError(f"{path}.state", "is at rest: nothing is thrown from there"))
+        if each.releases and i != releasing[0]:
+            errors.append(FieldError(f"{path}.releases", f"{names[releasing[0]]!r} lets the object go already"))
+        if each.at_s is not None and each.not_before_s > 0.0:
+            errors.append(FieldError(f"{path}.not_before_s", "give either at_s or not_before_s"))
+        for error in each.state.errors(cell):
+            errors.append(FieldError(error.field.replace("release.", f"{path}.state.", 1), error.reason))
+        errors += _output_errors(each.outputs, f"{path}.outputs", cell)
+    return errors
+
+
+def _output_errors(outputs: Sequence[OutputSwitch], path: str, cell: Cell) -> list[FieldError]:
+    """Returns the outputs that do not exist, are the gripper's own, or are to switch twice at once."""
+    errors = []
+    gripper = cell.gripper
+    own = [] if gripper.link is not None else [(gripper.output, gripper.index)]
+    if gripper.second is not None:
+        own.append((gripper.second.output, gripper.second.index))
+    for i, each in enumerate(outputs):
+        line = (each.output, each.index)
+        if each.index >= OUTPUTS[each.output]:
+            reason = f"{each.index} is none of the {OUTPUTS[each.output]} outputs of kind {each.output}"
+            errors.append(FieldError(f"{path}[{i}].index", reason))
+        if line in own:
+            errors.append(FieldError(f"{path}[{i}]", "is the gripper's own output: give the passage `releases`"))
+        if any(line == (other.output, other.index) and each.offset_s == other.offset_s for other in outputs[:i]):
+            errors.append(FieldError(f"{path}[{i}].offset_s", "another level of this output is given for this time"))
+    return errors
+
+
+def output_edges(cell: Cell, passages: Sequence[Passage], trajectory: Trajectory) -> list[OutputEdge]:
+    """Returns the edges of a motion's outputs in the order of their commands."""
+    edges = []
+    for number, passage in enumerate(passages):
+        for switch in passage.outputs:
+            edge_s = trajectory.passed[number] / trajectory.sample_rate_hz + switch.offset_s
+            command_s = edge_s - cell.output_delay_s(switch.output, switch.index) - cell.timing.lag_s
+            edges.append(OutputEdge(number, switch, command_s, edge_s))
+    return sorted(edges, key=lambda edge: edge.command_time_s)

@@ -1,0 +1,315 @@
+"""The search for a motion through several passages: leg by leg, certified as one.
+
+    the joint states of every passage, those nearest to the passage before
+      → a graph: a node a state, an edge a leg from one passage to the next, as long as its fastest motion
+      → the shortest way through it, which chooses the branches of the inverse kinematics for the whole chain
+      → Ruckig's motion along it → certificate
+      → the leg in which a check fails is made gentler, or left out; and again
+
+A state is passed with zero acceleration, or with that at which the tool keeps its twist. Counts alone decide what is
+tried; the only clock is the request's time limit.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+
+from planner.arrays import Array
+from planner.backends import ruckig_otg
+from planner.backends.solution import Solution
+from planner.certificate import SINGULARITY_WINDOW_S, Check
+from planner.errors import TIME_LIMIT, Infeasible, SolverFailed, Violation, nothing_found
+from planner.kinematics import inverse_velocity, jacobian, singularity_distances, tcp_acceleration
+from planner.problem import ThrowProblem
+from planner.releases import Release
+from planner.search.record import PlanningSearch
+from planner.seeds import candidates
+from planner.trajectory import Trajectory
+
+PACES = (1.0, 0.5, 0.25)  # [-] of a leg, tried in turn: torques, tool speed and what is near may ask for a gentler one
+STATES = 24  # [-] joint states kept of a passage: a pose has eight branches, each with full turns and two accelerations
+MOTIONS = 100  # [-] motions certified before a search gives up
+WAYS = 1000  # [-] ways looked at: most that do not come to a motion have a leg that Ruckig refuses
+ROUNDING = 1e-6  # [ticks] of a duration in floating point
+OF_RELEASE = ("flight_clearance", "landing", "landing_window", "opening_direction")  # checks that the release decides
+State = tuple[Array, Array, Array]
+
+
+def search_chain(search: PlanningSearch) -> None:
+    """Searches for a certified motion through the passages of a problem, to its end.
+
+    Args:
+        search: updated in place.
+
+    Raises:
+        Infeasible: a passage has no joint state, or no motion was certified; names the passage, or the leg.
+        SolverFailed: the deadline ended the search before that.
+    """
+    begun_s = time.perf_counter()
+    legs = _legs(search)
+    for _ in range(WAYS):
+        way = legs.shortest()
+        if way is None or search.best is not None or len(search.rejected) == MOTIONS or search.out_of_time:
+            break
+        search.begin_candidate()
+        _try(search, legs, way)
+    search.note_end()
+    tried = len(search.certified) + len(search.rejected)
+    search.log_attempt("ruckig", f"leg by leg: {len(search.certified)} of {tried} motions certified", begun_s)
+    if search.best is None:
+        log = [attempt.__dict__ for attempt in search.attempts]
+        if search.out_of_time:
+            raise SolverFailed(TIME_LIMIT, 0, log, [legs.obstacle()])
+        raise Infeasible([legs.obstacle()], attempts=log)
+
+
+def _try(search: PlanningSearch, legs: _Legs, way: list[int]) -> None:
+    """Makes and certifies the motion along a way; what stands in its way is noted with its leg."""
+    made = []
+    tick = 0
+    for number in range(len(way) - 1):
+        try:
+            made.append(legs.samples(number, way, tick))
+            tick += len(made[-1][0]) - 1
+        except SolverFailed as failure:
+            obstacle = next(iter(failure.violations), nothing_found("motion", str(failure)))
+            legs.give_way(number, way, obstacle)
+            return
+    motion = _joined(search.problem, made)
+    found = search.certify("ruckig", Solution(motion, "leg by leg"))
+    if found.is_valid:
+        return
+    blamed = set()
+    for failed in found.examination.failures:
+        leg = _leg_of(motion, failed)
+        if leg not in blamed:
+            blamed.add(leg)
+            violation = Violation(failed.name, failed.value, failed.limit, failed.unit, failed.at_s, failed.detail)
+            legs.give_way(leg, way, violation, ends=failed.name in OF_RELEASE)
+
+
+def _leg_of(motion: Trajectory, failed: Check) -> int:
+    """Returns the number of the leg in which a check fails; of the flight, that which leads to the release."""
+    if failed.name in OF_RELEASE:
+        return motion.passed.index(motion.release_index)
+    at_s = math.inf if failed.at_s is None else failed.at_s
+    return int(np.searchsorted(np.array(motion.passed) * motion.dt, at_s))
+
+
+def _joined(problem: ThrowProblem, legs: Sequence[State]) -> Trajectory:
+    """Returns the motion of legs in a row; each begins in the last state of the one before."""
+    arrays = [np.concatenate([leg[k][int(i > 0) :] for i, leg in enumerate(legs)]) for k in range(3)]
+    ends = np.cumsum([len(leg[0]) - 1 for leg in legs]).tolist()
+    passed = tuple(ends[: len(problem.passages)])
+    releases = (index for each, index in zip(problem.passages, passed, strict=True) if each.releases)
+    released = next(releases, passed[-1])
+    return Trajectory(1.0 / problem.dt, *arrays, release_index=released, passage_indices=passed)
+
+
+@dataclass(eq=False)
+class _Legs:
+    """The legs between the joint states of start, passages and end.
+
+    Attributes:
+        problem: gives limits and tick.
+        names: of start, passages and end, in words.
+        states: joint states of each; None: rest, anywhere.
+        times: of the fastest leg from every state of one to every state of the next (n, m) [s]; infinite for none.
+        paces: number of the pace of each leg (n, m).
+        obstacles: what stood in the way of a leg last, by its number.
+    """
+
+    problem: ThrowProblem
+    names: list[str]
+    states: list[list[State | None]]
+    times: list[Array]
+    paces: list[Array]
+    obstacles: dict[int, Violation] = field(default_factory=dict)
+
+    def shortest(self) -> list[int] | None:
+        """Returns the number of the state of each on the shortest way; None where there is none. Bellman, 1957."""
+        cost = np.zeros(1)
+        came_from = []
+        for number, times in enumerate(self.times):
+            total = cost[:, None] + times
+            came_from.append(total.argmin(axis=0))
+            cost = self._in_time(number, total.min(axis=0))
+        last = int(cost.argmin())
+        if not math.isfinite(cost[last]):
+            return None
+        way = [last]
+        for back in reversed(came_from):
+            way.append(int(back[way[-1]]))
+        return way[::-1]
+
+    def _in_time(self, number: int, arrivals: Array) -> Array:
+        """Returns when the states at the end of a leg are passed (m,) [s], at the soonest; infinite where too late."""
+        if number >= len(self.problem.passages):
+            return arrivals
+        passage = self.problem.passages[number]
+        first_s = passage.first_tick(1.0 / self.problem.dt) * self.problem.dt
+        in_time = np.maximum(arrivals, first_s)
+        if passage.at_s is None:
+            return in_time
+        if arrivals.min() > first_s and math.isfinite(arrivals.min()):
+            late = Violation(
+                "passage", float(arrivals.min()), passage.at_s, "s", detail="the soonest that it is passed"
+            )
+            self.obstacles[number] = late.within(self.leg_name(number))
+        return np.where(arrivals > first_s, math.inf, in_time)
+
+    def samples(self, number: int, way: Sequence[int], begun: int | None = None) -> State:
+        """Returns the samples of a leg of a way, at its present pace.
+
+        Args:
+            number: of the leg.
+            way: that it is on.
+            begun: tick at which it begins; None: it takes as long as it does.
+
+        Raises:
+            SolverFailed: Ruckig refuses its states, it is passed too late, or it comes too near to a singularity beside
+                a passage.
+        """
+        start = self.states[number][way[number]]
+        assert start is not None
+        pace = PACES[int(self.paces[number][way[number], way[number + 1]])]
+        problem = self.problem
+        timed = None if begun is None or number >= len(problem.passages) else problem.passages[number]
+        least_s = 0.0 if timed is None else (timed.first_tick(1.0 / problem.dt) - (begun or 0)) * problem.dt
+        made = ruckig_otg.leg(problem, start, self.states[number + 1][way[number + 1]], pace, least_s)
+        self._check_singularities(number, made[0])
+        tick = (begun or 0) + len(made[0]) - 1
+        if timed is not None and not timed.is_in_time(tick, 1.0 / problem.dt):
+            late = Violation("passage", tick * problem.dt, timed.at_s, "s", detail="no motion was found to be in time")
+            raise SolverFailed(str(late), violations=[late])
+        return made
+
+    def _check_singularities(self, number: int, q: Array) -> None:
+        """Looks at the postures (n, 6) of a leg beside its passages, which is quick: most legs that fail, fail there.
+
+        Raises:
+            SolverFailed: one is too near to a singularity.
+        """
+        problem = self.problem
+        ticks = round(SINGULARITY_WINDOW_S / problem.dt)
+        passages = problem.passages
+        leaves = number > 0 and not passages[number - 1].state.is_at_rest
+        arrives = number < len(passages) and not passages[number].state.is_at_rest
+        beside = np.concatenate([q[: ticks * leaves], q[len(q) - min(ticks * arrives, len(q)) :]])
+        if len(beside) == 0:
+            return
+        least = float(singularity_distances(problem.cell.robot, beside).minimum.min())
+        limit = problem.limits.singularity_distance_min
+        if least < limit:
+            found = Violation("singularity_distance", least, limit, "1", detail="beside a passage")
+            raise SolverFailed(str(found), violations=[found])
+
+    def give_way(self, number: int, way: Sequence[int], obstacle: Violation, ends: bool = False) -> None:
+        """Makes a leg gentler, or leaves it out after the last pace.
+
+        Args:
+            number: of the leg.
+            way: that it is on.
+            obstacle: what stands in its way.
+            ends: whether the state at its end does, whichever leg leads there.
+        """
+        at = (way[number], way[number + 1])
+        self.obstacles[number] = obstacle.within(self.leg_name(number))
+        if ends:
+            self.times[number][:, at[1]] = math.inf
+            return
+        for pace in range(int(self.paces[number][at]) + 1, len(PACES)):
+            self.paces[number][at] = pace
+            with suppress(SolverFailed):
+                self.times[number][at] = self.problem.dt * (len(self.samples(number, way)[0]) - 1)
+                return
+        self.times[number][at] = math.inf
+
+    def leg_name(self, number: int) -> str:
+        """Returns a leg in words."""
+        return f"leg {number + 1}, from {self.names[number]} to {self.names[number + 1]}"
+
+    def obstacle(self) -> Violation:
+        """Returns what stands in the way of every motion: of the leg that no state is left for, else of the last."""
+        for number, times in enumerate(self.times):
+            if not np.isfinite(times).any():
+                refused = nothing_found("motion", "no joint motion within the limits leads there")
+                return self.obstacles.get(number, refused.within(self.leg_name(number)))
+        if not self.obstacles:
+            return nothing_found("motion", "no chain of joint states was found through all passages")
+        return self.obstacles[max(self.obstacles)]
+
+
+def _legs(search: PlanningSearch) -> _Legs:
+    """Returns the legs of a problem, with the times of their fastest motions.
+
+    Raises:
+        Infeasible: a passage or the end has no joint state; names it.
+        SolverFailed: the deadline passed before one was found.
+    """
+    problem = search.problem
+    zero = np.zeros(6)
+    asked = [(f"passage {each.name!r}", each.state, each.releases) for each in problem.passages]
+    if problem.end is not None:
+        asked.append(("the end", problem.end, False))
+    names = ["the start"]
+    states: list[list[State | None]] = [[(problem.start, zero, zero)]]
+    for name, state, releases in asked:
+        states.append(_near(problem, states[-1], _found(search, name, state, releases)))
+        names.append(name)
+    if problem.end is None:
+        names.append("rest")
+        states.append([None])
+    times = []
+    for before, after in pairwise(states):
+        rows = [[ruckig_otg.least_leg_time(problem, a, b) for b in after] for a in before if a is not None]
+        times.append(problem.dt * np.ceil(np.array(rows) / problem.dt - ROUNDING))
+    return _Legs(problem, names, states, times, [np.zeros(each.shape, np.int64) for each in times])
+
+
+def _found(search: PlanningSearch, name: str, state: Release, releases: bool) -> list[State | None]:
+    """Returns the joint states in which a passage keeps every limit itself."""
+    problem = search.problem
+    begun_s = time.perf_counter()
+    try:
+        found = candidates(problem.through(state, releases), search.deadline_s)
+    except Infeasible as refusal:
+        search.log_attempt("candidates", f"no joint state of {name}", begun_s)
+        log = [attempt.__dict__ for attempt in search.attempts]
+        raise Infeasible([each.within(name) for each in refusal.violations], attempts=log) from None
+    q = np.array([each.q for each in found])
+    qd = np.array([each.qd for each in found])
+    steady = _steady(problem, q, qd)
+    usable = (np.abs(steady) <= problem.limits.qdd_max).all(axis=1) & steady.any(axis=1)
+    return [*zip(q, qd, np.zeros_like(q), strict=True), *zip(q[usable], qd[usable], steady[usable], strict=True)]
+
+
+def _steady(problem: ThrowProblem, q: Array, qd: Array) -> Array:
+    """Returns the accelerations (n, 6) with which the tool keeps its twist; zero next to a singularity."""
+    robot = problem.cell.robot
+    X_FT = problem.cell.tool.X_FT
+    regular = singularity_distances(robot, q).minimum > problem.limits.singularity_distance_min
+    qdd = np.zeros_like(q)
+    bias = tcp_acceleration(robot, q[regular], qd[regular], qdd[regular], X_FT)
+    qdd[regular] = -inverse_velocity(jacobian(robot, q[regular], X_FT), bias)
+    return qdd
+
+
+def _near(problem: ThrowProblem, before: Sequence[State | None], found: list[State | None]) -> list[State | None]:
+    """Returns the states that are kept: half of them nearest to any before, the others the soonest from rest.
+
+    Near is measured by the time that the joints need at their greatest speed. `found` begins with the soonest states.
+    """
+    at = np.array([state[0] for state in before if state is not None])
+    q = np.array([state[0] for state in found if state is not None])
+    needed_s = (np.abs(q[:, None] - at) / problem.limits.qd_max).max(axis=2).min(axis=1)
+    nearest = np.argsort(needed_s, kind="stable").tolist()
+    kept = dict.fromkeys([*nearest[: STATES // 2], *range(STATES // 2), *nearest[STATES // 2 :]])
+    return [found[i] for i in list(kept)[:STATES] if i < len(found)]

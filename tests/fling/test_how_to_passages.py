@@ -1,0 +1,54 @@
+"""The examples of docs/how-to/passages.md, run as they stand there."""
+
+from __future__ import annotations
+
+import re
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import fling
+
+PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "passages.md"
+
+
+@pytest.fixture(scope="module")
+def plans() -> list[fling.Plan]:
+    """The plans of the page's examples, in their order."""
+    made = []
+    names: dict[str, Any] = {}
+    for block in re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.S):
+        exec(block, names)
+        made.append(names["plan"])
+    return made
+
+
+def test_each_part_of_the_row_has_its_flash_in_passing(plans: list[fling.Plan]) -> None:
+    row = plans[0]
+    assert row.release is None
+    assert row.release_time_s is None
+    assert row.flight is None
+    assert [passed.name for passed in row.passages] == [f"part {i}" for i in range(5)]
+    for passed in row.passages:
+        assert passed.linear == pytest.approx([0.0, 0.8, 0.0], abs=1e-4)
+        on, off = passed.edges
+        assert (on.level, off.level) == (True, False)
+        assert on.edge_time_s == pytest.approx(passed.time_s)
+        assert off.edge_time_s - on.edge_time_s == pytest.approx(0.02)
+    assert all(a.time_s < b.time_s for a, b in pairwise(row.passages))
+    assert "passages after" in repr(row)
+    assert "passages at" in repr(row.trajectory)
+    assert row.trajectory.passage_indices == tuple(passed.index for passed in row.passages)
+    assert "<svg" in row._repr_html_()
+
+
+def test_the_picture_is_taken_before_the_release(plans: list[fling.Plan]) -> None:
+    throw = plans[1]
+    assert throw.release is not None
+    (passed,) = throw.passages
+    assert passed.time_s == throw.release.time_s
+    assert [edge.offset_s for edge in passed.edges] == [-0.06, -0.04, 0.0, 0.6]
+    assert passed.edges[0].edge_time_s == pytest.approx(throw.release.time_s - 0.06)
+    assert throw.flight is not None

@@ -1,0 +1,189 @@
+"""Passages in requests: what is refused by name, and the rows with which their outputs are switched."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from planner.answer import plan_document, plan_from_document
+from planner.approach import find_brakes
+from planner.cell import cell_of_keys
+from planner.errors import CellError, InvalidProblem
+from planner.passages import output_edges
+from planner.planning import plan
+from planner.request import problem_from_request
+from planner.stream_rows import controller_program, sample_rows
+from planner.trajectory import Trajectory
+from tests.planner.problems import cell
+
+JOINT = {"kind": "joint", "positions": [0.25, -1.45, 1.45, -1.5, -1.45, 0.1],
+         "velocities": [1.2, 0.6, -0.6, 0.3, 0.5, 0.2]}  # fmt: skip
+REST = {"kind": "joint", "positions": [0.25, -1.45, 1.45, -1.5, -1.45, 0.1], "velocities": [0.0] * 6}
+TARGET = {"kind": "target", "position": [1.2, 0.3, 0.0]}
+FLASH = {"output": "standard_digital", "index": 2, "level": True}
+
+
+def passage(name: str = "a", state: dict[str, Any] = JOINT, **fields: Any) -> dict[str, Any]:
+    return {"name": name, "state": state, **fields}
+
+
+def refusals(request: dict[str, Any]) -> dict[str, str]:
+    """Returns the refused fields of a request with their reasons."""
+    with pytest.raises(InvalidProblem) as refused:
+        problem_from_request(request, cell())
+    return {error.field: error.reason for error in refused.value.errors}
+
+
+@pytest.mark.parametrize(
+    ("request_", "field", "reason"),
+    [
+        ({}, "release", "is missing; or give passages"),
+        ({"release": JOINT, "passages": [passage()]}, "release", "give either release or passages"),
+        ({"release": JOINT, "end": {"kind": "home"}}, "end", "is for a motion of passages"),
+        ({"passages": []}, "passages", "has 0 entries; it may have 1 to 20"),
+        ({"passages": [passage(str(i)) for i in range(21)]}, "passages", "has 21 entries; it may have 1 to 20"),
+        ({"passages": {}}, "passages", "must be a list, not an object"),
+        ({"passages": [{"state": JOINT}]}, "passages[0].name", "is missing"),
+        ({"passages": [passage(), passage()]}, "passages[1].name", "'a' is the name of another passage"),
+        ({"passages": [passage(at_s=1.0, not_before_s=0.5)]}, "passages[0].not_before_s", "give either"),
+        ({"passages": [passage(at_s=61.0)]}, "passages[0].at_s", "must be at most 60"),
+        ({"passages": [{"name": "a", "line": {}}]}, "passages[0].line", "is not supported yet: pass states"),
+        ({"passages": [passage(state=TARGET)]}, "passages[0].state.kind", "lets the object go"),
+        ({"passages": [passage(state=REST, releases=True)]}, "passages[0].state", "nothing is thrown"),
+        ({"passages": [passage("a", releases=True), passage("b", releases=True)]},
+         "passages[1].releases", "'a' lets the object go already"),
+        ({"passages": [passage(outputs=[FLASH | {"level": 1}])]},
+         "passages[0].outputs[0].level", "must be true or false"),
+        ({"passages": [passage(outputs=[FLASH | {"index": 2.5}])]}, "passages[0].outputs[0].index", "a whole number"),
+        ({"passages": [passage(outputs=[FLASH | {"index": 8}])]}, "passages[0].outputs[0].index", "must be at most 7"),
+        ({"passages": [passage(outputs=[{"output": "tool_digital", "index": 2, "level": True}])]},
+         "passages[0].outputs[0].index", "2 is none of the 2 outputs of kind tool_digital"),
+        ({"passages": [passage(outputs=[{"output": "tool_digital", "index": 0, "level": True}])]},
+         "passages[0].outputs[0]", "is the gripper's own output"),
+        ({"passages": [passage(outputs=[FLASH, FLASH | {"level": False}])]},
+         "passages[0].outputs[1].offset_s", "another level of this output"),
+        ({"passages": [passage(outputs=[FLASH | {"offset_m": 0.1}])]},
+         "passages[0].outputs[0].offset_m", "is not supported yet: it is for lines"),
+        ({"passages": [passage(outputs=[FLASH | {"offset_s": 3.0}])]},
+         "passages[0].outputs[0].offset_s", "must be at most 2"),
+        ({"passages": [passage()], "end": {"kind": "line"}}, "end.kind", "is not one of rest, home, joint, pose"),
+        ({"passages": [passage()], "start": {"positions": [0.0] * 6, "velocities": [0.0] * 6}},
+         "start.velocities", "is not supported yet: a motion starts at rest"),
+        ({"passages": [passage()], "start": {"execution": "x", "at_s": 0.1}},
+         "start.execution", "is not supported yet"),
+        ({"passages": [passage()], "min_hit_probability": 0.5}, "min_hit_probability", "have nothing to hit"),
+    ],
+)  # fmt: skip
+def test_what_is_refused_is_named(request_: dict[str, Any], field: str, reason: str) -> None:
+    found = refusals(request_)
+    assert reason in found.get(field, ""), found
+
+
+def test_states_of_passages_are_checked_as_releases_are() -> None:
+    wide = {"radius_m": 0.01, "rim_height_m": 0.1}
+    found = refusals({"passages": [passage(state=TARGET | {"opening": wide}, releases=True)]})
+    assert "too narrow" in found["passages[0].state.opening.radius_m"]
+
+
+def test_states_are_in_the_frame_of_the_request() -> None:
+    here = cell_of_keys({"robot": "ur5e", "link": {"kind": "sim"}, "base_in_world": {"position_m": [0.0, 0.0, 0.5]}})
+    state = {"kind": "point", "position": [0.5, 0.2, 0.6], "velocity": [0.8, 0.3, 0.6]}
+    request = {"passages": [passage(state=state)], "frame": "base", "end": {"kind": "home"}}
+    problem = problem_from_request(request, here)
+    assert problem.passages[0].state.point_state.p_WT == pytest.approx([0.5, 0.2, 1.1])  # pyright: ignore[reportOptionalMemberAccess]
+
+
+LISTED = {"flash": {"output": "standard_digital", "index": 2, "delay_s": 0.006}}
+
+
+def test_a_cell_lists_outputs_with_their_delays() -> None:
+    keys = {"robot": "ur5e", "link": {"kind": "sim"}, "outputs": LISTED}
+    here = cell_of_keys(keys)
+    assert here.output_delay_s("standard_digital", 2) == 0.006
+    assert here.output_delay_s("standard_digital", 3) == 0.0
+    assert here.as_document()["outputs"] == LISTED
+    for name, wrong, field in (
+        ("flash", {"output": "standard_digital", "index": 8}, "outputs.flash.index"),
+        ("flash", {"output": "standard", "index": 1}, "outputs.flash.output"),
+        ("flash", {"output": "standard_digital", "index": 1, "delay_s": 0.6}, "outputs.flash.delay_s"),
+        ("flash", {"output": "standard_digital", "index": 1, "sense_input": 5}, "outputs.flash.sense_input"),
+        ("other", {"output": "standard_digital", "index": 2}, "outputs.other.index"),
+    ):
+        with pytest.raises(CellError) as refused:
+            cell_of_keys(keys | {"outputs": LISTED | {name: wrong}})
+        assert refused.value.field == field
+
+
+def test_a_plan_says_when_its_outputs_are_commanded_and_read_back_is_the_same() -> None:
+    here = cell()
+    here = cell_of_keys({**here.document, "name": here.name, "outputs": LISTED})
+    switches = [FLASH | {"offset_s": -0.01}, {"output": "standard_digital", "index": 3, "level": False}]
+    request = {"passages": [passage("flash", outputs=switches)], "end": {"kind": "home"}}
+    found = plan(problem_from_request(request, here))
+    document = plan_document(found, request, "", "")
+    assert document["release"] is None
+    assert document["release_time_s"] is None
+    assert document["flight"] is None
+    (passed,) = document["passages"]
+    assert passed["time_s"] == passed["index"] / 500.0
+    lag_s = here.timing.lag_s
+    early, late = passed["outputs"]
+    assert early["edge_time_s"] == pytest.approx(passed["time_s"] - 0.01)
+    assert early["command_time_s"] == pytest.approx(early["edge_time_s"] - 0.006 - lag_s)
+    assert late["command_time_s"] == pytest.approx(passed["time_s"] - lag_s)
+    problem, motion = plan_from_document(document, here)
+    assert motion.passed == found.trajectory.passed
+    assert problem.passages[0].outputs == found.problem.passages[0].outputs
+
+
+def standing(index: int, ticks: int = 400) -> Trajectory:
+    """Returns an arm at rest at home, with a passage at a sample."""
+    home = np.tile(cell().home, (ticks + 1, 1))
+    zero = np.zeros_like(home)
+    return Trajectory(500.0, home, zero, zero, release_index=index, passage_indices=(index,))
+
+
+@pytest.mark.parametrize("offset_s", [-2.0, -0.0123, 0.0, 0.5, 2.0])
+@pytest.mark.parametrize("lag_s", [0.0, 0.0203])
+def test_outputs_are_switched_with_the_nearest_row(offset_s: float, lag_s: float) -> None:
+    """Also long before the motion begins, and long after its end; the first one's command is exact."""
+    here = cell()
+    here = replace(here, timing=replace(here.timing, lag_s=lag_s))
+    first = FLASH | {"offset_s": offset_s}
+    request = {"passages": [passage(outputs=[first, FLASH | {"index": 3, "offset_s": 0.0007}])]}
+    problem = problem_from_request(request, here)
+    motion = standing(150)
+    edges = output_edges(here, problem.passages, motion)
+    rows = sample_rows(here, motion, False, edges)
+    assert len(rows.switches) == 2
+    for number, (switch, edge) in enumerate(zip(rows.switches, edges, strict=True)):
+        row = switch.row
+        assert 0 <= row < len(rows.q)
+        happens_s = rows.first_clock_s + row * motion.dt
+        assert abs(happens_s - edge.edge_time_s) <= (1e-9 if number == 0 else 0.5 * motion.dt + 1e-9)
+    assert rows.first_clock_s <= -lag_s
+
+
+def test_a_program_of_the_controller_switches_outputs_at_their_rows_and_ends_that_in_a_stop() -> None:
+    here = cell()
+    switches = [FLASH, FLASH | {"level": False, "offset_s": 0.1}, FLASH | {"index": 3, "offset_s": 0.2}]
+    problem = problem_from_request({"passages": [passage(outputs=switches)]}, here)
+    motion = standing(150)
+    rows = sample_rows(here, motion, False, output_edges(here, problem.passages, motion))
+    program = controller_program(here, rows, find_brakes(here, rows.q, rows.qd, rows.qdd, motion.dt))
+    lines = program.text(None).splitlines()
+    follows = [i for i, line in enumerate(lines) if line.startswith("  follow(")]
+    first, second, third = (switch.row for switch in rows.switches)
+    assert lines[follows[first] - 3 : follows[first]] == [
+        "  if not braking:",
+        "    set_standard_digital_out(2, True)",
+        "  end",
+    ]
+    assert lines[follows[second] - 2] == "    set_standard_digital_out(2, False)"
+    assert lines[follows[third] - 2] == "    set_standard_digital_out(3, True)"
+    stop = lines.index(f"    if row + 1 >= {first} and row < {second}:")
+    assert lines[stop + 1] == "      set_standard_digital_out(2, False)"
+    assert sum(line == lines[stop] for line in lines) == 2  # where it gives up, and where it brakes

@@ -1,0 +1,179 @@
+"""Motions through several passages on a simulated cell: their outputs' edges in the controller's truth."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from executor.streaming.state_checks import OUTPUT_SHIFT
+from planner.answer import plan_document
+from planner.planning import plan
+from planner.request import problem_from_request
+from store import ExecutionRow, new_id
+from tests.system.rig import LOB, Rig, rows_of
+
+DOWN = [math.pi, 0.0, 0.0]  # rotation vector of a tool that looks down
+PULSE_S = 0.02
+RUNS = 5
+ROUNDING_S = 1e-9
+Edge = tuple[str, int, bool, float]  # output, index, level, plan time [s]
+
+
+def part(number: int) -> dict[str, Any]:
+    """Returns a passage over a part of a row, with two pulses on an output of its own."""
+    line = {"output": "standard_digital", "index": number}
+    offsets = [PULSE_S * i for i in range(4)]
+    return {
+        "name": f"part {number}",
+        "state": {
+            "kind": "pose",
+            "pose": {"position": [0.5, 0.12 * number - 0.24, 0.35], "rotation_vector": DOWN},
+            "twist": {"linear": [0.0, 0.8, 0.0], "angular": [0.0, 0.0, 0.0]},
+        },
+        "outputs": [{**line, "level": i % 2 == 0, "offset_s": offset} for i, offset in enumerate(offsets)],
+    }
+
+
+ROW = {"passages": [part(number) for number in range(5)]}
+THROW = {
+    "passages": [
+        {
+            "name": "throw",
+            "state": LOB,
+            "releases": True,
+            "outputs": [
+                {"output": "standard_digital", "index": 6, "level": True, "offset_s": -0.05},
+                {"output": "standard_digital", "index": 6, "level": False, "offset_s": 0.1},
+            ],
+        }
+    ]
+}
+
+
+CAMERA = {
+    "name": "camera",
+    "state": {
+        "kind": "pose",
+        "pose": {"position": [0.1, -0.45, 0.4], "rotation_vector": DOWN},
+        "twist": {"linear": [0.0, 0.45, 0.0], "angular": [0.0, 0.0, 0.0]},
+    },
+    "outputs": [{"output": "standard_digital", "index": 0, "level": i == 0, "offset_s": 0.03 * i} for i in range(2)],
+}
+
+
+def stored(rig: Rig, request: dict[str, Any]) -> str:
+    """Plans a request and stores it; returns the plan's id."""
+    request = {"cell": "rig", **request}
+    found = plan(problem_from_request(request, rig.cell))
+    document = plan_document(found, request, new_id(), "2026-01-01T00:00:00Z")
+    rig.add_plan(document)
+    return document["id"]
+
+
+def true_edges(rig: Rig, row: ExecutionRow) -> list[Edge]:
+    """Returns the edges of the standard outputs that happened in a run, on the plan's clock, from the simulator."""
+    recording = rig.store.recording(row.id)
+    assert recording is not None
+    names, rows = rows_of(recording.csv)
+    begun_s = float(rows[0, names.index("timestamp_s")])
+    at_zero_s = begun_s - float(rows[0, names.index("clock_s")])
+    found = []
+    before = 0
+    for t, bits in rig.state()["output_changes"]:
+        if t > begun_s:
+            for i in range(8):
+                if (bits ^ before) >> OUTPUT_SHIFT["standard_digital"] + i & 1:
+                    found.append(("standard_digital", i, bool(bits >> i & 1), t - at_zero_s))
+        before = bits
+    return found
+
+
+def planned_edges(document: dict[str, Any]) -> list[Edge]:
+    """Returns the edges of a plan, in the order of their times."""
+    edges = [
+        (each["output"], each["index"], each["level"], each["edge_time_s"])
+        for passage in document["passages"]
+        for each in passage["outputs"]
+    ]
+    return sorted(edges, key=lambda edge: edge[3])
+
+
+def as_planned(rig: Rig, row: ExecutionRow) -> None:
+    """Asserts that truth, record and plan agree on every edge within a tick."""
+    document = rig.document(row.id)
+    tick_s = 1.0 / document["sample_rate_hz"]
+    planned = planned_edges(document)
+    happened = true_edges(rig, row)
+    assert [edge[:3] for edge in happened] == [edge[:3] for edge in planned]
+    assert max(abs(a[3] - b[3]) for a, b in zip(happened, planned, strict=True)) <= tick_s
+    assert row.metrics is not None
+    recorded = row.metrics["outputs"]
+    assert len(recorded) == len(planned)
+    for each, (*_, at_s) in zip(recorded, happened, strict=True):
+        assert -ROUNDING_S < each["edge_time_s"] - at_s < tick_s + ROUNDING_S  # seen with the next state
+        assert each["command_time_s"] < each["edge_time_s"]
+
+
+def test_a_hundred_edges_happen_within_a_tick_of_the_plan(rig: Rig) -> None:
+    plan_id = stored(rig, ROW)
+    edges = 0
+    for _ in range(RUNS):
+        row = rig.quiet_run(plan_id)
+        assert row.outcome == "completed", row.reason
+        assert "output" not in row.reason
+        as_planned(rig, row)
+        edges += len(row.metrics["outputs"])
+    assert edges == 100
+    assert rig.newest_object() == 0
+
+
+def test_a_known_delay_of_the_outputs_is_made_up_for(own_rig: Rig) -> None:
+    truth = own_rig.folder / "truth.toml"
+    truth.write_text("[timing]\noutput_delay_s = 0.0275\n")
+    names = "".join(
+        f'\n[outputs.flash_{i}]\noutput = "standard_digital"\nindex = {i}\ndelay_s = 0.0075\n' for i in range(5)
+    )
+    own_rig.rewrite(own_rig.path.read_text() + names)
+    own_rig.start_simulator("--truth", str(truth), "--reveal")
+    own_rig.start_executor()
+    row = own_rig.quiet_run(stored(own_rig, ROW))
+    assert row.outcome == "completed", row.reason
+    as_planned(own_rig, row)
+
+
+@pytest.mark.parametrize("mode", ["speedj", "servoj", "script"])
+def test_a_camera_is_triggered_before_the_release_of_a_throw(rig: Rig, mode: str) -> None:
+    row = rig.quiet_run(stored(rig, THROW), mode)
+    assert row.outcome == "completed", row.reason
+    as_planned(rig, row)
+    assert row.metrics is not None
+    assert row.metrics["released"]
+    if mode != "servoj":
+        assert row.metrics["landing_error_m"] < 0.02
+
+
+def test_an_object_is_thrown_after_a_passage_of_the_tool_itself(rig: Rig) -> None:
+    row = rig.quiet_run(stored(rig, {"passages": [CAMERA, *THROW["passages"]]}))
+    assert row.outcome == "completed", row.reason
+    as_planned(rig, row)
+    assert row.metrics is not None
+    assert row.metrics["landing_error_m"] < 0.02
+
+
+@pytest.mark.parametrize("mode", ["speedj", "script"])
+def test_a_stop_switches_off_what_the_plan_was_to_switch_off_later(rig: Rig, mode: str) -> None:
+    line = {"output": "standard_digital", "index": 7}
+    opened = part(0) | {"outputs": [{**line, "level": True}]}
+    closed = part(4) | {
+        "outputs": [{**line, "level": False}, {"output": "standard_digital", "index": 5, "level": True}]
+    }
+    id = rig.queue_plan(stored(rig, {"passages": [opened, part(1), part(2), closed]}), mode)
+    bit = 1 << 7
+    rig.until(lambda: rig.state()["digital_outputs"] & bit, period=0.001)
+    rig.store.request_abort(id)
+    row = rig.end(id)
+    assert row.outcome == "aborted"
+    assert not rig.state()["digital_outputs"] & bit
+    assert not rig.state()["digital_outputs"] >> 5 & 1
