@@ -1,0 +1,211 @@
+/* Paths of an arm among obstacles: whether straight pieces in joint space are clear, and trees of such pieces.
+
+   See planner/approach/path_search.py. */
+
+#include "vectors.h"
+
+enum { CAPSULE = 16, PAIR = 9, SHAPE = 21 }; /* numbers of each row */
+
+/* What moves among what, and how far a posture keeps away from it; the arguments of `pieces_clear`. */
+struct scene {
+    in chain; /* poses of the base and of each link beyond its joint (7, 4, 4) */
+    count capsules;
+    in capsule; /* rows: frame, ends (2, 3) in it, radius, levers (6), whether it may meet the floor, and the shapes */
+    count pairs;
+    in pair; /* rows: two capsules, least distance of their segments, levers (6) between them */
+    count shapes;
+    in shape; /* rows: of the shape (20), least distance from it */
+    in bounds; /* least height, lower and upper corner of where the first end of the last capsule stays (7,) */
+    in ends;   /* start and goal (2, 6), about which the margin grows from nothing */
+    double margin, own; /* kept from everything else, and between two of the capsules, away from both ends [m] */
+    double near, spacing, point; /* by which distance the margins are whole, and of postures [rad]; [m^2] */
+    count looked;                        /* postures evaluated so far */
+};
+
+/* The arm in a posture: ends of each capsule in the world, and how far its points move at most up to the ends of the
+   piece about it. */
+struct stand {
+    double end[2][3], moved;
+};
+
+static double moved_by(in lever, in half) {
+    double sum = 0.0;
+    for (int j = 0; j < 6; j++) sum += lever[j] * half[j];
+    return sum;
+}
+
+static void stand_at(const struct scene *scene, in q, in half, struct stand *at) {
+    double cosine[6], sine[6], X[7 * 16];
+    for (int j = 0; j < 6; j++) {
+        cosine[j] = cos(q[j]);
+        sine[j] = sin(q[j]);
+    }
+    fixed_chain_poses(1, cosine, sine, scene->chain + 16, scene->chain, X);
+    for (count i = 0; i < scene->capsules; i++) {
+        in row = scene->capsule + CAPSULE * i;
+        for (int end = 0; end < 2; end++) in_world(X + 16 * (int)row[0], row + 1 + 3 * end, 1.0, at[i].end[end]);
+        at[i].moved = moved_by(row + 8, half);
+    }
+}
+
+/* A lower bound on the distance of a capsule's segment from a shape, at a hundredth of the cost: of its middle from the
+   box about the core, less what surrounds either. */
+static double at_least(in shape, const struct stand *at) {
+    double middle[3], along[3], x[3], gap[3];
+    for (int row = 0; row < 3; row++) {
+        middle[row] = 0.5 * (at->end[0][row] + at->end[1][row]);
+        along[row] = at->end[1][row] - middle[row];
+    }
+    in_shape(shape, middle, x);
+    for (int row = 0; row < 3; row++) gap[row] = x[row] - clamped(x[row], shape[12 + row], shape[15 + row]);
+    return sqrt(dot(gap, gap)) - sqrt(dot(along, along)) - shape[19];
+}
+
+/* How much farther away than it must be something is in a posture; and how far its distance changes at most up to the
+   ends of the piece. A larger one than `enough` and that may be too small. Items: of each capsule the shapes and the
+   floor; then the pairs; then the box about the tool. */
+static double spare_of(const struct scene *scene, count item, const struct stand *at, in half, double enough,
+                       double *moved) {
+    count of_capsules = scene->capsules * (scene->shapes + 1);
+    if (item < of_capsules) {
+        const struct stand *body = at + item / (scene->shapes + 1);
+        in row = scene->capsule + CAPSULE * (item / (scene->shapes + 1));
+        count other = item % (scene->shapes + 1);
+        *moved = body->moved;
+        if (other == scene->shapes) return fmin(body->end[0][2], body->end[1][2]) - row[7] - scene->bounds[0];
+        in shape = scene->shape + SHAPE * other;
+        double least = row[7] + shape[20], bound = at_least(shape, body) - least;
+        return bound >= enough + *moved ? bound : shape_distance(shape, body->end[0], body->end[1]) - least;
+    }
+    if (item < of_capsules + scene->pairs) {
+        in pair = scene->pair + PAIR * (item - of_capsules);
+        const struct stand *one = at + (int)pair[0], *other = at + (int)pair[1];
+        double u[3], v[3], w[3];
+        for (int row = 0; row < 3; row++) {
+            u[row] = one->end[1][row] - one->end[0][row];
+            v[row] = other->end[1][row] - other->end[0][row];
+            w[row] = other->end[0][row] - one->end[0][row];
+        }
+        *moved = moved_by(pair + 3, half);
+        return segment_distance(u, v, w, scene->point) - pair[2];
+    }
+    const struct stand *tool = at + scene->capsules - 1;
+    double spare = INFINITY;
+    for (int row = 0; row < 3; row++) {
+        double inside = fmin(tool->end[0][row] - scene->bounds[1 + row], scene->bounds[4 + row] - tool->end[0][row]);
+        spare = fmin(spare, inside);
+    }
+    *moved = tool->moved;
+    return spare;
+}
+
+/* The share of the margin that a posture keeps: all of it away from both ends. */
+static double share_at(const struct scene *scene, in q) {
+    double share = 1.0;
+    for (int end = 0; end < 2; end++) {
+        double away = 0.0;
+        for (int j = 0; j < 6; j++) away = fmax(away, fabs(q[j] - scene->ends[6 * end + j]));
+        share = fmin(share, away / scene->near);
+    }
+    return share;
+}
+
+/* Whether a straight piece is clear of `items`: in its middle, and in either half of what may be too close there. What
+   the levers prove clear of the whole piece is not looked at again. */
+static int is_clear(struct scene *scene, in from, in to, count n, const int *items) {
+    double q[6], half[6], longest = 0.0;
+    struct stand at[scene->capsules];
+    int open[n + 1];
+    count left = 0;
+    for (int j = 0; j < 6; j++) {
+        q[j] = 0.5 * (from[j] + to[j]);
+        half[j] = 0.5 * fabs(to[j] - from[j]);
+        longest = fmax(longest, half[j]);
+    }
+    stand_at(scene, q, half, at);
+    scene->looked++;
+    double share = share_at(scene, q);
+    count own = scene->capsules * (scene->shapes + 1);
+    for (count i = 0; i < n; i++) {
+        double margin = items[i] < own || items[i] == own + scene->pairs ? scene->margin : scene->own;
+        double moved, spare = spare_of(scene, items[i], at, half, margin, &moved);
+        if (!(spare >= margin * share)) return 0;
+        if (spare < margin + moved) open[left++] = items[i];
+    }
+    if (left == 0 || 2.0 * longest <= scene->spacing) return 1;
+    return is_clear(scene, from, q, left, open) && is_clear(scene, q, to, left, open);
+}
+
+/* The same of everything in the scene. */
+static int piece_is_clear(struct scene *scene, in from, in to) {
+    count shapes = scene->shapes, of_capsules = scene->capsules * (shapes + 1), n = 0;
+    int items[of_capsules + scene->pairs + 1];
+    for (count i = 0; i < of_capsules; i++)
+        if (scene->capsule[CAPSULE * (i / (shapes + 1)) + (i % (shapes + 1) < shapes ? 15 : 14)] > 0.0)
+            items[n++] = (int)i;
+    for (count i = 0; i <= scene->pairs; i++) items[n++] = (int)(of_capsules + i);
+    return is_clear(scene, from, to, n, items);
+}
+
+/* Whether straight pieces from postures (n, 6) to others are clear (n,): 1 or 0. */
+void pieces_clear(in chain, count capsules, in capsule, count pairs, in pair, count shapes, in shape, in bounds,
+                  in ends, in numbers, count n, in from, in to, double *out) {
+    struct scene scene = {chain,  capsules, capsule,    pairs,      pair,       shapes,     shape,
+                          bounds, ends,     numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], 0};
+    for (count i = 0; i < n; i++) out[i] = piece_is_clear(&scene, from + 6 * i, to + 6 * i);
+}
+
+/* A tree: postures (most, 6), each with the index of its parent. */
+struct tree {
+    count size, most;
+    double *q;
+    count *parent;
+};
+
+/* Takes one step from the nearest posture of a tree towards another one. Returns the new one's index, -1 if it is not
+   clear, or there is no room. */
+static count grow(struct scene *scene, struct tree *tree, in towards, double step) {
+    count near = 0;
+    double least = INFINITY, longest = 0.0, *new = tree->q + 6 * tree->size;
+    if (tree->size == tree->most) return -1;
+    for (count i = 0; i < tree->size; i++) {
+        double away = 0.0;
+        for (int j = 0; j < 6; j++) away += (tree->q[6 * i + j] - towards[j]) * (tree->q[6 * i + j] - towards[j]);
+        if (away < least) {
+            least = away;
+            near = i;
+        }
+    }
+    in from = tree->q + 6 * near;
+    for (int j = 0; j < 6; j++) longest = fmax(longest, fabs(towards[j] - from[j]));
+    double share = longest > step ? step / longest : 1.0;
+    for (int j = 0; j < 6; j++) new[j] = share < 1.0 ? from[j] + share * (towards[j] - from[j]) : towards[j];
+    if (!piece_is_clear(scene, from, new)) return -1;
+    tree->parent[tree->size] = near;
+    return tree->size++;
+}
+
+/* Grows two trees (2, most, 6) in turn, each towards the next of m random postures and the other towards what is new,
+   until they meet, or `budget` postures were evaluated.
+   State (5,): sizes of both, whose turn it is; where they met in each, or -1; budget left. */
+void grow_trees(in chain, count capsules, in capsule, count pairs, in pair, count shapes, in shape, in bounds, in ends,
+                in numbers, count m, in random, double step, count most, double *q, count *parent, count *state) {
+    struct scene scene = {chain,  capsules, capsule,    pairs,      pair,       shapes,     shape,
+                          bounds, ends,     numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], 0};
+    struct tree trees[2] = {{state[0], most, q, parent}, {state[1], most, q + 6 * most, parent + most}};
+    count turn = state[2], budget = state[5];
+    for (count i = 0; i < m && scene.looked < budget && state[3] < 0; i++, turn = 1 - turn) {
+        struct tree *one = trees + turn, *other = trees + 1 - turn;
+        count new = grow(&scene, one, random + 6 * i, step), met = -1;
+        if (new < 0) continue;
+        in goal = one->q + 6 * new;
+        while ((met = grow(&scene, other, goal, step)) >= 0 && memcmp(other->q + 6 * met, goal, 6 * sizeof *goal)) {}
+        if (met < 0) continue;
+        state[3 + turn] = new;
+        state[4 - turn] = met;
+    }
+    state[0] = trees[0].size;
+    state[1] = trees[1].size;
+    state[2] = turn;
+    state[5] = budget - scene.looked;
+}
