@@ -63,7 +63,7 @@ def _jerks(moves: Array, shares: Array, limits: Limits, dt: float) -> Array:
         changes = moves[1:] * speeds[1:, :1] - moves[:-1] * speeds[:-1, 1:]
         turns = [_turn(change, limits, dt) for change in changes]
         cut = [0, *map(len, turns), 0]
-        pieces = [_piece(*each, limits, dt) for each in zip(moves, fastest, speeds, pairwise(cut), strict=True)]
+        pieces = [_piece(*each, limits, dt) for each in zip(moves, fastest.tolist(), speeds.tolist(), pairwise(cut), strict=True)]
         short = np.array([piece is None for piece in pieces])
         if not short.any():
             both = zip(pieces, [*turns, moves[:0]], strict=True)
@@ -79,28 +79,31 @@ def _turn(change: Array, limits: Limits, dt: float) -> Array:
     return _double_s(change, *_ticks(_ramp(*_relative(change, limits)), dt), dt)
 
 
-def _piece(move: Array, fastest: float, speeds: Array, cut: tuple[int, int], limits: Limits, dt: float) -> Array | None:
+def _piece(move: Array, fastest: float, speeds: list[float], cut: tuple[int, int], limits: Limits, dt: float) -> Array | None:
     """Returns the jerks (N, n) of one move between its corners; None if it is too short.
 
     Args:
         move: the way from corner to corner (n,) [rad].
         fastest: speed within the limits, in parts of the move like all speeds here [1/s].
-        speeds: behind the corner before it and before the corner behind it (2,) [1/s].
+        speeds: behind the corner before it, and before the corner behind it [1/s].
         cut: ticks that the changes of velocity at these corners take.
         limits, dt: see `rest_to_rest_motion`.
     """
     acceleration, jerk = _relative(move, limits)
 
-    def ramps(speed: float) -> list[tuple[float, float]]:
-        changes = np.maximum(np.abs(speed - speeds), LEAST_CHANGE * speeds)
-        return [_ramp(acceleration / change, jerk / change) for change in changes.tolist()]
+    def ramp(speed: float, corner: float) -> tuple[float, float]:
+        change = max(abs(speed - corner), LEAST_CHANGE * corner)
+        return _ramp(acceleration / change, jerk / change)
 
     def covered(speed: float) -> float:
-        lasting = np.array([2.0 * up + steady for up, steady in ramps(speed)])
-        return float(speeds @ (dt * np.array(cut)) + (speeds + speed) @ lasting) / 2.0
+        way = 0.0
+        for corner, ticks in zip(speeds, cut, strict=True):
+            up, steady = ramp(speed, corner)
+            way += 0.5 * (corner * ticks * dt + (corner + speed) * (2.0 * up + steady))
+        return way
 
     speed = fastest
-    low = float(speeds.max())
+    low = max(speeds)
     if low > 0.0 and covered(low) > 1.0:
         return None
     if covered(speed) > 1.0:
@@ -109,10 +112,11 @@ def _piece(move: Array, fastest: float, speeds: Array, cut: tuple[int, int], lim
             speed = 0.5 * (low + high)
             low, high = (speed, high) if covered(speed) <= 1.0 else (low, speed)
     cruise = math.ceil((1.0 - covered(speed)) / speed / dt - ROUNDING)
-    ticks = [_ticks(ramp, dt) for ramp in ramps(speed)]
-    lasting = np.array([2 * up + steady for up, steady in ticks])
-    exact = (1.0 / dt - speeds @ (np.array(cut) + lasting) / 2.0) / (lasting.sum() / 2.0 + max(cruise, 0))
-    if exact < (1.0 - LEAST_CHANGE) * float(speeds.max()):
+    ticks = [_ticks(ramp(speed, corner), dt) for corner in speeds]
+    lasting = [2 * up + steady for up, steady in ticks]
+    at_corners = sum(corner * (each + other) for corner, each, other in zip(speeds, cut, lasting, strict=True))
+    exact = (1.0 / dt - 0.5 * at_corners) / (0.5 * sum(lasting) + max(cruise, 0))
+    if exact < (1.0 - LEAST_CHANGE) * max(speeds):
         return None
     first = _double_s((exact - speeds[0]) * move, *ticks[0], dt)
     last = _double_s((speeds[1] - exact) * move, *ticks[1], dt)

@@ -26,16 +26,22 @@ from planner.calibration import fixed_transforms
 from planner.cell import Cell
 from planner.geometry import POINT_M2, SELF_CLEARANCE_M, body_model
 from planner.native import Pinned, loops
+from planner.trajectory import columns_at
 
 OWN_MARGIN_M = 1e-4  # [m] kept beyond the self clearance: the wrist of a UR5 leaves 0.2 mm where it is straight
 SPACING_RAD = 0.02  # [rad] between checked postures: 26 mm at a reach of 1.3 m
-STEP_RAD = 0.5  # [rad] by which a tree grows at most in one step
+STEP_RAD = 0.3  # [rad] by which a tree grows at most in one step
 NEAR_END_RAD = 0.2  # [rad] distance from an end within which the margin grows from nothing: 5 cm at a lever of 0.25 m
-BLOCK = 256  # [-] random postures between two looks at the clock
+BLOCK = 64  # [-] random postures between two looks at the clock
+# In turn, where a block of them lies: beyond which ends, by how much in every joint [rad]. Beside one end they find the
+# way out of a shelf; farther away, one between ends that a full turn of the wrist lies apart.
+REGIONS = ((0, 2, 1.5), (1, 2, 1.5), (0, 1, 1.5), (0, 2, 3.0))
 POSTURES = 1_000_000  # [-] evaluated by one search before it gives up, in about 5 s
-AROUND_RAD = (1.5, 3.0)  # [rad] how far random postures lie beyond both ends in every joint: in odd blocks, and in even
 MOST = 30_000  # [-] postures in a tree at most
-SHORTCUTS = 100  # [-] straight pieces tried
+SHORTCUTS = 12  # [-] times that a path is shortened
+PIECES = 12  # [-] drawn each time, of which the most promising are checked
+CHECKED = 4
+LEAST_SAVED_RAD = 1e-6  # [rad] rounding: a piece within another one saves nothing
 SEED = 0  # of the random postures
 
 
@@ -158,27 +164,30 @@ def find_path(
     while not (trees.met or trees.is_spent):
         if time.perf_counter() >= deadline_s:
             return None
-        beyond = AROUND_RAD[block % 2]
-        low = np.maximum(ends.min(axis=0) - beyond, lower)
-        high = np.minimum(ends.max(axis=0) + beyond, upper)
+        first, last, beyond = REGIONS[block % len(REGIONS)]
+        low = np.maximum(ends[first:last].min(axis=0) - beyond, lower)
+        high = np.minimum(ends[first:last].max(axis=0) + beyond, upper)
         around.grow(trees, rng.uniform(low, high, (BLOCK, 6)))
         block += 1
     return _shortened(trees.path(), around, rng) if trees.met else None
 
 
 def _shortened(path: Array, around: Obstacles, rng: np.random.Generator) -> Array:
-    """Returns the path with random shortcuts by clear straight pieces."""
+    """Returns the path with shortcuts: each time the clear piece that saves most, of some between random places."""
     for _ in range(SHORTCUTS):
         if len(path) == 2:
             break
-        first, last = np.sort(rng.uniform(0.0, len(path) - 1, 2))
-        i = int(first)
-        j = int(last)
-        if i == j:
-            continue
-        a, b = (path[k] + (x - k) * (path[k + 1] - path[k]) for k, x in ((i, first), (j, last)))
-        if around.clear(a[None], b[None])[0]:
-            path = np.array([*path[: i + 1], a, b, *path[j + 1 :]])
+        length = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
+        along = np.sort(rng.uniform(0.0, length[-1], (PIECES, 2)), axis=1)
+        before = np.searchsorted(length, along, side="right") - 1
+        a, b = (columns_at(x, length, path) for x in along.T)
+        saved = along[:, 1] - along[:, 0] - np.linalg.norm(b - a, axis=1)
+        most = np.argsort(-saved)[:CHECKED]
+        clear = most[around.clear(a[most], b[most])]
+        if len(clear) and saved[clear[0]] > LEAST_SAVED_RAD:
+            best = clear[:1]
+            i, j = before[best[0]]
+            path = np.concatenate([path[: i + 1], a[best], b[best], path[j + 1 :]])
     return _without_corners(path, around)
 
 

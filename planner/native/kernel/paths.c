@@ -22,10 +22,10 @@ struct scene {
     count looked;                        /* postures evaluated so far */
 };
 
-/* The arm in a posture: ends of each capsule in the world, and how far its points move at most up to the ends of the
-   piece about it. */
+/* A capsule of the arm in a posture: ends of its segment in the world, its middle and half its length, and how far its
+   points move at most up to the ends of the piece about the posture. */
 struct stand {
-    double end[2][3], moved;
+    double end[2][3], middle[3], reach, moved;
 };
 
 static double moved_by(in lever, in half) {
@@ -43,27 +43,35 @@ static void stand_at(const struct scene *scene, in q, in half, struct stand *at)
     fixed_chain_poses(1, cosine, sine, scene->chain + 16, scene->chain, X);
     for (count i = 0; i < scene->capsules; i++) {
         in row = scene->capsule + CAPSULE * i;
+        double along[3];
         for (int end = 0; end < 2; end++) in_world(X + 16 * (int)row[0], row + 1 + 3 * end, 1.0, at[i].end[end]);
+        for (int k = 0; k < 3; k++) {
+            at[i].middle[k] = 0.5 * (at[i].end[0][k] + at[i].end[1][k]);
+            along[k] = at[i].end[1][k] - at[i].middle[k];
+        }
+        at[i].reach = sqrt(dot(along, along));
         at[i].moved = moved_by(row + 8, half);
     }
 }
 
-/* A lower bound on the distance of a capsule's segment from a shape, at a hundredth of the cost: of its middle from the
-   box about the core, less what surrounds either. */
-static double at_least(in shape, const struct stand *at) {
-    double middle[3], along[3], x[3], gap[3];
-    for (int row = 0; row < 3; row++) {
-        middle[row] = 0.5 * (at->end[0][row] + at->end[1][row]);
-        along[row] = at->end[1][row] - middle[row];
-    }
-    in_shape(shape, middle, x);
+/* Whether a capsule's segment is farther from a shape than a distance, by its middle and the box about the core. */
+static int is_beyond(in shape, const struct stand *at, double distance) {
+    double x[3], gap[3], least = distance + at->reach + shape[19];
+    in_shape(shape, at->middle, x);
     for (int row = 0; row < 3; row++) gap[row] = x[row] - clamped(x[row], shape[12 + row], shape[15 + row]);
-    return sqrt(dot(gap, gap)) - sqrt(dot(along, along)) - shape[19];
+    return dot(gap, gap) > least * least;
+}
+
+/* Whether the segments of two capsules are farther apart than a distance, by their middles. */
+static int are_beyond(const struct stand *one, const struct stand *other, double distance) {
+    double gap[3], least = distance + one->reach + other->reach;
+    for (int row = 0; row < 3; row++) gap[row] = one->middle[row] - other->middle[row];
+    return dot(gap, gap) > least * least;
 }
 
 /* How much farther away than it must be something is in a posture; and how far its distance changes at most up to the
-   ends of the piece. A larger one than `enough` and that may be too small. Items: of each capsule the shapes and the
-   floor; then the pairs; then the box about the tool. */
+   ends of the piece. Infinite where it is more than that and `enough`. Items: of each capsule the shapes and the floor;
+   then the pairs; then the box about the tool. */
 static double spare_of(const struct scene *scene, count item, const struct stand *at, in half, double enough,
                        double *moved) {
     count of_capsules = scene->capsules * (scene->shapes + 1);
@@ -74,19 +82,21 @@ static double spare_of(const struct scene *scene, count item, const struct stand
         *moved = body->moved;
         if (other == scene->shapes) return fmin(body->end[0][2], body->end[1][2]) - row[7] - scene->bounds[0];
         in shape = scene->shape + SHAPE * other;
-        double least = row[7] + shape[20], bound = at_least(shape, body) - least;
-        return bound >= enough + *moved ? bound : shape_distance(shape, body->end[0], body->end[1]) - least;
+        double least = row[7] + shape[20];
+        if (is_beyond(shape, body, least + enough + *moved)) return INFINITY;
+        return shape_distance(shape, body->end[0], body->end[1]) - least;
     }
     if (item < of_capsules + scene->pairs) {
         in pair = scene->pair + PAIR * (item - of_capsules);
         const struct stand *one = at + (int)pair[0], *other = at + (int)pair[1];
         double u[3], v[3], w[3];
+        *moved = moved_by(pair + 3, half);
+        if (are_beyond(one, other, pair[2] + enough + *moved)) return INFINITY;
         for (int row = 0; row < 3; row++) {
             u[row] = one->end[1][row] - one->end[0][row];
             v[row] = other->end[1][row] - other->end[0][row];
             w[row] = other->end[0][row] - one->end[0][row];
         }
-        *moved = moved_by(pair + 3, half);
         return segment_distance(u, v, w, scene->point) - pair[2];
     }
     const struct stand *tool = at + scene->capsules - 1;
