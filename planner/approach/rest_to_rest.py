@@ -63,7 +63,10 @@ def _jerks(moves: Array, shares: Array, limits: Limits, dt: float) -> Array:
         changes = moves[1:] * speeds[1:, :1] - moves[:-1] * speeds[:-1, 1:]
         turns = [_turn(change, limits, dt) for change in changes]
         cut = [0, *map(len, turns), 0]
-        pieces = [_piece(*each, limits, dt) for each in zip(moves, fastest.tolist(), speeds.tolist(), pairwise(cut), strict=True)]
+        pieces = [
+            _piece(*each, limits, dt)
+            for each in zip(moves, fastest.tolist(), speeds.tolist(), pairwise(cut), strict=True)
+        ]
         short = np.array([piece is None for piece in pieces])
         if not short.any():
             both = zip(pieces, [*turns, moves[:0]], strict=True)
@@ -79,7 +82,9 @@ def _turn(change: Array, limits: Limits, dt: float) -> Array:
     return _double_s(change, *_ticks(_ramp(*_relative(change, limits)), dt), dt)
 
 
-def _piece(move: Array, fastest: float, speeds: list[float], cut: tuple[int, int], limits: Limits, dt: float) -> Array | None:
+def _piece(
+    move: Array, fastest: float, speeds: list[float], cut: tuple[int, int], limits: Limits, dt: float
+) -> Array | None:
     """Returns the jerks (N, n) of one move between its corners; None if it is too short.
 
     Args:

@@ -6,6 +6,21 @@
 
 enum { CAPSULE = 16, PAIR = 9, SHAPE = 21 }; /* numbers of each row */
 
+/* A function's arguments as a scene, and all that counts in it. */
+#define SCENE                                                                                                     \
+    struct scene scene = {chain,  capsules, capsule,    pairs,      pair,       shapes,     shape,                \
+                          bounds, ends,     numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], 0, 0, 0}; \
+    struct item listed[1 + capsules * (shapes + 1) + pairs];                                                      \
+    scene.items = list_items(&scene, listed);                                                                     \
+    scene.item = listed
+
+/* Something whose distance counts: of a capsule from a shape, from the floor, or of the last one from the walls of its
+   box; or of the capsules of a pair from each other. */
+struct item {
+    enum { FROM_SHAPE, FROM_FLOOR, FROM_WALLS, OF_PAIR } kind;
+    int one, other;
+};
+
 /* What moves among what, and how far a posture keeps away from it; the arguments of `pieces_clear`. */
 struct scene {
     in chain; /* poses of the base and of each link beyond its joint (7, 4, 4) */
@@ -19,7 +34,9 @@ struct scene {
     in ends;   /* start and goal (2, 6), about which the margin grows from nothing */
     double margin, own; /* kept from everything else, and between two of the capsules, away from both ends [m] */
     double near, spacing, point; /* by which distance the margins are whole, and of postures [rad]; [m^2] */
-    count looked;                        /* postures evaluated so far */
+    count items;
+    const struct item *item;
+    count looked; /* postures evaluated so far */
 };
 
 /* A capsule of the arm in a posture: ends of its segment in the world, its middle and half its length, and how far its
@@ -70,43 +87,38 @@ static int are_beyond(const struct stand *one, const struct stand *other, double
 }
 
 /* How much farther away than it must be something is in a posture; and how far its distance changes at most up to the
-   ends of the piece. Infinite where it is more than that and `enough`. Items: of each capsule the shapes and the floor;
-   then the pairs; then the box about the tool. */
-static double spare_of(const struct scene *scene, count item, const struct stand *at, in half, double enough,
-                       double *moved) {
-    count of_capsules = scene->capsules * (scene->shapes + 1);
-    if (item < of_capsules) {
-        const struct stand *body = at + item / (scene->shapes + 1);
-        in row = scene->capsule + CAPSULE * (item / (scene->shapes + 1));
-        count other = item % (scene->shapes + 1);
-        *moved = body->moved;
-        if (other == scene->shapes) return fmin(body->end[0][2], body->end[1][2]) - row[7] - scene->bounds[0];
-        in shape = scene->shape + SHAPE * other;
+   ends of the piece. Infinite where it is more than that and `enough`. */
+static double spare_of(const struct scene *scene, const struct item *item, const struct stand *at, in half,
+                       double enough, double *moved) {
+    const struct stand *one = at + item->one;
+    in row = scene->capsule + CAPSULE * item->one;
+    *moved = one->moved;
+    if (item->kind == FROM_SHAPE) {
+        in shape = scene->shape + SHAPE * item->other;
         double least = row[7] + shape[20];
-        if (is_beyond(shape, body, least + enough + *moved)) return INFINITY;
-        return shape_distance(shape, body->end[0], body->end[1]) - least;
+        if (is_beyond(shape, one, least + enough + *moved)) return INFINITY;
+        return shape_distance(shape, one->end[0], one->end[1]) - least;
     }
-    if (item < of_capsules + scene->pairs) {
-        in pair = scene->pair + PAIR * (item - of_capsules);
-        const struct stand *one = at + (int)pair[0], *other = at + (int)pair[1];
-        double u[3], v[3], w[3];
-        *moved = moved_by(pair + 3, half);
-        if (are_beyond(one, other, pair[2] + enough + *moved)) return INFINITY;
-        for (int row = 0; row < 3; row++) {
-            u[row] = one->end[1][row] - one->end[0][row];
-            v[row] = other->end[1][row] - other->end[0][row];
-            w[row] = other->end[0][row] - one->end[0][row];
+    if (item->kind == FROM_FLOOR) return fmin(one->end[0][2], one->end[1][2]) - row[7] - scene->bounds[0];
+    if (item->kind == FROM_WALLS) {
+        double spare = INFINITY;
+        for (int k = 0; k < 3; k++) {
+            double inside = fmin(one->end[0][k] - scene->bounds[1 + k], scene->bounds[4 + k] - one->end[0][k]);
+            spare = fmin(spare, inside);
         }
-        return segment_distance(u, v, w, scene->point) - pair[2];
+        return spare;
     }
-    const struct stand *tool = at + scene->capsules - 1;
-    double spare = INFINITY;
-    for (int row = 0; row < 3; row++) {
-        double inside = fmin(tool->end[0][row] - scene->bounds[1 + row], scene->bounds[4 + row] - tool->end[0][row]);
-        spare = fmin(spare, inside);
+    in pair = scene->pair + PAIR * item->other;
+    const struct stand *other = at + (int)pair[1];
+    double u[3], v[3], w[3];
+    *moved = moved_by(pair + 3, half);
+    if (are_beyond(one, other, pair[2] + enough + *moved)) return INFINITY;
+    for (int k = 0; k < 3; k++) {
+        u[k] = one->end[1][k] - one->end[0][k];
+        v[k] = other->end[1][k] - other->end[0][k];
+        w[k] = other->end[0][k] - one->end[0][k];
     }
-    *moved = tool->moved;
-    return spare;
+    return segment_distance(u, v, w, scene->point) - pair[2];
 }
 
 /* The share of the margin that a posture keeps: all of it away from both ends. */
@@ -122,10 +134,10 @@ static double share_at(const struct scene *scene, in q) {
 
 /* Whether a straight piece is clear of `items`: in its middle, and in either half of what may be too close there. What
    the levers prove clear of the whole piece is not looked at again. */
-static int is_clear(struct scene *scene, in from, in to, count n, const int *items) {
+static int is_clear(struct scene *scene, in from, in to, count n, const struct item *items) {
     double q[6], half[6], longest = 0.0;
     struct stand at[scene->capsules];
-    int open[n + 1];
+    struct item open[n + 1];
     count left = 0;
     for (int j = 0; j < 6; j++) {
         q[j] = 0.5 * (from[j] + to[j]);
@@ -135,10 +147,9 @@ static int is_clear(struct scene *scene, in from, in to, count n, const int *ite
     stand_at(scene, q, half, at);
     scene->looked++;
     double share = share_at(scene, q);
-    count own = scene->capsules * (scene->shapes + 1);
     for (count i = 0; i < n; i++) {
-        double margin = items[i] < own || items[i] == own + scene->pairs ? scene->margin : scene->own;
-        double moved, spare = spare_of(scene, items[i], at, half, margin, &moved);
+        double margin = items[i].kind == OF_PAIR ? scene->own : scene->margin;
+        double moved, spare = spare_of(scene, items + i, at, half, margin, &moved);
         if (!(spare >= margin * share)) return 0;
         if (spare < margin + moved) open[left++] = items[i];
     }
@@ -146,23 +157,24 @@ static int is_clear(struct scene *scene, in from, in to, count n, const int *ite
     return is_clear(scene, from, q, left, open) && is_clear(scene, q, to, left, open);
 }
 
-/* The same of everything in the scene. */
-static int piece_is_clear(struct scene *scene, in from, in to) {
-    count shapes = scene->shapes, of_capsules = scene->capsules * (shapes + 1), n = 0;
-    int items[of_capsules + scene->pairs + 1];
-    for (count i = 0; i < of_capsules; i++)
-        if (scene->capsule[CAPSULE * (i / (shapes + 1)) + (i % (shapes + 1) < shapes ? 15 : 14)] > 0.0)
-            items[n++] = (int)i;
-    for (count i = 0; i <= scene->pairs; i++) items[n++] = (int)(of_capsules + i);
-    return is_clear(scene, from, to, n, items);
+/* Lists all that counts in a scene; returns how much it is. */
+static count list_items(const struct scene *scene, struct item *items) {
+    count n = 0;
+    items[n++] = (struct item){FROM_WALLS, (int)scene->capsules - 1, 0};
+    for (int i = 0; i < scene->capsules; i++) {
+        in row = scene->capsule + CAPSULE * i;
+        if (row[14] > 0.0) items[n++] = (struct item){FROM_FLOOR, i, 0};
+        for (int k = 0; k < scene->shapes && row[15] > 0.0; k++) items[n++] = (struct item){FROM_SHAPE, i, k};
+    }
+    for (int i = 0; i < scene->pairs; i++) items[n++] = (struct item){OF_PAIR, (int)scene->pair[PAIR * i], i};
+    return n;
 }
 
 /* Whether straight pieces from postures (n, 6) to others are clear (n,): 1 or 0. */
 void pieces_clear(in chain, count capsules, in capsule, count pairs, in pair, count shapes, in shape, in bounds,
                   in ends, in numbers, count n, in from, in to, double *out) {
-    struct scene scene = {chain,  capsules, capsule,    pairs,      pair,       shapes,     shape,
-                          bounds, ends,     numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], 0};
-    for (count i = 0; i < n; i++) out[i] = piece_is_clear(&scene, from + 6 * i, to + 6 * i);
+    SCENE;
+    for (count i = 0; i < n; i++) out[i] = is_clear(&scene, from + 6 * i, to + 6 * i, scene.items, scene.item);
 }
 
 /* A tree: postures (most, 6), each with the index of its parent. */
@@ -190,7 +202,7 @@ static count grow(struct scene *scene, struct tree *tree, in towards, double ste
     for (int j = 0; j < 6; j++) longest = fmax(longest, fabs(towards[j] - from[j]));
     double share = longest > step ? step / longest : 1.0;
     for (int j = 0; j < 6; j++) new[j] = share < 1.0 ? from[j] + share * (towards[j] - from[j]) : towards[j];
-    if (!piece_is_clear(scene, from, new)) return -1;
+    if (!is_clear(scene, from, new, scene->items, scene->item)) return -1;
     tree->parent[tree->size] = near;
     return tree->size++;
 }
@@ -200,8 +212,7 @@ static count grow(struct scene *scene, struct tree *tree, in towards, double ste
    State (5,): sizes of both, whose turn it is; where they met in each, or -1; budget left. */
 void grow_trees(in chain, count capsules, in capsule, count pairs, in pair, count shapes, in shape, in bounds, in ends,
                 in numbers, count m, in random, double step, count most, double *q, count *parent, count *state) {
-    struct scene scene = {chain,  capsules, capsule,    pairs,      pair,       shapes,     shape,
-                          bounds, ends,     numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], 0};
+    SCENE;
     struct tree trees[2] = {{state[0], most, q, parent}, {state[1], most, q + 6 * most, parent + most}};
     count turn = state[2], budget = state[5];
     for (count i = 0; i < m && scene.looked < budget && state[3] < 0; i++, turn = 1 - turn) {
