@@ -60,9 +60,12 @@ class RestToRest:
 def problems(archive: Path, clearance_m: float) -> Iterator[RestToRest]:
     """Yields the problems of an archive, by name; their cells ask for a clearance [m]."""
     here = _empty_cell(clearance_m)
+    read: dict[str, Any] = {}
     with tarfile.open(archive) as files:
-        members = sorted((file for file in files.getmembers() if file.isfile()), key=lambda file: file.name)
-        read = {file.name: yaml.load(files.extractfile(file), yaml.CSafeLoader) for file in members}
+        for member in sorted(files.getmembers(), key=lambda member: member.name):
+            file = files.extractfile(member)
+            if file is not None:
+                read[member.name] = yaml.load(file, yaml.CSafeLoader)
     for name, request in read.items():
         if "/request" not in name:
             continue

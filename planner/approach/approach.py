@@ -150,14 +150,13 @@ class _Search:
         The first and last pieces, of numbers `leaving` and `arriving`, lead an arm clear that stands too close, or back
         to a posture that is too close; they are not certified.
         """
-        last = len(path) - 1 - arriving
-        inner = path[leaving : last + 1]
+        inner = path[leaving : len(path) - arriving]
         for corners in (self._corners(inner), np.zeros(len(inner))):
             motion, _ = self._timed(inner, corners)
-            if motion is None or motion.problem is None or not (leaving or arriving):
-                if motion is not None:
-                    return motion
+            if motion is None or motion.problem is None:
                 continue
+            if leaving == arriving == 0:
+                return motion
             limits = motion.problem.limits
             shares = np.concatenate([np.zeros(leaving), corners, np.zeros(arriving)])
             whole = rest_to_rest_motion(path, limits, motion.problem.dt, shares)
@@ -165,9 +164,9 @@ class _Search:
         return None
 
     def _corners(self, path: Array) -> Array:
-        """Returns the share of the limits (K,) at which each corner of a path is cut, and what is there kept clear of.
+        """Returns the share of the limits (K,) at which a motion can pass each corner of a path and stay clear.
 
-        Every corner begins with the whole, and is slowed down as long as the motion about it is not clear.
+        All begin with the whole; those about which the motion is not clear are slowed down until it is, or they stop.
         """
         limits = paced(self.limits, self.pace)
         around = Obstacles.of(self.cell, MARGINS_M[-1], path[[0, -1]], self.with_object)
@@ -178,11 +177,11 @@ class _Search:
             close = q[:-1][~around.clear(q[:-1], q[1:])]
             if len(close) == 0:
                 break
-            nearest = np.abs(close[:, None] - path[1:-1]).max(axis=2).argmin(axis=1) + 1
-            corners[nearest] *= SLOWER
-            corners[corners < SLOWEST] = 0.0
+            nearest = np.unique(np.abs(close[:, None] - path[1:-1]).max(axis=2).argmin(axis=1) + 1)
             if not corners[nearest].any():
                 break
+            corners[nearest] *= SLOWER
+            corners[corners < SLOWEST] = 0.0
         return corners
 
     def _timed(self, path: Array, corners: Array | None = None) -> tuple[Approach | None, tuple[Check, ...]]:

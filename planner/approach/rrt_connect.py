@@ -103,7 +103,7 @@ def _scene(cell: Cell, with_object: bool) -> Pinned:
     return Pinned(
         np.array([cell.X_WB, *fixed_transforms(cell.robot)]),
         capsules,
-        np.column_stack([pairs, least, body.pair_levers[own]]),
+        np.column_stack([pairs.astype(np.float64), least, body.pair_levers[own]]),
         np.column_stack([rows, required]),
         np.array([around.floor_z_m + around.clearance_m, *bounds[0].max(axis=0), *bounds[1].min(axis=0)]),
     )
@@ -112,9 +112,9 @@ def _scene(cell: Cell, with_object: bool) -> Pinned:
 class _Trees:
     """Two trees: postures, each with the index of its parent, and how the search stands; see `grow_trees`."""
 
-    def __init__(self, start: Array, goal: Array, most: int, budget: int) -> None:
+    def __init__(self, ends: Array, most: int, budget: int) -> None:
         self.q = np.zeros((2, most, 6))
-        self.q[:, 0] = [start, goal]
+        self.q[:, 0] = ends
         self.parent = np.full((2, most), -1, np.intp)
         self.state = np.array([1, 1, 0, -1, -1, budget], np.intp)
 
@@ -159,7 +159,7 @@ def find_path(
     if not around.clear(ends, ends).all():
         return None
     rng = np.random.default_rng(SEED)
-    trees = _Trees(*ends, MOST, budget)
+    trees = _Trees(ends, MOST, budget)
     block = 0
     while not (trees.met or trees.is_spent):
         if time.perf_counter() >= deadline_s:
