@@ -1,18 +1,12 @@
 /* Paths of an arm among obstacles: whether straight pieces in joint space are clear, and trees of such pieces.
 
-   See planner/approach/path_search.py. */
+   See planner/approach/rrt_connect.py. */
+
+#include <stdlib.h>
 
 #include "vectors.h"
 
 enum { CAPSULE = 16, PAIR = 9, SHAPE = 21 }; /* numbers of each row */
-
-/* A function's arguments as a scene, and all that counts in it. */
-#define SCENE                                                                                                     \
-    struct scene scene = {chain,  capsules, capsule,    pairs,      pair,       shapes,     shape,                \
-                          bounds, ends,     numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], 0, 0, 0}; \
-    struct item listed[1 + capsules * (shapes + 1) + pairs];                                                      \
-    scene.items = list_items(&scene, listed);                                                                     \
-    scene.item = listed
 
 /* Something whose distance counts: of a capsule from a shape, from the floor, or of the last one from the walls of its
    box; or of the capsules of a pair from each other. */
@@ -34,9 +28,9 @@ struct scene {
     in ends;   /* start and goal (2, 6), about which the margin grows from nothing */
     double margin, own; /* kept from everything else, and between two of the capsules, away from both ends [m] */
     double near, spacing, point; /* by which distance the margins are whole, and of postures [rad]; [m^2] */
+    count looked;                /* postures evaluated so far */
     count items;
-    const struct item *item;
-    count looked; /* postures evaluated so far */
+    struct item *item; /* all that counts; behind it room for what stays open of a piece, its half and so on */
 };
 
 /* A capsule of the arm in a posture: ends of its segment in the world, its middle and half its length, and how far its
@@ -134,10 +128,10 @@ static double share_at(const struct scene *scene, in q) {
 
 /* Whether a straight piece is clear of `items`: in its middle, and in either half of what may be too close there. What
    the levers prove clear of the whole piece is not looked at again. */
-static int is_clear(struct scene *scene, in from, in to, count n, const struct item *items) {
+static int is_clear(struct scene *scene, in from, in to, count n, struct item *items) {
     double q[6], half[6], longest = 0.0;
     struct stand at[scene->capsules];
-    struct item open[n + 1];
+    struct item *open = items + n;
     count left = 0;
     for (int j = 0; j < 6; j++) {
         q[j] = 0.5 * (from[j] + to[j]);
@@ -157,9 +151,12 @@ static int is_clear(struct scene *scene, in from, in to, count n, const struct i
     return is_clear(scene, from, q, left, open) && is_clear(scene, q, to, left, open);
 }
 
-/* Lists all that counts in a scene; returns how much it is. */
-static count list_items(const struct scene *scene, struct item *items) {
-    count n = 0;
+/* Lists all that counts in a scene, with room for pieces as long as `longest`; returns whether there is memory. */
+static int list_items(struct scene *scene, double longest) {
+    count n = 0, levels = 2, most = 1 + scene->capsules * (scene->shapes + 1) + scene->pairs;
+    for (; longest > scene->spacing && levels < 64; levels++) longest *= 0.5;
+    struct item *items = scene->item = malloc((levels + 1) * most * sizeof *items);
+    if (!items) return 0;
     items[n++] = (struct item){FROM_WALLS, (int)scene->capsules - 1, 0};
     for (int i = 0; i < scene->capsules; i++) {
         in row = scene->capsule + CAPSULE * i;
@@ -167,14 +164,25 @@ static count list_items(const struct scene *scene, struct item *items) {
         for (int k = 0; k < scene->shapes && row[15] > 0.0; k++) items[n++] = (struct item){FROM_SHAPE, i, k};
     }
     for (int i = 0; i < scene->pairs; i++) items[n++] = (struct item){OF_PAIR, (int)scene->pair[PAIR * i], i};
-    return n;
+    scene->items = n;
+    return 1;
 }
+
+/* The arguments of the functions below as a scene. */
+#define SCENE                                                                                                      \
+    {chain, capsules, capsule,    pairs,      pair,       shapes,     shape,      bounds,                          \
+     ends,  numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], 0,          0,      0}
 
 /* Whether straight pieces from postures (n, 6) to others are clear (n,): 1 or 0. */
 void pieces_clear(in chain, count capsules, in capsule, count pairs, in pair, count shapes, in shape, in bounds,
                   in ends, in numbers, count n, in from, in to, double *out) {
-    SCENE;
-    for (count i = 0; i < n; i++) out[i] = is_clear(&scene, from + 6 * i, to + 6 * i, scene.items, scene.item);
+    struct scene scene = SCENE;
+    double longest = 0.0;
+    for (count i = 0; i < 6 * n; i++) longest = fmax(longest, fabs(to[i] - from[i]));
+    int is_ready = list_items(&scene, longest);
+    for (count i = 0; i < n; i++)
+        out[i] = is_ready && is_clear(&scene, from + 6 * i, to + 6 * i, scene.items, scene.item);
+    free(scene.item);
 }
 
 /* A tree: postures (most, 6), each with the index of its parent. */
@@ -209,12 +217,12 @@ static count grow(struct scene *scene, struct tree *tree, in towards, double ste
 
 /* Grows two trees (2, most, 6) in turn, each towards the next of m random postures and the other towards what is new,
    until they meet, or `budget` postures were evaluated.
-   State (5,): sizes of both, whose turn it is; where they met in each, or -1; budget left. */
+   State (6,): sizes of both, whose turn it is; where they met in each, or -1; budget left. */
 void grow_trees(in chain, count capsules, in capsule, count pairs, in pair, count shapes, in shape, in bounds, in ends,
                 in numbers, count m, in random, double step, count most, double *q, count *parent, count *state) {
-    SCENE;
+    struct scene scene = SCENE;
     struct tree trees[2] = {{state[0], most, q, parent}, {state[1], most, q + 6 * most, parent + most}};
-    count turn = state[2], budget = state[5];
+    count turn = state[2], budget = list_items(&scene, step) ? state[5] : 0;
     for (count i = 0; i < m && scene.looked < budget && state[3] < 0; i++, turn = 1 - turn) {
         struct tree *one = trees + turn, *other = trees + 1 - turn;
         count new = grow(&scene, one, random + 6 * i, step), met = -1;
@@ -229,4 +237,5 @@ void grow_trees(in chain, count capsules, in capsule, count pairs, in pair, coun
     state[1] = trees[1].size;
     state[2] = turn;
     state[5] = budget - scene.looked;
+    free(scene.item);
 }

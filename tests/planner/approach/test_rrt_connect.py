@@ -117,3 +117,13 @@ def test_a_wrist_passes_its_straight_posture():
     around = among(here)
     ends = np.array([START, GOAL + np.array([0.0, 0.0, 0.0, 0.0, 3.0, 0.0])])
     assert find_path(Obstacles(around.scene, MARGIN_M, ends), LOWER, UPPER) is not None
+
+
+def test_thousands_of_shapes_fit():
+    """As a scanned scene has them, all around the way at the height of the floor."""
+    here = cell()
+    places = np.random.default_rng(0).uniform([-3.0, -3.0, -2.0], [3.0, 3.0, -1.0], (5000, 3))
+    boxes = [shape_of("box", pose(place, np.eye(3)), np.full(3, 0.05)) for place in places]
+    around = Obstacles.of(with_shapes(here, *boxes, *_shapes(among(here))), MARGIN_M, np.array([START, GOAL]))
+    path = find_path(around, LOWER, UPPER)
+    assert path is not None and len(path) > 2
