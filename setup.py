@@ -28,7 +28,7 @@ STRAIGHT = ["-Og"]
 TELL_S = 10.0  # [s] between two lines about what is being built
 KERNEL = Extension(
     "planner.native.kernel",
-    [str(NATIVE / "kernel" / f"{name}.c") for name in ("arm", "bounds", "flights", "states", "velocities")],
+    [str(NATIVE / "kernel" / f"{name}.c") for name in ("arm", "bounds", "flights", "paths", "states", "velocities")],
     depends=[str(NATIVE / "kernel" / "vectors.h")],
     extra_compile_args=[*COMMON, "-O3"],
     libraries=["m"],

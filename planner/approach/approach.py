@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from planner.approach.posture import way_clear
-from planner.approach.rest_to_rest import rest_to_rest_motion
-from planner.approach.rrt_connect import Effort, find_path, is_clear
+from planner.approach.rest_to_rest import SLOWEST, rest_to_rest_motion
+from planner.approach.rrt_connect import Obstacles, find_path
 from planner.arrays import Array
 from planner.cell import Cell, Limits
 from planner.certificate import Check, Examination
@@ -27,10 +27,11 @@ NEAR_RAD = 1e-3  # [rad] distance from the start within which no motion is neede
 APPROACH_SPEED = 1.0  # [rad/s] just below 1.05, the default of UR's movej
 APPROACH_ACCELERATION = 1.4  # [rad/s^2] source: URScript manual, default of movej
 APPROACH_JERK = 14.0  # [rad/s^3] full acceleration after 0.1 s
-# [m] margin beyond the cell's clearance that a path search keeps away from the ends, and its effort; tried in turn.
-# Between ends that a full turn of the wrist lies apart, the first found nothing and the second a path; beside a wrist
-# bent as far as the clearance allows, the last alone did: no straight way out keeps more. In vain they take 2 s.
-SEARCHES = ((0.01, Effort()), (0.002, Effort(3000, 3.0)), (0.0005, Effort(3000, 3.0)))
+# [m] margin beyond the cell's clearance that a path search keeps away from the ends, tried in turn: beside a wrist bent
+# as far as the clearance allows, no straight way out keeps more than the last.
+MARGINS_M = (0.01, 0.002, 0.0005)
+CHECKED_S = 0.016  # [s] between checked postures of a motion that cuts its corners
+SLOWER = 0.7  # [-] of the speed, at a corner where the motion is not clear
 PACES = (1.0, 0.5, 0.25)  # [-] shares of the pace, tried in turn: torques and tool speed may require a slower motion
 # Checks that depend on the path alone: a slower motion along it breaks them, too.
 PATH_CHECKS = {"joint_position", "floor", "keep_in", "keep_out", "self_collision"}
@@ -121,46 +122,80 @@ class _Search:
         if straight is not None:
             return straight, ()
         out = way_clear(self.cell, now, self.with_object)
-        if out is None:
+        back = way_clear(self.cell, start, self.with_object)
+        if out is None or back is None:
             return None, failures
-        motions = (self._timed(path, len(out) - 1)[0] for path in self._paths(out, start))
+        motions = (self._motion(path, len(out) - 1, len(back) - 1) for path in self._paths(out, back[::-1]))
         return next((motion for motion in motions if motion is not None), None), failures
 
-    def _paths(self, out: Array, start: Array) -> Iterator[Array]:
-        """Yields paths (K, 6) that begin with the postures `out` (K, 6) and end at `start`; none past a barrier."""
+    def _paths(self, out: Array, back: Array) -> Iterator[Array]:
+        """Yields paths (K, 6) that begin and end with the postures `out` and `back` (K, 6); none past a barrier."""
         now = out[-1]
+        start = back[0]
         limits = self.limits
         lower, upper = passable(self.cell.robot, self.cell.tool.capsules, now)
         if (start < lower).any() or (start > upper).any():
             return
         lower = np.maximum(lower, limits.q_lower)
         upper = np.minimum(upper, limits.q_upper)
-        for margin, effort in SEARCHES:
-            clear = is_clear(self.cell, margin, np.array([now, start]), self.with_object)
-            path = find_path(clear, now, start, lower, upper, effort, self.deadline_s)
+        for margin in MARGINS_M:
+            around = Obstacles.of(self.cell, margin, np.array([now, start]), self.with_object)
+            path = find_path(around, lower, upper, deadline_s=self.deadline_s)
             if path is not None:
-                yield np.concatenate([out[:-1], path])
+                yield np.concatenate([out[:-1], path, back[1:]])
 
-    def _timed(self, path: Array, leaving: int = 0) -> tuple[Approach | None, tuple[Check, ...]]:
-        """Returns the fastest certified motion along a path (K, 6), None if none is, and the failed checks then.
+    def _motion(self, path: Array, leaving: int, arriving: int) -> Approach | None:
+        """Returns the fastest certified motion along a path: through its corners, or else with a stop in each.
 
-        The first `leaving` pieces of the path lead an arm clear that stands too close; they are not certified.
+        The first and last pieces, of numbers `leaving` and `arriving`, lead an arm clear that stands too close, or back
+        to a posture that is too close; they are not certified.
         """
+        inner = path[leaving : len(path) - arriving]
+        for corners in (self._corners(inner), np.zeros(len(inner))):
+            motion, _ = self._timed(inner, corners)
+            if motion is None or motion.problem is None:
+                continue
+            if leaving == arriving == 0:
+                return motion
+            limits = motion.problem.limits
+            shares = np.concatenate([np.zeros(leaving), corners, np.zeros(arriving)])
+            whole = rest_to_rest_motion(path, limits, motion.problem.dt, shares)
+            return Approach(path[-1], self._problem(path[0], path[-1], limits), whole)
+        return None
+
+    def _corners(self, path: Array) -> Array:
+        """Returns the share of the limits (K,) at which a motion can pass each corner of a path and stay clear.
+
+        All begin with the whole; those about which the motion is not clear are slowed down until it is, or they stop.
+        """
+        limits = paced(self.limits, self.pace)
+        around = Obstacles.of(self.cell, MARGINS_M[-1], path[[0, -1]], self.with_object)
+        corners = np.ones(len(path))
+        corners[[0, -1]] = 0.0
+        while corners.any():
+            q = rest_to_rest_motion(path, limits, CHECKED_S, corners).q
+            close = q[:-1][~around.clear(q[:-1], q[1:])]
+            if len(close) == 0:
+                break
+            nearest = np.unique(np.abs(close[:, None] - path[1:-1]).max(axis=2).argmin(axis=1) + 1)
+            if not corners[nearest].any():
+                break
+            corners[nearest] *= SLOWER
+            corners[corners < SLOWEST] = 0.0
+        return corners
+
+    def _timed(self, path: Array, corners: Array | None = None) -> tuple[Approach | None, tuple[Check, ...]]:
+        """Returns the fastest certified motion along a path (K, 6), None if none is, and the failed checks then."""
         failures: tuple[Check, ...] = ()
         for share in PACES:
             limits = paced(self.limits, self.pace * share)
             try:
-                problem = self._problem(path[leaving], path[-1], limits)
+                problem = self._problem(path[0], path[-1], limits)
             except InvalidProblem:
                 return None, failures
-            motion = rest_to_rest_motion(path[leaving:], limits, problem.dt)
+            motion = rest_to_rest_motion(path, limits, problem.dt, corners)
             failures = Examination(problem, motion).failures
             if not failures:
-                if leaving:
-                    problem, motion = (
-                        self._problem(path[0], path[-1], limits),
-                        rest_to_rest_motion(path, limits, problem.dt),
-                    )
                 return Approach(path[-1], problem, motion, len(path) == 2 and share == 1.0), ()
             if any(check.name in PATH_CHECKS for check in failures):
                 break

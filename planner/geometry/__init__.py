@@ -4,6 +4,7 @@ from planner.geometry.arcs import Arcs
 from planner.geometry.body import BodyModel, ToolState, body_model, tool_pose, tool_state
 from planner.geometry.capsules import arm_capsules, body_capsules, capsule_endpoints, levers
 from planner.geometry.distances import (
+    POINT_M2,
     pair_distances,
     point_segment_distance,
     segment_segment_distance,
@@ -24,6 +25,7 @@ from planner.geometry.surfaces import LEVEL_M, Surface, footprint, landing_surfa
 
 __all__ = [
     "LEVEL_M",
+    "POINT_M2",
     "SELF_CLEARANCE_M",
     "Arcs",
     "BodyModel",

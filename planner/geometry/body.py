@@ -120,7 +120,7 @@ class BodyModel:
         return len(self.names) - 1
 
     @cached_property
-    def _stays_level(self) -> Mask:
+    def stays_level(self) -> Mask:
         """Which of the moving capsules (j,) the first joint alone moves, about a vertical axis."""
         return (self.frames[self.moving] == 1) & bool(np.abs(self.cell.X_WB[:2, 2]).max() < LEVEL_RAD)
 
@@ -179,7 +179,7 @@ class BodyModel:
         pairs = slice(None) if with_object else (self.pairs != self.object).all(axis=1)
         further = self.cell.surroundings.further_clearances[:, None, None]
         above = self.heights(ends)[bodies] - clearance
-        above[self._stays_level[bodies, None] & (above >= 0.0)] = np.inf
+        above[self.stays_level[bodies, None] & (above >= 0.0)] = np.inf
         return Clearances(
             floor=above.min(axis=0),
             keep_in=self.wall_distances(ends).min(axis=0, initial=np.inf),

@@ -35,6 +35,8 @@ SIGNATURES = {
     "exit_cells": "naanaaaxxxa",
     "capsule_bounds": "nnaanaaaaaaaa",
     "patch_distances": "naaaaaa",
+    "pieces_clear": "anananaaaanaaa",
+    "grow_trees": "anananaaaanaxnaaa",
     "jacobians": "naaa",
     "branches": "naaa",
     "least_norms": "nanaaxa",

@@ -286,6 +286,60 @@ def patch_distances(poses: tuple[Array, Index], capsules: tuple[Index, Array], c
     return out
 
 
+def pieces_clear(scene: Pinned, ends: Array, numbers: Array, start: Array, end: Array) -> Array:
+    """Returns 1 for each straight piece from postures `start` to `end`, both (n, 6), that is clear, 0 for others (n,).
+
+    Args:
+        scene, ends, numbers: see `planner.approach.rrt_connect.Obstacles`.
+        start, end: the postures.
+    """
+    n = len(start)
+    out = np.empty(n)
+    given = read(start, (n, JOINTS)), read(end, (n, JOINTS))
+    kernel().pieces_clear(*_scene(scene, ends, numbers), n, *given, written(out))
+    return out
+
+
+def grow_trees(
+    scene: Pinned, ends: Array, numbers: Array, random: Array, step: float, trees: tuple[Array, Index, Index]
+) -> Index:
+    """Returns the state of two trees of clear pieces that grow until they meet; see `pieces_clear`.
+
+    Args:
+        scene, ends, numbers: see `pieces_clear`.
+        random: postures (n, 6) towards which they grow in turn.
+        step: by which at most.
+        trees: their postures (2, most, 6) and parents (2, most), to which new ones are added in place, and state (6,):
+            sizes of both, whose turn it is, where they met in each or -1, how many postures may yet be evaluated.
+
+    Raises:
+        ValueError: the arrays have other shapes, or do not lie in one piece.
+        IndexError: the state is no such.
+    """
+    (q, parents, state) = trees
+    (_, most, _) = q.shape
+    if q.shape != (2, most, JOINTS) or parents.shape != (2, most) or state.shape != (STATE,):
+        raise ValueError(f"two trees are {q.shape}, {parents.shape}, {state.shape}")
+    indices(state[:2] - 1, (2,), most)
+    indices(state[2:3], (1,), 2)
+    now = state.copy()
+    given = read(random, (len(random), JOINTS)), step, most
+    kernel().grow_trees(*_scene(scene, ends, numbers), len(random), *given, *map(written, (q, parents, now)))
+    return now
+
+
+def _scene(scene: Pinned, ends: Array, numbers: Array) -> tuple[bytes | int, ...]:
+    """Returns the arguments of paths.c that say what moves among what."""
+    (_, capsules, pairs, shapes, _) = scene.arrays
+    k = len(capsules)
+    rows = (LINKS, 4, 4), (k, 16), (len(pairs), 9), (len(shapes), SHAPE + 1), (7,)
+    (chain, capsule, pair, shape, bounds) = scene.of_shapes(*rows)
+    indices(capsules[:, 0].astype(np.intp), (k,), LINKS)
+    indices(pairs[:, :2].astype(np.intp), (len(pairs), 2), k)
+    given = read(ends, (2, JOINTS)), read(numbers, (5,))
+    return chain, k, capsule, len(pairs), pair, len(shapes), shape, bounds, *given
+
+
 def jacobians(X: Array, p_F: Array) -> Array:
     """Returns Jacobians (n, 6, 6) of a point `p_F` (3,) of the flange, linear rows first."""
     n = len(X)

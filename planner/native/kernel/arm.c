@@ -282,24 +282,29 @@ void torque_terms(count n, in X, in qd, in qdd, in mass, in fixed, in principal,
     }
 }
 
-/* Distances (p, n) of p pairs (p, 2) of segments with ends (k, 2, 3, n). Source: see segment_segment_distance. */
+/* The distance of two segments along u and v, whose first ends are w apart. Source: see segment_segment_distance. */
+double segment_distance(in u, in v, in w, double shortest) {
+    double gap[3], uu = dot(u, u), uv = dot(u, v), vv = dot(v, v), uw = dot(u, w), vw = dot(v, w);
+    double determinant = uu * vv - uv * uv;
+    double s = determinant > DBL_EPSILON * uu * vv ? (vv * uw - uv * vw) / determinant : 0.0;
+    double t = clamped((clamped(s, 0.0, 1.0) * uv - vw) / (vv > shortest ? vv : shortest), 0.0, 1.0);
+    s = clamped((uw + t * uv) / (uu > shortest ? uu : shortest), 0.0, 1.0);
+    for (int row = 0; row < 3; row++) gap[row] = w[row] + t * v[row] - s * u[row];
+    return sqrt(dot(gap, gap));
+}
+
+/* Distances (p, n) of p pairs (p, 2) of segments with ends (k, 2, 3, n). */
 void pair_distances(count n, in ends, count p, const count *pairs, double shortest, double *out) {
     for (count i = 0; i < p; i++)
         for (count m = 0; m < n; m++) {
             in one = ends + 6 * n * pairs[2 * i] + m, other = ends + 6 * n * pairs[2 * i + 1] + m;
-            double u[3], v[3], w[3], gap[3];
+            double u[3], v[3], w[3];
             for (int row = 0; row < 3; row++, one += n, other += n) {
                 u[row] = one[3 * n] - one[0];
                 v[row] = other[3 * n] - other[0];
                 w[row] = other[0] - one[0];
             }
-            double uu = dot(u, u), uv = dot(u, v), vv = dot(v, v), uw = dot(u, w), vw = dot(v, w);
-            double determinant = uu * vv - uv * uv;
-            double s = determinant > DBL_EPSILON * uu * vv ? (vv * uw - uv * vw) / determinant : 0.0;
-            double t = clamped((clamped(s, 0.0, 1.0) * uv - vw) / (vv > shortest ? vv : shortest), 0.0, 1.0);
-            s = clamped((uw + t * uv) / (uu > shortest ? uu : shortest), 0.0, 1.0);
-            for (int row = 0; row < 3; row++) gap[row] = w[row] + t * v[row] - s * u[row];
-            out[i * n + m] = sqrt(dot(gap, gap));
+            out[i * n + m] = segment_distance(u, v, w, shortest);
         }
 }
 
@@ -381,21 +386,22 @@ static double cylinder_distance(in p0, in p1, in lower, in upper) {
 }
 
 /* A point of the world in a shape's frame. */
-static void in_shape(in shape, in p, double *out) {
+void in_shape(in shape, in p, double *out) {
     double apart[3];
     for (int row = 0; row < 3; row++) apart[row] = p[row] - shape[9 + row];
     for (int row = 0; row < 3; row++)
         out[row] = shape[row] * apart[0] + shape[3 + row] * apart[1] + shape[6 + row] * apart[2];
 }
 
-/* Distances (n,) of segments p0-p1, each (n, 3), from shapes: `items` (n,) of the rows (k, 20), see Solid.row. */
+/* The distance of a segment p0-p1 from a shape (20,), see Solid.row. */
+double shape_distance(in shape, in p0, in p1) {
+    double start[3], end[3];
+    in_shape(shape, p0, start);
+    in_shape(shape, p1, end);
+    return (shape[18] > 0.0 ? cylinder_distance : box_distance)(start, end, shape + 12, shape + 15) - shape[19];
+}
+
+/* Distances (n,) of segments p0-p1, each (n, 3), from shapes: `items` (n,) of the rows (k, 20). */
 void shape_distances(count n, in p0, in p1, const count *items, in rows, double *out) {
-    for (count m = 0; m < n; m++, p0 += 3, p1 += 3) {
-        in shape = rows + 20 * items[m], lower = shape + 12, upper = shape + 15;
-        double start[3], end[3];
-        in_shape(shape, p0, start);
-        in_shape(shape, p1, end);
-        double core = (shape[18] > 0.0 ? cylinder_distance : box_distance)(start, end, lower, upper);
-        out[m] = core - shape[19];
-    }
+    for (count m = 0; m < n; m++) out[m] = shape_distance(rows + 20 * items[m], p0 + 3 * m, p1 + 3 * m);
 }

@@ -22,3 +22,9 @@ static inline double clamped(double x, double low, double high) { return x < low
 static inline void in_world(in X, in p, double translation, double *out) {
     for (int row = 0; row < 3; row++) out[row] = dot(X + 4 * row, p) + translation * X[4 * row + 3];
 }
+
+/* Of arm.c. */
+void fixed_chain_poses(count n, in cosine, in sine, in fixed, in base, double *X);
+double segment_distance(in u, in v, in w, double shortest);
+void in_shape(in shape, in p, double *out);
+double shape_distance(in shape, in p0, in p1);

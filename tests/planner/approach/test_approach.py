@@ -8,11 +8,15 @@ import numpy as np
 import pytest
 
 from planner.approach import APPROACH_SPEED, find_approach, jog_advice, obstacle_words
-from planner.cell import Box, Cell
+from planner.cell import Box, Cell, shape_of
 from planner.certificate import certify
 from planner.geometry import body_model
+from planner.kinematics import inverse
+from planner.rotations import pose, rotation_vector_to_matrix
 from tests.planner import problems
 from tests.planner.approach.conftest import BrakedThrow, near_a_box, tool_position
+
+LOWER = np.full(6, -np.pi)
 
 
 def with_box(cell: Cell, centre: np.ndarray, half: float) -> Cell:
@@ -118,6 +122,78 @@ def test_an_obstacle_in_the_straight_move_is_avoided(throw: BrakedThrow) -> None
     assert body_model(blocked).clearances(motion.at(np.linspace(0.0, motion.duration_s, 5000))[0]).least.min() > 0.0
     assert np.abs(motion.qd).max() <= APPROACH_SPEED
     assert certify(approach.problem, motion).valid
+
+
+def test_a_corner_is_passed_without_a_stop(throw: BrakedThrow) -> None:
+    """Between its ends the arm stopped at every corner: four pieces of seven seconds for one of four."""
+    cell = throw.cell
+    start = np.array([-0.8, -1.2, 1.6, -1.9, -1.57, 0.0])
+    now = start + np.array([1.6, 0, 0, 0, 0, 0])
+    blocked = with_box(cell, tool_position(cell, (now + start) / 2.0), 0.12)
+    approach, _ = find_approach(blocked, now, start)
+    assert approach is not None and approach.trajectory is not None
+    speed = np.abs(approach.trajectory.qd).max(axis=1)
+    moving = np.flatnonzero(speed > 0.05)
+    assert (speed[moving[0] : moving[-1]] > 0.05).all()
+
+
+def test_a_goal_a_little_too_close_is_reached_as_a_start_is_left(throw: BrakedThrow) -> None:
+    q = np.array([-0.8, -1.2, 1.6, -1.9, -1.57, 0.0])
+    cell = near_a_box(throw.cell, q, -1e-3)
+    away = q + np.array([0.3, -0.4, 0, 0, 0, 0])
+    lowered, failures = find_approach(cell, away, q)
+    assert lowered is not None and lowered.trajectory is not None
+    assert failures
+    assert lowered.trajectory.q[-1] == pytest.approx(q)
+    least = body_model(cell).clearances(lowered.trajectory.q).least
+    assert least.min() >= -1e-3 - 1e-9
+    assert (least[: len(least) // 2] > 0.0).all()
+    assert find_approach(near_a_box(throw.cell, q, -5e-3), away, q)[0] is None
+
+
+def shelf(cell: Cell) -> Cell:
+    """The cell with a turned shelf of two boards in front of the arm, a post beside it and a can on its lower board."""
+    middle = np.array([0.65, 0.3, 0.45])
+    turn = rotation_vector_to_matrix(np.array([0.0, 0.0, np.arctan2(middle[1], middle[0])]))
+    boards = [
+        ("box", [0.0, 0.0, -0.2], [0.4, 0.6, 0.03]),
+        ("box", [0.0, 0.0, 0.2], [0.4, 0.6, 0.03]),
+        ("box", [0.0, 0.3, 0.0], [0.4, 0.03, 0.4]),
+        ("box", [0.0, -0.3, 0.0], [0.4, 0.03, 0.4]),
+        ("box", [0.2, 0.0, 0.0], [0.03, 0.6, 0.4]),
+        ("cylinder", [-0.1, 0.18, -0.1], [0.04, 0.15]),
+        ("cylinder", [-0.3, -0.6, 0.0], [0.05, 0.9]),
+    ]
+    shapes = [shape_of(kind, pose(middle + turn @ np.array(at), turn), np.array(size)) for kind, at, size in boards]
+    return problems.with_shapes(cell, *shapes)
+
+
+@pytest.mark.parametrize("name", ["ur5e-sim", "ur5-sim"])
+def test_a_shelf_is_left_to_the_other_side(name: str) -> None:
+    """From within a shelf to behind the arm, the wrist turned the other way: of twenty such problems seven were solved,
+    after seconds.
+    """
+    cell = problems.cell(name)
+    cell = shelf(replace(cell, surroundings=replace(cell.surroundings, clearance_m=0.01)))
+    inside = posture_in(cell, np.array([0.55, 0.25, 0.4]))
+    behind = np.array([-2.4, -1.2, -1.6, -0.3, -np.sign(inside[4]) * 1.57, 0.0])
+    way, failures = find_approach(cell, inside, behind, with_object=False)
+    assert failures
+    assert way is not None and way.problem is not None and way.trajectory is not None
+    assert certify(way.problem, way.trajectory).valid
+    again, _ = find_approach(cell, inside, behind, with_object=False)
+    assert again is not None and again.trajectory is not None
+    assert np.array_equal(again.trajectory.q, way.trajectory.q)
+
+
+def posture_in(cell: Cell, p: np.ndarray) -> np.ndarray:
+    """Returns a clear posture (6,) with the tool level and outwards at a point (3,)."""
+    yaw = np.arctan2(p[1], p[0])
+    R = np.array([[0.0, np.sin(yaw), np.cos(yaw)], [0.0, -np.cos(yaw), np.sin(yaw)], [1.0, 0.0, 0.0]])
+    found = inverse(cell.robot, np.linalg.inv(cell.X_WB) @ pose(p, R), cell.tool.X_FT, q_lower=LOWER, q_upper=-LOWER).q
+    spare = body_model(cell).clearances(found, with_object=False).least
+    assert spare.max() > 0.0
+    return found[int(spare.argmax())]
 
 
 def test_a_wrist_bent_as_far_as_it_may_be_has_a_way_home() -> None:

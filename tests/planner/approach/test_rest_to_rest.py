@@ -40,6 +40,37 @@ def test_it_rests_in_every_point_and_keeps_the_limits(points, dt):
         assert np.abs(motion.q[rests] - point).max(axis=1).min() < 1e-8
 
 
+@settings(max_examples=25, deadline=None)
+@given(st.lists(joints, min_size=3, max_size=5), st.lists(st.floats(0.0, 1.0), min_size=5, max_size=5), st.booleans())
+def test_cut_corners_keep_the_limits_and_save_time(points, shares, slow):
+    points = np.array(points)
+    dt = 0.008 if slow else 0.002
+    motion = rest_to_rest_motion(points, LIMITS, dt, np.array(shares[: len(points)]))
+    q, qd, qdd = integrate(motion.q[0], motion.qd[0], motion.qdd[0], motion.jerk, dt)
+    assert motion.q[[0, -1]] == pytest.approx(points[[0, -1]], abs=1e-9)
+    assert q[-1] == pytest.approx(points[-1], abs=1e-8)
+    assert np.concatenate([qd[-1], qdd[-1]]) == pytest.approx(np.zeros(12), abs=1e-8)
+    assert np.abs(motion.qd).max() <= 1.0 + 1e-9
+    assert np.abs(motion.qdd).max() <= 1.4 + 1e-9
+    assert np.abs(motion.jerk).max() <= 14.0 + 1e-6
+    assert motion.duration_s <= rest_to_rest_motion(points, LIMITS, dt).duration_s + 20 * dt
+
+
+def test_a_corner_is_passed_without_a_stop_inside_the_triangle_that_it_cuts():
+    points = np.zeros((3, 6))
+    points[1:, 0] = 2.0
+    points[2, 1] = 2.0
+    motion = rest_to_rest_motion(points, LIMITS, 0.002, np.array([0.0, 0.5, 0.0]))
+    middle = slice(len(motion.q) // 4, -len(motion.q) // 4)
+    assert np.abs(motion.qd[middle]).max(axis=1).min() >= 0.2
+    assert motion.duration_s < rest_to_rest_motion(points, LIMITS, 0.002).duration_s - 0.3
+    away = np.abs(motion.q - points[1]).sum(axis=1)
+    speed = 0.5  # cut on either side: half the way in the time that both speeds take to change
+    assert away.min() <= speed * (speed / 1.4 + 0.1)
+    assert (motion.q[:, 0] - motion.q[:, 1]).max() <= 2.0
+    assert motion.q[:, 0].max() <= 2.0 + 1e-9
+
+
 @pytest.mark.parametrize(
     ("way", "expected_s"),
     [

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.random import Generator
 
+from planner.approach.rrt_connect import Obstacles
 from planner.cell import Box, shape_of
 from planner.certificate.bounds import Rates
 from planner.certificate.exits import cells_between
@@ -175,6 +177,39 @@ def _launches(rng: Generator) -> Arguments:
     return q, np.concatenate([qd, 0.1 * qd, 3.0 * qd]), q[-1], (LIMITS, 2.0 * LIMITS), 1e3
 
 
+def _scene(rng: Generator) -> tuple[Pinned, Array, Array]:
+    """What an arm with all shapes around it keeps clear of, the ends of its way, and the margins about it."""
+    here = cell(("ur5e-sim", "ur3e-sim")[rng.integers(2)])
+    sizes = {"box": (0.3, 0.2, 0.5), "cylinder": (0.1, 0.5), "sphere": (0.1, 0.0), "capsule": (0.05, 0.4)}
+    places = rng.uniform([-0.8, -0.8, 0.0], [0.8, 0.8, 1.0], (4, 3))
+    turns = rotation_vector_to_matrix(rng.uniform(-2.0, 2.0, (4, 3)))
+    shapes = [
+        shape_of(kind, pose(place, turn), np.array(size))
+        for (kind, size), place, turn in zip(sizes.items(), places, turns, strict=True)
+    ]
+    box = Box(np.full(3, -1.2), np.full(3, 1.2))
+    around = replace(here.surroundings, keep_out=tuple(shapes), keep_in=(box,))
+    ends = here.home + rng.uniform(-0.5, 0.5, (2, 6))
+    found = Obstacles.of(replace(here, surroundings=around), 0.01, ends, bool(rng.integers(2)))
+    return found.scene, ends, found.numbers
+
+
+def _ways(rng: Generator) -> Arguments:
+    """Pieces from a crowded posture to one farther away."""
+    scene, ends, numbers = _scene(rng)
+    start = ends[:1] + rng.uniform(-0.5, 0.5, (N, 6))
+    return scene, ends, numbers, start, start + rng.uniform(-0.2, 0.2, (N, 6))
+
+
+def _growing(rng: Generator) -> Arguments:
+    """Two trees of a posture each."""
+    scene, ends, numbers = _scene(rng)
+    q = np.zeros((2, 12, 6))
+    q[:, 0] = ends
+    trees = q, np.full((2, 12), -1), np.array([1, 1, rng.integers(2), -1, -1, 200])
+    return scene, ends, numbers, ends[0] + rng.uniform(-0.6, 0.6, (N, 6)), 0.3, trees
+
+
 EXAMPLES: dict[str, Callable[[Generator], Arguments]] = {
     "link_poses": _turns,
     "flange_poses": _turns,
@@ -200,6 +235,8 @@ EXAMPLES: dict[str, Callable[[Generator], Arguments]] = {
     "exit_cells": _cells,
     "capsule_bounds": _grid,
     "patch_distances": _patches,
+    "pieces_clear": _ways,
+    "grow_trees": _growing,
     "jacobians": lambda rng: (_poses(rng), rng.uniform(-0.3, 0.3, 3)),
     "branches": _flanges,
     "least_norms": lambda rng: (_states(rng)[0], LIMITS**2, rng.uniform(-1.0, 1.0, (2 * N, 3)), 1e-13),

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from tests.planner.native.oracle import arm, candidates, distances, flights, motions
+from tests.planner.native.oracle import arm, candidates, distances, flights, motions, paths
 
-MODULES = (arm, candidates, distances, flights, motions)
+MODULES = (arm, candidates, distances, flights, motions, paths)
 
 
 def twin(name: str) -> Callable[..., Any]:
