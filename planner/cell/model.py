@@ -147,6 +147,13 @@ class Surroundings:
         return np.array([shape.row for shape in self.keep_out]).reshape(-1, ROW)
 
     @cached_property
+    def keep_out_bounds(self) -> tuple[Array, Array]:
+        """Corners (b, 3) of the boxes along the world's axes that bound the keep-out shapes [m]."""
+        shapes = self.keep_out
+        lower, upper = ([getattr(shape, side) for shape in shapes] for side in ("lower", "upper"))
+        return np.array(lower).reshape(-1, 3), np.array(upper).reshape(-1, 3)
+
+    @cached_property
     def further_clearances(self) -> Array:
         """What the clearance of each keep-out shape (b,) is beyond the cell's [m]; 0 without one of its own."""
         own = (shape.clearance_m for shape in self.keep_out)
