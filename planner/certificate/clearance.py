@@ -87,8 +87,8 @@ def keep_out(motion: MotionSamples) -> Check | None:
 def _close_pairs(motion: MotionSamples, t: Array, ends: Array, thick: Array, reach: float) -> tuple[Index, Index]:
     """Returns the pairs of a shape and a moving capsule (p,) each that can decide a motion's clearance.
 
-    All others stay farther apart, between the instants too, than the clearance, and than one pair comes at some instant:
-    with the bounding boxes of `TOGETHER` instants at once, that is known of most.
+    All others stay farther apart, between the instants too, than the clearance and than one pair is at some instant.
+    The bounding boxes of `TOGETHER` instants at once tell that of most.
 
     Args:
         motion: the motion.
