@@ -8,6 +8,7 @@ from planner.cell.changes import cell_of_keys
 from planner.cell.faults import cell_faults, mended_cell
 from planner.cell.fields import choice, merge_defaults, number, vector
 from planner.cell.file import DEFAULTS, NAME_PATTERN, cell_of, checked_polyscope, load_cell, parse_cell
+from planner.cell.mesh_file import cover_in, mesh_hashes
 from planner.cell.model import (
     CONTACT_M,
     FARTHEST_M,
@@ -21,7 +22,7 @@ from planner.cell.model import (
     ToolCapsule,
 )
 from planner.cell.shapes import Box, Solid, nearest_on_cores, shape_of
-from planner.cell.source import CellSource, calibration_path, read_source
+from planner.cell.source import CellSource, calibration_path, mesh_paths, read_source
 
 __all__ = [
     "CONTACT_M",
@@ -46,7 +47,10 @@ __all__ = [
     "checked_polyscope",
     "choice",
     "completed_arm",
+    "cover_in",
     "load_cell",
+    "mesh_hashes",
+    "mesh_paths",
     "mended_cell",
     "merge_defaults",
     "nearest_on_cores",

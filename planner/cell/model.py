@@ -295,6 +295,7 @@ class Cell:
         X_WB: pose (4, 4) of the arm's base in the world.
         tool, limits, surroundings, object, gripper, safety, timing, link, sim: the tables of the cell file.
         document: keys and numbers of the cell file as written, with defaults filled in.
+        meshes: what became of the mesh files that the cell file names, see `covers_of`.
         content: hash of what the cell says, by which one that was changed in code is told from that of a file.
         check: raises a `CellError` for a cell that `with_tool` and its like may not return; None: there is no more to
             check than the keys.
@@ -319,6 +320,7 @@ class Cell:
     link: ControllerAddress
     sim: Sim
     document: Mapping[str, Any] = field(repr=False)
+    meshes: bytes | None = field(default=None, repr=False)
     content: str = field(default="", repr=False)
     check: Callable[[Cell], object] | None = field(default=None, repr=False)
 
