@@ -169,21 +169,22 @@ def _part(marked: Mask, away: Array, lower: Index, upper: Index) -> _Part:
 
 def _best_split(marked: Mask) -> tuple[int, int]:
     """Returns axis and place of the plane on whose sides the boxes about the marked cells are smallest together."""
-    best = (np.inf, 0, 0)
+    found = []
     for axis in range(3):
-        if marked.shape[axis] > 1:
-            rows = np.moveaxis(marked, axis, 0)
+        rows = np.moveaxis(marked, axis, 0)
+        if len(rows) > 1:
             volumes = _volumes(rows)[:-1] + _volumes(rows[::-1])[-2::-1]
             at = int(volumes.argmin())
-            best = min(best, (float(volumes[at]), axis, at + 1))
-    return best[1:]
+            found.append((float(volumes[at]), axis, at + 1))
+    _, axis, at = min(found)
+    return axis, at
 
 
 def _volumes(rows: Mask) -> Array:
     """Returns how many cells the box about the marked ones of the first row has, of the first two, and so on (n,)."""
-    sizes = [1.0 + np.flatnonzero(rows.any(axis=(1, 2)))[np.cumsum(rows.any(axis=(1, 2))) - 1]]
+    last = np.maximum.accumulate(np.where(rows.any(axis=(1, 2)), np.arange(len(rows)), 0))
+    volumes = 1.0 + last
     for axis in (2, 1):
-        seen = rows.any(axis=axis)
-        so_far = np.logical_or.accumulate(seen, axis=0)
-        sizes.append(seen.shape[1] - so_far.argmax(axis=1) - so_far[:, ::-1].argmax(axis=1))
-    return np.prod(sizes, axis=0)
+        so_far = np.logical_or.accumulate(np.asarray(rows.any(axis=axis)), axis=0)
+        volumes = volumes * (so_far.shape[-1] - so_far.argmax(axis=1) - so_far[:, ::-1].argmax(axis=1))
+    return volumes

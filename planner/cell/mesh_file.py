@@ -53,8 +53,8 @@ def cover_in(covers: bytes | None, name: str) -> tuple[MeshCover, bool] | str:
     known = json.loads(covers or b"{}").get(name, {"refused": "cannot be read: put it beside the cell file"})
     if "refused" in known:
         return str(known["refused"])
-    arrays = (np.array(known[key]) for key in ("axes", "lower", "upper"))
-    return MeshCover(*arrays, known["beyond"]), known["is_closed"]
+    axes, lower, upper = (np.array(known[key]) for key in ("axes", "lower", "upper"))
+    return MeshCover(axes, lower, upper, known["beyond"]), known["is_closed"]
 
 
 def _kept(path: Path) -> dict[str, Any]:

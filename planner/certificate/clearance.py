@@ -110,7 +110,8 @@ def _close_pairs(motion: MotionSamples, t: Array, ends: Array, thick: Array, rea
     here = shape_distances(p0, p1, np.full(len(t), shape), around.keep_out_rows) - thick[shape, capsule]
     if capsule == gaps.shape[1] - 1:
         here[t > motion.held_until_s] = FAR_M
-    return np.nonzero(~(gaps > max(float(here.min()), around.clearance_m) + reach))
+    shapes, capsules = np.nonzero(~(gaps > max(float(here.min()), around.clearance_m) + reach))
+    return shapes, capsules
 
 
 def _box_distances(lowest: Array, highest: Array, lower: Array, upper: Array) -> Array:

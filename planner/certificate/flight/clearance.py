@@ -286,7 +286,7 @@ def _near_shapes(flights: Flights, least: Array, gaps: Callable[[Index], Array])
     counted = np.flatnonzero(~carries)
     if not counted.size:
         return np.flatnonzero(carries)
-    nearest = counted[least[counted].argmin(keepdims=True)]
+    nearest = counted[[int(least[counted].argmin())]]
     decisive_m = max(CLOSE_M, float(gaps(nearest).min()))
     return np.flatnonzero(carries | ~(least > decisive_m))
 
