@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from api.cli.cell_import import import_scene
 from api.cli.cell_new import new
 from api.cli.cell_urdf import from_urdf
 from api.cli.cell_versions import diff, history, restore
@@ -33,7 +34,7 @@ def cell() -> None:
     """Write and check cell files, and import what belongs to them."""
 
 
-for command in (new, history, diff, restore, from_urdf):
+for command in (new, history, diff, restore, from_urdf, import_scene):
     cell.add_command(command)
 
 

@@ -8,7 +8,8 @@ from planner.cell.changes import cell_of_keys
 from planner.cell.faults import cell_faults, mended_cell
 from planner.cell.fields import choice, merge_defaults, number, vector
 from planner.cell.file import DEFAULTS, NAME_PATTERN, cell_of, checked_polyscope, load_cell, parse_cell
-from planner.cell.mesh_file import cover_in, mesh_hashes
+from planner.cell.keep_out import is_reserved
+from planner.cell.mesh_file import MESH_BYTES, MESH_KINDS, cover_in, mesh_hashes
 from planner.cell.model import (
     CONTACT_M,
     FARTHEST_M,
@@ -22,12 +23,14 @@ from planner.cell.model import (
     ToolCapsule,
 )
 from planner.cell.shapes import Box, Solid, nearest_on_cores, shape_of
-from planner.cell.source import CellSource, calibration_path, mesh_paths, read_source
+from planner.cell.source import CellSource, calibration_path, mesh_paths, read_source, source_of
 
 __all__ = [
     "CONTACT_M",
     "DEFAULTS",
     "FARTHEST_M",
+    "MESH_BYTES",
+    "MESH_KINDS",
     "NAME_PATTERN",
     "STANDING_RAD",
     "Box",
@@ -48,6 +51,7 @@ __all__ = [
     "choice",
     "completed_arm",
     "cover_in",
+    "is_reserved",
     "load_cell",
     "mesh_hashes",
     "mesh_paths",
@@ -58,5 +62,6 @@ __all__ = [
     "parse_cell",
     "read_source",
     "shape_of",
+    "source_of",
     "vector",
 ]

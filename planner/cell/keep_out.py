@@ -121,10 +121,15 @@ def _shape(entry: Mapping[str, Any], where: str) -> Solid:
     return shape_of(kind, X, np.array([*sizes, 0.0][:2]), name, clearance_m)
 
 
+def is_reserved(name: str) -> bool:
+    """Returns whether something that is no shape is called so in plans."""
+    return name in OTHERS or name.startswith(TOOL) or name in capsule_rows("ur5e")
+
+
 def _name(entry: Mapping[str, Any], where: str) -> str:
     name = entry.get("name", "")
     if "name" in entry and not (isinstance(name, str) and name.isprintable() and NAME_PATTERN.fullmatch(name)):
         raise CellError(f"{where}name", name, "must be 1 to 64 printable characters without , : ;")
-    if name and (name in OTHERS or name.startswith(TOOL) or name in capsule_rows("ur5e")):
+    if name and is_reserved(name):
         raise CellError(f"{where}name", name, "is what something else is called in a plan")
     return name

@@ -20,7 +20,10 @@ from planner.documents import read_file
 from planner.errors import FileRefused
 
 MESH_BYTES = 20_000_000  # [byte] of a mesh file: 400,000 faces in binary STL
-FILE_PATTERN = re.compile(r"(?=.{1,200}$)([A-Za-z0-9_-][\w.-]*/)*[A-Za-z0-9_-][\w.-]*\.(stl|obj|ply)", re.ASCII | re.I)
+MESH_KINDS = ("stl", "obj", "ply")
+FILE_PATTERN = re.compile(
+    rf"(?=.{{1,200}}$)([A-Za-z0-9_-][\w.-]*/)*[A-Za-z0-9_-][\w.-]*\.({'|'.join(MESH_KINDS)})", re.ASCII | re.I
+)
 FORMAT = 1  # of what is kept: another number makes all covers anew
 UNREADABLE = (ValueError, LookupError, TypeError, AttributeError, ImportError, OverflowError, struct.error)
 

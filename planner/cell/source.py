@@ -54,6 +54,15 @@ def read_source(path: Path | str) -> CellSource:
         text = read_file(path, CELL_BYTES)
     except FileRefused as error:
         raise CellError("file", str(path), error.reason) from error
+    return source_of(path, text)
+
+
+def source_of(path: Path, text: bytes) -> CellSource:
+    """Returns a cell file's source if this were its content.
+
+    Raises:
+        CellError: a file beside it cannot be read, is no file, or is too large.
+    """
     meshes = covers_of(path.parent, _mesh_names(text))
     beside = _path_beside(path, text)
     if beside is None or not beside.exists():
