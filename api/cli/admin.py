@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from api.cli.cell_export import export_cell
 from api.cli.cell_import import import_scene
 from api.cli.cell_new import new
 from api.cli.cell_urdf import from_urdf
@@ -34,7 +35,7 @@ def cell() -> None:
     """Write and check cell files, and import what belongs to them."""
 
 
-for command in (new, history, diff, restore, from_urdf, import_scene):
+for command in (new, history, diff, restore, from_urdf, import_scene, export_cell):
     cell.add_command(command)
 
 

@@ -1,6 +1,7 @@
-"""Shapes from scenes of other programs: MoveIt, Gazebo and MuJoCo, as entries of `keep_out`."""
+"""Scenes of other programs, such as MoveIt and MuJoCo: their shapes as entries of `keep_out`, and a cell for them."""
 
 from planner.scenes.entries import entries_of, with_entries
+from planner.scenes.export import mjcf_of, urdf_of
 from planner.scenes.foreign import ForeignScene, ForeignShape, SceneRefused, mesh_at, mesh_text, shape_or_reason
 from planner.scenes.reading import read_scene
 
@@ -11,7 +12,9 @@ __all__ = [
     "entries_of",
     "mesh_at",
     "mesh_text",
+    "mjcf_of",
     "read_scene",
     "shape_or_reason",
+    "urdf_of",
     "with_entries",
 ]
