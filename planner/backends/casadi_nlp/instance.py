@@ -60,7 +60,7 @@ def stage_layout(problem: ThrowProblem, margins: Margins) -> StageLayout:
         margins: on every limit; they decide which groups there are.
     """
     groups = _applicable_groups(problem, margins)
-    shapes = _shape_slots(problem)
+    shapes = _shape_slots(problem) if "keep_out" in groups else 0
     if problem.ends_at_rest:
         return StageLayout(LAUNCH_STAGES, 0, 0, groups, shapes)
     window = window_stages(problem)
@@ -69,7 +69,7 @@ def stage_layout(problem: ThrowProblem, margins: Margins) -> StageLayout:
 
 def _applicable_groups(problem: ThrowProblem, margins: Margins) -> tuple[str, ...]:
     applies = {
-        "keep_out": _shape_slots(problem) > 0,
+        "keep_out": _shape_slots(problem) > 0 and margins.heeds_shapes,
         "grip": problem.cell.gripper.hold_acceleration_m_s2 is not None and not problem.ends_at_rest,
         "flight": constrains_flight(problem),
         "standing": aims(problem),

@@ -84,7 +84,8 @@ def cell_parameters(cell: Cell) -> Vector:
 def nearest_shapes(cell: Cell, q: Vector) -> tuple[int, ...]:
     """Returns the numbers of the `KEEP_OUT_SHAPES` shapes that arm, tool and object come nearest to; of fewer, all.
 
-    The optimiser keeps clear of these; it is started again from where the certificate finds another one met.
+    The optimiser keeps clear of these. Of more than four it heeds none at first, then those that come nearest to the
+    motion in which the certificate found one met: there the next solve starts.
 
     Args:
         cell: the cell.

@@ -23,6 +23,7 @@ from planner.backends.casadi_nlp.parameters import (
 from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, LEAVING_ROWS, RELEASE_ROWS, passing
 from planner.backends.casadi_nlp.symbols.rows import LEAVING_SHARES
 from planner.cell import Box, Cell, Solid, load_cell, shape_of
+from planner.certificate.certificate import at_least
 from planner.dynamics import Payload, joint_torques
 from planner.geometry import (
     SELF_CLEARANCE_M,
@@ -477,6 +478,14 @@ def test_of_many_shapes_the_optimiser_takes_the_nearest_to_a_motion() -> None:
         min(_distance_from(cell, each, shape) for each in q) - more for shape, more in zip(placed, further, strict=True)
     ]
     assert nearest_shapes(cell, q) == tuple(sorted(np.argsort(left)[:4].tolist()))
+    request = {"cell": "ur5e-sim", "release": {"kind": "target", "position": [1.2, 0.3, 0.0]}, "release_window_s": 0.0}
+    problem = problem_from_request(request, cell)
+    unheeding = Margins(heeds_shapes=False)
+    assert "keep_out" not in stage_layout(problem, unheeding).groups
+    met = at_least("keep_out", -0.3, 0.02, "m", 0.1, "forearm, box 7")  # however deep
+    heeding = unheeding.widened([met], lambda _: 1.0)
+    assert heeding == Margins()
+    assert "keep_out" in stage_layout(problem, heeding).groups
     few = replace(plain, surroundings=replace(plain.surroundings, keep_out=placed[:4]))
     assert nearest_shapes(few, q) == (0, 1, 2, 3)
 
