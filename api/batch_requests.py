@@ -38,7 +38,9 @@ def batch_specification(
             source, _ = cells.required(name)
         except UnknownCell as error:
             raise invalid_field("cell", str(error)) from None
-        version = store.note_cell_version(name, source.sha256, source.text, source.calibration, "service")
+        version = store.note_cell_version(
+            name, source.sha256, source.text, source.calibration, "service", source.meshes
+        )
         adopted = store.profile_in_use(name, source.sha256)
         uses[name] = CellUse(version, None if adopted is None else adopted.id)
     return BatchSpecification(requests, default_cell, uses)

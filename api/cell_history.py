@@ -8,12 +8,14 @@ from collections.abc import Mapping
 from typing import Any
 
 from api.schemas import iso_time
+from planner.cell import mesh_hashes
 from planner.documents import NotToml, parse_toml
 from planner.errors import quoted
 from store import CellVersionRow
 
 FILE = "file"  # key of a version that is no TOML, with the reason
 CALIBRATION = "calibration file"  # a change of its content; its name is the key kinematics.calibration
+MESHES = "mesh files"  # the same of meshes, by their hashes
 
 
 def changed_keys(before: CellVersionRow, after: CellVersionRow) -> list[dict[str, Any]]:
@@ -24,6 +26,8 @@ def changed_keys(before: CellVersionRow, after: CellVersionRow) -> list[dict[str
     changes = [{"key": key, "before": old.get(key), "after": new.get(key)} for key in keys]
     if before.calibration != after.calibration:
         changes.append({"key": CALIBRATION, "before": _size(before), "after": _size(after)})
+    if _meshes(before) != _meshes(after):
+        changes.append({"key": MESHES, "before": _meshes(before), "after": _meshes(after)})
     return changes
 
 
@@ -82,6 +86,11 @@ def _flat(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     for key, value in table.items():
         flat |= _flat(value, f"{prefix}{key}.") if isinstance(value, Mapping) else {f"{prefix}{key}": value}
     return flat
+
+
+def _meshes(row: CellVersionRow) -> dict[str, Any] | None:
+    """Returns the hashes of the mesh files that a version names; null of one that is refused, None without any."""
+    return None if row.meshes is None else mesh_hashes(row.meshes)
 
 
 def _size(row: CellVersionRow) -> str | None:

@@ -75,8 +75,8 @@ class Service:
 
     def note_cell_version(self, source: CellSource) -> int:
         """Returns the version of a cell's files, and notes it."""
-        name = source.name
-        return self.store.note_cell_version(name, source.sha256, source.text, source.calibration, "service")
+        files = source.sha256, source.text, source.calibration
+        return self.store.note_cell_version(source.name, *files, "service", source.meshes)
 
 
 async def service(request: Request) -> Service:

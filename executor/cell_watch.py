@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from planner.cell import Cell, calibration_path
+from planner.cell import Cell, calibration_path, mesh_paths
 from planner.cell_folder import open_cell
 from planner.errors import CellError
 
@@ -14,7 +14,7 @@ Signature = tuple[int, int, int]  # of a file: inode, size, time of the last cha
 
 
 class CellWatch:
-    """Notices changes of a cell file and of the calibration file that it names.
+    """Notices changes of a cell file, and of the calibration file and the meshes that it names.
 
     Attributes:
         fault: why the file is refused as it is now, in the form of a latched fault; None while it is good.
@@ -24,8 +24,8 @@ class CellWatch:
         self.sha256 = cell.sha256
         self.path = path
         self.fault: dict[str, Any] | None = None
-        self._seen: tuple[Signature | None, Signature | None] = (None, None)
-        self._calibration: Path | None = None
+        self._seen: list[Signature | None] = []
+        self._beside: list[Path] = []
         self._looked = False
 
     def look(self) -> Cell | None:
@@ -51,12 +51,13 @@ class CellWatch:
         self.sha256 = cell.sha256
         return cell
 
-    def _signatures(self) -> tuple[Signature | None, Signature | None]:
-        """Returns the signatures of the cell file and of its calibration file; None for one that is not there."""
+    def _signatures(self) -> list[Signature | None]:
+        """Returns the signatures of the cell file and of the files beside it; None for one that is not there."""
         own = _signature(self.path)
         if not self._looked or own != self._seen[0]:
-            self._calibration = calibration_path(self.path)
-        return own, None if self._calibration is None else _signature(self._calibration)
+            calibration = calibration_path(self.path)
+            self._beside = mesh_paths(self.path) + ([] if calibration is None else [calibration])
+        return [own, *map(_signature, self._beside)]
 
 
 def _signature(path: Path) -> Signature | None:

@@ -162,7 +162,7 @@ class Daemon:
             return
         if source.sha256 == self.session.cell.sha256:  # not changed again meanwhile
             files = source.sha256, source.text, source.calibration
-            self._try_store(lambda: self.store.note_cell_version(self.cell, *files, "executor"))
+            self._try_store(lambda: self.store.note_cell_version(self.cell, *files, "executor", source.meshes))
 
     def _continue_with(self, cell: Cell) -> None:
         """Continues with another version of the cell file, at another address if it has one; nothing is executed."""

@@ -78,7 +78,7 @@ def _versions_with_another_arm(store: Store, cell: Cell) -> set[str]:
     for version in store.cell_versions(cell.name):
         if version.sha256 != cell.sha256:
             try:
-                then = cell_of(CellSource(cell.name, version.text, version.calibration))
+                then = cell_of(CellSource(cell.name, version.text, version.calibration, version.meshes))
             except CellError:
                 continue  # of an earlier version of Fling: nothing says that the arm was another
             if not _same_arm(cell, then):

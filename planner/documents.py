@@ -129,6 +129,13 @@ def parse_toml(text: bytes) -> dict[str, Any]:
     return document
 
 
+def toml_text(value: Any) -> str:
+    """Returns a text, a number or lists of numbers as TOML writes them; a text as JSON does, which TOML reads alike."""
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return f"[{', '.join(map(toml_text, value))}]" if isinstance(value, list) else repr(value)
+
+
 def parse_xml(text: bytes) -> Element:
     """Returns the root of an XML document without entities of its own, which could stand for gigabytes, or for files.
 
@@ -156,6 +163,7 @@ def parse_xml(text: bytes) -> Element:
     parser = expat.ParserCreate()
     parser.StartElementHandler = start
     parser.EndElementHandler = end
+    parser.CharacterDataHandler = builder.data
     parser.StartDoctypeDeclHandler = refuse
     try:
         parser.Parse(text, True)

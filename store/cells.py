@@ -125,7 +125,13 @@ class CellVersionRepository(Repository):
     """Table `cell_versions`. Service and executor both note what they see; the first one makes the version."""
 
     def note_cell_version(
-        self, cell: str, sha256: str, text: bytes, calibration: bytes | None = None, seen_by: str = ""
+        self,
+        cell: str,
+        sha256: str,
+        text: bytes,
+        calibration: bytes | None = None,
+        seen_by: str = "",
+        meshes: bytes | None = None,
     ) -> int:
         """Returns the version of a cell whose files are these; a new one where they differ from the newest.
 
@@ -135,11 +141,13 @@ class CellVersionRepository(Repository):
             text: Content of the cell file.
             calibration: Content of its calibration file, if it has one.
             seen_by: Who sees it, such as "service" or "executor".
+            meshes: What became of the mesh files that it names.
         """
         with reading(self._engine) as connection:
             newest = _newest(connection, cell)
         while newest is None or newest[1] != sha256:
-            row = CellVersionRow(cell, newest[0] + 1 if newest else 1, sha256, text, calibration, time.time(), seen_by)
+            number = newest[0] + 1 if newest else 1
+            row = CellVersionRow(cell, number, sha256, text, calibration, time.time(), seen_by, meshes)
             with writing(self._engine) as connection:
                 connection.execute(insert_if_new(connection, cell_versions, **vars(row)))
                 newest = _newest(connection, cell)  # somebody else's, if that was first

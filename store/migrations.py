@@ -129,6 +129,7 @@ STEPS: tuple[tuple[str, ...], ...] = (
         "ALTER TABLE cells ADD COLUMN robot_request JSON",
         "ALTER TABLE cells ADD COLUMN robot_answer JSON",
     ),
+    ("ALTER TABLE cell_versions ADD COLUMN meshes {bytes}",),
 )
 
 LATEST = len(STEPS)

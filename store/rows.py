@@ -210,7 +210,11 @@ class ProfileRow:
 
 @dataclass(frozen=True)
 class CellVersionRow:
-    """One version of a cell's files, from when on it was seen, and by whom."""
+    """One version of a cell's files, from when on it was seen, and by whom.
+
+    Attributes:
+        meshes: What became of the mesh files that it names, as JSON; None where it names none.
+    """
 
     cell: str
     version: int
@@ -219,6 +223,7 @@ class CellVersionRow:
     calibration: bytes | None
     seen_at: float
     seen_by: str
+    meshes: bytes | None = None
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from api.cli.cell_export import export_cell
+from api.cli.cell_import import import_scene
 from api.cli.cell_new import new
 from api.cli.cell_urdf import from_urdf
 from api.cli.cell_versions import diff, history, restore
@@ -33,7 +35,7 @@ def cell() -> None:
     """Write and check cell files, and import what belongs to them."""
 
 
-for command in (new, history, diff, restore, from_urdf):
+for command in (new, history, diff, restore, from_urdf, import_scene, export_cell):
     cell.add_command(command)
 
 
@@ -63,14 +65,15 @@ def check(files: tuple[Path, ...], as_json: bool) -> None:
 def _say_good(file: Path, cell: Cell) -> None:
     kind = "a simulated controller" if cell.link.kind == "sim" else "a REAL arm"
     say(f"{file}: good. {cell.robot.name}, {kind} at {cell.link.host}, sha256 {cell.sha256}", GOOD)
-    click.echo(_kinematics_of(cell))
+    for line in (_kinematics_of(cell), *_meshes_of(cell)):
+        click.echo(line)
     for warning in warnings_of(cell):
         say(warning, BAD)
 
 
 def _cell_document(cell: Cell) -> dict[str, Any]:
     summary = {"cell": cell.name, "robot": cell.robot.name, "link": cell.link.kind, "host": cell.link.host}
-    notes = {"kinematics": _kinematics_of(cell), "warnings": warnings_of(cell)}
+    notes = {"kinematics": _kinematics_of(cell), "meshes": _meshes_of(cell), "warnings": warnings_of(cell)}
     return {**summary, "sha256": cell.sha256, **notes}
 
 
@@ -116,6 +119,23 @@ def _kinematics_of(cell: Cell) -> str:
     apart = chain_difference(cell.robot.published, cell.robot)
     named = f"{cell.calibration.name} ({cell.calibration.hash or 'no hash'})"
     return f"kinematics: {named}, {apart.words(2)} off the published table"
+
+
+def _meshes_of(cell: Cell) -> list[str]:
+    """Returns as what each mesh of a cell is kept out, in words."""
+    from planner.cell import cover_in
+
+    found = []
+    for i, entry in enumerate(cell.document["surroundings"]["keep_out"]):
+        known = cover_in(cell.meshes, entry["file"]) if entry.get("shape") == "mesh" else "no mesh"
+        if not isinstance(known, str):
+            made, is_closed = known
+            boxes = f"{len(made.lower)} boxes" if len(made.lower) > 1 else "a box"
+            beyond_mm = 1e3 * made.beyond * entry.get("scale", 1.0)
+            is_open = "" if is_closed else "; its surface is not closed, so what is in it may count as free"
+            name = entry.get("name") or f"mesh {i}"
+            found.append(f"{name}: {entry['file']} as {boxes}, at most {beyond_mm:.3g} mm beyond it{is_open}")
+    return found
 
 
 @cell.command()

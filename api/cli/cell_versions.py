@@ -57,7 +57,7 @@ def restore(version: int, name: str | None) -> None:
     The present file is a version too; where it is refused, it is kept as NAME.toml.refused. Service and executor take
     the restored file over between executions; plans of other versions have to be made again.
     """
-    from planner.cell import calibration_path
+    from planner.cell import calibration_path, read_source
 
     path, versions = _versions(name)
     row = _find(versions, version)
@@ -68,6 +68,8 @@ def restore(version: int, name: str | None) -> None:
     _write(path, row.text)
     beside = calibration_path(path)
     click.echo(f"{path}: version {version}" + (f", with {beside.name}" if beside and row.calibration else ""))
+    if read_source(path).sha256 != row.sha256:
+        click.echo(f"a mesh file beside it is not as it was: put back that of version {version}")
 
 
 def _versions(name: str | None) -> tuple[Path, list[CellVersionRow]]:
@@ -84,7 +86,7 @@ def _versions(name: str | None) -> tuple[Path, list[CellVersionRow]]:
     try:
         CellRepository(settings.cells).cell(path.stem)
         now = _present(path)
-        store.note_cell_version(now.cell, now.sha256, now.text, now.calibration, "command line")
+        store.note_cell_version(now.cell, now.sha256, now.text, now.calibration, "command line", now.meshes)
     except CellError as error:
         click.echo(f"the file is refused as it is: {error}", err=True)
     try:
@@ -102,7 +104,7 @@ def _present(path: Path) -> CellVersionRow:
     from store import CellVersionRow
 
     source = read_source(path)
-    return CellVersionRow(source.name, 0, source.sha256, source.text, source.calibration, 0.0, "")
+    return CellVersionRow(source.name, 0, source.sha256, source.text, source.calibration, 0.0, "", source.meshes)
 
 
 def _find(versions: list[CellVersionRow], number: int) -> CellVersionRow:

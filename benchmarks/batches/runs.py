@@ -102,7 +102,7 @@ def _is_actor(process: psutil.Process) -> bool:
 
 def _queue(store: Store, requests: Sequence[dict]) -> str:
     source = read_source(default_cells_folder() / f"{CELL}.toml")
-    version = store.note_cell_version(CELL, source.sha256, source.text, source.calibration, "benchmark")
+    version = store.note_cell_version(CELL, source.sha256, source.text, source.calibration, "benchmark", source.meshes)
     asked = BatchSpecification(BatchRequests(requests), CELL, {CELL: CellUse(version, None)})
     return store.add_batch(asked.pack(), len(requests), driven_by="command").id
 

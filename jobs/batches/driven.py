@@ -158,7 +158,7 @@ class DrivenBatch:
 
     def _source(self, name: str, use: CellUse) -> CellSource:
         version = next(row for row in self._store.cell_versions(name) if row.version == use.version)
-        return CellSource(name, version.text, version.calibration)
+        return CellSource(name, version.text, version.calibration, version.meshes)
 
     def _profile(self, use: CellUse) -> tuple[str, bytes] | None:
         row = None if use.profile is None else self._store.profile(use.profile)

@@ -56,7 +56,7 @@ def begin_map(
     """
     cell, profile = cell_in_use(store, cell_of(source))
     definition = map_definition(cell, source.sha256, profile, request, planner_version)
-    version = store.note_cell_version(source.name, source.sha256, source.text, source.calibration, who)
+    version = store.note_cell_version(source.name, source.sha256, source.text, source.calibration, who, source.meshes)
     return store.begin_map(source.name, version, definition.sha256, definition.document(), who, made_by)
 
 
@@ -98,7 +98,7 @@ def map_inputs(store: Store, row: MapRow) -> MapInputs:
     version = next(each for each in store.cell_versions(row.cell) if each.version == row.cell_version)
     id = row.definition["profile"]
     profile = None if id is None else store.profile(id)
-    source = CellSource(row.cell, version.text, version.calibration)
+    source = CellSource(row.cell, version.text, version.calibration, version.meshes)
     return MapInputs(source, None if profile is None else (profile.id, profile.document))
 
 

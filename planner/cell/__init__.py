@@ -8,6 +8,8 @@ from planner.cell.changes import cell_of_keys
 from planner.cell.faults import mended_cell
 from planner.cell.fields import choice, merge_defaults, number, vector
 from planner.cell.file import DEFAULTS, NAME_PATTERN, cell_of, checked_polyscope, load_cell, parse_cell
+from planner.cell.keep_out import is_reserved
+from planner.cell.mesh_file import MESH_BYTES, MESH_KINDS, cover_in, mesh_hashes
 from planner.cell.model import (
     CONTACT_M,
     FARTHEST_M,
@@ -20,12 +22,14 @@ from planner.cell.model import (
     ToolCapsule,
 )
 from planner.cell.shapes import Box, Solid, nearest_on_cores, shape_of
-from planner.cell.source import CellSource, calibration_path, read_source
+from planner.cell.source import CellSource, calibration_path, mesh_paths, read_source, source_of
 
 __all__ = [
     "CONTACT_M",
     "DEFAULTS",
     "FARTHEST_M",
+    "MESH_BYTES",
+    "MESH_KINDS",
     "NAME_PATTERN",
     "STANDING_RAD",
     "Box",
@@ -43,7 +47,11 @@ __all__ = [
     "checked_polyscope",
     "choice",
     "completed_arm",
+    "cover_in",
+    "is_reserved",
     "load_cell",
+    "mesh_hashes",
+    "mesh_paths",
     "mended_cell",
     "merge_defaults",
     "nearest_on_cores",
@@ -51,5 +59,6 @@ __all__ = [
     "parse_cell",
     "read_source",
     "shape_of",
+    "source_of",
     "vector",
 ]

@@ -37,7 +37,7 @@ def changed(cell: Cell, tables: Mapping[str, Mapping[str, Any]]) -> Cell:
         CellError: a field is refused.
     """
     document = {**cell.document, **{name: {**cell.document[name], **plain(keys)} for name, keys in tables.items()}}
-    source = CellSource(cell.name, json.dumps(document, sort_keys=True, default=str).encode())
+    source = CellSource(cell.name, json.dumps(document, sort_keys=True, default=str).encode(), None, cell.meshes)
     read = cell_of_document(document, source, published=True)
     parts: dict[str, Any] = {name: getattr(read, name) for name in tables}
     return replace(cell, document=document, **parts)

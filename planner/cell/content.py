@@ -9,7 +9,7 @@ from typing import Any
 from planner.arrays import plain
 
 # Fields of a cell that say what it is called, what it was read from and how it is checked.
-NOT_CONTENT = ("name", "sha256", "document", "content", "check")
+NOT_CONTENT = ("name", "sha256", "document", "meshes", "content", "check")
 
 
 def content_sha256(cell: Any) -> str:

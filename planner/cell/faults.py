@@ -76,7 +76,7 @@ def _key(field: str) -> str:
 def _mend(given: dict[str, Any], key: str, is_unknown: bool) -> bool:
     """Replaces the value of a key by a good one; removes an unknown key. Returns whether that could be done.
 
-    A shape of an unknown kind becomes a box: its other keys are not judged.
+    A shape of an unknown kind, or a mesh that is none, becomes a box: its other keys are not judged.
     """
     *path, leaf = re.findall(r"[^.\[\]]+", key)
     table: Any = given
@@ -89,9 +89,9 @@ def _mend(given: dict[str, Any], key: str, is_unknown: bool) -> bool:
             else:
                 table = table.setdefault(step, {})
                 defaults = defaults[step]
-        if is_unknown or (leaf not in defaults and leaf != "shape"):
+        if is_unknown or (leaf not in defaults and leaf not in ("shape", "file", "scale")):
             del table[leaf]
-        elif leaf == "shape":
+        elif leaf in ("shape", "file", "scale"):
             table.clear()
             table.update({corner: ENTRY[corner] for corner in ("lower_m", "upper_m")})
         else:

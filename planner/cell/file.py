@@ -206,7 +206,7 @@ def _cell(document: dict[str, Any], source: CellSource) -> Cell:
         X_WB=X_WB,
         tool=tool,
         limits=limits,
-        surroundings=_surroundings(document["surroundings"], X_WB[:3, 3]),
+        surroundings=_surroundings(document["surroundings"], X_WB[:3, 3], source.meshes),
         object=_object(document["object"]),
         gripper=gripper_of(document["gripper"], controller),
         safety=safety,
@@ -215,6 +215,7 @@ def _cell(document: dict[str, Any], source: CellSource) -> Cell:
         sim=_sim(document["sim"], arm),
         outputs=outputs_of(document["outputs"]),
         document=document,
+        meshes=source.meshes,
     )
 
 
@@ -272,7 +273,7 @@ def _limits(table: dict[str, Any], arm: Robot) -> Limits:
     )
 
 
-def _surroundings(table: dict[str, Any], base: Array) -> Surroundings:
+def _surroundings(table: dict[str, Any], base: Array, meshes: bytes | None) -> Surroundings:
     where = "surroundings."
     entries = tables(table["keep_in"], f"{where}keep_in")
     keep_in = tuple(corners(entry, f"{where}keep_in[{i}].") for i, entry in enumerate(entries))
@@ -292,7 +293,7 @@ def _surroundings(table: dict[str, Any], base: Array) -> Surroundings:
         flight_clearance_m=number(table, "flight_clearance_m", where, FLIGHT_CLEARANCE_MIN_M, 1.0),
         gravity_m_s2=number(table, "gravity_m_s2", where, *GRAVITY_RANGE),
         keep_in=keep_in,
-        keep_out=keep_out_shapes(table),
+        keep_out=keep_out_shapes(table, meshes),
     )
 
 

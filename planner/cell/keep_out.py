@@ -1,17 +1,21 @@
-"""Reading what nothing enters: boxes by their corners, and shapes by pose and size."""
+"""Reading what nothing enters: boxes by their corners, shapes by pose and size, and meshes by their covers."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from planner.arrays import Array
 from planner.cell.fields import choice, exactly, merge_defaults, number, placement, tables, vector
+from planner.cell.mesh_file import FILE_PATTERN, cover_in
 from planner.cell.shapes import Box, Solid, shape_of
 from planner.errors import CellError
 from planner.robots import capsule_rows
+from planner.rotations import pose
 
 SIZES = {  # keys of each shape beyond `shape`, `pose`, `name` and `clearance_m`
     "box": ("size_m",),
@@ -26,6 +30,7 @@ TOOL = "tool_"  # with a number: a capsule of the tool
 SIZE_MIN_M = 1e-4  # [m] a thinner body is a typing error
 SIZE_MAX_M = 1e3  # [m] so is a larger one: mostly it is in millimetres
 CLEARANCE_MAX_M = 1.0  # [m]
+SCALE_MIN = 1e-6  # [-] of a mesh
 
 
 def corners(entry: Mapping[str, Any], where: str) -> Box:
@@ -41,8 +46,12 @@ def corners(entry: Mapping[str, Any], where: str) -> Box:
     return box
 
 
-def keep_out_shapes(table: Mapping[str, Any]) -> tuple[Solid, ...]:
-    """Returns the keep-out shapes of the table `[surroundings]`.
+def keep_out_shapes(table: Mapping[str, Any], meshes: bytes | None = None) -> tuple[Solid, ...]:
+    """Returns the keep-out shapes of the table `[surroundings]`; a mesh is as many boxes as cover it.
+
+    Args:
+        table: the table.
+        meshes: what became of the mesh files, see `covers_of`.
 
     Raises:
         CellError: a field of one is refused, or two have the same name.
@@ -50,35 +59,77 @@ def keep_out_shapes(table: Mapping[str, Any]) -> tuple[Solid, ...]:
     where = "surroundings.keep_out"
     found: dict[str, Solid] = {}
     for i, entry in enumerate(tables(table["keep_out"], where)):
-        shape = _shape(entry, f"{where}[{i}].")
-        name = shape.called(i)
-        if name in found:
-            raise CellError(f"{where}[{i}].name", name, "is what another one is called")
-        found[name] = shape
+        is_mesh = entry.get("shape") == "mesh"
+        shapes = _mesh(entry, f"{where}[{i}].", i, meshes) if is_mesh else [_shape(entry, f"{where}[{i}].")]
+        for shape in shapes:
+            name = shape.called(i)
+            if name in found:
+                raise CellError(f"{where}[{i}].name", name, "is what another one is called")
+            # Behind a mesh a shape has another number than its table.
+            found[name] = shape if shape.called(len(found)) == name else replace(shape, name=name)
     return tuple(found.values())
 
 
-def _shape(entry: Mapping[str, Any], where: str) -> Solid:
-    name = _name(entry, where)
+def _mesh(entry: Mapping[str, Any], where: str, number_: int, meshes: bytes | None) -> list[Solid]:
+    """Returns the boxes that cover a mesh, which are called like it, with numbers where there are several."""
+    name, clearance_m, rest = _named(entry, where)
+    rest = exactly({"scale": 1.0, **rest}, ("shape", "pose", "file", "scale"), where)
+    X_WM = _pose(rest, where)
+    scale = number(rest, "scale", where, SCALE_MIN, 1.0 / SCALE_MIN)
+    if not isinstance(rest["file"], str) or not FILE_PATTERN.fullmatch(rest["file"]):
+        raise CellError(f"{where}file", rest["file"], "must name a file beside the cell file: .stl, .obj or .ply")
+    known = cover_in(meshes, rest["file"])
+    if isinstance(known, str):
+        raise CellError(f"{where}file", rest["file"], known)
+    made, _ = known
+    sizes_m = scale * (made.upper - made.lower)
+    largest_m = float(np.ptp([made.lower.min(axis=0), made.upper.max(axis=0)], axis=0).max()) * scale
+    if not SIZE_MIN_M <= largest_m <= SIZE_MAX_M:
+        reason = f"makes the mesh {largest_m:.6g} m large: a file in millimetres has 0.001"
+        raise CellError(f"{where}scale", scale, reason)
+    middles = 0.5 * scale * (made.upper + made.lower) @ made.axes.T
+    poses = [X_WM @ pose(middle, made.axes) for middle in middles]
+    called = name or f"mesh {number_}"
+    names = [called] if len(poses) == 1 else [f"{called} {k}" for k in range(len(poses))]
+    return [shape_of("box", *each, clearance_m) for each in zip(poses, sizes_m, names, strict=True)]
+
+
+def _named(entry: Mapping[str, Any], where: str) -> tuple[str, float | None, dict[str, Any]]:
+    """Returns the name of a shape, its own clearance [m], and its other keys."""
     clearance_m = number(entry, "clearance_m", where, 0.0, CLEARANCE_MAX_M) if "clearance_m" in entry else None
     rest = {key: value for key, value in entry.items() if key not in ("name", "clearance_m")}
+    return _name(entry, where), clearance_m, rest
+
+
+def _pose(rest: Mapping[str, Any], where: str) -> Array:
+    """Returns the pose of a shape in the world (4, 4)."""
+    given = exactly(merge_defaults({"pose": rest["pose"]}, {"pose": POSE}, where)["pose"], tuple(POSE), f"{where}pose.")
+    return placement(given, "position_m", "rotation_vector_rad", f"{where}pose.", SIZE_MAX_M)
+
+
+def _shape(entry: Mapping[str, Any], where: str) -> Solid:
+    name, clearance_m, rest = _named(entry, where)
     if "shape" not in rest and "pose" not in rest:
         box = corners(rest, where)
         return Box(box.lower, box.upper, name, clearance_m)
-    kind = choice({"shape": "box", **rest}, "shape", where, SIZES)
+    kind = choice({"shape": "box", **rest}, "shape", where, (*SIZES, "mesh"))
     rest = exactly({"shape": kind, **rest}, ("shape", "pose", *SIZES[kind]), where)
-    pose = exactly(merge_defaults({"pose": rest["pose"]}, {"pose": POSE}, where)["pose"], tuple(POSE), f"{where}pose.")
-    X = placement(pose, "position_m", "rotation_vector_rad", f"{where}pose.", SIZE_MAX_M)
+    X = _pose(rest, where)
     if kind == "box":
         return shape_of(kind, X, vector(rest, "size_m", where, 3, SIZE_MIN_M, SIZE_MAX_M), name, clearance_m)
     sizes = [number(rest, key, where, SIZE_MIN_M, SIZE_MAX_M) for key in SIZES[kind]]
     return shape_of(kind, X, np.array([*sizes, 0.0][:2]), name, clearance_m)
 
 
+def is_reserved(name: str) -> bool:
+    """Returns whether something that is no shape is called so in plans."""
+    return name in OTHERS or name.startswith(TOOL) or name in capsule_rows("ur5e")
+
+
 def _name(entry: Mapping[str, Any], where: str) -> str:
     name = entry.get("name", "")
     if "name" in entry and not (isinstance(name, str) and name.isprintable() and NAME_PATTERN.fullmatch(name)):
         raise CellError(f"{where}name", name, "must be 1 to 64 printable characters without , : ;")
-    if name and (name in OTHERS or name.startswith(TOOL) or name in capsule_rows("ur5e")):
+    if name and is_reserved(name):
         raise CellError(f"{where}name", name, "is what something else is called in a plan")
     return name

@@ -147,6 +147,13 @@ class Surroundings:
         return np.array([shape.row for shape in self.keep_out]).reshape(-1, ROW)
 
     @cached_property
+    def keep_out_bounds(self) -> tuple[Array, Array]:
+        """Corners (b, 3) of the boxes along the world's axes that bound the keep-out shapes [m]."""
+        shapes = self.keep_out
+        lower, upper = ([getattr(shape, side) for shape in shapes] for side in ("lower", "upper"))
+        return np.array(lower).reshape(-1, 3), np.array(upper).reshape(-1, 3)
+
+    @cached_property
     def further_clearances(self) -> Array:
         """What the clearance of each keep-out shape (b,) is beyond the cell's [m]; 0 without one of its own."""
         own = (shape.clearance_m for shape in self.keep_out)
@@ -303,6 +310,7 @@ class Cell:
         tool, limits, surroundings, object, gripper, safety, timing, link, sim: the tables of the cell file.
         outputs: further outputs, by name.
         document: keys and numbers of the cell file as written, with defaults filled in.
+        meshes: what became of the mesh files that the cell file names, see `covers_of`.
         content: hash of what the cell says, by which one that was changed in code is told from that of a file.
         check: raises a `CellError` for a cell that `with_tool` and its like may not return; None: there is no more to
             check than the keys.
@@ -328,6 +336,7 @@ class Cell:
     sim: Sim
     outputs: Mapping[str, DigitalOutput]
     document: Mapping[str, Any] = field(repr=False)
+    meshes: bytes | None = field(default=None, repr=False)
     content: str = field(default="", repr=False)
     check: Callable[[Cell], object] | None = field(default=None, repr=False)
 

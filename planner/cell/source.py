@@ -1,14 +1,16 @@
-"""What a cell is read from: the bytes of its file, and of the calibration file beside it."""
+"""What a cell is read from: the bytes of its file, and what is beside it: a calibration file, meshes."""
 
 from __future__ import annotations
 
 import hashlib
+import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from planner.cell.mesh_file import covers_of, mesh_hashes, mesh_names
 from planner.documents import NotToml, parse_toml, read_file
 from planner.errors import CellError, FileRefused
 
@@ -25,22 +27,24 @@ class CellSource:
         name: of the cell.
         text: content of the cell file.
         calibration: content of the calibration file that it names; None where it names none, or there is none.
+        meshes: what became of the mesh files that it names, see `covers_of`; None where it names none.
     """
 
     name: str
     text: bytes
     calibration: bytes | None = None
+    meshes: bytes | None = None
 
     @property
     def sha256(self) -> str:
-        """Hash of the cell file's bytes, and of those of its calibration file, if it has one."""
-        if self.calibration is None:
-            return hashlib.sha256(self.text).hexdigest()
-        return hashlib.sha256(self.text + b"\0" + self.calibration).hexdigest()
+        """Hash of the cell file's bytes, and of what is beside it, if there is something."""
+        meshes = None if self.meshes is None else json.dumps(mesh_hashes(self.meshes)).encode()
+        beside = [b"\0" + each for each in (self.calibration, meshes) if each is not None]
+        return hashlib.sha256(b"".join([self.text, *beside])).hexdigest()
 
 
 def read_source(path: Path | str) -> CellSource:
-    """Returns the content of a cell file and of its calibration file.
+    """Returns the content of a cell file and of its calibration file, and what becomes of its meshes.
 
     Raises:
         CellError: a file cannot be read, is no file, or is too large.
@@ -50,11 +54,21 @@ def read_source(path: Path | str) -> CellSource:
         text = read_file(path, CELL_BYTES)
     except FileRefused as error:
         raise CellError("file", str(path), error.reason) from error
+    return source_of(path, text)
+
+
+def source_of(path: Path, text: bytes) -> CellSource:
+    """Returns a cell file's source if this were its content.
+
+    Raises:
+        CellError: a file beside it cannot be read, is no file, or is too large.
+    """
+    meshes = covers_of(path.parent, _mesh_names(text))
     beside = _path_beside(path, text)
     if beside is None or not beside.exists():
-        return CellSource(path.stem, text)  # `cell_of` says that it is missing
+        return CellSource(path.stem, text, None, meshes)  # `cell_of` says that it is missing
     try:
-        return CellSource(path.stem, text, read_file(beside, CALIBRATION_BYTES))
+        return CellSource(path.stem, text, read_file(beside, CALIBRATION_BYTES), meshes)
     except FileRefused as error:
         raise CellError("kinematics.calibration", beside.name, error.reason) from error
 
@@ -65,6 +79,21 @@ def calibration_path(path: Path) -> Path | None:
         return _path_beside(path, read_file(path, CELL_BYTES))
     except FileRefused:
         return None
+
+
+def mesh_paths(path: Path) -> list[Path]:
+    """Returns the paths of the mesh files that a cell file names, whether they exist or not."""
+    try:
+        return [path.parent / name for name in _mesh_names(read_file(path, CELL_BYTES))]
+    except FileRefused:
+        return []
+
+
+def _mesh_names(text: bytes) -> list[str]:
+    try:
+        return mesh_names(parse_toml(text))
+    except NotToml:
+        return []  # `cell_of` says what is wrong
 
 
 def _path_beside(path: Path, text: bytes) -> Path | None:

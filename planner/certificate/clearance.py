@@ -17,6 +17,7 @@ from planner.certificate.samples import MotionSamples
 from planner.geometry import SELF_CLEARANCE_M, pair_distances, shape_distances
 
 FAR_M = 1e3  # [m] distance reported for an object that has been released
+TOGETHER = 16  # [-] instants whose bounding boxes are taken together first
 
 
 def floor(motion: MotionSamples) -> Check:
@@ -49,47 +50,77 @@ def keep_out(motion: MotionSamples) -> Check | None:
     t = motion.at_knots.t[motion.sparse]
     if not around.keep_out:
         return None
-    moving, count = body.moving, len(body.moving)
-    lower, upper = (np.array([getattr(shape, side) for shape in around.keep_out]) for side in ("lower", "upper"))
-    further = around.further_clearances
+    moving = body.moving
+    thick = body.radii[moving] + around.further_clearances[:, None]
+    ends = motion.ends[moving][..., motion.sparse]
+    rates = body.levers[moving] @ motion.sparse_speeds
+    reach = float((rates * np.diff(t)).max())
+    shape, capsule = _close_pairs(motion, t, ends, thick, reach)
 
     def distance(ends: Array, item: Index) -> Array:
-        shape = item // count
-        thick = body.radii[moving[item % count]] + further[shape]
-        return shape_distances(ends[:, 0], ends[:, 1], shape, around.keep_out_rows) - thick
+        gap = shape_distances(ends[:, 0], ends[:, 1], shape[item], around.keep_out_rows)
+        return gap - thick[shape[item], capsule[item]]
 
     def evaluate(t: Array, item: Index) -> Array:
-        capsule = moving[item % count]
-        gap = distance(body.end_points_of(capsule, motion.poses_at(t)), item)
-        return np.where((capsule == body.object) & (t > motion.held_until_s), FAR_M, gap)
+        chosen = moving[capsule[item]]
+        gap = distance(body.end_points_of(chosen, motion.poses_at(t)), item)
+        return np.where((chosen == body.object) & (t > motion.held_until_s), FAR_M, gap)
 
-    ends = motion.ends[moving][..., motion.sparse]
-    gaps = _bounding_box_distances(ends, lower, upper) - (body.radii[moving] + further[:, None])[..., None]
-    gaps[:, -1, t > motion.held_until_s] = FAR_M
-    gaps = gaps.reshape(-1, len(t))
-    rates = np.tile(body.levers[moving] @ motion.sparse_speeds, (len(lower), 1))
+    lower, upper = around.keep_out_bounds
+    gaps = _box_distances(ends.min(axis=1)[capsule], ends.max(axis=1)[capsule], lower[shape], upper[shape])
+    gaps -= thick[shape, capsule][:, None]
+    gaps[np.ix_(moving[capsule] == body.object, t > motion.held_until_s)] = FAR_M
     # The distance of bounding boxes decides most; only what it leaves open, or may be closest, is evaluated exactly.
     item, row = (np.array([i]) for i in divmod(int(gaps.argmin()), len(t)))
-    closest = float(distance(ends[item % count, :, :, row], item)[0])
-    undecided = max(closest, around.clearance_m + float((rates * np.diff(t)).max()))
+    closest = float(distance(ends[capsule[item], :, :, row], item)[0])
+    undecided = max(closest, around.clearance_m + reach)
     items, rows = np.nonzero(gaps <= undecided)
-    gaps[items, rows] = distance(ends[items % count, :, :, rows], items)
-    proof = prove_above(evaluate, t, gaps, rates, around.clearance_m, slope_bound, motion.distance_accuracy)
-    shape = proof.item // count
-    name = f"{body.names[moving[proof.item % count]]}, {around.keep_out_names[shape]}"
-    proof = proof._replace(value=proof.value + float(further[shape]))
-    return _distance_check("keep_out", proof, around.clearance_m + float(further[shape]), name)
+    gaps[items, rows] = distance(ends[capsule[items], :, :, rows], items)
+    required = around.clearance_m
+    proof = prove_above(evaluate, t, gaps, rates[capsule], required, slope_bound, motion.distance_accuracy)
+    met = int(shape[proof.item])
+    name = f"{body.names[moving[capsule[proof.item]]]}, {around.keep_out_names[met]}"
+    further = float(around.further_clearances[met])
+    return _distance_check("keep_out", proof._replace(value=proof.value + further), required + further, name)
 
 
-def _bounding_box_distances(ends: Array, lower: Array, upper: Array) -> Array:
-    """Returns the distances (b, k, n) of b boxes from the bounding boxes of segments with ends (k, 2, 3, n).
+def _close_pairs(motion: MotionSamples, t: Array, ends: Array, thick: Array, reach: float) -> tuple[Index, Index]:
+    """Returns the pairs of a shape and a moving capsule (p,) each that can decide a motion's clearance.
 
-    They are lower bounds on the distances of the segments.
+    All others stay farther apart, between the instants too, than the clearance and than one pair is at some instant.
+    The bounding boxes of `TOGETHER` instants at once tell that of most.
+
+    Args:
+        motion: the motion.
+        t: instants (n,) [s].
+        ends: of the moving capsules there (j, 2, 3, n) [m].
+        thick: what the distance of each shape from each capsule's axis is beyond their gap (b, j) [m].
+        reach: the most that a capsule moves from one instant to the next [m].
     """
-    lowest = ends.min(axis=1)
-    highest = ends.max(axis=1)
-    apart = np.maximum(lower[:, None, :, None] - highest, lowest - upper[:, None, :, None])
-    return np.sqrt((np.maximum(apart, 0.0) ** 2).sum(axis=2))
+    around = motion.body.cell.surroundings
+    starts = np.arange(0, len(t), TOGETHER)
+    lowest = np.minimum.reduceat(ends.min(axis=1), starts, axis=-1)
+    highest = np.maximum.reduceat(ends.max(axis=1), starts, axis=-1)
+    lower, upper = (corner[:, None] for corner in around.keep_out_bounds)
+    gaps = _box_distances(lowest, highest, lower, upper) - thick[..., None]
+    gaps[:, -1, t[starts] > motion.held_until_s] = FAR_M
+    gaps = gaps.min(axis=-1)
+    shape, capsule = divmod(int(gaps.argmin()), gaps.shape[1])
+    p0, p1 = np.moveaxis(ends[capsule], -1, 1)
+    here = shape_distances(p0, p1, np.full(len(t), shape), around.keep_out_rows) - thick[shape, capsule]
+    if capsule == gaps.shape[1] - 1:
+        here[t > motion.held_until_s] = FAR_M
+    shapes, capsules = np.nonzero(~(gaps > max(float(here.min()), around.clearance_m) + reach))
+    return shapes, capsules
+
+
+def _box_distances(lowest: Array, highest: Array, lower: Array, upper: Array) -> Array:
+    """Returns the distances (..., n) of boxes with corners (..., 3, n) from boxes with corners (..., 3).
+
+    Those of bounding boxes are lower bounds on the distances of what they bound.
+    """
+    apart = np.maximum(lower[..., None] - highest, lowest - upper[..., None])
+    return np.sqrt((np.maximum(apart, 0.0) ** 2).sum(axis=-2))
 
 
 def keep_in(motion: MotionSamples) -> Check | None:

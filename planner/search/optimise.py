@@ -92,7 +92,14 @@ def _optimise_from(search: PlanningSearch, seed: Seed, groups: frozenset[str]) -
         SeedFailed: the optimiser came to no motion, or to none that is sooner than the best.
     """
     problem = search.problem
-    options = SolveOptions(groups=groups, deadline_s=search.deadline_s, latest_s=search.latest_useful_s)
+    # Of many, those near the motion in which one was met; rows for whichever is near at first end many a solve.
+    few = len(problem.cell_with_bin.surroundings.keep_out) <= casadi_nlp.KEEP_OUT_SHAPES
+    options = SolveOptions(
+        groups=groups,
+        margins=casadi_nlp.Margins(heeds_shapes=few),
+        deadline_s=search.deadline_s,
+        latest_s=search.latest_useful_s,
+    )
     failures = ""
     for _ in range(ROUNDS):
         search.begin_solve()

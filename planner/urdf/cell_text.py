@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,15 +12,15 @@ import numpy as np
 from planner.arrays import Array
 from planner.calibration import calibration_text, table_of
 from planner.cell import DEFAULTS, Cell, CellSource, cell_of
-from planner.documents import read_file
+from planner.documents import read_file, toml_text
 from planner.errors import CellError, FileRefused
 from planner.robots import Robot
 from planner.rotations import invert_pose, matrix_to_rotation_vector
+from planner.scenes import entries_of, with_entries
 from planner.urdf.arm import DescribedArm, arm_in
-from planner.urdf.surroundings import boxes_around
+from planner.urdf.surroundings import URDF_BYTES, notes_on_shapes, shapes_around
 from planner.urdf.tree import UrdfRefused, UrdfTree, parse_urdf
 
-URDF_BYTES = 5_000_000  # [byte] of a URDF file; that of an arm has 20,000
 ROUNDING = 1e-6  # [-] relative difference of limits that is the rounding of a file
 DIGITS = 12  # decimals of a number in a cell file
 TORQUE_FRACTION = 0.9  # [-] of a cell file's torques by default
@@ -88,17 +87,16 @@ def _written(tree: UrdfTree, arm: DescribedArm, name: str, tcp: str | None, file
         "timing": {"lag_s": DEFAULTS["sim"]["lag_s"]},
         "link": {"kind": "sim", "host": "127.0.0.1"},
     }
-    boxes, notes_on_boxes = boxes_around(tree, arm)
-    lines = [f"# From the URDF file {_toml(file)}.", f'robot = "{arm.robot.name}"']
+    around = shapes_around(tree, arm.joints)
+    lines = [f"# From the URDF file {toml_text(file)}.", f'robot = "{arm.robot.name}"']
     for key, table in tables.items():
         if table:
-            lines += ["", f"[{key}]", *(f"{entry} = {_toml(value)}" for entry, value in table.items())]
-    for box in boxes:
-        corners = [f"lower_m = {_toml(_numbers(box.lower))}", f"upper_m = {_toml(_numbers(box.upper))}"]
-        lines += ["", f"[[surroundings.keep_out]]  # {box.link}", *corners]
+            lines += ["", f"[{key}]", *(f"{entry} = {toml_text(value)}" for entry, value in table.items())]
     text = "\n".join([*lines, ""])
+    if around.shapes:
+        text = with_entries(text, entries_of(around.shapes, [""] * len(around.shapes), ()), "the same file")
     cell = cell_of(CellSource(name, text.encode(), None if calibration is None else calibration[1].encode()))
-    notes = [*arm.notes, *notes_on_limits, *notes_on_tool, *notes_on_boxes, *_notes_on_floor(tree, cell)]
+    notes = [*arm.notes, *notes_on_limits, *notes_on_tool, *notes_on_shapes(around), *_notes_on_floor(tree, cell)]
     return WrittenCell(cell, text, calibration, notes)
 
 
@@ -185,10 +183,3 @@ def _pose(X: Array, position: str, rotation: str) -> dict[str, Any]:
 
 def _numbers(x: Array) -> list[float]:
     return [round(float(value), DIGITS) + 0.0 for value in x]
-
-
-def _toml(value: Any) -> str:
-    """Returns a text, a number or lists of numbers as TOML writes them; a text as JSON does, which TOML reads alike."""
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    return f"[{', '.join(map(_toml, value))}]" if isinstance(value, list) else repr(value)

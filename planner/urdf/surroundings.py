@@ -1,81 +1,78 @@
-"""What stands around the arm in a URDF file: its boxes as keep-out boxes, and what a cell file has no room for."""
+"""What stands around the arm in a URDF file: its shapes, and what a cell file has no room for."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from pathlib import Path
 
-import numpy as np
+from planner.documents import read_file
+from planner.errors import FileRefused
+from planner.scenes import ForeignScene, ForeignShape, mesh_at, shape_or_reason
+from planner.urdf.arm import six_joints
+from planner.urdf.tree import UrdfJoint, UrdfRefused, UrdfShape, UrdfTree, parse_urdf
 
-from planner.arrays import Array
-from planner.urdf.arm import DescribedArm
-from planner.urdf.tree import UrdfShape, UrdfTree
-
-ALONG = 1e-6  # [-] sine of the angle by which a box along the world's axes may be turned: rounding of a file
+URDF_BYTES = 5_000_000  # [byte] of a URDF file; that of an arm has 20,000
 
 
-@dataclass(frozen=True, eq=False)
-class DescribedBox:
-    """A box along the world's axes that arm and tool stay out of.
+def scene_of_urdf(path: Path) -> ForeignScene:
+    """Returns the shapes of a URDF file, but for those of the arm in it, if there is one, and of its tool.
 
-    Attributes:
-        link: of the file that it is of.
-        lower, upper: its corners in the file's root (3,) [m].
+    Raises:
+        FileRefused: the file cannot be read, or is no URDF.
     """
+    try:
+        tree = parse_urdf(read_file(path, URDF_BYTES))
+    except UrdfRefused as error:
+        raise FileRefused(path, str(error)) from error
+    try:
+        joints = six_joints(tree)
+    except UrdfRefused:
+        joints = []  # it has no arm
+    return shapes_around(tree, joints, path.parent)
 
-    link: str
-    lower: Array
-    upper: Array
 
-
-def boxes_around(tree: UrdfTree, arm: DescribedArm) -> tuple[list[DescribedBox], list[str]]:
-    """Returns the boxes around the arm, and notes on every shape that is neither the arm's nor the tool's.
+def shapes_around(tree: UrdfTree, joints: Sequence[UrdfJoint], folder: Path | None = None) -> ForeignScene:
+    """Returns the shapes that are neither the arm's nor the tool's, and what becomes of the others.
 
     The arm's are those of its six links, and of the link that carries them: its base.
+
+    Args:
+        tree: of the file.
+        joints: of the arm; none without one.
+        folder: of the file, beside which its meshes are; None: they are left out.
     """
-    foot = arm.joints[0].parent
-    links = {foot, *(joint.child for joint in arm.joints), *tree.below(arm.joints[5].child)}
-    boxes: list[DescribedBox] = []
-    left: dict[str, str] = {}
+    links: set[str] = set()
+    scene = ForeignScene()
+    if joints:
+        foot = joints[0].parent
+        links = {foot, *(joint.child for joint in joints), *tree.below(joints[-1].child)}
+        scene.notes += _notes_on_base(tree.shapes.get(foot, ()), foot)
     for link, shapes in tree.shapes.items():
-        if link not in links:
-            mover = next((joint.name for joint in tree.above(link) if joint.moves), None)
-            reasons = [_refusal(tree, link, shape, mover) for shape in shapes]
-            boxes += [_box(tree, link, s) for s, reason in zip(shapes, reasons, strict=True) if reason is None]
-            if told := list(dict.fromkeys(reason for reason in reasons if reason)):
-                left[link] = ", ".join(told)
-    return boxes, [*_notes(boxes, left), *_notes_on_base(tree.shapes.get(foot, ()), foot)]
+        mover = next((joint.name for joint in tree.above(link) if joint.moves), None)
+        for shape in shapes if link not in links else ():
+            scene.take(link, f"moved by {mover}" if mover is not None else _shape(tree, link, shape, folder))
+    return scene
 
 
-def _refusal(tree: UrdfTree, link: str, shape: UrdfShape, mover: str | None) -> str | None:
-    """Returns why a shape is not taken over, in words; None of a box that is."""
-    if mover is not None:
-        return f"moved by {mover}"
-    if shape.size is None or not shape.collides:
-        return f"a {shape.kind}" if shape.collides else f"a {shape.kind} that is only drawn"
-    if shape.size.min() == 0.0:
-        return "a box without thickness"
-    R = (tree.pose(link) @ shape.X)[:3, :3]
-    return "a turned box" if (np.sort(np.abs(R))[:, :2] > ALONG).any() else None
-
-
-def _box(tree: UrdfTree, link: str, shape: UrdfShape) -> DescribedBox:
+def _shape(tree: UrdfTree, link: str, shape: UrdfShape, folder: Path | None) -> ForeignShape | str:
+    if not shape.collides:
+        return f"a {shape.kind} that is only drawn"
     X = tree.pose(link) @ shape.X
-    assert shape.size is not None
-    half = 0.5 * np.abs(X[:3, :3]) @ shape.size
-    return DescribedBox(link, X[:3, 3] - half, X[:3, 3] + half)
+    if shape.kind != "mesh":
+        return shape_or_reason(link, shape.kind, X, shape.numbers)
+    return "a mesh" if folder is None else mesh_at(link, X, folder, shape.file, shape.numbers)
 
 
-def _notes(boxes: Sequence[DescribedBox], left: Mapping[str, str]) -> list[str]:
-    taken = ", ".join(dict.fromkeys(box.link for box in boxes))
-    notes = [f"surroundings.keep_out has the boxes of {taken}"] if boxes else []
-    if left:
-        named = ", ".join(f"{link} ({why})" for link, why in left.items())
+def notes_on_shapes(scene: ForeignScene) -> list[str]:
+    """Returns notes on what became of the shapes around an arm."""
+    taken = ", ".join(dict.fromkeys(shape.name for shape in scene.shapes))
+    notes = [f"surroundings.keep_out has the shapes of {taken}"] if taken else []
+    if left := list(dict.fromkeys(scene.left_out)):
         shapes = "shape of" if len(left) == 1 else "shapes of"
         verb = "is" if len(left) == 1 else "are"
-        takes = "surroundings.keep_out can be written by hand"
-        notes.append(f"the {shapes} {named} {verb} not taken over: nothing keeps the arm away; {takes}")
-    return notes
+        takes = "`fling cell import` takes meshes, and surroundings.keep_out can be written by hand"
+        notes.append(f"the {shapes} {', '.join(left)} {verb} not taken over: nothing keeps the arm away; {takes}")
+    return [*notes, *scene.notes]
 
 
 def _notes_on_base(shapes: Sequence[UrdfShape], foot: str) -> list[str]:

@@ -20,6 +20,7 @@ from planner.rotations import pose, roll_pitch_yaw_to_matrix
 LINKS_MAX = 500  # of a file: a mobile robot with two arms and hands has a hundred
 SHAPES_MAX = 1000  # of a file: an arm on its table has twenty
 TEXT_MAX = 200  # characters of a name
+ROUND = {"cylinder": ("radius", "length"), "sphere": ("radius",)}  # sizes of round shapes
 MOVING = ("revolute", "continuous")
 KINDS = (*MOVING, "prismatic", "fixed", "floating", "planar")
 
@@ -44,13 +45,15 @@ class UrdfShape:
     Attributes:
         kind: box, cylinder, sphere, mesh, or what else the file calls it.
         X: pose of its centre in the link's frame (4, 4).
-        size: of a box, along its axes (3,) [m]; None of another shape.
+        numbers: edges of a box, radius and length of a cylinder, radius of a sphere [m]; scales of a mesh.
+        file: of a mesh, as the file writes it.
         collides: whether it is for collisions, and not only drawn.
     """
 
     kind: str
     X: Array
-    size: Array | None
+    numbers: Sequence[float]
+    file: str
     collides: bool
 
 
@@ -193,10 +196,15 @@ def _shape(element: Element, where: str) -> UrdfShape:
     shape = next(iter(geometry), None)
     if shape is None:
         raise UrdfRefused(f"{where}: its <geometry> is empty")
-    size = _vector(shape, "size", where) if shape.tag == "box" else None
-    if size is not None and size.min() < 0.0:
+    key = {"box": "size", "mesh": "scale"}.get(shape.tag)
+    if key is None:
+        numbers = [_float(shape, each, where, 0.0) for each in ROUND.get(shape.tag, ())]
+    else:
+        numbers = [1.0] * 3 if key == "scale" and key not in shape.attrib else _vector(shape, key, where).tolist()
+    if shape.tag == "box" and min(numbers) < 0.0:
         raise UrdfRefused(f"{where}: the size of its box is negative")
-    return UrdfShape(shape.tag[:TEXT_MAX], _origin(element, where), size, element.tag == "collision")
+    file = shape.get("filename", "")
+    return UrdfShape(shape.tag[:TEXT_MAX], _origin(element, where), numbers, file, element.tag == "collision")
 
 
 def _joint(element: Element, links: Mapping[str, object]) -> UrdfJoint:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 
 import pytest
+import trimesh
 from click.testing import CliRunner
 
 from api.cli import main
+from planner.cell import CellSource, cell_of
 from store import Store
 from tests.api.conftest import ROOT, RunningService
 from tests.api.test_bad_input import problem_of
@@ -106,3 +109,21 @@ def test_the_store_has_the_text_of_each_version(fling, tmp_path: Path):
     store = Store.open(f"sqlite:///{tmp_path / 'fling.db'}")
     assert store.cell_versions("mine")[0].text == (tmp_path / "mine.toml").read_bytes()
     store.close()
+
+
+def test_a_version_knows_its_meshes_and_says_where_a_file_is_another_now(fling, tmp_path: Path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    path = tmp_path / "mine.toml"
+    entry = '{ shape = "mesh", file = "part.stl", pose = { position_m = [1.5, 1.5, 0.5] } }'
+    path.write_text(re.sub(r"keep_out = \[\]", f"keep_out = [{entry}]", path.read_text()))
+    for edge_m in (0.2, 0.3):
+        (tmp_path / "part.stl").write_bytes(trimesh.creation.box((edge_m, 0.2, 0.2)).export(file_type="stl"))
+        assert fling("history").exit_code == 0
+    assert '"mesh files"' in fling("history", "--json").output
+    store = Store.open(f"sqlite:///{tmp_path / 'fling.db'}")
+    newest, _ = store.cell_versions("mine")
+    store.close()
+    (block,) = cell_of(CellSource("mine", newest.text, None, newest.meshes)).surroundings.keep_out
+    assert block.extent == pytest.approx([0.3, 0.2, 0.2])
+    assert "put back that of version 1" in fling("restore", "1").output
+    assert "put back" not in fling("restore", "2").output

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+import trimesh
 
 from executor.cell_watch import CellWatch
 from planner.cell import load_cell
@@ -94,3 +95,21 @@ def test_a_change_of_the_calibration_file_is_noticed(path: Path) -> None:
     calibration.write_text(published)
     assert watch.look() is not None
     assert watch.fault is None
+
+
+def test_another_mesh_is_a_change(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    entry = '{ shape = "mesh", file = "part.stl", pose = { position_m = [1.5, 1.5, 0.5] } }'
+    path.write_text(path.read_text().replace("keep_out = []", f"keep_out = [{entry}]"))
+    mesh = tmp_path / "part.stl"
+    mesh.write_bytes(trimesh.creation.box((0.2, 0.2, 0.2)).export(file_type="stl"))
+    watch = watch_of(path)
+    assert watch.look() is None
+    mesh.write_bytes(trimesh.creation.box((0.3, 0.2, 0.2)).export(file_type="stl"))
+    changed = watch.look()
+    assert changed is not None
+    assert changed.surroundings.keep_out[0].extent == pytest.approx([0.3, 0.2, 0.2])
+    mesh.unlink()
+    assert watch.look() is None
+    assert watch.fault is not None
+    assert "part.stl" in watch.fault["reason"]

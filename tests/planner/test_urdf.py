@@ -190,8 +190,9 @@ def test_a_box_under_the_base_is_kept_out_of(tmp_path):
     (box,) = written.cell.surroundings.keep_out
     np.testing.assert_allclose(box.lower, [0.3 - 0.4, -0.1 - 0.6, 0.75], atol=1e-12)
     np.testing.assert_allclose(box.upper, [0.3 + 0.4, -0.1 + 0.6, 0.8], atol=1e-12)
-    assert "[[surroundings.keep_out]]  # table" in written.text
-    assert any("keep_out has the boxes of table" in note for note in written.notes)
+    assert box.core is None
+    assert 'name = "table"' in written.text
+    assert any("keep_out has the shapes of table" in note for note in written.notes)
     assert any("floor" in note and "z = 0 of world, 0.8 m below" in note for note in written.notes)
     assert home_faults(written.cell) == []
 
@@ -199,12 +200,10 @@ def test_a_box_under_the_base_is_kept_out_of(tmp_path):
 @pytest.mark.parametrize(
     ("around", "words"),
     [
-        (body("table", BOX, rpy="0 0 0.1"), "table (a turned box)"),
         (body("table", '<box size="1 1 0"/>'), "table (a box without thickness)"),
         (body("table", '<mesh filename="package://lab/table.stl"/>'), "table (a mesh)"),
-        (body("post", '<cylinder radius="0.1" length="1"/>', parent="world"), "post (a cylinder)"),
+        (body("post", '<cylinder radius="0.1" length="0"/>', parent="world"), "post (a cylinder without thickness)"),
         (body("hat", "<cone/>"), "hat (a cone)"),
-        (body("ball", '<sphere radius="0.1"/>'), "ball (a sphere)"),
         (body("picture", BOX, tag="visual"), "picture (a box that is only drawn)"),
         (body("camera", BOX, parent="forearm_link"), "camera (moved by shoulder_pan_joint)"),
         (body("door", BOX, kind="revolute"), "door (moved by to_door)"),
@@ -214,6 +213,17 @@ def test_a_shape_around_the_arm_that_is_not_taken_over_is_named(tmp_path, around
     written = read(tmp_path, beside(around, stand=at()))
     assert written.cell.surroundings.keep_out == ()
     assert any(f"the shape of {words} is not taken over" in note for note in written.notes)
+
+
+def test_turned_and_round_shapes_are_kept_out_where_they_are(tmp_path):
+    around = body("table", BOX, "2 0 0.5", "0 0 0.1") + body("post", '<cylinder radius="0.1" length="1"/>', "1.5 1 0.5")
+    written = read(tmp_path, beside(around, body("ball", '<sphere radius="0.1"/>', "-2 0 0.5"), stand=at()))
+    table, post, ball = written.cell.surroundings.keep_out
+    assert [shape.kind for shape in (table, post, ball)] == ["box", "cylinder", "sphere"]
+    np.testing.assert_allclose(table.X_WC[:2, :2], [[np.cos(0.1), -np.sin(0.1)], [np.sin(0.1), np.cos(0.1)]])
+    np.testing.assert_allclose([post.X_WC[:3, 3], ball.X_WC[:3, 3]], [[1.5, 1.0, 0.5], [-2.0, 0.0, 0.5]])
+    np.testing.assert_allclose([*table.extent, *post.extent, *ball.extent], [1.2, 0.8, 0.05, 0.2, 0.2, 1.0, *[0.2] * 3])
+    assert "surroundings.keep_out has the shapes of table, post, ball" in written.notes
 
 
 def test_shapes_of_the_arm_itself_are_its_own(tmp_path):

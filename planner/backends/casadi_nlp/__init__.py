@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from planner.backends.casadi_nlp.layout import KEEP_OUT_SHAPES
 from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, Margins, meets_arm
 from planner.backends.solution import Solution
 from planner.errors import BackendUnavailable, SolverFailed
@@ -17,6 +18,7 @@ from planner.seeds import Seed
 
 __all__ = [
     "DEFAULT_MARGINS",
+    "KEEP_OUT_SHAPES",
     "Margins",
     "SeedFailed",
     "SolveOptions",

@@ -11,7 +11,18 @@ from planner.backends.casadi_nlp import layout
 from planner.backends.casadi_nlp.bounds import Bounds, watched_stages, watched_time
 from planner.backends.casadi_nlp.flight_rows import constrains_flight, flight_parameters
 from planner.backends.casadi_nlp.functions import evaluate
-from planner.backends.casadi_nlp.layout import LAZY_GROUPS, NZ, OUT_STAGES, QD, STEP, TIME, Q, StageLayout, Vector
+from planner.backends.casadi_nlp.layout import (
+    DECIMALS,
+    LAZY_GROUPS,
+    NZ,
+    OUT_STAGES,
+    QD,
+    STEP,
+    TIME,
+    Q,
+    StageLayout,
+    Vector,
+)
 from planner.backends.casadi_nlp.margins import Margins
 from planner.backends.casadi_nlp.object_path import (
     leaving_time,
@@ -21,6 +32,7 @@ from planner.backends.casadi_nlp.object_path import (
 )
 from planner.backends.casadi_nlp.parameters import (
     arm_parameters,
+    nearest_shapes,
     scale_parameters,
     shape_parameters,
     variable_scales,
@@ -39,8 +51,6 @@ Arguments = dict[str, Vector]
 
 CLEARANCES = ("clearance", "keep_out")  # of `LAZY_GROUPS`: distances from the arm, the surroundings and shapes
 
-DECIMALS = 9  # of arguments in units of one: finer than what a solver heeds, coarser than floating point differs
-
 
 def stage_layout(problem: ThrowProblem, margins: Margins) -> StageLayout:
     """Returns the stages that a problem needs, with every lazy group of rows that applies to it.
@@ -50,7 +60,7 @@ def stage_layout(problem: ThrowProblem, margins: Margins) -> StageLayout:
         margins: on every limit; they decide which groups there are.
     """
     groups = _applicable_groups(problem, margins)
-    shapes = _shape_slots(problem)
+    shapes = _shape_slots(problem) if "keep_out" in groups else 0
     if problem.ends_at_rest:
         return StageLayout(LAUNCH_STAGES, 0, 0, groups, shapes)
     window = window_stages(problem)
@@ -59,7 +69,7 @@ def stage_layout(problem: ThrowProblem, margins: Margins) -> StageLayout:
 
 def _applicable_groups(problem: ThrowProblem, margins: Margins) -> tuple[str, ...]:
     applies = {
-        "keep_out": _shape_slots(problem) > 0,
+        "keep_out": _shape_slots(problem) > 0 and margins.heeds_shapes,
         "grip": problem.cell.gripper.hold_acceleration_m_s2 is not None and not problem.ends_at_rest,
         "flight": constrains_flight(problem),
         "standing": aims(problem),
@@ -162,11 +172,12 @@ class Instance:
     @cached_property
     def shared_parameters(self) -> dict[str, Vector]:
         """The parameter vectors of `layout.SHARED`."""
+        around = self.problem.cell_with_bin
         return {
             "scales": scale_parameters(self.limits, float(self.steps.max())),
             "arm": arm_parameters(self.problem.cell, self.limits, self.margins),
             "release": release_parameters(self.problem, self.aim),
-            "shapes": shape_parameters(self.problem.cell_with_bin, self.margins.shape_m),
+            "shapes": shape_parameters(around, nearest_shapes(around, self.initial[:, Q]), self.margins.shape_m),
             "flight": flight_parameters(self.problem, self.candidate, self.margins, self.aim),
             # Also where the initial guess is a failed motion: beside its own path fewer solves succeed.
             "object_path": self.object_path(self.candidate.q, self.candidate.qd),

@@ -18,7 +18,7 @@ Vector = NDArray[np.float64]
 LINKS = 6
 TOOL_CAPSULES = 2  # [-] slots for a tool's capsules; a tool with more has the last ones wrapped into one
 SHAPE_SLOTS = (1, 2, 4)  # [-] numbers of keep-out shapes that there are functions for
-KEEP_OUT_SHAPES = SHAPE_SLOTS[-1]  # [-] further shapes are left to the certificate
+KEEP_OUT_SHAPES = SHAPE_SLOTS[-1]  # [-] the nearest; further shapes are left to the certificate
 FLIGHT_EDGES = 8  # [-] slots for edges that the object's flight passes: two for each of four shapes
 # DH frame of each capsule slot: `geometry.arm_capsules` without the foot, which the floor covers; the tool; the object.
 ARM_CAPSULES = {
@@ -191,6 +191,8 @@ ABSENT_RADIUS = -1.0e3  # [m] radius of an absent capsule: never near anything
 FAR = 1.0e3  # [m] distance added where a pair cannot meet
 ABSENT_SHAPE = 1.0e3  # [m] coordinates of an absent keep-out shape
 UNLIMITED_GRIP = 1.0e4  # [m/s^2] stands for a grip without limit
+
+DECIMALS = 9  # of arguments in units of one: finer than what a solver heeds, coarser than floating point differs
 
 WATCHED_AFTER = 2  # stages after the release (or its window) on which singularities are avoided
 LEAVING_STAGES = 1  # stages after the release (or its window), 20 to 40 ms, in which the object leaves the open grip

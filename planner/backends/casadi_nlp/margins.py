@@ -103,6 +103,7 @@ class Margins:
         passing_m: room between the object in flight and the braking arm.
         standing_m: the same for what never moves of the arm.
         opening_rad: by which the gripper's opening cone is narrowed [rad].
+        heeds_shapes: whether there are rows for shapes; of more than there are slots for, not before one was met.
         leaves: whether block "leaving" follows the object on its way out of the grip, in place of the row "out".
     """
 
@@ -121,6 +122,7 @@ class Margins:
     passing_m: float = ROOM_M
     standing_m: float = ROOM_M
     opening_rad: float = OPENING_RAD
+    heeds_shapes: bool = True
     leaves: bool = False
 
     def widened(self, failures: Iterable[FailedCheck], tool_speed: Callable[[float], float]) -> Margins | None:
@@ -149,6 +151,8 @@ class Margins:
         if check.name in SHARES:
             share = missing / check.limit / (DIAGONAL if check.name == "landing_window" else 1.0)
             return self._with_share(SHARES[check.name], getattr(self, SHARES[check.name]) - share)
+        if check.name == "keep_out" and not self.heeds_shapes:
+            return replace(self, heeds_shapes=True)
         if check.name in DISTANCES:
             return self._with_more(missing, DISTANCES[check.name])
         if check.name == "flight_clearance":

@@ -10,7 +10,7 @@ from planner.backends.casadi_nlp import layout
 from planner.backends.casadi_nlp.layout import ARM, TOOL_CAPSULES, Vector
 from planner.backends.casadi_nlp.margins import Margins
 from planner.cell import Box, Cell, Limits
-from planner.geometry import SELF_CLEARANCE_M, arm_capsules, self_collision_pairs
+from planner.geometry import SELF_CLEARANCE_M, arm_capsules, body_model, self_collision_pairs
 
 CELLS_KEPT = 32  # cells whose parameters are cached
 UNBOUNDED = 1.0e3  # [m] coordinate of a missing keep-in face
@@ -81,12 +81,31 @@ def cell_parameters(cell: Cell) -> Vector:
     )
 
 
-@lru_cache(maxsize=CELLS_KEPT)
-def shape_parameters(cell: Cell, margin_m: float = 0.0) -> Vector:
-    """Returns the `SHAPES` vector, not to be changed; shapes beyond `KEEP_OUT_SHAPES` are left to the certificate."""
+def nearest_shapes(cell: Cell, q: Vector) -> tuple[int, ...]:
+    """Returns the numbers of the `KEEP_OUT_SHAPES` shapes that arm, tool and object come nearest to; of fewer, all.
+
+    The optimiser keeps clear of these. Of more than four it heeds none at first, then those that come nearest to the
+    motion in which the certificate found one met: there the next solve starts.
+
+    Args:
+        cell: the cell.
+        q: postures of the motion that the optimiser starts from (n, 6) [rad].
+    """
     around = cell.surroundings
-    there = [*zip(around.keep_out_rows, around.further_clearances.tolist(), strict=True)][: layout.KEEP_OUT_SHAPES]
-    slots = [_shape_slot(*each) for each in there]
+    count = len(around.keep_out)
+    if count <= layout.KEEP_OUT_SHAPES:
+        return tuple(range(count))
+    body = body_model(cell)
+    left = body.shape_distances(body.end_points(body.link_poses(q))).min(axis=(1, 2)) - around.further_clearances
+    order = np.argsort(np.round(left, layout.DECIMALS), kind="stable")
+    return tuple(sorted(order[: layout.KEEP_OUT_SHAPES].tolist()))
+
+
+@lru_cache(maxsize=CELLS_KEPT)
+def shape_parameters(cell: Cell, chosen: tuple[int, ...], margin_m: float = 0.0) -> Vector:
+    """Returns the `SHAPES` vector of the shapes of these numbers, not to be changed."""
+    around = cell.surroundings
+    slots = [_shape_slot(around.keep_out_rows[i], float(around.further_clearances[i])) for i in chosen]
     slots += [_shape_slot(ABSENT_ROW, 0.0)] * (layout.KEEP_OUT_SHAPES - len(slots))
     return _read_only(layout.SHAPES.pack({"shapes": np.array(slots), "clearance": around.clearance_m + margin_m}))
 

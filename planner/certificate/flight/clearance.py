@@ -10,12 +10,12 @@ not fit fails, although a flight to it may end before the sphere touches what is
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from planner.arrays import Array, Mask
+from planner.arrays import Array, Index, Mask
 from planner.cell import CONTACT_M
 from planner.certificate.bounds import EVALUATIONS_MAX, ROUNDS
 from planner.certificate.certificate import Check, at_least
@@ -26,7 +26,7 @@ from planner.certificate.flight.patches import (
     corners_on_grid,
     patch_bounds,
 )
-from planner.certificate.flight.shapes import core_gaps
+from planner.certificate.flight.shapes import core_gaps, least_gaps
 from planner.certificate.samples import MotionSamples
 from planner.flight import time_of_flight
 from planner.kinematics import dot
@@ -241,7 +241,7 @@ def _covers(grid: Grid) -> bool:
 def _lower_bounds(flights: Flights, grid: Grid) -> Array:
     """Returns lower bounds on the gaps to obstacles over the patches of a grid (items, m, n) [m]; infinite without one.
 
-    The bin's wall is among the obstacles only where there is one.
+    The bin's wall is among the obstacles only where there is one. Shapes that are too far to decide have no bounds.
     """
     bounds = grid.bounds
     x = corners_on_grid(grid.x)
@@ -250,19 +250,45 @@ def _lower_bounds(flights: Flights, grid: Grid) -> Array:
     across = bounds.release_bend(s, (grid.r1 - grid.r0)[:, None])
     bend = across + bounds.time_bend(s, h)
     falling = grid.t[:-1] >= grid.apexes[:, None]
-    gaps = []
+    highest = np.max([corner[2] for corner in x[::2]], axis=0) + across
+    lowest = flights.lowest_at(x, bend)
+
+    def in_flight(item: Index, gaps: Array) -> Array:
+        ends = flights.over_below(item[:, None, None], lowest)
+        over = (falling & (highest < ends)) | (grid.t[1:] <= grid.r0[:, None])
+        return np.where(over, np.inf, gaps - flights.thickness[item, None, None])
+
+    def of_shapes(item: Index) -> Array:
+        corners = [corner[:, None] for corner in x]
+        return in_flight(item, core_gaps(flights, corners, item[:, None, None], bend, falling))
+
+    gaps = np.full((flights.count, *bend.shape), np.inf)
     if flights.count:
-        item = np.arange(flights.count)[:, None, None]
-        gaps.append(core_gaps(flights, [corner[:, None] for corner in x], item, bend, falling))
-    gaps.append(_capsule_distances(flights, grid, s, h) - bend)
+        near = _near_shapes(flights, least_gaps(flights, x, bend), of_shapes)
+        gaps[near] = of_shapes(near)
+    others = [_capsule_distances(flights, grid, s, h) - bend]
     if flights.opening is not None:
         rim = bounds.wall_bound(x) - bend
-        gaps.append(np.where(falling & bounds.all_in_bin(x, bend), np.inf, rim)[None])
-    found = np.concatenate(gaps)
-    ends = flights.over_below(np.arange(len(found))[:, None, None], flights.lowest_at(x, bend))
-    over = falling & (np.max([corner[2] for corner in x[::2]], axis=0) + across < ends)
-    over |= grid.t[1:] <= grid.r0[:, None]
-    return np.where(over, np.inf, found - flights.thickness[: len(found), None, None])
+        others.append(np.where(falling & bounds.all_in_bin(x, bend), np.inf, rim)[None])
+    found = np.concatenate(others)
+    return np.concatenate([gaps, in_flight(flights.count + np.arange(len(found)), found)])
+
+
+def _near_shapes(flights: Flights, least: Array, gaps: Callable[[Index], Array]) -> Index:
+    """Returns the shapes that can decide the least gap: none of the others has a bound below it, or needs a closer one.
+
+    Args:
+        flights: the flights.
+        least: a gap (b,) that the bounds of each shape are not below [m].
+        gaps: function of shapes (k,) that returns the bounds on their gaps over the patches (k, m, n) [m].
+    """
+    carries = flights.carriers[: flights.count]  # their gaps do not count
+    counted = np.flatnonzero(~carries)
+    if not counted.size:
+        return np.flatnonzero(carries)
+    nearest = counted[[int(least[counted].argmin())]]
+    decisive_m = max(CLOSE_M, float(gaps(nearest).min()))
+    return np.flatnonzero(carries | ~(least > decisive_m))
 
 
 def _capsule_distances(flights: Flights, grid: Grid, s: Array, h: Array) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 
 from planner.arrays import Array, Index, Mask
 from planner.certificate.flight.flights import Flights
-from planner.certificate.flight.separation import core_bound
+from planner.certificate.flight.separation import core_bound, mean
 
 
 def core_gaps(flights: Flights, corners: list[Array], item: Index, bend: Array, falling: Mask) -> Array:
@@ -39,3 +39,25 @@ def core_gaps(flights: Flights, corners: list[Array], item: Index, bend: Array, 
     lying = np.where(flights.motion.problem.is_met_lying(tops + shapes[-1]), lying, np.inf)
     landed = falling & (reduce(np.maximum, heights) + bend < landed_at)
     return np.where(landed, lying, np.where(touching, np.minimum(in_air, lying), in_air))
+
+
+def least_gaps(flights: Flights, corners: list[Array], bend: Array) -> Array:
+    """Returns gaps (b,) [m] that no bound of `core_gaps` on each shape is below, less what the two are thick.
+
+    A bound on a patch is at least the distance of its middle, less how far its corners and the bend are from there.
+    The middles of all releases at an instant are in one box, where the object flies and where it would lie.
+
+    Args:
+        flights: the flights.
+        corners: of the patches, each (3, m, n) [m].
+        bend: deviation of the flights from what is between the corners (m, n) [m].
+    """
+    places = [corners, *([] if flights.lies_at_m is None else [[flights.lying_at(corner) for corner in corners]])]
+    gaps = []
+    for each in places:
+        middle = mean(each)
+        around = np.max([np.sqrt(((corner - middle) ** 2).sum(axis=0)) for corner in each], axis=0) + bend
+        lower, upper = (corner[..., None] for corner in flights.motion.problem.cell.surroundings.keep_out_bounds)
+        apart = np.maximum(np.maximum(lower - middle.max(axis=1), middle.min(axis=1) - upper), 0.0)
+        gaps.append((np.sqrt((apart**2).sum(axis=1)) - around.max(axis=0)).min(axis=-1))
+    return np.asarray(np.min(gaps, axis=0) - flights.thickness[: flights.count])

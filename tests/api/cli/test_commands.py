@@ -2,11 +2,13 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+import trimesh
 from click.testing import CliRunner
 
 from api.cli import COMMANDS, main
@@ -177,3 +179,23 @@ def test_plan_has_the_option_json(request_file: Path, root: Path):
     request_file.write_text("{}")
     refused = json.loads(fling("plan", str(request_file), "--json").stderr)
     assert (refused["type"], refused["exit_status"]) == ("/problems/invalid-request", 1)
+
+
+def test_cell_check_tells_as_what_a_mesh_is_kept_out(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    entries = [
+        f'{{ {name}shape = "mesh", file = "{file}", scale = 0.001, pose = {{ position_m = [1.5, {y}, 0.5] }} }}'
+        for name, file, y in (('name = "block", ', "box.stl", 1.5), ("", "open.obj", -1.5))
+    ]
+    text = (root / "cells" / "ur5e-sim.toml").read_text().replace("keep_out = []", f"keep_out = [{', '.join(entries)}]")
+    (tmp_path / "lab.toml").write_text(text)
+    (tmp_path / "box.stl").write_bytes(trimesh.creation.box((400.0, 300.0, 200.0)).export(file_type="stl"))
+    (tmp_path / "open.obj").write_text("v 0 0 0\nv 300 0 0\nv 0 300 200\nf 1 2 3\n")
+    told = fling("cell", "check", str(tmp_path / "lab.toml"))
+    assert told.exit_code == 0
+    assert re.search(r"block: box\.stl as a box, at most 10\.4 mm beyond it\n", told.output)
+    assert re.search(
+        r"mesh 1: open\.obj as \d+ boxes, at most [\d.]+ mm beyond it; its surface is not closed", told.output
+    )
+    document = json.loads(fling("cell", "check", str(tmp_path / "lab.toml"), "--json").output)
+    assert len(document["meshes"]) == 2

@@ -76,7 +76,7 @@ def test_a_table_is_in_the_file_and_on_the_terminal(urdf, tmp_path):
     urdf.write_text(urdf_text("ur10e").replace("</robot>", table))
     found = fling("cell", "from-urdf", urdf)
     assert found.exit_code == 0, found.output
-    assert "surroundings.keep_out has the boxes of table" in found.output
+    assert "surroundings.keep_out has the shapes of table" in found.output
     assert "the shape of table (a mesh) is not taken over" in found.output
     assert "home" not in found.output
     (box,) = load_cell(tmp_path / "my-lab.toml").surroundings.keep_out

@@ -100,4 +100,4 @@ def test_what_only_the_safety_system_watches_makes_the_tool_slower(name: str, sh
 def test_margins_belong_to_groups_of_rows() -> None:
     assert set(GROUPS) == {*LAZY_GROUPS, POSITIONS}
     of_groups = {name for names in GROUPS.values() for name in names}
-    assert of_groups == set(vars(DEFAULT_MARGINS)) - {"window", "singularity"}
+    assert of_groups == set(vars(DEFAULT_MARGINS)) - {"window", "singularity", "heeds_shapes"}

@@ -13,10 +13,17 @@ from planner.backends.casadi_nlp import Margins, functions, layout, transcriptio
 from planner.backends.casadi_nlp.flight_rows import edge_across, edge_at
 from planner.backends.casadi_nlp.instance import stage_layout
 from planner.backends.casadi_nlp.margins import LINKS
-from planner.backends.casadi_nlp.parameters import arm_parameters, scale_parameters, shape_parameters, variable_scales
+from planner.backends.casadi_nlp.parameters import (
+    arm_parameters,
+    nearest_shapes,
+    scale_parameters,
+    shape_parameters,
+    variable_scales,
+)
 from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, LEAVING_ROWS, RELEASE_ROWS, passing
 from planner.backends.casadi_nlp.symbols.rows import LEAVING_SHARES
 from planner.cell import Box, Cell, Solid, load_cell, shape_of
+from planner.certificate.certificate import at_least
 from planner.dynamics import Payload, joint_torques
 from planner.geometry import (
     SELF_CLEARANCE_M,
@@ -160,7 +167,9 @@ def test_derivatives_of_the_whole_problem(stages: layout.StageLayout) -> None:
     costs = np.tile([1.0, 1e-3, 1e-2, 0.4], stages.stages)
     arm = arm_parameters(cell, cell.limits, NO_MARGINS)
     path = _object_path()[1]
-    p = np.concatenate([SCALES, arm, release, shape_parameters(cell), _flight_parameters(), path, _standing(), costs])
+    p = np.concatenate(
+        [SCALES, arm, release, shape_parameters(cell, ()), _flight_parameters(), path, _standing(), costs]
+    )
     along = rng.normal(size=x.size)
     step = 1e-6
 
@@ -388,7 +397,8 @@ def test_fewer_slots_for_boxes_give_the_same_distance(boxes: int) -> None:
     near = [Box(np.array([0.3, -0.2 + k, 0.1]), np.array([0.5, 0.3 + k, 0.6])) for k in range(boxes)]
     placed = tuple(reversed(near))  # the nearest takes the last slot
     cell = replace(plain, surroundings=replace(plain.surroundings, keep_out=placed))
-    p = np.concatenate([arm_parameters(cell, cell.limits, NO_MARGINS), shape_parameters(cell)])
+    every = shape_parameters(cell, tuple(range(boxes)))
+    p = np.concatenate([arm_parameters(cell, cell.limits, NO_MARGINS), every])
     name = layout.StageLayout(groups=("keep_out",), shapes=boxes).function("keep_out")
     assert name == ("keep_out" if boxes == layout.KEEP_OUT_SHAPES else f"keep_out_{boxes}")
     for seed in range(5):
@@ -419,7 +429,7 @@ def test_the_room_beside_a_shape_is_never_more_than_there_is(name: str) -> None:
     plain = load_cell(CELLS / "ur5e-sim.toml")
     shape = NEAR_SHAPES[name]
     cell = replace(plain, surroundings=replace(plain.surroundings, keep_out=(shape,), clearance_m=0.0))
-    p = np.concatenate([arm_parameters(cell, cell.limits, NO_MARGINS), shape_parameters(cell)])
+    p = np.concatenate([arm_parameters(cell, cell.limits, NO_MARGINS), shape_parameters(cell, (0,))])
     rng = np.random.default_rng(1)
     near = 0
     while near < 60:
@@ -452,6 +462,34 @@ def test_a_room_has_slots_for_its_boxes(boxes: int, slots: int) -> None:
     assert stages.with_groups({"effort"}).shapes == 0
 
 
+def test_of_many_shapes_the_optimiser_takes_the_nearest_to_a_motion() -> None:
+    """Whatever their order; one with a clearance of its own is as near as what it leaves."""
+    plain = load_cell(CELLS / "ur5e-sim.toml")
+    rng = np.random.default_rng(7)
+    centres = rng.uniform([-1.5, -1.5, 0.2], [1.5, 1.5, 1.5], (30, 3))
+    own = [None, 0.3, 0.0]
+    placed = tuple(
+        shape_of("sphere", pose(p, np.eye(3)), np.array([0.05, 0.0]), "", own[i % 3]) for i, p in enumerate(centres)
+    )
+    cell = replace(plain, surroundings=replace(plain.surroundings, keep_out=placed))
+    q = plain.home + rng.uniform(-0.5, 0.5, (6, 6))
+    further = cell.surroundings.further_clearances
+    left = [
+        min(_distance_from(cell, each, shape) for each in q) - more for shape, more in zip(placed, further, strict=True)
+    ]
+    assert nearest_shapes(cell, q) == tuple(sorted(np.argsort(left)[:4].tolist()))
+    request = {"cell": "ur5e-sim", "release": {"kind": "target", "position": [1.2, 0.3, 0.0]}, "release_window_s": 0.0}
+    problem = problem_from_request(request, cell)
+    unheeding = Margins(heeds_shapes=False)
+    assert "keep_out" not in stage_layout(problem, unheeding).groups
+    met = at_least("keep_out", -0.3, 0.02, "m", 0.1, "forearm, box 7")  # however deep
+    heeding = unheeding.widened([met], lambda _: 1.0)
+    assert heeding == Margins()
+    assert "keep_out" in stage_layout(problem, heeding).groups
+    few = replace(plain, surroundings=replace(plain.surroundings, keep_out=placed[:4]))
+    assert nearest_shapes(few, q) == (0, 1, 2, 3)
+
+
 def _smooth_multipliers(index: transcription.RowIndex, rng: np.random.Generator) -> np.ndarray:
     """Multipliers that leave out the rows whose curvature is left out."""
     lam = rng.normal(size=index.size)
@@ -466,7 +504,7 @@ def _smooth_multipliers(index: transcription.RowIndex, rng: np.random.Generator)
 def test_derivatives_of_the_distance_from_a_shape(name: str) -> None:
     plain = load_cell(CELLS / "ur5e-sim.toml")
     cell = replace(plain, surroundings=replace(plain.surroundings, keep_out=(NEAR_SHAPES[name],)))
-    p = np.concatenate([SCALES, arm_parameters(cell, cell.limits, NO_MARGINS), shape_parameters(cell)])
+    p = np.concatenate([SCALES, arm_parameters(cell, cell.limits, NO_MARGINS), shape_parameters(cell, (0,))])
     block = _blocks()["keep_out_1"]
     rng = np.random.default_rng(4)
     errors = []

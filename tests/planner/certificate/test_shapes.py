@@ -120,3 +120,33 @@ def test_the_nearest_shape_is_the_one_that_leaves_least_beyond_its_clearance():
     assert gaps[0] < gaps[1]
     assert check.detail.endswith(", far")
     assert (check.value, check.limit) == (pytest.approx(gaps[1], abs=0.01), pytest.approx(gaps[1] - 0.02))
+
+
+@pytest.mark.parametrize("target", [[1.0, 0.5, 0.0], [0.9, 0.2, 0.3]])
+@pytest.mark.parametrize("opening_s", [0.0, 0.02])
+def test_of_many_shapes_the_one_that_is_worst_alone_decides(target, opening_s):
+    """However far the others are: those that bounding boxes tell to be far change nothing."""
+    here = steady_cell()
+    table = shape_of("box", pose(np.array([0.9, 0.2, 0.15]), np.eye(3)), np.array([0.2, 0.2, 0.3]), "table")
+    here = with_shapes(here, *([table] if target[2] > 0.0 else []))
+    problem = ThrowProblem(here, here.home, TargetRelease(np.array(target)), here.limits, release_window_s=opening_s)
+    motion = plan(replace(problem, landing_tolerance_m=0.05)).trajectory
+    rng = np.random.default_rng(8)
+    many = []
+    for kind in KINDS * 9:
+        sizes = rng.uniform(0.03, 0.3, 3 if kind == "box" else 2) * ([1.0, 0.0] if kind == "sphere" else 1.0)
+        X = pose(rng.uniform([-1.5, -1.5, 0.0], [1.5, 1.5, 1.5]), rotation_vector_to_matrix(rng.uniform(-2.0, 2.0, 3)))
+        many.append(shape_of(kind, X, sizes, f"{kind} no. {len(many)}", rng.choice([None, 0.0, 0.1])))
+    for chosen in (many, [shape for shape in many if certify(_more(problem, shape), motion).valid]):
+        together = certify(_more(problem, *chosen), motion)
+        alone = [certify(_more(problem, shape), motion) for shape in chosen]
+        for name, off_m in (("keep_out", 1e-3), ("flight_clearance", 0.011)):
+            check = together.check(name)
+            worst = min((each.check(name) for each in alone), key=lambda c: c.value - c.limit)
+            assert check.ok == worst.ok
+            assert check.value - check.limit == pytest.approx(worst.value - worst.limit, abs=off_m)
+
+
+def _more(problem, *shapes):
+    there = problem.cell.surroundings.keep_out
+    return replace(problem, cell=with_shapes(problem.cell, *there, *shapes))

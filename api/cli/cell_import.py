@@ -1,0 +1,104 @@
+"""The command that adds the shapes of another program's scene to a cell file."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from api.cli.support.options import json_option
+from api.cli.support.terminal import BAD, GOOD, say
+
+if TYPE_CHECKING:
+    from planner.scenes import ForeignScene
+
+
+@click.command("import")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--into", "name", required=True, metavar="CELL", help="Cell file, or name of a cell.")
+@json_option
+def import_scene(file: Path, name: str, as_json: bool) -> None:
+    """Add the shapes of FILE to the cell CELL, and name what was left out.
+
+    FILE is a URDF, SDF or MJCF file, or a scene of MoveIt: its text (.scene), or a planning scene as YAML. Its frame is
+    taken as the cell's world. Meshes are copied beside the cell file.
+    """
+    from planner.cell import cell_of, source_of
+    from planner.cell_folder import home_faults
+    from planner.errors import CellError
+    from planner.scenes import entries_of, with_entries
+
+    path = _path(name)
+    scene = _scene(file)
+    try:
+        text = path.read_text()
+        cell = cell_of(source_of(path, text.encode()))
+    except (OSError, UnicodeDecodeError, CellError) as error:
+        raise click.ClickException(f"{path}: {error}") from error
+    files, contents = _mesh_files(path, scene)
+    entries = entries_of(scene.shapes, files, cell.surroundings.keep_out_names)
+    written = with_entries(text, entries, file.name) if entries else text
+    for place, content in contents.items():
+        place.write_bytes(content)
+    try:
+        made = cell_of(source_of(path, written.encode()))
+    except CellError as error:
+        for place in contents:
+            place.unlink()
+        raise click.ClickException(f"{path} would be refused with the shapes of {file}: {error}") from error
+    part = path.with_name(f".{path.name}.part")
+    part.write_text(written)
+    part.replace(path)
+    notes = [*scene.notes, *map(str, home_faults(made))]
+    left_out = list(dict.fromkeys(scene.left_out))
+    if as_json:
+        names = [json.loads(entry["name"]) for entry in entries]
+        click.echo(json.dumps({"cell": path.stem, "shapes": names, "left_out": left_out, "notes": notes}))
+        return
+    say(f"{path}: {len(entries)} shapes of {file}", GOOD)
+    for line in [*(f"left out: {each}" for each in left_out), *notes]:
+        say(line, BAD)
+
+
+def _path(name: str) -> Path:
+    from api.cli.support.processes import cell_path
+    from api.settings import parse_settings
+
+    return Path(name) if name.endswith(".toml") else cell_path(parse_settings().cells, name)
+
+
+def _scene(file: Path) -> ForeignScene:
+    """Returns the shapes of a file.
+
+    Raises:
+        FileRefused: it is none that can be read.
+    """
+    from planner.scenes import read_scene
+    from planner.urdf import scene_of_urdf
+
+    if file.suffix.lower() == ".srdf":
+        raise click.ClickException(f"{file}: an SRDF has no shapes; the URDF that it goes with has them")
+    return scene_of_urdf(file) if file.suffix.lower() == ".urdf" else read_scene(file)
+
+
+def _mesh_files(path: Path, scene: ForeignScene) -> tuple[list[str], dict[Path, bytes]]:
+    """Returns the name of each shape's mesh file beside a cell file, empty without one, and what is to be written.
+
+    A mesh that several shapes have is written once; none is written over another file.
+    """
+    names: dict[tuple[bytes, str], str] = {}
+    contents = {}
+    for shape in scene.shapes:
+        if shape.mesh is not None and shape.mesh not in names:
+            plain = f"{path.stem}-{re.sub(r'[^A-Za-z0-9_-]+', '-', shape.name)[:40]}"
+            number = 1
+            place = path.with_name(f"{plain}.{shape.mesh[1]}")
+            while place.exists() or place in contents:
+                number += 1
+                place = path.with_name(f"{plain}-{number}.{shape.mesh[1]}")
+            contents[place] = shape.mesh[0]
+            names[shape.mesh] = place.name
+    return ["" if shape.mesh is None else names[shape.mesh] for shape in scene.shapes], contents

@@ -1,0 +1,20 @@
+"""Scenes of other programs, such as MoveIt and MuJoCo: their shapes as entries of `keep_out`, and a cell for them."""
+
+from planner.scenes.entries import entries_of, with_entries
+from planner.scenes.export import mjcf_of, urdf_of
+from planner.scenes.foreign import ForeignScene, ForeignShape, SceneRefused, mesh_at, mesh_text, shape_or_reason
+from planner.scenes.reading import read_scene
+
+__all__ = [
+    "ForeignScene",
+    "ForeignShape",
+    "SceneRefused",
+    "entries_of",
+    "mesh_at",
+    "mesh_text",
+    "mjcf_of",
+    "read_scene",
+    "shape_or_reason",
+    "urdf_of",
+    "with_entries",
+]

@@ -1,0 +1,299 @@
+"""`fling cell import`: shapes of other programs' scenes, where MuJoCo, Pinocchio and the formats put them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pinocchio
+import pytest
+import trimesh
+from click.testing import CliRunner
+
+from api.cli import main
+from planner.cell import Solid, load_cell
+
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.fixture
+def cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    path = tmp_path / "lab.toml"
+    path.write_text((ROOT / "cells" / "ur5e-sim.toml").read_text())
+    return path
+
+
+def taken(cell: Path, name: str, text: str) -> tuple[dict[str, Solid], dict[str, object]]:
+    """Shapes of the cell after an import, by name, and what the command told."""
+    (cell.parent / name).write_text(text)
+    done = CliRunner().invoke(main, ["cell", "import", str(cell.parent / name), "--into", str(cell), "--json"])
+    assert done.exit_code == 0, done.output
+    around = load_cell(cell).surroundings
+    return dict(zip(around.keep_out_names, around.keep_out, strict=True)), json.loads(done.stdout)
+
+
+MJCF = """
+<mujoco>
+  <compiler angle="degree" eulerseq="zyx"/>
+  <default>
+    <geom size="0.1 0.2 0.3"/>
+    <default class="post"><geom type="cylinder" size="0.05 0.4"/></default>
+  </default>
+  <worldbody>
+    <geom name="ground" type="plane" size="5 5 0.1"/>
+    <body name="rack" pos="1.2 0.4 0.5" euler="30 20 10" childclass="post">
+      <geom name="upright"/>
+      <body pos="0.1 0 0.2" quat="0.9 0.1 0.3 0.2">
+        <geom name="board" type="box" size="0.3 0.2 0.02" axisangle="1 2 0 40"/>
+        <geom name="rod" type="capsule" size="0.03" fromto="0 0 0 0.2 0.1 0.4"/>
+        <geom name="knob" type="sphere" size="0.06" pos="0 0.3 0.1" xyaxes="1 1 0 0 1 1"/>
+        <geom name="drum" zaxis="0 1 1"/>
+      </body>
+    </body>
+    <body name="cart" pos="2 0 1"><freejoint/><geom name="load" type="box"/></body>
+    <geom name="blob" type="ellipsoid" pos="-1 0 1"/>
+    <geom name="sign" type="box" pos="-1 1 1" contype="0" conaffinity="0"/>
+  </worldbody>
+</mujoco>
+"""
+
+
+def test_geoms_are_where_mujoco_has_them(cell: Path) -> None:
+    shapes, told = taken(cell, "world.xml", MJCF)
+    model = mujoco.MjModel.from_xml_string(MJCF)
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    assert set(shapes) == {"upright", "board", "rod", "knob", "drum"}
+    for name, shape in shapes.items():
+        i = model.geom(name).id
+        assert np.abs(shape.X_WC[:3, 3] - data.geom_xpos[i]).max() < 1e-9
+        R = data.geom_xmat[i].reshape(3, 3)
+        if shape.kind == "box":
+            assert np.abs(shape.X_WC[:3, :3] - R).max() < 1e-6
+            assert shape.extent == pytest.approx(2.0 * model.geom_size[i])
+        else:
+            radius, half = model.geom_size[i][:2]
+            assert shape.kind == "sphere" or np.abs(np.cross(shape.X_WC[:3, 2], R[:, 2])).max() < 1e-6
+            length = {"sphere": 0.0, "cylinder": 2.0 * half, "capsule": 2.0 * (half + radius)}[shape.kind]
+            assert shape.extent[2] == pytest.approx(length or 2.0 * radius)
+            assert shape.extent[0] == pytest.approx(2.0 * radius)
+    assert told["left_out"] == [
+        "ground (a plane: a floor is surroundings.floor_z_m)",
+        "blob (an ellipsoid)",
+        "sign (a box that is only drawn)",
+        "cart (moved by a joint)",
+    ]
+
+
+URDF = """
+<robot name="lab">
+  <link name="world"/>
+  <link name="table"><collision><origin xyz="0 0 -0.05" rpy="0 0 1.5707963267948966"/>
+    <geometry><box size="1.2 0.8 0.1"/></geometry></collision></link>
+  <link name="post"><collision><origin xyz="0 0.1 0.3" rpy="0.3 0.2 0.1"/>
+    <geometry><cylinder radius="0.04" length="0.6"/></geometry></collision></link>
+  <link name="floor"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>
+  <link name="door"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>
+  <joint name="a" type="fixed"><parent link="world"/><child link="table"/><origin xyz="1.5 0.2 0.4"/></joint>
+  <joint name="b" type="fixed"><parent link="table"/><child link="post"/>
+    <origin xyz="0.1 0.1 0" rpy="0.1 -0.2 0.5"/></joint>
+  <joint name="c" type="fixed"><parent link="world"/><child link="floor"/><origin xyz="-1.5 0 1"/></joint>
+  <joint name="d" type="revolute"><parent link="world"/><child link="door"/><origin xyz="2 0 0"/>
+    <limit lower="0" upper="1" effort="1" velocity="1"/></joint>
+</robot>
+"""
+
+
+def test_collision_shapes_are_where_pinocchio_has_them(cell: Path) -> None:
+    shapes, told = taken(cell, "lab.urdf", URDF)
+    assert set(shapes) == {"table", "post", "scene floor"}
+    model = pinocchio.buildModelFromXML(URDF)
+    geometry = pinocchio.buildGeomFromUrdfString(model, URDF, pinocchio.GeometryType.COLLISION)
+    data = model.createData()
+    placed = geometry.createData()
+    pinocchio.updateGeometryPlacements(model, data, geometry, placed, pinocchio.neutral(model))
+    for i, thing in enumerate(geometry.geometryObjects):
+        name = thing.name.removesuffix("_0")
+        if name != "door":
+            shape = shapes["scene floor" if name == "floor" else name]
+            X = placed.oMg[i].homogeneous
+            assert np.abs(shape.X_WC[:3, 3] - X[:3, 3]).max() < 1e-9
+            assert name != "post" or np.abs(shape.X_WC - X).max() < 1e-6
+    assert shapes["table"].core is None  # a quarter turn is along the axes
+    assert shapes["table"].extent == pytest.approx([0.8, 1.2, 0.1])
+    assert shapes["post"].extent == pytest.approx([0.08, 0.08, 0.6])
+    assert told["left_out"] == ["door (moved by d)"]
+
+
+TETRAHEDRON = [[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, 0.3]]
+FACES = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
+SCENE = """(lab)
+* bench
+1.5 0.2 0.3
+0 0 0.3826834323650898 0.9238795325112867
+2
+box
+0.4 0.6 0.1
+0 0 0.1
+0 0 0 1
+0 0 0 0
+cylinder
+0.05 0.5
+0.1 0 0
+0 0 0 1
+0 0 0 0
+1
+handle
+0 0 1
+0 0 0 1
+* wedge
+-1.5 0 0.5
+0 0 0 1
+1
+mesh
+4 4
+{vertices}
+{faces}
+0 0 0
+0 0 0 1
+0 0 0 0
+0
+* sky
+0 0 0
+0 0 0 1
+1
+plane
+0 0 1 -3
+0 0 0
+0 0 0 1
+0 0 0 0
+0
+.
+"""
+
+
+def test_a_scene_of_rviz_comes_in_with_its_meshes(cell: Path) -> None:
+    rows = ["\n".join(" ".join(map(str, row)) for row in table) for table in (TETRAHEDRON, FACES)]
+    shapes, told = taken(cell, "lab.scene", SCENE.format(vertices=rows[0], faces=rows[1]))
+    turned = np.array([[np.sqrt(0.5), -np.sqrt(0.5)], [np.sqrt(0.5), np.sqrt(0.5)]])
+    first, second = (name for name in shapes if name.startswith("bench"))
+    assert np.abs(shapes[first].X_WC[:3, 3] - [1.5, 0.2, 0.4]).max() < 1e-9
+    assert np.abs(shapes[first].X_WC[:2, :2] - turned).max() < 1e-9
+    assert np.abs(shapes[second].X_WC[:3, 3] - [*(np.array([1.5, 0.2]) + turned @ [0.1, 0.0]), 0.3]).max() < 1e-9
+    assert shapes[second].extent == pytest.approx([0.1, 0.1, 0.5])
+    wedge = [shape for name, shape in shapes.items() if name.startswith("wedge")]
+    assert np.min([shape.lower for shape in wedge], axis=0) == pytest.approx([-1.5, 0.0, 0.5])
+    assert np.max([shape.upper for shape in wedge], axis=0) == pytest.approx([-1.2, 0.3, 0.8])
+    assert told["left_out"] == ["sky (a plane)"]
+
+
+def test_a_scene_of_the_first_format_comes_in(cell: Path) -> None:
+    text = "(old)\n* box\n1\nbox\n0.2 0.2 0.2\n1.5 0 0.5\n0 0 0 1\n0 0 0 0\n.\n"
+    shapes, _ = taken(cell, "old.scene", text)
+    assert shapes["box"].lower == pytest.approx([1.4, -0.1, 0.4])
+
+
+MESSAGE = """
+world:
+  collision_objects:
+    - id: Can1
+      header: {frame_id: base_link}
+      primitives: [{type: cylinder, dimensions: [0.12, 0.03]}, {type: 1, dimensions: [0.2, 0.3, 0.4]}]
+      primitive_poses:
+        - position: [1.2, 0.3, 0.5]
+          orientation: [0, 0, 0, 1]
+        - {position: {x: -1.2, y: 0, z: 0.5}, orientation: {x: 0, y: 0, z: 0, w: 1}}
+    - id: part
+      pose: {position: [0, -1.2, 0.5], orientation: [0, 0, 0, 1]}
+      meshes:
+        - vertices: [{x: 0, y: 0, z: 0}, {x: 0.3, y: 0, z: 0}, {x: 0, y: 0.3, z: 0}, {x: 0, y: 0, z: 0.3}]
+          triangles: [{vertex_indices: [0, 2, 1]}, {vertex_indices: [0, 1, 3]}, {vertex_indices: [1, 2, 3]}]
+      mesh_poses: [{position: [0.1, 0, 0], orientation: [0, 0, 0, 1]}]
+"""
+
+
+def test_a_planning_scene_message_comes_in(cell: Path) -> None:
+    shapes, told = taken(cell, "scene.yaml", MESSAGE)
+    can, block = (shapes[name] for name in ("Can1", next(name for name in shapes if name.startswith("Can1 "))))
+    assert (can.kind, can.extent.tolist()) == ("cylinder", pytest.approx([0.06, 0.06, 0.12]))
+    assert block.lower == pytest.approx([-1.3, -0.15, 0.3])
+    parts = [shape for name, shape in shapes.items() if name.startswith("part")]
+    assert np.min([shape.lower for shape in parts], axis=0) == pytest.approx([0.1, -1.2, 0.5])
+    assert any("base_link" in note for note in told["notes"])
+
+
+SDF = """
+<sdf version="1.9"><world name="w">
+  <include><uri>model://sun</uri></include>
+  <model name="shelf"><pose degrees="true">1.5 0 0.2 0 0 90</pose>
+    <link name="l"><pose>0.1 0 0.3 0.1 0.2 0.3</pose>
+      <collision name="c"><pose>0 0 0.1 0 0 0</pose><geometry><box><size>0.3 0.2 0.1</size></box></geometry></collision>
+      <collision name="m"><geometry><mesh>
+        <uri>package://lab/meshes/part.stl</uri><scale>0.001 0.001 0.001</scale>
+      </mesh></geometry></collision>
+      <collision name="n"><geometry><mesh><uri>gone.stl</uri></mesh></geometry></collision>
+    </link></model>
+  <model name="cone"><pose>-1.5 0 0.5 0 0 0</pose>
+    <link name="l"><collision name="c"><geometry>
+      <cone><radius>0.1</radius><length>0.4</length></cone>
+    </geometry></collision></link></model>
+</world></sdf>
+"""
+
+
+def test_a_world_of_gazebo_comes_in(cell: Path) -> None:
+    (cell.parent / "meshes").mkdir()
+    (cell.parent / "meshes" / "part.stl").write_bytes(
+        trimesh.creation.box((200.0, 100.0, 50.0)).export(file_type="stl")
+    )
+    shapes, told = taken(cell, "world.sdf", SDF)
+    model = pinocchio.SE3(pinocchio.rpy.rpyToMatrix(0, 0, np.pi / 2), np.array([1.5, 0.0, 0.2]))
+    link = model * pinocchio.SE3(pinocchio.rpy.rpyToMatrix(0.1, 0.2, 0.3), np.array([0.1, 0.0, 0.3]))
+    board = link * pinocchio.SE3(np.eye(3), np.array([0.0, 0.0, 0.1]))
+    assert np.abs(shapes["shelf"].X_WC - board.homogeneous).max() < 1e-9
+    mesh = next(shape for name, shape in shapes.items() if name.startswith("shelf "))
+    assert np.abs(mesh.X_WC - link.homogeneous).max() < 1e-9
+    assert mesh.extent == pytest.approx([0.2, 0.1, 0.05])
+    assert (shapes["cone"].kind, shapes["cone"].extent[2]) == ("cylinder", pytest.approx(0.4))
+    assert told["left_out"] == ["model://sun (included from another file)", "shelf (a mesh, and gone.stl is not there)"]
+
+
+@pytest.mark.parametrize(
+    "there", ["keep_out = []", "keep_out = [\n  { lower_m = [2.0, 2.0, 0.0], upper_m = [3.0, 3.0, 1.0] },\n]", ""]
+)
+def test_what_stands_in_the_cell_stays_and_a_second_import_adds_to_the_first(cell: Path, there: str) -> None:
+    cell.write_text(cell.read_text().replace("keep_out = []", there))
+    before = len(load_cell(cell).surroundings.keep_out)
+    for count in (1, 2):
+        shapes, _ = taken(cell, "old.scene", "(old)\n* ball\n1\nsphere\n0.1\n1.5 0 0.5\n0 0 0 1\n0 0 0 0\n.\n")
+        assert len(shapes) == before + count
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("a.scene", "(x)\n* a\n1\nbox\n0.1 0.1", "must be 3 numbers"),
+        ("a.scene", "(x)\n* a\n1\n", "ends before"),
+        ("a.yaml", "a: &x [1]\nb: *x\n", "aliases"),
+        ("a.yaml", "nothing: here\n", "collision_objects"),
+        ("a.xml", "<html/>", "no URDF, SDF or MJCF"),
+        ("a.sdf", "<sdf><model name='m'><link><pose>1 2 x</pose></link></model></sdf>", "must be 6 numbers"),
+        ("a.xml", "<mujoco><worldbody><geom size='1' quat='0 0 0 0'/></worldbody></mujoco>", "zero"),
+        ("a.srdf", "<robot/>", "no shapes"),
+        ("a.scene", "(x)\n* a\n1\nsphere\n5\n0 0 0.5\n0 0 0 1\n0 0 0 0\n.\n", None),
+    ],
+)
+def test_what_is_no_scene_is_refused_and_the_cell_stays(cell: Path, name: str, text: str, words: str | None) -> None:
+    (cell.parent / name).write_text(text)
+    before = cell.read_text()
+    done = CliRunner().invoke(main, ["cell", "import", str(cell.parent / name), "--into", str(cell)])
+    if words is None:  # around the arm: taken over, and said
+        assert done.exit_code == 0
+        assert "home_rad" in done.output
+        return
+    assert done.exit_code == 1
+    assert words in done.output
+    assert cell.read_text() == before
