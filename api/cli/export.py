@@ -117,7 +117,7 @@ def _throw_words(plan: dict[str, Any], cell: Cell, program: ControllerProgram) -
     gripper = program.gripper
     flight = plan["flight"]
     switched = [
-        f"{switch.row * program.dt:.3f} s after its first row it sets {switch.output} {switch.index} to {switch.level};"
+        f"{switch.row * program.dt:.3f} s after its first row it sets {switch.output} {switch.index} to {switch.level}."
         for switch in program.switches
     ]
     if gripper.row < 0:

@@ -84,7 +84,7 @@ def _wrong_order(problem: ThrowProblem, trajectory: Trajectory) -> Check | None:
     if len(passed) != len(problem.passages) or not all(a < b for a, b in pairwise((0, *passed))):
         return at_most("passage", math.inf, 0.0, "1", None, "they are not passed one after another")
     for each, index in zip(problem.passages, passed, strict=True):
-        at_s = index * trajectory.dt
+        at_s = index / trajectory.sample_rate_hz
         if each.releases and index != trajectory.release_index:
             return at_most("passage", math.inf, 0.0, "1", at_s, f"{each.name}: the object is let go elsewhere")
         if not each.is_in_time(index, trajectory.sample_rate_hz):
@@ -96,13 +96,13 @@ def _wrong_order(problem: ThrowProblem, trajectory: Trajectory) -> Check | None:
 def _position(name: str, motion: MotionSamples, asked: Release, index: int) -> Check | None:
     """Returns the check of the place at a sample that is a knot; None where it is free."""
     bounds = asked.position_bounds(_sample(motion, index))
-    return _tightest(name, bounds, RELEASE_POSITION_TOLERANCE, index * motion.trajectory.dt)
+    return _tightest(name, bounds, RELEASE_POSITION_TOLERANCE, index / motion.trajectory.sample_rate_hz)
 
 
 def _velocity(name: str, motion: MotionSamples, asked: Release, index: int) -> Check | None:
     """Returns the check of the velocity at a sample that is a knot; None where it is free."""
     bounds = asked.velocity_bounds(_sample(motion, index))
-    return _tightest(name, bounds, RELEASE_VELOCITY_TOLERANCE, index * motion.trajectory.dt)
+    return _tightest(name, bounds, RELEASE_VELOCITY_TOLERANCE, index / motion.trajectory.sample_rate_hz)
 
 
 def _sample(motion: MotionSamples, row: int) -> ReleaseSample:

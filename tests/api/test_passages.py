@@ -81,5 +81,13 @@ def test_the_command_line_plans_passages_and_reports_them(tmp_path: Path) -> Non
     found = json.loads(result.stdout)
     assert len(found["passages"]) == 3
     assert "passages after" in result.stderr
-    text = report_html(ReportContent(found))
-    assert "part 1" in text
+    assert "part 1" in report_html(ReportContent(found))
+    short = {**ROW, "end": {"kind": "rest"}}
+    file.write_text(json.dumps({"cell": "ur5e-sim", **short}))
+    plan_file = tmp_path / "plan.json"
+    plan_file.write_text(CliRunner().invoke(main, ["plan", str(file)]).stdout)
+    result = CliRunner().invoke(main, ["export", "--urscript", str(plan_file)])
+    assert result.exit_code == 0, result.output
+    program = plan_file.with_suffix(".script").read_text()
+    assert "s after its first row it sets standard_digital 0 to True." in program
+    assert program.count("set_standard_digital_out(0, True)") == 1

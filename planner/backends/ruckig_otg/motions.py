@@ -32,7 +32,6 @@ from planner.trajectory import join
 LaunchVariant = Literal["free", "synchronised", "independent", "gentle"]
 VARIANTS: tuple[LaunchVariant, ...] = get_args(LaunchVariant)
 GENTLE = 0.5  # [-] of the limits on acceleration and jerk
-SPEED_AT_NO_PACE = 0.2  # [-] of the velocity limit, with which that of a pace grows to 1: 0.6 for the variant `gentle`
 
 
 def solve(problem: ThrowProblem, candidate: Candidate, variant: LaunchVariant = "synchronised") -> Solution:
@@ -164,7 +163,7 @@ def initial_guess(problem: ThrowProblem, candidate: Candidate) -> RuckigMotion:
 
 def _gentle(limits: Limits, speeds: Vector, pace: float) -> Limits:
     """Returns the limits of a pace; those on velocity are no less than given speeds (6,) [rad/s]."""
-    share = SPEED_AT_NO_PACE + (1.0 - SPEED_AT_NO_PACE) * pace
+    share = (1.0 + 4.0 * pace) / 5.0  # of the velocity: a fifth at no pace, 0.6 at half the acceleration
     qd_max = np.maximum(share * limits.qd_max, np.minimum(speeds, limits.qd_max))
     return replace(limits, qd_max=qd_max, qdd_max=pace * limits.qdd_max, jerk_max=pace * limits.jerk_max)
 
