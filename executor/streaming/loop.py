@@ -195,7 +195,7 @@ class Stream:
     def _brake(self, row: int, stop: tuple[str, str]) -> None:
         self.verdict = stop
         self.schedule.divert(row)
-        self.outputs.stop()
+        self.outputs.stop(row)
         self.fields[shm.STATE] = shm.BRAKING
 
     def _divert(self, row: int, stop: tuple[str, str]) -> None:
