@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from math import isnan
 from typing import TYPE_CHECKING
 
@@ -26,12 +27,14 @@ class OutputSwitches:
         self._job = job
         self._next = 0
 
-    def send(self, row: int) -> None:
+    def send(self, row: int, but: Collection[str] = ()) -> None:
         """Switches what is due at a row; after lost ticks at the next one.
+
+        From the first output of the kinds `but` on, what is due waits for the next row.
 
         It is noted before it is sent: where this process ends between the two, the daemon ends the output.
         """
-        while (due := self._due(row)) is not None:
+        while (due := self._due(row)) is not None and due.output not in but:
             self._note(row)
             self._connection.output(due.output, due.index, due.level)
 
