@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,8 +76,8 @@ def sample_rows(cell: Cell, trajectory: Trajectory, throws: bool, edges: Sequenc
     release_row = round((trajectory.release_time_s - first) / dt)
     output_row = round((opens - first) / dt) if throws else -1
     lines = [(edge.switch.output, edge.switch.index, edge.switch.level) for edge in edges]
-    switches = tuple(SwitchRow(round((at_s - first) / dt), *line) for at_s, line in zip(told, lines, strict=True))
-    return StreamRows(first, q, qd, qdd, reference_q, reference_qd, release_row, output_row, switches)
+    switches = [SwitchRow(round((at_s - first) / dt), *line) for at_s, line in zip(told, lines, strict=True)]
+    return StreamRows(first, q, qd, qdd, reference_q, reference_qd, release_row, output_row, _one_a_row(switches))
 
 
 def controller_program(cell: Cell, rows: StreamRows, brakes: Brakes, thinned: bool = False) -> ControllerProgram:
@@ -119,3 +119,17 @@ def controller_program(cell: Cell, rows: StreamRows, brakes: Brakes, thinned: bo
         ),
         switches=rows.switches,
     )
+
+
+def _one_a_row(switches: Sequence[SwitchRow]) -> tuple[SwitchRow, ...]:
+    """Returns switches in their order, with edges of one output that are a tick apart in rows of their own.
+
+    Rounding brings two of them into one row where the ticks fall in the middle between rows.
+    """
+    last: dict[tuple[str, int], int] = {}
+    found = []
+    for each in switches:
+        line = (each.output, each.index)
+        found.append(replace(each, row=max(each.row, last.get(line, -1) + 1)))
+        last[line] = found[-1].row
+    return tuple(found)
