@@ -253,4 +253,4 @@ def test_a_problem_of_passages_is_stated_as_the_request_that_it_answers() -> Non
     again = problem_from_request(request_document(problem, problem.release), cell())
     assert [each.outputs for each in again.passages] == [each.outputs for each in problem.passages]
     assert [each.name for each in again.passages] == [each.name for each in problem.passages]
-    assert np.array_equal(again.end.q, cell().home)  # pyright: ignore[reportOptionalMemberAccess]
+    assert np.array_equal(again.end.q, cell().home)  # pyright: ignore[reportOptionalMemberAccess, reportAttributeAccessIssue]
