@@ -18,7 +18,7 @@ from planner.trajectory import Trajectory
 Vector = NDArray[np.float64]
 
 LEAD_IN_S = 0.020  # [s] at rest before the plan begins: the stream is running smoothly by then
-SETTLE_S = 0.060  # [s] at rest after it: the measured motion, one lag behind, comes to its end
+SETTLE_S = 0.060  # [s] at rest after it: the measured motion, one lag behind, comes to its end; outputs are seen to
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,8 @@ def sample_rows(cell: Cell, trajectory: Trajectory, throws: bool, edges: Sequenc
     told = [edge.command_time_s + lag for edge in edges]  # plan times at which outputs without a delay would change
     origin = opens if throws else next(iter(told), 0.0)
     first = origin - math.ceil((origin - min(origin, 0.0, *told) + lag + LEAD_IN_S) / dt) * dt
-    last = max(trajectory.duration_s + lag + SETTLE_S, *told, 0.0)
+    seen = [edge.edge_time_s + lag + SETTLE_S for edge in edges]
+    last = max(trajectory.duration_s + lag + SETTLE_S, *seen, 0.0)
     count = math.ceil((last - first) / dt) + 1
     clock = first + np.arange(count) * dt
     q, qd, qdd = trajectory.at(clock)

@@ -15,6 +15,8 @@ from api.cli.support.terminal import BAD, GOOD, say
 if TYPE_CHECKING:
     from planner.scenes import ForeignScene
 
+BEGIN_BYTES = 4096  # of a file, in which a URDF has its <robot>; comments may come before it
+
 
 @click.command("import")
 @click.argument("file", type=click.Path(path_type=Path))
@@ -27,11 +29,13 @@ def import_scene(file: Path, name: str, as_json: bool) -> None:
     taken as the cell's world. Meshes are copied beside the cell file.
     """
     from planner.cell import cell_of, source_of
-    from planner.cell_folder import home_faults
+    from planner.cell_folder import checked, is_shipped
     from planner.errors import CellError
     from planner.scenes import entries_of, with_entries
 
     path = _path(name)
+    if is_shipped(path):
+        raise click.ClickException(f"{path} came with Fling: copy it to ./cells first, or see `fling cell new`")
     scene = _scene(file)
     try:
         text = path.read_text()
@@ -44,7 +48,7 @@ def import_scene(file: Path, name: str, as_json: bool) -> None:
     for place, content in contents.items():
         place.write_bytes(content)
     try:
-        made = cell_of(source_of(path, written.encode()))
+        checked(cell_of(source_of(path, written.encode())))
     except CellError as error:
         for place in contents:
             place.unlink()
@@ -52,7 +56,7 @@ def import_scene(file: Path, name: str, as_json: bool) -> None:
     part = path.with_name(f".{path.name}.part")
     part.write_text(written)
     part.replace(path)
-    notes = [*scene.notes, *map(str, home_faults(made))]
+    notes = scene.notes
     left_out = list(dict.fromkeys(scene.left_out))
     if as_json:
         names = [json.loads(entry["name"]) for entry in entries]
@@ -81,7 +85,18 @@ def _scene(file: Path) -> ForeignScene:
 
     if file.suffix.lower() == ".srdf":
         raise click.ClickException(f"{file}: an SRDF has no shapes; the URDF that it goes with has them")
-    return scene_of_urdf(file) if file.suffix.lower() == ".urdf" else read_scene(file)
+    return scene_of_urdf(file) if _is_urdf(file) else read_scene(file)
+
+
+def _is_urdf(file: Path) -> bool:
+    """Returns whether a file is a URDF, by its name or by how it begins."""
+    if file.suffix.lower() == ".urdf":
+        return True
+    try:
+        with file.open("rb") as data:
+            return b"<robot" in data.read(BEGIN_BYTES)
+    except OSError:
+        return False  # whoever reads it says why
 
 
 def _mesh_files(path: Path, scene: ForeignScene) -> tuple[list[str], dict[Path, bytes]]:

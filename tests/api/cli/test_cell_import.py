@@ -283,17 +283,29 @@ def test_what_stands_in_the_cell_stays_and_a_second_import_adds_to_the_first(cel
         ("a.sdf", "<sdf><model name='m'><link><pose>1 2 x</pose></link></model></sdf>", "must be 6 numbers"),
         ("a.xml", "<mujoco><worldbody><geom size='1' quat='0 0 0 0'/></worldbody></mujoco>", "zero"),
         ("a.srdf", "<robot/>", "no shapes"),
-        ("a.scene", "(x)\n* a\n1\nsphere\n5\n0 0 0.5\n0 0 0 1\n0 0 0 0\n.\n", None),
+        ("a.scene", "(x)\n* a\n1\nsphere\n5\n0 0 0.5\n0 0 0 1\n0 0 0 0\n.\n", "home_rad"),  # around the arm
     ],
 )
-def test_what_is_no_scene_is_refused_and_the_cell_stays(cell: Path, name: str, text: str, words: str | None) -> None:
+def test_what_is_no_scene_is_refused_and_the_cell_stays(cell: Path, name: str, text: str, words: str) -> None:
     (cell.parent / name).write_text(text)
     before = cell.read_text()
     done = CliRunner().invoke(main, ["cell", "import", str(cell.parent / name), "--into", str(cell)])
-    if words is None:  # around the arm: taken over, and said
-        assert done.exit_code == 0
-        assert "home_rad" in done.output
-        return
     assert done.exit_code == 1
     assert words in done.output
     assert cell.read_text() == before
+
+
+def test_a_urdf_of_another_name_is_read_as_one(cell: Path) -> None:
+    (cell.parent / "a.xml").write_text(
+        "<?xml version='1.0'?>\n<!-- a table --><robot name='a'><link name='world'/></robot>"
+    )
+    done = CliRunner().invoke(main, ["cell", "import", str(cell.parent / "a.xml"), "--into", str(cell)])
+    assert "no URDF" not in done.output
+
+
+def test_a_cell_that_came_with_fling_is_not_changed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.scene").write_text("(x)\n* a\n1\nsphere\n0.1\n2 0 0.5\n0 0 0 1\n0 0 0 0\n.\n")
+    done = CliRunner().invoke(main, ["cell", "import", "a.scene", "--into", "ur5e-sim"])
+    assert done.exit_code == 1
+    assert "copy it to ./cells" in done.output
