@@ -97,7 +97,7 @@ URDF = """
     <geometry><cylinder radius="0.04" length="0.6"/></geometry></collision></link>
   <link name="floor"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>
   <link name="door"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>
-  <joint name="a" type="fixed"><parent link="world"/><child link="table"/><origin xyz="1.5 0.2 0.4"/></joint>
+  <joint name="a" type="fixed"><parent link="world"/><child link="table"/><origin xyz="1.5 0.2 0.4"/><axis xyz="0 0 0"/></joint>
   <joint name="b" type="fixed"><parent link="table"/><child link="post"/>
     <origin xyz="0.1 0.1 0" rpy="0.1 -0.2 0.5"/></joint>
   <joint name="c" type="fixed"><parent link="world"/><child link="floor"/><origin xyz="-1.5 0 1"/></joint>
