@@ -27,7 +27,7 @@ def read_scene(path: Path) -> ForeignScene:
         if path.suffix.lower() == ".scene":
             return read_scene_text(data.decode(errors="replace"))
         if path.suffix.lower() in (".yaml", ".yml"):
-            return scene_of_message(_yaml(data))
+            return scene_of_message(_yaml(data), path.parent)
         root = parse_xml(data)
         if root.tag == "sdf":
             return scene_of_sdf(root, path.parent)

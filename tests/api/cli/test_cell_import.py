@@ -212,10 +212,17 @@ world:
         - vertices: [{x: 0, y: 0, z: 0}, {x: 0.3, y: 0, z: 0}, {x: 0, y: 0.3, z: 0}, {x: 0, y: 0, z: 0.3}]
           triangles: [{vertex_indices: [0, 2, 1]}, {vertex_indices: [0, 1, 3]}, {vertex_indices: [1, 2, 3]}]
       mesh_poses: [{position: [0.1, 0, 0], orientation: [0, 0, 0, 1]}]
+    - id: cup
+      meshes: [{resource: "package://lab/cup.stl", dimensions: [2, 2, 2]}, {resource: gone.stl}]
+      mesh_poses: [{position: [0, 2, 0.5], orientation: [0, 0, 0, 1]}, {position: [0, 0, 2], orientation: [0, 0, 0, 1]}]
+  octomap: {octomap: {data: [1]}}
+robot_state:
+  attached_collision_objects: [{object: {id: bottle}}]
 """
 
 
 def test_a_planning_scene_message_comes_in(cell: Path) -> None:
+    (cell.parent / "cup.stl").write_bytes(trimesh.creation.box((0.2, 0.1, 0.05)).export(file_type="stl"))
     shapes, told = taken(cell, "scene.yaml", MESSAGE)
     can, block = (shapes[name] for name in ("Can1", next(name for name in shapes if name.startswith("Can1 "))))
     assert (can.kind, can.extent.tolist()) == ("cylinder", pytest.approx([0.06, 0.06, 0.12]))
@@ -223,6 +230,12 @@ def test_a_planning_scene_message_comes_in(cell: Path) -> None:
     parts = [shape for name, shape in shapes.items() if name.startswith("part")]
     assert np.min([shape.lower for shape in parts], axis=0) == pytest.approx([0.1, -1.2, 0.5])
     assert any("base_link" in note for note in told["notes"])
+    assert shapes["cup"].extent == pytest.approx([0.4, 0.2, 0.1])
+    assert told["left_out"] == [
+        "cup (a mesh, and gone.stl is not there)",
+        "bottle (in the gripper)",
+        "the octomap",
+    ]
 
 
 SDF = """
