@@ -88,6 +88,48 @@ def test_geoms_are_where_mujoco_has_them(cell: Path) -> None:
     ]
 
 
+INCLUDING = """
+<mujoco>
+  <include file="parts/defaults.xml"/>
+  <default><geom friction="1 0 0"/></default>
+  <asset><mesh name="cup" file="cup.stl"/></asset>
+  <worldbody>
+    <body name="bin" pos="1.5 0 0.5"><include file="parts/bin.xml"/></body>
+    <geom name="cup" mesh="cup" pos="-1.5 0 0.5"/>
+    <include file="gone.xml"/>
+  </worldbody>
+</mujoco>
+"""
+DEFAULTS = """
+<mujocoinclude>
+  <compiler angle="radian"/>
+  <default><geom type="box" size="0.1 0.1 0.2"/><mesh scale="0.001 0.001 0.001"/>
+    <default class="drawn"><geom contype="0" conaffinity="0"/></default></default>
+</mujocoinclude>
+"""
+BIN = """<mujocoinclude>
+  <geom name="side" euler="0 0 0.5"/><geom name="label" class="drawn"/><include file="parts/bin.xml"/>
+</mujocoinclude>"""
+
+
+def test_included_files_come_in_with_their_defaults(cell: Path) -> None:
+    folder = cell.parent / "parts"
+    folder.mkdir()
+    (folder / "defaults.xml").write_text(DEFAULTS)
+    (folder / "bin.xml").write_text(BIN)
+    (cell.parent / "cup.stl").write_bytes(trimesh.creation.box((200, 100, 50)).export(file_type="stl"))
+    shapes, told = taken(cell, "world.xml", INCLUDING)
+    assert set(shapes) == {"side", "cup"}
+    assert shapes["side"].X_WC[:3, 3] == pytest.approx([1.5, 0.0, 0.5])
+    assert shapes["side"].X_WC[1, 0] == pytest.approx(np.sin(0.5))
+    assert shapes["cup"].extent == pytest.approx([0.2, 0.1, 0.05])
+    assert told["left_out"] == [
+        "what world has by <include>",
+        "what bin has by <include>",
+        "label (a box that is only drawn)",
+    ]
+
+
 URDF = """
 <robot name="lab">
   <link name="world"/>
@@ -97,7 +139,8 @@ URDF = """
     <geometry><cylinder radius="0.04" length="0.6"/></geometry></collision></link>
   <link name="floor"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>
   <link name="door"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>
-  <joint name="a" type="fixed"><parent link="world"/><child link="table"/><origin xyz="1.5 0.2 0.4"/><axis xyz="0 0 0"/></joint>
+  <joint name="a" type="fixed"><parent link="world"/><child link="table"/><origin xyz="1.5 0.2 0.4"/>
+    <axis xyz="0 0 0"/></joint>
   <joint name="b" type="fixed"><parent link="table"/><child link="post"/>
     <origin xyz="0.1 0.1 0" rpy="0.1 -0.2 0.5"/></joint>
   <joint name="c" type="fixed"><parent link="world"/><child link="floor"/><origin xyz="-1.5 0 1"/></joint>
