@@ -314,7 +314,43 @@ def test_a_world_of_gazebo_comes_in(cell: Path) -> None:
     assert np.abs(mesh.X_WC - link.homogeneous).max() < 1e-9
     assert mesh.extent == pytest.approx([0.2, 0.1, 0.05])
     assert (shapes["cone"].kind, shapes["cone"].extent[2]) == ("cylinder", pytest.approx(0.4))
-    assert told["left_out"] == ["model://sun (included from another file)", "shelf (a mesh, and gone.stl is not there)"]
+    assert told["left_out"] == [
+        "model://sun (included from another file, which is not there)",
+        "shelf (a mesh, and gone.stl is not there)",
+    ]
+
+
+INCLUDING_SDF = """
+<sdf version="1.7"><world name="w">
+  <actor name="walker"/>
+  <include><uri>model://post</uri><name>first</name><pose>1.5 0 0.5 0 0 0</pose></include>
+  <include><uri>model://post</uri></include>
+  <model name="sign"><link name="l"><visual name="v"/></link></model>
+  <model name="arch"><pose>0 -1.5 0 0 0 0</pose>
+    <link name="left"><pose relative_to="__model__">0.2 0 0.5 0 0 0</pose></link>
+    <link name="right"><pose relative_to="left">0.1 0 0 0 0 0</pose>
+      <collision name="c"><pose relative_to="gone">0 0 0 0 0 0</pose></collision>
+      <collision name="d"><geometry><sphere><radius>0.1</radius></sphere></geometry></collision></link></model>
+</world></sdf>
+"""
+POST = """
+<sdf version="1.7"><model name="post"><pose>-1.5 0 0.3 0 0 0</pose>
+  <link name="l"><collision name="c"><geometry><sphere><radius>0.1</radius></sphere></geometry></collision></link>
+</model></sdf>
+"""
+
+
+def test_models_that_a_world_includes_come_in(cell: Path) -> None:
+    (cell.parent / "models" / "post").mkdir(parents=True)
+    (cell.parent / "models" / "post" / "model.sdf").write_text(POST)
+    shapes, told = taken(cell, "world.sdf", INCLUDING_SDF)
+    places = {name: shape.X_WC[:3, 3].tolist() for name, shape in shapes.items()}
+    assert places == {
+        "first": pytest.approx([1.5, 0.0, 0.5]),
+        "post": pytest.approx([-1.5, 0.0, 0.3]),
+        "arch": pytest.approx([0.3, -1.5, 0.5]),
+    }
+    assert told["left_out"] == ["walker (actor)", "sign (only drawn)", "arch (placed relative to gone)"]
 
 
 @pytest.mark.parametrize(
