@@ -13,7 +13,10 @@ from api.cli.support.options import json_option
 from api.cli.support.terminal import BAD, GOOD, say
 
 if TYPE_CHECKING:
+    from planner.cell import Cell
     from planner.scenes import ForeignScene
+
+SAME_PLACE = 1e-3  # [m, -] by which the bases of two arms may differ
 
 
 @click.command("import")
@@ -52,7 +55,7 @@ def import_scene(file: Path, name: str, as_json: bool) -> None:
     part = path.with_name(f".{path.name}.part")
     part.write_text(written)
     part.replace(path)
-    notes = [*scene.notes, *map(str, home_faults(made))]
+    notes = [*scene.notes, *_notes_on_base(scene, made), *map(str, home_faults(made))]
     left_out = list(dict.fromkeys(scene.left_out))
     if as_json:
         names = [json.loads(entry["name"]) for entry in entries]
@@ -82,6 +85,20 @@ def _scene(file: Path) -> ForeignScene:
     if file.suffix.lower() == ".srdf":
         raise click.ClickException(f"{file}: an SRDF has no shapes; the URDF that it goes with has them")
     return scene_of_urdf(file) if file.suffix.lower() == ".urdf" else read_scene(file)
+
+
+def _notes_on_base(scene: ForeignScene, cell: Cell) -> list[str]:
+    """Returns a note where the file's arm stands elsewhere than the cell's, and so what is around it."""
+    from planner.rotations import matrix_to_rotation_vector
+
+    if scene.X_WB is None or abs(scene.X_WB - cell.X_WB).max() < SAME_PLACE:
+        return []
+    place = scene.X_WB[:3, 3].round(4).tolist()
+    turn = matrix_to_rotation_vector(scene.X_WB[:3, :3]).round(4).tolist()
+    return [
+        "the file's arm stands elsewhere in its world than the cell's: for the same places around it,"
+        f" base_in_world is position_m = {place}, rotation_vector_rad = {turn}"
+    ]
 
 
 def _mesh_files(path: Path, scene: ForeignScene) -> tuple[list[str], dict[Path, bytes]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -14,6 +15,8 @@ from click.testing import CliRunner
 
 from api.cli import main
 from planner.cell import Solid, load_cell
+from planner.rotations import pose
+from planner.scenes import urdf_of
 
 ROOT = Path(__file__).parents[3]
 
@@ -169,6 +172,16 @@ def test_collision_shapes_are_where_pinocchio_has_them(cell: Path) -> None:
     assert shapes["table"].extent == pytest.approx([0.8, 1.2, 0.1])
     assert shapes["post"].extent == pytest.approx([0.08, 0.08, 0.6])
     assert told["left_out"] == ["door (moved by d)"]
+
+
+def test_an_arm_that_stands_elsewhere_in_the_file_is_told(cell: Path) -> None:
+    here = load_cell(cell)
+    moved = replace(here, X_WB=pose([0.8, 0.9, 0.0], np.diag([-1.0, -1.0, 1.0])))
+    _, told = taken(cell, "same.urdf", urdf_of(here))
+    assert not any("elsewhere" in note for note in told["notes"])
+    _, told = taken(cell, "moved.urdf", urdf_of(moved))
+    note = next(note for note in told["notes"] if "elsewhere" in note)
+    assert "position_m = [0.8, 0.9, 0.0], rotation_vector_rad = [0.0, 0.0, 3.1416]" in note
 
 
 TETRAHEDRON = [[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, 0.3]]
