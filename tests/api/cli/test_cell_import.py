@@ -385,6 +385,7 @@ def test_what_stands_in_the_cell_stays_and_a_second_import_adds_to_the_first(cel
         ("a.yaml", "a: &x [1]\nb: *x\n", "aliases"),
         ("a.yaml", "nothing: here\n", "collision_objects"),
         ("a.xml", "<html/>", "no URDF, SDF or MJCF"),
+        ("a.urdf.xacro", "<robot/>", "to be expanded"),
         ("a.sdf", "<sdf><model name='m'><link><pose>1 2 x</pose></link></model></sdf>", "must be 6 numbers"),
         ("a.xml", "<mujoco><worldbody><geom size='1' quat='0 0 0 0'/></worldbody></mujoco>", "zero"),
         ("a.srdf", "<robot/>", "no shapes"),
