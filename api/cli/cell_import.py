@@ -93,8 +93,8 @@ def _notes_on_base(scene: ForeignScene, cell: Cell) -> list[str]:
 
     if scene.X_WB is None or abs(scene.X_WB - cell.X_WB).max() < SAME_PLACE:
         return []
-    place = scene.X_WB[:3, 3].round(4).tolist()
-    turn = matrix_to_rotation_vector(scene.X_WB[:3, :3]).round(4).tolist()
+    place = (scene.X_WB[:3, 3].round(4) + 0.0).tolist()  # no -0.0
+    turn = (matrix_to_rotation_vector(scene.X_WB[:3, :3]).round(4) + 0.0).tolist()
     return [
         "the file's arm stands elsewhere in its world than the cell's: for the same places around it,"
         f" base_in_world is position_m = {place}, rotation_vector_rad = {turn}"
