@@ -102,6 +102,8 @@ def _read_model(
         return
     frames[model.get("name", "")] = X_WM
     _read(model, X_WM, f"{name}/", folder, scene)
+    if moved := [joint.findtext("child", "") for joint in model.iterfind("joint") if joint.get("type") != "fixed"]:
+        scene.notes.append(f"{name}: joints move {', '.join(moved)}; shapes are taken where the file has them")
     within = {"__model__": X_WM}
     for link in model.iterfind("link"):
         X_WL = _placed(link, X_WM, within, name, scene)

@@ -341,6 +341,7 @@ INCLUDING_SDF = """
   <model name="sign"><link name="l"><visual name="v"/></link></model>
   <model name="arch"><pose>0 -1.5 0 0 0 0</pose>
     <link name="left"><pose relative_to="__model__">0.2 0 0.5 0 0 0</pose></link>
+    <joint name="hinge" type="revolute"><parent>left</parent><child>right</child></joint>
     <link name="right"><pose relative_to="left">0.1 0 0 0 0 0</pose>
       <collision name="c"><pose relative_to="gone">0 0 0 0 0 0</pose></collision>
       <collision name="d"><geometry><sphere><radius>0.1</radius></sphere></geometry></collision></link></model>
@@ -364,6 +365,7 @@ def test_models_that_a_world_includes_come_in(cell: Path) -> None:
         "arch": pytest.approx([0.3, -1.5, 0.5]),
     }
     assert told["left_out"] == ["walker (actor)", "sign (only drawn)", "arch (placed relative to gone)"]
+    assert "arch: joints move right; shapes are taken where the file has them" in told["notes"]
 
 
 @pytest.mark.parametrize(
