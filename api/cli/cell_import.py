@@ -13,9 +13,10 @@ from api.cli.support.options import json_option
 from api.cli.support.terminal import BAD, GOOD, say
 
 if TYPE_CHECKING:
+    from planner.cell import Cell
     from planner.scenes import ForeignScene
 
-BEGIN_BYTES = 4096  # of a file, in which a URDF has its <robot>; comments may come before it
+SAME_PLACE = 1e-3  # [m, -] by which the bases of two arms may differ
 
 
 @click.command("import")
@@ -42,6 +43,7 @@ def import_scene(file: Path, name: str, as_json: bool) -> None:
         cell = cell_of(source_of(path, text.encode()))
     except (OSError, UnicodeDecodeError, CellError) as error:
         raise click.ClickException(f"{path}: {error}") from error
+    on_base = _notes_on_base(scene, cell)
     files, contents = _mesh_files(path, scene)
     entries = entries_of(scene.shapes, files, cell.surroundings.keep_out_names)
     written = with_entries(text, entries, file.name) if entries else text
@@ -52,11 +54,12 @@ def import_scene(file: Path, name: str, as_json: bool) -> None:
     except CellError as error:
         for place in contents:
             place.unlink()
-        raise click.ClickException(f"{path} would be refused with the shapes of {file}: {error}") from error
+        why = "; ".join([str(error), *on_base])
+        raise click.ClickException(f"{path} would be refused with the shapes of {file}: {why}") from error
     part = path.with_name(f".{path.name}.part")
     part.write_text(written)
     part.replace(path)
-    notes = scene.notes
+    notes = [*scene.notes, *on_base]
     left_out = list(dict.fromkeys(scene.left_out))
     if as_json:
         names = [json.loads(entry["name"]) for entry in entries]
@@ -85,18 +88,21 @@ def _scene(file: Path) -> ForeignScene:
 
     if file.suffix.lower() == ".srdf":
         raise click.ClickException(f"{file}: an SRDF has no shapes; the URDF that it goes with has them")
-    return scene_of_urdf(file) if _is_urdf(file) else read_scene(file)
+    return scene_of_urdf(file) if file.suffix.lower() == ".urdf" else read_scene(file)
 
 
-def _is_urdf(file: Path) -> bool:
-    """Returns whether a file is a URDF, by its name or by how it begins."""
-    if file.suffix.lower() == ".urdf":
-        return True
-    try:
-        with file.open("rb") as data:
-            return b"<robot" in data.read(BEGIN_BYTES)
-    except OSError:
-        return False  # whoever reads it says why
+def _notes_on_base(scene: ForeignScene, cell: Cell) -> list[str]:
+    """Returns a note where the file's arm stands elsewhere than the cell's, and so what is around it."""
+    from planner.rotations import matrix_to_rotation_vector
+
+    if scene.X_WB is None or abs(scene.X_WB - cell.X_WB).max() < SAME_PLACE:
+        return []
+    place = (scene.X_WB[:3, 3].round(4) + 0.0).tolist()  # no -0.0
+    turn = (matrix_to_rotation_vector(scene.X_WB[:3, :3]).round(4) + 0.0).tolist()
+    return [
+        "the file's arm stands elsewhere in its world than the cell's: for the same places around it,"
+        f" base_in_world is position_m = {place}, rotation_vector_rad = {turn}"
+    ]
 
 
 def _mesh_files(path: Path, scene: ForeignScene) -> tuple[list[str], dict[Path, bytes]]:
