@@ -14,7 +14,7 @@ from executor import records
 from executor import shared_memory as shm
 from executor.grippers import GripperConnection, GripperUnavailable
 from executor.lost_object import object_words, told_opening
-from executor.preflight import ExecutionRefused, gripper_is_open, readiness, verify_plan
+from executor.preflight import ExecutionRefused, gripper_is_open, output_level_warnings, readiness, verify_plan
 from executor.preparation import expected_landing, prepare_job
 from executor.robot import RobotSession, RobotState
 from executor.stream_job import ExpectedLanding, StreamJob
@@ -77,6 +77,8 @@ class Execution:
         if not approach.is_straight and approach.trajectory is not None:
             duration_s = approach.trajectory.duration_s
             self.note(f"planned approach of {duration_s:.1f} s; a straight move: {obstacle_words(failures)}")
+        for warning in output_level_warnings(self.problem, self.trajectory, state):
+            self.note(f"warning: {warning}")
         how = (self.row.mode, self.row.dry_run, session.settings, self._expected_landing(document))
         gripper_fd = -1 if self.gripper is None else self.gripper.fileno()
         try:
@@ -180,7 +182,8 @@ class Execution:
         entered.append("approaching")
         if furthest == shm.STREAMING:
             entered.append("streaming")
-        if state in BRAKING or row_count > run.job.release_row + run.job.lag_ticks:
+        last_s = self.trajectory.passed[-1] * self.trajectory.dt - run.job.first_clock_s
+        if state in BRAKING or row_count > round(last_s / run.job.dt) + run.job.lag_ticks:
             entered.append("braking")
         return entered
 

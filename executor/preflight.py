@@ -22,6 +22,7 @@ from planner.certificate import Examination
 from planner.errors import PlannerError
 from planner.grippers import CALLS
 from planner.kinematics import ChainDifference, chain_difference
+from planner.passages import OutputSwitch, output_edges
 from planner.problem import ThrowProblem
 from planner.robots import ROBOT_NAMES, Robot, robot
 from planner.rotations import matrix_to_rotation_vector, rotation_vector_to_matrix
@@ -138,6 +139,18 @@ def gripper_is_open(cell: Cell, state: RobotState) -> bool:
         return False
     bit = OUTPUT_SHIFT[cell.gripper.output] + cell.gripper.index
     return bool(state.outputs >> bit & 1) == cell.gripper.open_level
+
+
+def output_level_warnings(problem: ThrowProblem, trajectory: Trajectory, state: RobotState) -> list[str]:
+    """Returns the outputs of a plan's passages that have the level of their first edge already."""
+    first: dict[tuple[str, int], OutputSwitch] = {}
+    for edge in output_edges(problem.cell, problem.passages, trajectory):
+        first.setdefault((edge.switch.output, edge.switch.index), edge.switch)
+    return [
+        f"{each.output} {each.index} is {'on' if each.level else 'off'} already: its first edge will not be seen"
+        for each in first.values()
+        if bool(state.outputs >> OUTPUT_SHIFT[each.output] + each.index & 1) == each.level
+    ]
 
 
 def readiness(session: RobotSession) -> PreflightReport:

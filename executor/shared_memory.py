@@ -21,7 +21,7 @@ SWITCHED_AT = 2048  # [bytes] offset of when the outputs of passages were switch
 # States of the streaming process.
 STARTING, APPROACHING, STREAMING, BRAKING, STOPPING, DONE, FAULT = range(7)
 
-# Header fields. The streaming process writes 0 to 15, the daemon 16 and 17.
+# Header fields. The daemon writes 16 and 17, the streaming process the others.
 STATE, PULSE, ROWS, OUTCOME, MISSED, REALTIME, TEXT_LENGTH = range(7)
 OUTPUT_SENT_S = 7
 OUTPUT_LATE_S = 8
@@ -34,6 +34,7 @@ SHUT_AT_S = 14  # controller's times between which the fingers of a gripper bega
 MOVED_BY_S = 15
 ABORT = 16
 DAEMON_PULSE = 17
+STOPPED_S = 18  # plan time at which a brake ended the switching of a plan's outputs
 
 # Columns of a telemetry row: the scalars, then the vectors of six.
 SCALARS = (

@@ -154,6 +154,22 @@ class StreamJob(JobRows):
     priority: int
     daemon_silent_s: float
 
+    def stop_levels(self, sent: int, reached: int = -1) -> list[SwitchRow]:
+        """Returns what a stop switches: the last level of each output that was switched, and may have another.
+
+        Args:
+            sent: how many of the `switches` are known to have been made.
+            reached: row up to which a program in the controller may have made more.
+        """
+        found = []
+        for last in {each.line: each for each in self.switches}.values():
+            own = [(number, each) for number, each in enumerate(self.switches) if each.line == last.line]
+            made = [each for number, each in own if number < sent]
+            doubtful = [each for number, each in own if number >= sent and each.row <= reached]
+            if any(each.level != last.level for each in made[-1:] + doubtful):
+                found.append(last)
+        return found
+
     def write(self) -> int:
         """Returns the descriptor of an anonymous file that holds the job."""
         fd = os.memfd_create("fling-stream-job")

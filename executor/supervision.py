@@ -8,6 +8,7 @@ over the dashboard where there is one.
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import select
 import signal
@@ -25,9 +26,10 @@ from executor import realtime
 from executor import shared_memory as shm
 from executor.grippers import GripperConnection
 from executor.records import RunResult
-from executor.robot import DashboardClient, GripperHold, ProgramWatch
+from executor.robot import DashboardClient, GripperHold, ProgramWatch, set_outputs
 from executor.shared_memory import SharedMemory
 from executor.stream_job import OUTCOMES, StreamJob
+from planner.controller_program import SwitchRow
 
 PERIOD_S = 0.005  # [s] of the pulse
 SPARE_ROWS = 1000  # room for a brake that is longer than the rest of the plan
@@ -111,13 +113,16 @@ class StreamRun:
         self.job = job
         self.log = log
         self.memory = SharedMemory.create(len(job.q) + SPARE_ROWS)
-        for field in (shm.OUTPUT_SENT_S, shm.OUTPUT_CLOSED_S, shm.SHUT_AT_S, shm.MOVED_BY_S):
+        for field in (shm.OUTPUT_SENT_S, shm.OUTPUT_CLOSED_S, shm.SHUT_AT_S, shm.MOVED_BY_S, shm.STOPPED_S):
             self.memory.fields[field] = np.nan
         self.dashboard = DashboardClient(job.host)
         self.programs = ProgramWatch(job.host)
         self.outputs = GripperHold(job.host)
         self.gripper = gripper
         self.held_at_s: float | None = None  # plan time
+        self.stop_levels: list[SwitchRow] = []
+        self.stopped_s = math.nan  # plan time
+        self.left: list[SwitchRow] = []  # outputs that were not seen to take the level that a stop gave them
         self.result: RunResult | None = None
         self._awake_core = job.core if keep_awake else realtime.ANY_CORE
         self._ended = threading.Event()
@@ -252,6 +257,7 @@ class StreamRun:
                 with contextlib.suppress(OSError):  # it has none, or the controller's own watchdog is left, and armed
                     self.dashboard.ask("stop")
             child.reap()
+            self._end_switching(bool(failure))
         self.dashboard.close()
         self.outputs.close()
         if self.gripper is not None:
@@ -263,7 +269,7 @@ class StreamRun:
         row = self.latest_row()
         if row is None or np.isnan(self.memory.fields[shm.OUTPUT_SENT_S]):
             return
-        clock = row[shm.SCALARS.index("clock_s")] + time.monotonic() - row[shm.SCALARS.index("host_s")]
+        clock = _clock_s(row)
         if clock >= job.first_clock_s + job.release_row * job.dt:
             self.outputs.end_blowing(job)
             return
@@ -271,6 +277,24 @@ class StreamRun:
             self.outputs.hold(job)
         elif self.gripper.hold():
             self.held_at_s = clock
+
+    def _end_switching(self, stopped: bool) -> None:
+        """Gives outputs that were switched their last levels, after a stop that was no orderly brake.
+
+        A program in the controller may have gone on by some rows after those that it was seen to make.
+        """
+        job = self.job
+        if job.dry_run:
+            return
+        sent = int(np.count_nonzero(~np.isnan(self.memory.switched[: len(job.switches)])))
+        row = self.latest_row()
+        reached = -1
+        if stopped and job.program and row is not None:
+            reached = math.ceil((_clock_s(row) - job.first_clock_s) / job.dt + job.lag_ticks)
+        self.stop_levels = job.stop_levels(sent, reached)
+        if stopped and self.stop_levels:
+            self.left = set_outputs(job.host, self.stop_levels)
+            self.stopped_s = math.nan if row is None else _clock_s(row)
 
     def _silent_outcome(self) -> str:
         """Returns the outcome of a process that reported none; where it failed in the library, the link failed."""
@@ -285,6 +309,9 @@ class StreamRun:
         outcome, reason = self._verdict(failure)
         sent = float(fields[shm.OUTPUT_SENT_S])
         closed = float(fields[shm.OUTPUT_CLOSED_S])
+        stopped_s = float(fields[shm.STOPPED_S])
+        for each in self.left:
+            reason = f"{reason}; {each.output} {each.index} was not seen to switch {'on' if each.level else 'off'}"
         return RunResult(
             outcome=outcome,
             reason=reason,
@@ -299,6 +326,8 @@ class StreamRun:
             timestamp_at_zero=float(fields[shm.TIMESTAMP_AT_ZERO]),
             in_order=not failure,
             switched_s=tuple(memory.switched[: len(self.job.switches)]),
+            stop_levels=[each for each in self.stop_levels if each not in self.left],
+            stopped_s=self.stopped_s if math.isnan(stopped_s) else stopped_s,
         )
 
     def _verdict(self, failure: str) -> tuple[str, str]:
@@ -312,3 +341,8 @@ class StreamRun:
             foreign = self.programs.wait(FOREIGN_WAIT_S)
         self.programs.close()
         return ("foreign_program", f"another client's script took over: {foreign}") if foreign else (outcome, reason)
+
+
+def _clock_s(row: NDArray[np.float64]) -> float:
+    """Returns the present plan time, by a row of telemetry [s]."""
+    return float(row[shm.SCALARS.index("clock_s")] + time.monotonic() - row[shm.SCALARS.index("host_s")])

@@ -82,6 +82,11 @@ class SwitchRow:
     level: bool
 
     @property
+    def line(self) -> tuple[str, int]:
+        """Which output it is: its kind and index."""
+        return self.output, self.index
+
+    @property
     def text(self) -> str:
         """The statement that switches it."""
         return f"{SET_OUTPUT[self.output]}({self.index}, {self.level})"
@@ -168,7 +173,8 @@ class ControllerProgram:
         return "\n".join(parts) + "\n"
 
     def _state(self) -> str:
-        return _STATE.format(before_first=-self.stride, start=_numbers(self.start))
+        flags = "".join(f"\n  global {_flag(last)} = False" for last in self._ended_by_a_stop())
+        return _STATE.format(before_first=-self.stride, start=_numbers(self.start)) + flags
 
     def _listening(self, watch: Watch) -> dict[str, object]:
         return {
@@ -182,18 +188,29 @@ class ControllerProgram:
 
     def _switching(self, row: int) -> str:
         """Returns what switches the further outputs with a row."""
-        due = [f"    {switch.text}\n" for switch in self.switches if switch.row == row]
-        return f"  if not braking:\n{''.join(due)}  end\n" if due else ""
+        lines = []
+        for switch in self.switches:
+            if switch.row == row:
+                lines.append(f"    {switch.text}\n")
+                lines += [
+                    f"    {_flag(last)} = {switch.level != last.level}\n"
+                    for last in self._ended_by_a_stop()
+                    if last.line == switch.line
+                ]
+        return f"  if not braking:\n{''.join(lines)}  end\n" if lines else ""
+
+    def _ended_by_a_stop(self) -> list[SwitchRow]:
+        """Returns the last edge of each output that has several: a stop between them gives it that level."""
+        last = {switch.line: switch for switch in self.switches}
+        lines = [switch.line for switch in self.switches]
+        return [switch for line, switch in last.items() if lines.count(line) > 1]
 
     def _closing(self, indent: str) -> str:
         """Returns what closes the gripper again while it holds the object, and ends the switching of outputs."""
         gripper = self.gripper
         lines = [f"if opened and row < {gripper.closes_until}:", f"  {gripper.text(False)}", "end"]
-        last = {(switch.output, switch.index): switch for switch in self.switches}
-        for switch in last.values():
-            own = [each for each in self.switches if (each.output, each.index) == (switch.output, switch.index)]
-            if len(own) > 1:
-                lines += [f"if row + 1 >= {own[0].row} and row < {switch.row}:", f"  {switch.text}", "end"]
+        for last in self._ended_by_a_stop():
+            lines += [f"if {_flag(last)}:", f"  {last.text}", "end"]
         return "\n".join(indent + line for line in lines)
 
     def _give_up(self, watch: Watch | None) -> str:
@@ -260,6 +277,11 @@ class ControllerProgram:
             cycles=round(BEGIN_S / self.dt),
             heartbeat=HEARTBEAT,
         )
+
+
+def _flag(switch: SwitchRow) -> str:
+    """Returns the variable that says whether a stop has to give an output its last level."""
+    return f"ends_{switch.output}_{switch.index}"
 
 
 def _numbers(values: Sequence[float]) -> str:

@@ -40,7 +40,7 @@ class RunTiming(TimingNumbers):
 class SwitchedOutput(BaseModel):
     """An output of a passage in one run; times are on the plan's clock."""
 
-    passage: str
+    passage: str | None = Field(description="null: a stop switched it.")
     output: str
     index: int
     level: bool

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from executor.shared_memory import SCALARS, VECTORS
+from planner.controller_program import SwitchRow
 
 Vector = NDArray[np.float64]
 
@@ -34,6 +36,8 @@ class RunResult:
         timestamp_at_zero: the controller's time at plan time 0 [s].
         in_order: whether the process itself brought the arm to rest.
         switched_s: plan times at which the outputs of the passages were sent, in their order [s]; NaN for never.
+        stop_levels: what a stop switched of them.
+        stopped_s: plan time at which it did [s]; NaN for never.
     """
 
     outcome: str
@@ -49,6 +53,8 @@ class RunResult:
     stayed_closed: bool = False
     moved_between: tuple[float, float] = (math.nan, math.nan)
     switched_s: tuple[float, ...] = ()
+    stop_levels: Sequence[SwitchRow] = ()
+    stopped_s: float = math.nan
 
 
 @dataclass(frozen=True, eq=False)

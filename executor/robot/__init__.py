@@ -16,6 +16,7 @@ from executor.robot.session import (
     RobotState,
     receive_timestamps,
     robot_document,
+    set_outputs,
 )
 
 __all__ = [
@@ -37,6 +38,7 @@ __all__ = [
     "read_kinematics",
     "receive_timestamps",
     "robot_document",
+    "set_outputs",
     "simulator_client",
     "stop_program",
 ]

@@ -2,6 +2,7 @@
 
 The live state comes from an RTDE receiver in plain Python, independent of ur_rtde. It subscribes to outputs, and
 at most keeps one input that no program reads: it can never move the arm, and cannot hang the daemon as ur_rtde can.
+`set_outputs` writes digital outputs over a connection of its own, whatever state the arm is in.
 Wire format: Universal Robots, RTDE guide; big-endian, package = size (2), type (1), body.
 """
 
@@ -13,15 +14,18 @@ import struct
 import threading
 import time
 from collections import deque
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
 from executor.robot.console import Console
 from executor.robot.kinematics_client import KinematicsInfo, KinematicsReader
 from executor.settings import ExecutorSettings
-from executor.streaming.state_checks import NORMAL, POWER_ON
+from executor.streaming.state_checks import NORMAL, OUTPUT_SHIFT, POWER_ON
 from executor.worker import Worker
 from planner.cell import Cell
+from planner.controller_program import SwitchRow
 
 PORT = 30004
 TIMEOUT_S = 1.0  # [s] without a package the connection is lost
@@ -35,10 +39,11 @@ SETUP_OUTPUTS = 79
 SETUP_INPUTS = 73
 START = 83
 DATA = 85
-CONTROLLER_VERSION = 118
 NOT_FOUND = "NOT_FOUND"
 IN_USE = "IN_USE"
 OWNER_INPUT = "input_bit_register_127"  # the last of those for RTDE clients (64 to 127); source: RTDE guide, inputs
+SET_WITHIN_S = 0.5  # [s] for outputs to take their levels, delays of the outputs included
+SET_AGAIN_S = 0.005  # [s] between two attempts
 RECLAIM_S = 1.0  # [s] after which a controller is asked again for an input that another connection has
 CONTROLLER_VERSION_BODY = struct.Struct(">3I")  # major, minor, bugfix; a build number may follow
 FORMATS = {"DOUBLE": "d", "UINT64": "Q", "UINT32": "I", "INT32": "i", "VECTOR6D": "6d"}
@@ -124,7 +129,7 @@ class Monitor(Worker):
         while not self.ended.is_set():
             try:
                 with socket.create_connection((self.host, PORT), TIMEOUT_S) as connection:
-                    receiver = RtdeReceiver(connection, owns=self._owns)
+                    receiver = RtdeReceiver(connection, inputs=[OWNER_INPUT] if self._owns else [])
                     self.owned = receiver.owned
                     self.version = receiver.version
                     self._follow(receiver)
@@ -155,17 +160,17 @@ class RtdeReceiver:
     """One RTDE connection, set up and started, that receives states.
 
     Attributes:
-        owned: whether the connection has `OWNER_INPUT`; None where it did not ask, or the controller has none.
+        owned: whether the connection has its inputs; None where it did not ask, or the controller lacks one.
         version: of the controller's software: major, minor, bugfix.
     """
 
-    def __init__(self, connection: socket.socket, rate_hz: float = RATE_HZ, owns: bool = False) -> None:
+    def __init__(self, connection: socket.socket, rate_hz: float = RATE_HZ, inputs: Sequence[str] = ()) -> None:
         """Sets the connection up.
 
         Args:
             connection: to the RTDE port.
             rate_hz: of the states [Hz].
-            owns: whether it asks for `OWNER_INPUT`.
+            inputs: that it asks for.
 
         Raises:
             OSError: the connection is lost.
@@ -179,7 +184,7 @@ class RtdeReceiver:
         self._send(CONTROLLER_VERSION, b"")
         self.version = self._controller_version(self._await(CONTROLLER_VERSION))
         self.names = self._set_up([*OUTPUTS])
-        self.owned = self._claim() if owns else None
+        self.owned = self._claim(inputs) if inputs else None
         self._send(START, b"")
         self._await(START)
 
@@ -216,15 +221,25 @@ class RtdeReceiver:
         self.struct = struct.Struct(">B" + "".join(FORMATS[kind] for kind in types))
         return [OUTPUTS[name] for name in names]
 
-    def _claim(self) -> bool | None:
-        """Asks for `OWNER_INPUT`; returns whether it is this connection's now."""
-        self._send(SETUP_INPUTS, OWNER_INPUT.encode())
-        (kind,) = self._types(SETUP_INPUTS, [OWNER_INPUT])
-        return None if kind == NOT_FOUND else kind != IN_USE
+    def write(self, values: bytes) -> None:
+        """Sends the values of the inputs.
 
-    def _types(self, package: int, names: list[str]) -> list[str]:
+        Raises:
+            OSError: the connection is lost.
+        """
+        self._send(DATA, self._recipe + values)
+
+    def _claim(self, inputs: Sequence[str]) -> bool | None:
+        """Asks for inputs; returns whether they are this connection's now."""
+        self._send(SETUP_INPUTS, ",".join(inputs).encode())
+        types = self._types(SETUP_INPUTS, inputs)
+        return None if NOT_FOUND in types else IN_USE not in types
+
+    def _types(self, package: int, names: Sequence[str]) -> list[str]:
         """Returns the types that a controller answers to a set-up, one for each name."""
-        types = self._await(package)[1:].decode().split(",")
+        answer = self._await(package)
+        self._recipe = answer[:1]  # the set of variables last set up: of inputs, where there are some
+        types = answer[1:].decode().split(",")
         if len(types) != len(names):
             raise ValueError(f"the controller answers {len(types)} types to {len(names)} names")
         return types
@@ -258,6 +273,41 @@ class RtdeReceiver:
                 raise ValueError("the controller sent a package shorter than its header")
             if found == kind:
                 return body
+
+
+def set_outputs(host: str, levels: Sequence[SwitchRow]) -> list[SwitchRow]:
+    """Gives digital outputs their levels, in one package; returns those that are not seen to have them soon after.
+
+    The controller takes it in every state, also where it runs no program.
+    """
+    end = time.monotonic() + SET_WITHIN_S
+    while levels and time.monotonic() < end:
+        with suppress(OSError, ValueError), socket.create_connection((host, PORT), SET_WITHIN_S) as connection:
+            if _writes_outputs(connection, levels, end):
+                return []
+        time.sleep(SET_AGAIN_S)  # the connection of a process that has just ended may still own the outputs
+    return list(levels)
+
+
+def _writes_outputs(connection: socket.socket, levels: Sequence[SwitchRow], end: float) -> bool:
+    """Returns whether outputs got their levels over a connection before a monotonic time [s]."""
+    masks = dict.fromkeys([each.output for each in levels], 0)
+    values = dict(masks)
+    wanted: dict[int, bool] = {}
+    for each in levels:
+        masks[each.output] |= 1 << each.index
+        values[each.output] |= each.level << each.index
+        wanted[OUTPUT_SHIFT[each.output] + each.index] = each.level
+    names = [f"{kind}{part}" for kind in masks for part in ("_output_mask", "_output")]
+    receiver = RtdeReceiver(connection, inputs=names)
+    if not receiver.owned:
+        return False
+    receiver.write(bytes(number for kind in masks for number in (masks[kind], values[kind])))
+    while time.monotonic() < end:
+        outputs = receiver.receive().outputs
+        if all(bool(outputs >> bit & 1) == level for bit, level in wanted.items()):
+            return True
+    return False
 
 
 def receive_timestamps(host: str, rate_hz: float, duration_s: float) -> list[tuple[float, float]]:

@@ -106,6 +106,7 @@ class Stream:
         self.clock = ControllerClock(connection, job.dt)
         self.verdict = ("completed", "")
         self.output_sent = False
+        self.opened_at = -1  # row with which the gripper was told to open
         self.commands = CommandWatch()
         self.outputs = OutputSwitches(connection, job)
         self.gripper = self._gripper_watch()
@@ -195,7 +196,7 @@ class Stream:
     def _brake(self, row: int, stop: tuple[str, str]) -> None:
         self.verdict = stop
         self.schedule.divert(row)
-        self.outputs.stop()
+        self.outputs.stop(row)
         self.fields[shm.STATE] = shm.BRAKING
 
     def _divert(self, row: int, stop: tuple[str, str]) -> None:
@@ -271,8 +272,14 @@ class Stream:
         self._note_opening(row)
 
     def _switch_outputs(self, row: int) -> None:
-        """Switches what the plan switches with a row."""
-        self.outputs.send(row)
+        """Switches what the plan switches with a row.
+
+        An output of the gripper's kind waits for the next one where the gripper is told to open with this: a controller
+        might take only the last of two packages of a kind in a cycle.
+        """
+        job = self.job
+        told = [job.output, *([job.second.output] if job.second else [])]
+        self.outputs.send(row, told if self.opened_at == row and job.link is None else ())
 
     def _note_opening(self, row: int) -> None:
         """Notes that the gripper was told to open with a row."""
@@ -280,6 +287,7 @@ class Stream:
         if self.gripper is not None:
             self.gripper.tell(True, self.connection.stamp)
         self.output_sent = True
+        self.opened_at = row
         self.fields[shm.OUTPUT_SENT_S] = job.first_clock_s + (row - job.lag_ticks) * job.dt
         self.fields[shm.OUTPUT_LATE_S] = (row - job.output_row) * job.dt
 

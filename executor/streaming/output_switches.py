@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+from math import isnan
 from typing import TYPE_CHECKING
 
+from executor.shared_memory import STOPPED_S
 from executor.stream_job import StreamJob
 from planner.controller_program import SwitchRow
 
@@ -23,13 +26,17 @@ class OutputSwitches:
         self._connection = connection
         self._job = job
         self._next = 0
-        self._levels: dict[tuple[str, int], bool] = {}
 
-    def send(self, row: int) -> None:
-        """Switches what is due at a row; after lost ticks at the next one."""
-        while (due := self._due(row)) is not None:
-            self._set(due.output, due.index, due.level)
+    def send(self, row: int, but: Collection[str] = ()) -> None:
+        """Switches what is due at a row; after lost ticks at the next one.
+
+        From the first output of the kinds `but` on, what is due waits for the next row.
+
+        It is noted before it is sent: where this process ends between the two, the daemon ends the output.
+        """
+        while (due := self._due(row)) is not None and due.output not in but:
             self._note(row)
+            self._connection.output(due.output, due.index, due.level)
 
     def note(self, row: int) -> None:
         """Notes that somebody else has switched what was due up to a row, in time."""
@@ -43,19 +50,22 @@ class OutputSwitches:
 
     def _note(self, row: int) -> None:
         """Notes that the next output was switched with a row."""
-        job = self._job
-        self._connection.memory.switched[self._next] = job.first_clock_s + (row - job.lag_ticks) * job.dt
+        self._connection.memory.switched[self._next] = self._told_s(row)
         self._next += 1
 
-    def stop(self) -> None:
-        """Ends the switching of a motion that is braked."""
-        to_come = self._job.switches[self._next :]
-        self._next = len(self._job.switches)
-        last = {(each.output, each.index): each.level for each in to_come}
-        for (output, index), level in list(self._levels.items()):
-            if last.get((output, index), level) != level:
-                self._set(output, index, not level)
+    def _told_s(self, row: int) -> float:
+        """Returns the plan time at which what belongs to a row is sent [s]."""
+        return self._job.first_clock_s + (row - self._job.lag_ticks) * self._job.dt
 
-    def _set(self, output: str, index: int, level: bool) -> None:
-        self._connection.output(output, index, level)
-        self._levels[output, index] = level
+    def stop(self, row: int) -> None:
+        """Ends the switching of a motion that is braked from a row."""
+        for each in self.note_stop(row):
+            self._connection.output(each.output, each.index, each.level)
+
+    def note_stop(self, row: int) -> list[SwitchRow]:
+        """Notes that a brake from a row ends the switching; returns what it switches."""
+        if isnan(self._connection.memory.fields[STOPPED_S]):
+            self._connection.memory.fields[STOPPED_S] = self._told_s(row)
+        levels = self._job.stop_levels(self._next)
+        self._next = len(self._job.switches)
+        return levels

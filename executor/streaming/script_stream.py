@@ -258,6 +258,8 @@ class ScriptStream(Stream):
         """Notes what the program has switched: with the rows up to that which it shows, or from which it brakes."""
         program = self.clock.program
         self.outputs.note(program.row if program.brake_row < 0 else program.brake_row)
+        if program.brake_row >= 0:
+            self.outputs.note_stop(program.brake_row)
 
     def _open_gripper(self, row: int, command: Row) -> None:
         """Asks the program to keep an object that would miss; it opens the gripper itself."""

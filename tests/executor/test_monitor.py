@@ -151,7 +151,7 @@ def test_an_input_that_another_has_is_asked_for_again(
     until(lambda: monitor.owned)
     controller.claim = b"\x00NOT_FOUND"  # of a controller that is too old
     with socket.create_connection((HOST, session.PORT)) as connection:
-        assert session.RtdeReceiver(connection, owns=True).owned is None
+        assert session.RtdeReceiver(connection, inputs=[session.OWNER_INPUT]).owned is None
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")

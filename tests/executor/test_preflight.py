@@ -9,8 +9,16 @@ import numpy as np
 import orjson
 import pytest
 
-from executor.preflight import ExecutionRefused, control_warnings, gripper_is_open, refusals, verify_plan
+from executor.preflight import (
+    ExecutionRefused,
+    control_warnings,
+    gripper_is_open,
+    output_level_warnings,
+    refusals,
+    verify_plan,
+)
 from executor.robot import ControlMode, RobotState
+from planner.passages import OutputSwitch, Passage
 from store import ProfileRow
 from tests.executor.conftest import Prepared
 
@@ -171,3 +179,14 @@ def test_the_gripper_is_open_at_its_own_level(prepared: Prepared, state: RobotSt
     cell = replace(prepared.cell, gripper=gripper)
     assert gripper_is_open(cell, replace(state, outputs=1 << 17)) is open_level
     assert gripper_is_open(cell, replace(state, outputs=1 << 16)) is not open_level
+
+
+@pytest.mark.parametrize(("outputs", "named"), [(0, ["4 is off already"]), (1 << 3 | 1 << 4, ["3 is on already"])])
+def test_an_output_that_has_the_level_of_its_first_edge_is_named(
+    prepared: Prepared, state: RobotState, outputs: int, named: list[str]
+) -> None:
+    edges = [(3, True, 0.0), (3, False, 0.1), (4, False, 0.0), (4, True, 0.1)]
+    switches = tuple(OutputSwitch("standard_digital", *edge) for edge in edges)
+    problem = replace(prepared.problem, passages=(Passage("a", prepared.problem.release, switches, True),))
+    found = output_level_warnings(problem, prepared.trajectory, replace(state, outputs=outputs))
+    assert [warning.split(":")[0].removeprefix("standard_digital ") for warning in found] == named

@@ -26,6 +26,7 @@ from planner.controller_program import (
     SWITCHED_ROW,
     UNHEARD,
     NoProgram,
+    SwitchRow,
     Watch,
 )
 from planner.grippers import SecondOutput
@@ -126,6 +127,23 @@ def test_the_output_is_switched_with_its_row(prepared: Prepared) -> None:
     assert running.out_int(SWITCHED_ROW) == -1
     running.go(until_row=prepared.rows.output_row)
     assert running.out_int(SWITCHED_ROW) == prepared.rows.output_row
+
+
+@pytest.mark.parametrize(("asked_after", "ends"), [(-3, False), (-2, False), (0, True), (2, True), (30, True)])
+def test_a_brake_gives_an_output_its_last_level_only_if_it_was_switched(
+    prepared: Prepared, asked_after: int, ends: bool
+) -> None:
+    first = prepared.rows.release_row // 2
+    line = ("standard_digital", 3)
+    switches = (SwitchRow(first, *line, False), SwitchRow(first + 20, *line, True))
+    running = Running(replace(prepared, rows=replace(prepared.rows, switches=switches)))
+    running.starts()
+    running.go(until_row=first + asked_after)
+    running.tell(BRAKE)
+    running.go()
+    running.cycle(20)
+    assert running.out_int(END) == BRAKED
+    assert bool(running.controller.workcell.outputs.bits >> 3 & 1) is ends
 
 
 def test_it_waits_for_its_start_and_ends_without_one(prepared: Prepared) -> None:

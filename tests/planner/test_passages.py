@@ -193,13 +193,18 @@ def test_a_program_of_the_controller_switches_outputs_at_their_rows_and_ends_tha
     lines = program.text(None).splitlines()
     follows = [i for i, line in enumerate(lines) if line.startswith("  follow(")]
     first, second, third = (switch.row for switch in rows.switches)
-    assert lines[follows[first] - 3 : follows[first]] == [
+    assert lines[follows[first] - 4 : follows[first]] == [
         "  if not braking:",
         "    set_standard_digital_out(2, True)",
+        "    ends_standard_digital_2 = True",
         "  end",
     ]
-    assert lines[follows[second] - 2] == "    set_standard_digital_out(2, False)"
+    assert lines[follows[second] - 3 : follows[second] - 1] == [
+        "    set_standard_digital_out(2, False)",
+        "    ends_standard_digital_2 = False",
+    ]
     assert lines[follows[third] - 2] == "    set_standard_digital_out(3, True)"
-    stop = lines.index(f"    if row + 1 >= {first} and row < {second}:")
+    assert lines.count("  global ends_standard_digital_2 = False") == 1
+    stop = lines.index("    if ends_standard_digital_2:")
     assert lines[stop + 1] == "      set_standard_digital_out(2, False)"
     assert sum(line == lines[stop] for line in lines) == 2  # where it gives up, and where it brakes

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 
+from executor.robot import set_outputs
 from executor.streaming.state_checks import OUTPUT_SHIFT
 from planner.answer import plan_document
+from planner.controller_program import SwitchRow
 from planner.planning import plan
 from planner.request import problem_from_request
 from store import ExecutionRow, new_id
@@ -18,6 +21,7 @@ DOWN = [math.pi, 0.0, 0.0]  # rotation vector of a tool that looks down
 PULSE_S = 0.02
 RUNS = 5
 ROUNDING_S = 1e-9
+VALVE = 7  # standard digital output
 Edge = tuple[str, int, bool, float]  # output, index, level, plan time [s]
 
 
@@ -162,18 +166,64 @@ def test_an_object_is_thrown_after_a_passage_of_the_tool_itself(rig: Rig) -> Non
     assert row.metrics["landing_error_m"] < 0.02
 
 
-@pytest.mark.parametrize("mode", ["speedj", "script"])
-def test_a_stop_switches_off_what_the_plan_was_to_switch_off_later(rig: Rig, mode: str) -> None:
-    line = {"output": "standard_digital", "index": 7}
+def valve_opened(rig: Rig, mode: str) -> str:
+    """Queues a motion with a valve that is open from its first part to its last, until it opens; returns the id."""
+    line = {"output": "standard_digital", "index": VALVE}
     opened = part(0) | {"outputs": [{**line, "level": True}]}
     closed = part(4) | {
         "outputs": [{**line, "level": False}, {"output": "standard_digital", "index": 5, "level": True}]
     }
-    id = rig.queue_plan(stored(rig, {"passages": [opened, part(1), part(2), closed]}), mode)
-    bit = 1 << 7
-    rig.until(lambda: rig.state()["digital_outputs"] & bit, period=0.001)
-    rig.store.request_abort(id)
+    set_outputs(rig.host, [SwitchRow(0, "standard_digital", index, False) for index in (5, VALVE)])
+    id = rig.queue_plan_when_ready(stored(rig, {"passages": [opened, part(1), part(2), closed]}), mode)
+    rig.until(lambda: rig.state()["digital_outputs"] >> VALVE & 1, period=0.001)
+    return id
+
+
+def closes_the_valve(rig: Rig, id: str) -> ExecutionRow:
+    """Asserts that a stop closes the valve, and says so; returns the execution."""
     row = rig.end(id)
-    assert row.outcome == "aborted"
-    assert not rig.state()["digital_outputs"] & bit
-    assert not rig.state()["digital_outputs"] >> 5 & 1
+    outputs = rig.state()["digital_outputs"]
+    assert not outputs >> VALVE & 1, row.reason
+    assert not outputs >> 5 & 1
+    assert "not seen" not in row.reason
+    assert row.metrics is not None
+    ended = [each for each in row.metrics["outputs"] if each["passage"] is None]
+    assert [(each["index"], each["level"]) for each in ended] == [(VALVE, False)]
+    assert ended[0]["command_time_s"] > row.metrics["outputs"][0]["command_time_s"]
+    return row
+
+
+@pytest.mark.parametrize("mode", ["speedj", "script"])
+def test_a_stop_switches_off_what_the_plan_was_to_switch_off_later(rig: Rig, mode: str) -> None:
+    id = valve_opened(rig, mode)
+    rig.store.request_abort(id)
+    assert closes_the_valve(rig, id).outcome == "aborted"
+
+
+STOPS: dict[str, tuple[Callable[[Rig], None], str]] = {  # which are no orderly brake, and their outcomes
+    "protective stop": (lambda rig: rig.fault("protective_stop"), "protective_stop"),
+    "emergency stop": (lambda rig: rig.fault("emergency_stop"), "emergency_stop"),
+    "slider": (lambda rig: rig.fault("speed_slider", fraction=0.5), "aborted"),
+    "pause": (lambda rig: rig.fault("pause_program"), "aborted"),
+    "stop": (lambda rig: rig.fault("stop_program"), "aborted"),
+    "killed": (lambda rig: rig.streamer().kill(), "executor_lost"),
+}
+
+
+@pytest.mark.parametrize("mode", ["speedj", "script"])
+@pytest.mark.parametrize("stop", STOPS)
+def test_a_stop_that_is_no_orderly_brake_switches_it_off_too(rig: Rig, stop: str, mode: str) -> None:
+    happens, outcome = STOPS[stop]
+    id = valve_opened(rig, mode)
+    happens(rig)
+    assert closes_the_valve(rig, id).outcome == outcome
+
+
+def test_an_output_that_stays_on_is_named(rig: Rig) -> None:
+    id = valve_opened(rig, "speedj")
+    rig.fault("outputs_stuck")
+    rig.fault("protective_stop")
+    row = rig.end(id)
+    assert "standard_digital 7 was not seen to switch off" in row.reason
+    assert row.metrics is not None
+    assert all(each["passage"] for each in row.metrics["outputs"])

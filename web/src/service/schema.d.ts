@@ -4263,8 +4263,11 @@ export interface components {
             level: boolean;
             /** Output */
             output: string;
-            /** Passage */
-            passage: string;
+            /**
+             * Passage
+             * @description null: a stop switched it.
+             */
+            passage: string | null;
         };
         /**
          * TargetReleaseRequest

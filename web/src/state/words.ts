@@ -322,7 +322,7 @@ function outputRows(outputs: Outputs): (readonly [string, string])[] {
   return outputs.map((each) => {
     const late = each.edge_late_s ?? 0;
     const seen = each.edge_time_s === null ? "not seen" : `after ${each.edge_time_s.toFixed(3)} s, ${figure(1000 * Math.abs(late), 2)} ms ${late < 0 ? "early" : "late"}`;
-    return [`${each.passage}: ${edgeWords(each)}`, seen] as const;
+    return [`${each.passage ?? "Stop"}: ${edgeWords(each)}`, seen] as const;
   });
 }
 
