@@ -17,6 +17,10 @@ from planner.trajectory import Trajectory
 # Beginnings of keys on which it does not depend whether the arm can stand at home; by its chain, within a centimetre.
 NOT_OF_HOME = ("kinematics.calibration", "tool.mass_kg", "gripper.", "safety.", "timing.", "link.", "sim.")
 
+OWN_CELLS = Path("cells")
+PACKAGES = Path(__file__).parent.parent
+SHIPPED_CELLS = (PACKAGES / "cells", PACKAGES / "fling" / "cells")  # of a checkout, and of the installed package
+
 
 def open_cell(path: Path | str) -> Cell:
     """Returns the cell of a file after certifying that the arm can stand at its home.
@@ -29,10 +33,14 @@ def open_cell(path: Path | str) -> Cell:
 
 def default_cells_folder() -> Path:
     """Returns the first folder with cell files: `cells` here, in the checkout, or of the installed package."""
-    packages = Path(__file__).parent.parent
-    checkout = packages / "cells"
-    candidates = (Path("cells"), checkout, packages / "fling" / "cells")
-    return next((folder for folder in candidates if any(folder.glob("*.toml"))), checkout).resolve()
+    candidates = (OWN_CELLS, *SHIPPED_CELLS)
+    return next((folder for folder in candidates if any(folder.glob("*.toml"))), SHIPPED_CELLS[0]).resolve()
+
+
+def is_shipped(path: Path) -> bool:
+    """Returns whether a cell file came with Fling, and is not in the folder that the user works in."""
+    folder = path.resolve().parent
+    return folder != OWN_CELLS.resolve() and folder in [each.resolve() for each in SHIPPED_CELLS]
 
 
 def checked(cell: Cell) -> Cell:

@@ -243,6 +243,7 @@ def _output_errors(outputs: Sequence[OutputSwitch], path: str, cell: Cell) -> li
     """Returns the outputs that do not exist, are the gripper's own, or are to switch twice at once."""
     errors = []
     gripper = cell.gripper
+    tick_s = 1.0 / cell.robot.sample_rate_hz
     own = [] if gripper.link is not None else [(gripper.output, gripper.index)]
     if gripper.second is not None:
         own.append((gripper.second.output, gripper.second.index))
@@ -253,9 +254,26 @@ def _output_errors(outputs: Sequence[OutputSwitch], path: str, cell: Cell) -> li
             errors.append(FieldError(f"{path}[{i}].index", reason))
         if line in own:
             errors.append(FieldError(f"{path}[{i}]", "is the gripper's own output: give the passage `releases`"))
-        if any(line == (other.output, other.index) and each.offset_s == other.offset_s for other in outputs[:i]):
-            errors.append(FieldError(f"{path}[{i}].offset_s", "another level of this output is given for this time"))
+        if any(line == (other.output, other.index) and is_closer(each, other, tick_s) for other in outputs[:i]):
+            reason = f"{each.offset_s:g} s is less than a tick of {1e3 * tick_s:g} ms from another edge of this output"
+            errors.append(FieldError(f"{path}[{i}].offset_s", reason))
     return errors
+
+
+def is_closer(one: OutputSwitch, other: OutputSwitch, tick_s: float) -> bool:
+    """Returns whether two edges about one passage are less than a tick apart."""
+    return abs(one.offset_s - other.offset_s) < (1.0 - ROUNDING) * tick_s
+
+
+def crowded_edges(edges: Sequence[OutputEdge], tick_s: float) -> tuple[OutputEdge, OutputEdge] | None:
+    """Returns two edges of one output that are less than a tick apart: no controller makes both. None without any."""
+    last: dict[tuple[str, int], OutputEdge] = {}
+    for edge in edges:
+        line = (edge.switch.output, edge.switch.index)
+        if line in last and edge.edge_time_s - last[line].edge_time_s < (1.0 - ROUNDING) * tick_s:
+            return last[line], edge
+        last[line] = edge
+    return None
 
 
 def output_edges(cell: Cell, passages: Sequence[Passage], trajectory: Trajectory) -> list[OutputEdge]:

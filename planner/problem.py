@@ -151,9 +151,21 @@ class ThrowProblem:
         passages = with_main_state(self.passages, release) if self.passages else ()
         return replace(self, release=release, passages=passages)
 
-    def through(self, state: Release, releases: bool) -> ThrowProblem:
-        """Returns the problem of passing one state alone, with or without letting the object go there."""
-        return replace(self, release=state, passages=(Passage("", state, releases=releases),), end=None)
+    def through(self, state: Release, releases: bool, is_thrown: bool) -> ThrowProblem:
+        """Returns the problem of passing one state alone.
+
+        Args:
+            state: to pass.
+            releases: whether the object leaves there.
+            is_thrown: whether it left before.
+        """
+        alone = (Passage("", state, releases=releases),)
+        holds = self.holds_object and not is_thrown
+        return replace(self, release=state, passages=alone, end=None, holds_object=holds)
+
+    def is_thrown_before(self, number: int) -> bool:
+        """Returns whether the object has left before a passage, by its number; that of the end follows the last."""
+        return any(each.releases for each in self.passages[:number])
 
     @property
     def fixes_joints(self) -> bool:

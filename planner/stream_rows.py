@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from planner.trajectory import Trajectory
 Vector = NDArray[np.float64]
 
 LEAD_IN_S = 0.020  # [s] at rest before the plan begins: the stream is running smoothly by then
-SETTLE_S = 0.060  # [s] at rest after it: the measured motion, one lag behind, comes to its end
+SETTLE_S = 0.060  # [s] at rest after it: the measured motion, one lag behind, comes to its end; outputs are seen to
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,8 @@ def sample_rows(cell: Cell, trajectory: Trajectory, throws: bool, edges: Sequenc
     told = [edge.command_time_s + lag for edge in edges]  # plan times at which outputs without a delay would change
     origin = opens if throws else next(iter(told), 0.0)
     first = origin - math.ceil((origin - min(origin, 0.0, *told) + lag + LEAD_IN_S) / dt) * dt
-    last = max(trajectory.duration_s + lag + SETTLE_S, *told, 0.0)
+    seen = [edge.edge_time_s + lag + SETTLE_S for edge in edges]
+    last = max(trajectory.duration_s + lag + SETTLE_S, *seen, 0.0)
     count = math.ceil((last - first) / dt) + 1
     clock = first + np.arange(count) * dt
     q, qd, qdd = trajectory.at(clock)
@@ -76,8 +77,8 @@ def sample_rows(cell: Cell, trajectory: Trajectory, throws: bool, edges: Sequenc
     release_row = round((trajectory.release_time_s - first) / dt)
     output_row = round((opens - first) / dt) if throws else -1
     lines = [(edge.switch.output, edge.switch.index, edge.switch.level) for edge in edges]
-    switches = tuple(SwitchRow(round((at_s - first) / dt), *line) for at_s, line in zip(told, lines, strict=True))
-    return StreamRows(first, q, qd, qdd, reference_q, reference_qd, release_row, output_row, switches)
+    switches = [SwitchRow(round((at_s - first) / dt), *line) for at_s, line in zip(told, lines, strict=True)]
+    return StreamRows(first, q, qd, qdd, reference_q, reference_qd, release_row, output_row, _one_a_row(switches))
 
 
 def controller_program(cell: Cell, rows: StreamRows, brakes: Brakes, thinned: bool = False) -> ControllerProgram:
@@ -119,3 +120,17 @@ def controller_program(cell: Cell, rows: StreamRows, brakes: Brakes, thinned: bo
         ),
         switches=rows.switches,
     )
+
+
+def _one_a_row(switches: Sequence[SwitchRow]) -> tuple[SwitchRow, ...]:
+    """Returns switches in their order, with edges of one output that are a tick apart in rows of their own.
+
+    Rounding brings two of them into one row where the ticks fall in the middle between rows.
+    """
+    last: dict[tuple[str, int], int] = {}
+    found = []
+    for each in switches:
+        line = (each.output, each.index)
+        found.append(replace(each, row=max(each.row, last.get(line, -1) + 1)))
+        last[line] = found[-1].row
+    return tuple(found)

@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 
 
 VALUE_MAX = 400  # characters of a refused value in JSON
+MESH_LEAST_M = 0.005  # [m] size below which a mesh is rather one whose scale is wrong
+MESH_MOST_M = 20.0  # [m] size beyond which it is, too: no cell is so large
+MESH_BEYOND = 0.15  # [-] of its size beyond which its boxes reach: a ball's come to 0.12
 
 
 @click.group(cls=FlingGroup)
@@ -130,12 +133,28 @@ def _meshes_of(cell: Cell) -> list[str]:
         known = cover_in(cell.meshes, entry["file"]) if entry.get("shape") == "mesh" else "no mesh"
         if not isinstance(known, str):
             made, is_closed = known
+            scale = entry.get("scale", 1.0)
+            size_m = scale * (made.upper.max(axis=0) - made.lower.min(axis=0))
+            beyond_m = scale * made.beyond
             boxes = f"{len(made.lower)} boxes" if len(made.lower) > 1 else "a box"
-            beyond_mm = 1e3 * made.beyond * entry.get("scale", 1.0)
-            is_open = "" if is_closed else "; its surface is not closed, so what is in it may count as free"
+            size = " × ".join(f"{each:.3g}" for each in size_m)
+            doubts = _mesh_doubts(size_m.max(), beyond_m, is_closed)
             name = entry.get("name") or f"mesh {i}"
-            found.append(f"{name}: {entry['file']} as {boxes}, at most {beyond_mm:.3g} mm beyond it{is_open}")
+            told = f"{name}: {entry['file']}, {size} m, as {boxes}, at most {1e3 * beyond_m:.3g} mm beyond it"
+            found.append("; ".join([told, *doubts]))
     return found
+
+
+def _mesh_doubts(size_m: float, beyond_m: float, is_closed: bool) -> list[str]:
+    """Returns what may be wrong with a mesh that is so large, and whose boxes reach so far beyond it [m]."""
+    doubts = []
+    if not MESH_LEAST_M <= size_m <= MESH_MOST_M:
+        doubts.append("is its scale right? 0.001 is for millimetres")
+    if beyond_m > MESH_BEYOND * size_m:
+        doubts.append("its boxes fill what it leaves open: give its walls as boxes of their own")
+    if not is_closed:
+        doubts.append("its surface is not closed, so what is in it may count as free")
+    return doubts
 
 
 @cell.command()

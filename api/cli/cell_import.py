@@ -13,7 +13,10 @@ from api.cli.support.options import json_option
 from api.cli.support.terminal import BAD, GOOD, say
 
 if TYPE_CHECKING:
+    from planner.cell import Cell
     from planner.scenes import ForeignScene
+
+SAME_PLACE = 1e-3  # [m, -] by which the bases of two arms may differ
 
 
 @click.command("import")
@@ -27,32 +30,36 @@ def import_scene(file: Path, name: str, as_json: bool) -> None:
     taken as the cell's world. Meshes are copied beside the cell file.
     """
     from planner.cell import cell_of, source_of
-    from planner.cell_folder import home_faults
+    from planner.cell_folder import checked, is_shipped
     from planner.errors import CellError
     from planner.scenes import entries_of, with_entries
 
     path = _path(name)
+    if is_shipped(path):
+        raise click.ClickException(f"{path} came with Fling: copy it to ./cells first, or see `fling cell new`")
     scene = _scene(file)
     try:
         text = path.read_text()
         cell = cell_of(source_of(path, text.encode()))
     except (OSError, UnicodeDecodeError, CellError) as error:
         raise click.ClickException(f"{path}: {error}") from error
+    on_base = _notes_on_base(scene, cell)
     files, contents = _mesh_files(path, scene)
     entries = entries_of(scene.shapes, files, cell.surroundings.keep_out_names)
     written = with_entries(text, entries, file.name) if entries else text
     for place, content in contents.items():
         place.write_bytes(content)
     try:
-        made = cell_of(source_of(path, written.encode()))
+        checked(cell_of(source_of(path, written.encode())))
     except CellError as error:
         for place in contents:
             place.unlink()
-        raise click.ClickException(f"{path} would be refused with the shapes of {file}: {error}") from error
+        why = "; ".join([str(error), *on_base])
+        raise click.ClickException(f"{path} would be refused with the shapes of {file}: {why}") from error
     part = path.with_name(f".{path.name}.part")
     part.write_text(written)
     part.replace(path)
-    notes = [*scene.notes, *map(str, home_faults(made))]
+    notes = [*scene.notes, *on_base]
     left_out = list(dict.fromkeys(scene.left_out))
     if as_json:
         names = [json.loads(entry["name"]) for entry in entries]
@@ -82,6 +89,20 @@ def _scene(file: Path) -> ForeignScene:
     if file.suffix.lower() == ".srdf":
         raise click.ClickException(f"{file}: an SRDF has no shapes; the URDF that it goes with has them")
     return scene_of_urdf(file) if file.suffix.lower() == ".urdf" else read_scene(file)
+
+
+def _notes_on_base(scene: ForeignScene, cell: Cell) -> list[str]:
+    """Returns a note where the file's arm stands elsewhere than the cell's, and so what is around it."""
+    from planner.rotations import matrix_to_rotation_vector
+
+    if scene.X_WB is None or abs(scene.X_WB - cell.X_WB).max() < SAME_PLACE:
+        return []
+    place = (scene.X_WB[:3, 3].round(4) + 0.0).tolist()  # no -0.0
+    turn = (matrix_to_rotation_vector(scene.X_WB[:3, :3]).round(4) + 0.0).tolist()
+    return [
+        "the file's arm stands elsewhere in its world than the cell's: for the same places around it,"
+        f" base_in_world is position_m = {place}, rotation_vector_rad = {turn}"
+    ]
 
 
 def _mesh_files(path: Path, scene: ForeignScene) -> tuple[list[str], dict[Path, bytes]]:

@@ -16,6 +16,7 @@ from planner.certificate.certificate import ROUNDING, Check, at_least, at_most
 from planner.certificate.samples import ArmSamples, MotionSamples
 from planner.flight import Flight, LandingStates, fly, landing_states
 from planner.geometry import ToolState, tool_state
+from planner.passages import crowded_edges, output_edges
 from planner.problem import ThrowProblem
 from planner.releases import Bound, Release, ReleaseSample
 from planner.rotations import pose
@@ -65,7 +66,8 @@ def passage(motion: MotionSamples) -> Check | None:
     trajectory = motion.trajectory
     if not problem.passages:
         return None
-    if (wrong := _wrong_order(problem, trajectory)) is not None:
+    wrong = _wrong_order(problem, trajectory) or _crowded_outputs(problem, trajectory)
+    if wrong is not None:
         return wrong
     states = [(each.name, each.state, index) for each, index in zip(problem.passages, trajectory.passed, strict=True)]
     if problem.end is not None:
@@ -91,6 +93,19 @@ def _wrong_order(problem: ThrowProblem, trajectory: Trajectory) -> Check | None:
             limit = each.not_before_s if each.at_s is None else each.at_s
             return at_most("passage", at_s, limit, "s", at_s, f"{each.name}: time").provided(False)
     return None
+
+
+def _crowded_outputs(problem: ThrowProblem, trajectory: Trajectory) -> Check | None:
+    """Returns the failed check of an output that would switch twice within a tick; None where none does."""
+    edges = output_edges(problem.cell, problem.passages, trajectory)
+    crowded = crowded_edges(edges, trajectory.dt)
+    if crowded is None:
+        return None
+    one, other = crowded
+    names = " and ".join(dict.fromkeys(problem.passages[each.passage].name for each in crowded))
+    detail = f"{names}: between two edges of {other.switch.output} {other.switch.index}"
+    apart_s = other.edge_time_s - one.edge_time_s
+    return at_least("passage", apart_s, trajectory.dt, "s", other.edge_time_s, detail).provided(False)
 
 
 def _position(name: str, motion: MotionSamples, asked: Release, index: int) -> Check | None:

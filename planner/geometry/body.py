@@ -187,23 +187,25 @@ class BodyModel:
             self_collision=self.pair_distances(ends)[pairs].min(axis=0, initial=np.inf) - SELF_CLEARANCE_M,
         )
 
-    def violations_at(self, q: Array) -> list[Violation]:
+    def violations_at(self, q: Array, with_object: bool = True) -> list[Violation]:
         """Returns the bounds on clearance that a posture (6,) [rad] breaks as the release, with what is too close.
 
-        The one that it comes closest to breaking where rounding alone decides.
+        The one that it comes closest to breaking where rounding alone decides. With the object in the tool or without.
         """
         ends = self.end_points(self.link_poses(q[None]))
         clearance = self.cell.surroundings.clearance_m
-        moving = [self.names[i] for i in self.moving]
-        pairs = [f"{self.names[i]}, {self.names[j]}" for i, j in self.pairs]
+        bodies = slice(None) if with_object else slice(-1)  # the object is the last of them
+        of_pairs = np.flatnonzero(with_object | (self.pairs != self.object).all(axis=1))
+        moving = [self.names[i] for i in self.moving[bodies]]
+        pairs = [f"{self.names[i]}, {self.names[j]}" for i, j in self.pairs[of_pairs]]
         at_shapes = [f"{each}, {shape}" for shape in self.cell.surroundings.keep_out_names for each in moving]
         tool = ["tool centre point"] * len(self.cell.surroundings.keep_in)
         further = np.repeat(self.cell.surroundings.further_clearances, len(moving))
         gaps = (
-            ("floor", self.heights(ends), moving, clearance, np.zeros(1)),
+            ("floor", self.heights(ends)[bodies], moving, clearance, np.zeros(1)),
             ("keep_in", self.wall_distances(ends), tool, 0.0, np.zeros(1)),
-            ("keep_out", self.shape_distances(ends), at_shapes, clearance, further),
-            ("self_collision", self.pair_distances(ends), pairs, SELF_CLEARANCE_M, np.zeros(1)),
+            ("keep_out", self.shape_distances(ends)[:, bodies], at_shapes, clearance, further),
+            ("self_collision", self.pair_distances(ends)[of_pairs], pairs, SELF_CLEARANCE_M, np.zeros(1)),
         )
         margins = []
         violations = []

@@ -11,12 +11,11 @@ from dataclasses import replace
 import numpy as np
 
 from planner.arrays import Array
-from planner.cell import FARTHEST_M
+from planner.cell import FARTHEST_M, Cell
 from planner.certificate import SINGULARITY_WINDOW_S
 from planner.errors import Infeasible, Violation
 from planner.flight import least_speed
 from planner.geometry import body_model, segment_shape_distance, tool_state
-from planner.passages import Passage
 from planner.problem import ThrowProblem
 from planner.refusal.blocked_postures import blocked_postures
 from planner.refusal.released_flight import released_flight_blocked
@@ -39,15 +38,16 @@ def refuse_impossible(problem: ThrowProblem) -> None:
 def proven_violations(problem: ThrowProblem) -> list[Violation]:
     """Returns the violations that no motion avoids, as far as bounds alone tell."""
     if problem.is_chain:
-        found = [each for passage in problem.passages for each in _of_passage(problem, passage)]
+        found = [each for number in range(len(problem.passages)) for each in _of_passage(problem, number)]
     else:
         found = [*_of_demands(problem), *filter(None, [released_flight_blocked(problem)])]
     return [replace(violation, proven=True) for violation in (*found, *blocked_postures(problem))]
 
 
-def _of_passage(problem: ThrowProblem, passage: Passage) -> list[Violation]:
+def _of_passage(problem: ThrowProblem, number: int) -> list[Violation]:
     """Returns what rules out a passage by itself; names it."""
-    alone = problem.through(passage.state, passage.releases)
+    passage = problem.passages[number]
+    alone = problem.through(passage.state, passage.releases, problem.is_thrown_before(number))
     found = [*_of_demands(alone), *filter(None, [released_flight_blocked(alone)])]
     return [violation.within(f"passage {passage.name!r}") for violation in found]
 
@@ -118,22 +118,35 @@ def farthest_from_shoulder(problem: ThrowProblem) -> tuple[Array, float]:
 
 
 def _place(problem: ThrowProblem, p_WT: Array) -> list[Violation]:
-    """Returns what rules out a tool centre at `p_WT` (3,): the arm's reach, or the held object's surroundings."""
-    cell = problem.cell
+    """Returns what rules out a tool centre at `p_WT` (3,): the arm's reach, or the surroundings of the held object."""
     shoulder, reach = farthest_from_shoulder(problem)
     distance = float(np.linalg.norm(p_WT - shoulder))
-    around = cell.surroundings
     found = []
     if distance > reach + SLACK:
         detail = "distance from the arm's shoulder" + _in_metres(distance)
         found.append(Violation("reach", distance, reach, "m", detail=detail))
-    height = float(p_WT[2]) - cell.object.radius_m - around.floor_z_m
-    if height < around.clearance_m - SLACK:
-        found.append(Violation("floor", height, around.clearance_m, "m", detail="object at the release"))
-    for box in around.keep_in:
+    if problem.holds_object:
+        found += _object_on_floor(problem.cell, p_WT)
+    for box in problem.cell.surroundings.keep_in:
         inside = float(box.depth(p_WT))
         if inside < -SLACK:
             found.append(Violation("keep_in", inside, 0.0, "m", detail="tool centre point at the release"))
+    return [*found, *(_object_at_shapes(problem.cell, p_WT) if problem.holds_object else [])]
+
+
+def _object_on_floor(cell: Cell, p_WT: Array) -> list[Violation]:
+    """Returns by how much an object at the tool centre (3,) is too close to the floor."""
+    around = cell.surroundings
+    height = float(p_WT[2]) - cell.object.radius_m - around.floor_z_m
+    if height >= around.clearance_m - SLACK:
+        return []
+    return [Violation("floor", height, around.clearance_m, "m", detail="object at the release")]
+
+
+def _object_at_shapes(cell: Cell, p_WT: Array) -> list[Violation]:
+    """Returns by how much an object at the tool centre (3,) is too close to what is kept out."""
+    around = cell.surroundings
+    found = []
     clearances = (around.clearance_m + around.further_clearances).tolist()
     for shape, name, clearance_m in zip(around.keep_out, around.keep_out_names, clearances, strict=True):
         gap = float(segment_shape_distance(p_WT, p_WT, shape))

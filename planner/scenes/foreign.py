@@ -59,11 +59,13 @@ class ForeignScene:
         shapes: that are taken over.
         left_out: names of the others, with the reasons.
         notes: what else a person should know, in sentences.
+        X_WB: pose of the base of an arm in the file (4, 4); None without one.
     """
 
     shapes: list[ForeignShape] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    X_WB: Array | None = None
 
     def take(self, name: str, found: ForeignShape | str) -> None:
         """Takes a shape over, or notes why it is left out."""

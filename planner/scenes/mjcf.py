@@ -9,6 +9,8 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from planner.arrays import Array
+from planner.documents import NotXml, parse_xml, read_file
+from planner.errors import FileRefused
 from planner.rotations import pose, quaternion_to_matrix, rotation_vector_to_matrix
 from planner.scenes.foreign import (
     TEXT_MAX,
@@ -21,6 +23,7 @@ from planner.scenes.foreign import (
 )
 
 JOINTS = ("joint", "freejoint")
+INCLUDED_BYTES = 20_000_000  # [byte] of an included file
 LENGTHS = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2}  # how many numbers of `size` each type takes
 
 
@@ -31,7 +34,7 @@ class MjcfReader:
         folder: in which its meshes are.
         turn: of an angle in the file [rad].
         order: of the axes that `euler` turns about, lower case about those that turn along.
-        defaults: attributes of geoms by class; those of the outermost one under "".
+        defaults: attributes of geoms and meshes by class; those of the outermost one under "".
         meshes: attributes of the meshes, by name.
         scene: what was read.
     """
@@ -46,20 +49,26 @@ class MjcfReader:
         self.order = settings.get("eulerseq", "xyz")
         if len(self.order) != 3 or set(self.order.lower()) - set("xyz"):
             raise SceneRefused(f"turns about {self.order[:TEXT_MAX]!r} (eulerseq)")
-        self.defaults: dict[str, dict[str, str]] = {"": {}}
+        self.defaults: dict[str, dict[str, dict[str, str]]] = {"": {"geom": {}, "mesh": {}}}
         for default in root.iterfind("default"):
-            self._read_default(default, {}, True)
-        self.meshes = {_mesh_name(mesh): mesh.attrib for mesh in root.iterfind("asset/mesh")}
+            self._read_default(default, self.defaults[""], True)
+        self.meshes = {_mesh_name(mesh): self._full(mesh, "") for mesh in root.iterfind("asset/mesh")}
         self.scene = ForeignScene()
 
-    def _read_default(self, default: Element, above: Mapping[str, str], is_outermost: bool) -> None:
-        geom = default.find("geom")
-        own = {**above, **({} if geom is None else geom.attrib)}
+    def _read_default(self, default: Element, above: Mapping[str, dict[str, str]], is_outermost: bool) -> None:
+        own = {tag: dict(attributes) for tag, attributes in above.items()}
+        for element in default:
+            if element.tag in own:
+                own[element.tag] |= element.attrib
         self.defaults[default.get("class", "")] = own
         if is_outermost:
             self.defaults[""] = own
         for inner in default.iterfind("default"):
             self._read_default(inner, own, False)
+
+    def _full(self, element: Element, kind: str) -> dict[str, str]:
+        """Returns the attributes of an element with those of its class, which is `kind` where it names none."""
+        return {**self.defaults.get(element.get("class", kind), {}).get(element.tag, {}), **element.attrib}
 
     def read(self, body: Element, X_WB: Array, name: str, kind: str) -> None:
         """Reads the geoms of a body and of those within it.
@@ -78,7 +87,7 @@ class MjcfReader:
             if body.find(tag) is not None:
                 self.scene.left_out.append(f"what {name} has by <{tag}>")
         for geom in body.iterfind("geom"):
-            given = {**self.defaults.get(geom.get("class", kind), {}), **geom.attrib}
+            given = self._full(geom, kind)
             called = given.get("name", name)
             self.scene.take(called, self._geom(given, X_WB, called))
         for inner in (*body.iterfind("body"), *body.iterfind("frame")):
@@ -91,7 +100,7 @@ class MjcfReader:
             return f"a {kind} that is only drawn"
         if kind == "plane":
             return "a plane: a floor is surroundings.floor_z_m"
-        if kind == "mesh":
+        if kind == "mesh" or "mesh" in given:  # MuJoCo puts a shape of another kind about the mesh
             return self._mesh(given, X_WB, name)
         if kind not in LENGTHS:
             return shape_or_reason(name, kind, X_WB, ())
@@ -147,12 +156,29 @@ def scene_of_mjcf(root: Element, folder: Path) -> ForeignScene:
     Raises:
         SceneRefused: a number in it is none.
     """
+    _include(root, folder, set())
     reader = MjcfReader(root, folder)
     if root.find("include") is not None:
         reader.scene.left_out.append("what it has by <include>")
     for world in root.iterfind("worldbody"):
         reader.read(world, np.eye(4), "world", "")
     return reader.scene
+
+
+def _include(element: Element, folder: Path, known: set[Path]) -> None:
+    """Puts the elements of included files in their place; MuJoCo, too, includes a file once."""
+    for i, child in reversed(list(enumerate(element))):
+        path = (folder / child.get("file", "")).resolve()
+        if child.tag != "include":
+            _include(child, folder, known)
+        elif path not in known:
+            known.add(path)
+            try:
+                included = parse_xml(read_file(path, INCLUDED_BYTES))
+            except (FileRefused, NotXml):
+                continue  # it stays, to be named
+            _include(included, folder, known)
+            element[i : i + 1] = list(included)
 
 
 def _mesh_name(mesh: Element) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from planner.scenes.foreign import (
     ForeignScene,
     ForeignShape,
     SceneRefused,
+    mesh_at,
     mesh_text,
     numbers_of,
     shape_or_reason,
@@ -90,8 +92,12 @@ def _pose(position: list[float], quaternion: list[float], name: str) -> Array:
     return pose(position, quaternion_to_matrix(quaternion))
 
 
-def scene_of_message(document: Any) -> ForeignScene:
+def scene_of_message(document: Any, folder: Path) -> ForeignScene:
     """Returns the shapes of a planning-scene message, or of a list of collision objects.
+
+    Args:
+        document: the message.
+        folder: of the file.
 
     Raises:
         SceneRefused: it is none.
@@ -107,16 +113,21 @@ def scene_of_message(document: Any) -> ForeignScene:
         frame = _mapping(each.get("header")).get("frame_id", "world")
         frames[str(frame)] = name
         X = _message_pose(each["pose"], name) if "pose" in each else np.eye(4)
-        for found in _shapes(each, name, X):
+        for found in _shapes(each, name, X, folder):
             scene.take(name, found)
         if len(scene.shapes) > SHAPES_MAX:
             raise SceneRefused(f"has more than {SHAPES_MAX} shapes")
+    state = _mapping(document.get("robot_state")) if isinstance(document, Mapping) else {}
+    for each in _list(state.get("attached_collision_objects")):
+        scene.left_out.append(f"{_mapping(_mapping(each).get('object')).get('id', 'object')} (in the gripper)")
+    if isinstance(world, Mapping) and _list(_mapping(_mapping(world.get("octomap")).get("octomap")).get("data")):
+        scene.left_out.append("the octomap")
     if others := sorted(set(frames) - {"world", "/world", ""}):
         scene.notes.append(f"places in {', '.join(others)} are taken as the cell's world: it has to be the same frame")
     return scene
 
 
-def _shapes(each: Mapping[str, Any], name: str, X: Array) -> Iterator[ForeignShape | str]:
+def _shapes(each: Mapping[str, Any], name: str, X: Array, folder: Path) -> Iterator[ForeignShape | str]:
     for kind in ("primitive", "mesh", "plane"):
         shapes = _list(each.get("planes" if kind == "plane" else f"{kind}es" if kind == "mesh" else "primitives"))
         poses = _list(each.get(f"{kind}_poses"))
@@ -126,7 +137,7 @@ def _shapes(each: Mapping[str, Any], name: str, X: Array) -> Iterator[ForeignSha
             if kind == "plane":
                 yield "a plane"
             elif kind == "mesh":
-                yield ForeignShape(name, "mesh", X @ _message_pose(placed, name), {"scale": 1.0}, _mesh(shape, name))
+                yield _mesh(_mapping(shape), name, X @ _message_pose(placed, name), folder)
             else:
                 yield _primitive(_mapping(shape), name, X @ _message_pose(placed, name))
 
@@ -139,13 +150,15 @@ def _primitive(shape: Mapping[str, Any], name: str, X: Array) -> ForeignShape | 
     return shape_or_reason(name, kind, X, sizes[::-1] if kind in ("cylinder", "cone") else sizes)
 
 
-def _mesh(shape: Any, name: str) -> tuple[bytes, str]:
-    given = _mapping(shape)
+def _mesh(given: Mapping[str, Any], name: str, X: Array, folder: Path) -> ForeignShape | str:
+    if "resource" in given:  # source: robowflex_library, yaml.cpp: a mesh as MotionBenchMaker names it, by its file
+        scale = _coordinates(given.get("dimensions", ["1"] * 3), "xyz", name)
+        return mesh_at(name, X, folder, str(given["resource"]), scale)
     vertices = [_coordinates(vertex, "xyz", name) for vertex in _list(given.get("vertices"))]
     triangles = _list(given.get("triangles"))
     corners = [each if isinstance(each, list) else _list(_mapping(each).get("vertex_indices")) for each in triangles]
     faces = [[int(i) for i in numbers_of([str(i) for i in face], 3, f"{name}: triangle")] for face in corners]
-    return mesh_text(np.array(vertices), faces)
+    return ForeignShape(name, "mesh", X, {"scale": 1.0}, mesh_text(np.array(vertices), faces))
 
 
 def _message_pose(given: Any, name: str) -> Array:

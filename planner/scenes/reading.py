@@ -27,12 +27,14 @@ def read_scene(path: Path) -> ForeignScene:
         if path.suffix.lower() == ".scene":
             return read_scene_text(data.decode(errors="replace"))
         if path.suffix.lower() in (".yaml", ".yml"):
-            return scene_of_message(_yaml(data))
+            return scene_of_message(_yaml(data), path.parent)
         root = parse_xml(data)
         if root.tag == "sdf":
             return scene_of_sdf(root, path.parent)
         if root.tag == "mujoco":
             return scene_of_mjcf(root, path.parent)
+        if root.tag == "robot":
+            raise SceneRefused("is a URDF, or a xacro to be expanded to one, and its name has to end in .urdf")
         raise SceneRefused(f"begins with <{root.tag[:40]}>: no URDF, SDF or MJCF")
     except (SceneRefused, NotXml) as error:
         raise FileRefused(path, str(error)) from error

@@ -28,7 +28,6 @@ from planner.certificate import SINGULARITY_WINDOW_S, Check
 from planner.errors import TIME_LIMIT, Infeasible, SolverFailed, Violation, nothing_found
 from planner.kinematics import inverse_velocity, jacobian, singularity_distances, tcp_acceleration
 from planner.problem import ThrowProblem
-from planner.releases import Release
 from planner.search.record import PlanningSearch
 from planner.seeds import candidates
 from planner.trajectory import Trajectory
@@ -71,7 +70,11 @@ def search_chain(search: PlanningSearch) -> None:
 
 
 def _try(search: PlanningSearch, legs: _Legs, way: list[int]) -> None:
-    """Makes and certifies the motion along a way; what stands in its way is noted with its leg."""
+    """Makes and certifies the motion along a way; what stands in its way is noted with its leg.
+
+    Raises:
+        Infeasible: the outputs contradict each other, which no other way mends.
+    """
     made = []
     tick = 0
     for number in range(len(way) - 1):
@@ -88,10 +91,12 @@ def _try(search: PlanningSearch, legs: _Legs, way: list[int]) -> None:
         return
     blamed = set()
     for failed in found.examination.failures:
+        violation = Violation(failed.name, failed.value, failed.limit, failed.unit, failed.at_s, failed.detail)
+        if failed.name == "passage":
+            raise Infeasible([violation])
         leg = _leg_of(motion, failed)
         if leg not in blamed:
             blamed.add(leg)
-            violation = Violation(failed.name, failed.value, failed.limit, failed.unit, failed.at_s, failed.detail)
             legs.give_way(leg, way, violation, ends=failed.name in OF_RELEASE)
 
 
@@ -261,8 +266,9 @@ def _legs(search: PlanningSearch) -> _Legs:
         asked.append(("the end", problem.end, False))
     names = ["the start"]
     states: list[list[State | None]] = [[(problem.start, zero, zero)]]
-    for name, state, releases in asked:
-        states.append(_near(problem, states[-1], _found(search, name, state, releases)))
+    for number, (name, state, releases) in enumerate(asked):
+        alone = problem.through(state, releases, problem.is_thrown_before(number))
+        states.append(_near(problem, states[-1], _found(search, name, alone)))
         names.append(name)
     if problem.end is None:
         names.append("rest")
@@ -274,12 +280,12 @@ def _legs(search: PlanningSearch) -> _Legs:
     return _Legs(problem, names, states, times, [np.zeros(each.shape, np.int64) for each in times])
 
 
-def _found(search: PlanningSearch, name: str, state: Release, releases: bool) -> list[State | None]:
-    """Returns the joint states in which a passage keeps every limit itself."""
+def _found(search: PlanningSearch, name: str, alone: ThrowProblem) -> list[State | None]:
+    """Returns the joint states in which a passage keeps every limit by itself."""
     problem = search.problem
     begun_s = time.perf_counter()
     try:
-        found = candidates(problem.through(state, releases), search.deadline_s)
+        found = candidates(alone, search.deadline_s)
     except Infeasible as refusal:
         search.log_attempt("candidates", f"no joint state of {name}", begun_s)
         log = [attempt.__dict__ for attempt in search.attempts]

@@ -230,17 +230,17 @@ def _clear(problem: ThrowProblem, states: States, bound: Array) -> list[Candidat
     for rows in (slice(0, STATES_MAX), slice(STATES_MAX, len(bound))):
         if good or rows.start >= len(bound):
             break
-        free = states.at(rows).of_postures(lambda q: body.clearances(q).least)
+        free = states.at(rows).of_postures(lambda q: body.clearances(q, problem.holds_object).least)
         good += (np.flatnonzero(free >= 0.0) + rows.start).tolist()
         least = np.concatenate([least, free])
     if states.posture is None and len(least) < len(bound):
         first = first_rows(aspects(problem.cell.robot, states.q))
         first = first[first >= len(least)]
-        good += first[body.clearances(states.q[first]).least >= 0.0].tolist()
+        good += first[body.clearances(states.q[first], problem.holds_object).least >= 0.0].tolist()
     if good:
         return [Candidate(states.q[i], states.qd[i], float(bound[i]), f"{kind} {i}") for i in good]
     best = states.q[int(least.argmax())]
-    raise Infeasible(body.violations_at(best))
+    raise Infeasible(body.violations_at(best, problem.holds_object))
 
 
 def _check_joint_positions(problem: ThrowProblem, q: Array) -> None:

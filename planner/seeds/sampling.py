@@ -262,7 +262,7 @@ def _best_flights(problem: ThrowProblem, target: Target, q: Array, p: Array) -> 
 def _clear_of_obstacles(problem: ThrowProblem, q: Array, qd: Array) -> tuple[Array, Array]:
     """Returns those of the soonest `CHECKED_MAX` joint states (n, 6) in which the arm is clear; all if none is."""
     order = np.argsort(penalised_bound(problem, q, qd), kind="stable")[:CHECKED_MAX]
-    clear = order[body_model(problem.cell_with_bin).clearances(q[order]).least >= 0.0]
+    clear = order[body_model(problem.cell_with_bin).clearances(q[order], problem.holds_object).least >= 0.0]
     rows = clear if len(clear) else order
     return q[rows], qd[rows]
 
@@ -279,7 +279,7 @@ def blocked_flights(problem: ThrowProblem, target: Target) -> Violation | None:
     body = body_model(problem.cell_with_bin)
     order = np.argsort(-room.max(axis=0), kind="stable")
     for rows in (order[i : i + CHECKED_MAX] for i in range(0, len(order), CHECKED_MAX)):
-        clear = rows[body.clearances(q[rows]).least >= 0.0]
+        clear = rows[body.clearances(q[rows], problem.holds_object).least >= 0.0]
         if len(clear):
             flight = int(room[:, clear[0]].argmax())
             blocked = -np.inf < room[flight, clear[0]] < 0.0

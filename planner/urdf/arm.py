@@ -77,7 +77,7 @@ def arm_in(tree: UrdfTree, model: str | None = None) -> DescribedArm:
             lacks what is not published of the model.
     """
     joints = six_joints(tree)
-    X_RB, frames = _joint_frames(tree, joints)
+    X_RB, frames = joint_frames(tree, joints)
     X_RF = tree.pose(_flange_link(tree, joints[5].child))
     X_BF = invert_pose(X_RB) @ X_RF
     lengths = _lengths(joints, frames, X_BF)
@@ -137,7 +137,7 @@ def six_joints(tree: UrdfTree) -> list[UrdfJoint]:
     return found
 
 
-def _joint_frames(tree: UrdfTree, joints: Sequence[UrdfJoint]) -> tuple[Array, list[Array]]:
+def joint_frames(tree: UrdfTree, joints: Sequence[UrdfJoint]) -> tuple[Array, list[Array]]:
     """Returns the base in the root (4, 4), and the joints' frames in the base: z along the axis, at position 0."""
     X = [tree.pose(joint.child) @ _turned_to(joint.axis) for joint in joints]
     foot = tree.pose(joints[0].parent)

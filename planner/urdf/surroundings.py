@@ -8,7 +8,7 @@ from pathlib import Path
 from planner.documents import read_file
 from planner.errors import FileRefused
 from planner.scenes import ForeignScene, ForeignShape, mesh_at, shape_or_reason
-from planner.urdf.arm import six_joints
+from planner.urdf.arm import joint_frames, six_joints
 from planner.urdf.tree import UrdfJoint, UrdfRefused, UrdfShape, UrdfTree, parse_urdf
 
 URDF_BYTES = 5_000_000  # [byte] of a URDF file; that of an arm has 20,000
@@ -28,7 +28,10 @@ def scene_of_urdf(path: Path) -> ForeignScene:
         joints = six_joints(tree)
     except UrdfRefused:
         joints = []  # it has no arm
-    return shapes_around(tree, joints, path.parent)
+    scene = shapes_around(tree, joints, path.parent)
+    if joints:
+        scene.X_WB, _ = joint_frames(tree, joints)
+    return scene
 
 
 def shapes_around(tree: UrdfTree, joints: Sequence[UrdfJoint], folder: Path | None = None) -> ForeignScene:

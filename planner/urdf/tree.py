@@ -224,7 +224,8 @@ def _joint(element: Element, links: Mapping[str, object]) -> UrdfJoint:
     }
     if kind == "continuous":
         numbers |= {"lower": None, "upper": None}
-    return UrdfJoint(name, kind, ends[0], ends[1], _origin(element, where), _axis(element, where), **numbers)
+    axis = np.array([1.0, 0.0, 0.0]) if kind == "fixed" else _axis(element, where)  # exporters write 0 0 0
+    return UrdfJoint(name, kind, ends[0], ends[1], _origin(element, where), axis, **numbers)
 
 
 def _axis(element: Element, where: str) -> Array:

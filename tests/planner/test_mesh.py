@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 from planner.arrays import Array
-from planner.cell import cell_faults, load_cell, read_source
+from planner.cell import load_cell, mended_cell, read_source
 from planner.cell.mesh_cover import BOXES_MAX, cover
 from planner.certificate import certify
 from planner.errors import CellError
@@ -213,7 +213,7 @@ def test_what_is_no_mesh_is_refused(tmp_path: Path, name: str, data: bytes | Non
         (tmp_path / Path(name).name).write_bytes(data)
     with pytest.raises(CellError, match=words):
         load_cell(path)
-    (fault,) = cell_faults(read_source(path))
+    (fault,), _ = mended_cell(read_source(path))
     assert fault.field.startswith("surroundings.keep_out[0].")
 
 

@@ -64,7 +64,9 @@ def refusals(request: dict[str, Any]) -> dict[str, str]:
         ({"passages": [passage(outputs=[{"output": "tool_digital", "index": 0, "level": True}])]},
          "passages[0].outputs[0]", "is the gripper's own output"),
         ({"passages": [passage(outputs=[FLASH, FLASH | {"level": False}])]},
-         "passages[0].outputs[1].offset_s", "another level of this output"),
+         "passages[0].outputs[1].offset_s", "0 s is less than a tick of 2 ms from another edge of this output"),
+        ({"passages": [passage(outputs=[FLASH, FLASH | {"level": False, "offset_s": 0.0009}])]},
+         "passages[0].outputs[1].offset_s", "0.0009 s is less than a tick of 2 ms from another edge"),
         ({"passages": [passage(outputs=[FLASH | {"offset_m": 0.1}])]},
          "passages[0].outputs[0].offset_m", "is not supported yet: it is for lines"),
         ({"passages": [passage(outputs=[FLASH | {"offset_s": 3.0}])]},
@@ -165,6 +167,20 @@ def test_outputs_are_switched_with_the_nearest_row(offset_s: float, lag_s: float
         happens_s = rows.first_clock_s + row * motion.dt
         assert abs(happens_s - edge.edge_time_s) <= (1e-9 if number == 0 else 0.5 * motion.dt + 1e-9)
     assert rows.first_clock_s <= -lag_s
+
+
+@pytest.mark.parametrize("lag_s", [0.0, 0.021, 0.0203])
+def test_a_pulse_of_one_tick_has_two_rows(lag_s: float) -> None:
+    """Also where the edges fall in the middle between two rows, and either row is the nearest."""
+    here = replace(cell(), timing=replace(cell().timing, lag_s=lag_s))
+    first = FLASH | {"index": 3, "offset_s": -0.1}
+    for offset_s in (0.0, 0.001, 0.003, 0.0507):
+        pulse = [FLASH | {"offset_s": offset_s}, FLASH | {"level": False, "offset_s": offset_s + 0.002}]
+        problem = problem_from_request({"passages": [passage(outputs=[first, *pulse])]}, here)
+        motion = standing(150)
+        _, on, off = sample_rows(here, motion, False, output_edges(here, problem.passages, motion)).switches
+        assert (on.level, off.level) == (True, False)
+        assert on.row < off.row <= on.row + 2
 
 
 def test_a_program_of_the_controller_switches_outputs_at_their_rows_and_ends_that_in_a_stop() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -14,6 +15,8 @@ from click.testing import CliRunner
 
 from api.cli import main
 from planner.cell import Solid, load_cell
+from planner.rotations import pose
+from planner.scenes import urdf_of
 
 ROOT = Path(__file__).parents[3]
 
@@ -88,6 +91,48 @@ def test_geoms_are_where_mujoco_has_them(cell: Path) -> None:
     ]
 
 
+INCLUDING = """
+<mujoco>
+  <include file="parts/defaults.xml"/>
+  <default><geom friction="1 0 0"/></default>
+  <asset><mesh name="cup" file="cup.stl"/></asset>
+  <worldbody>
+    <body name="bin" pos="1.5 0 0.5"><include file="parts/bin.xml"/></body>
+    <geom name="cup" mesh="cup" pos="-1.5 0 0.5"/>
+    <include file="gone.xml"/>
+  </worldbody>
+</mujoco>
+"""
+DEFAULTS = """
+<mujocoinclude>
+  <compiler angle="radian"/>
+  <default><geom type="box" size="0.1 0.1 0.2"/><mesh scale="0.001 0.001 0.001"/>
+    <default class="drawn"><geom contype="0" conaffinity="0"/></default></default>
+</mujocoinclude>
+"""
+BIN = """<mujocoinclude>
+  <geom name="side" euler="0 0 0.5"/><geom name="label" class="drawn"/><include file="parts/bin.xml"/>
+</mujocoinclude>"""
+
+
+def test_included_files_come_in_with_their_defaults(cell: Path) -> None:
+    folder = cell.parent / "parts"
+    folder.mkdir()
+    (folder / "defaults.xml").write_text(DEFAULTS)
+    (folder / "bin.xml").write_text(BIN)
+    (cell.parent / "cup.stl").write_bytes(trimesh.creation.box((200, 100, 50)).export(file_type="stl"))
+    shapes, told = taken(cell, "world.xml", INCLUDING)
+    assert set(shapes) == {"side", "cup"}
+    assert shapes["side"].X_WC[:3, 3] == pytest.approx([1.5, 0.0, 0.5])
+    assert shapes["side"].X_WC[1, 0] == pytest.approx(np.sin(0.5))
+    assert shapes["cup"].extent == pytest.approx([0.2, 0.1, 0.05])
+    assert told["left_out"] == [
+        "what world has by <include>",
+        "what bin has by <include>",
+        "label (a box that is only drawn)",
+    ]
+
+
 URDF = """
 <robot name="lab">
   <link name="world"/>
@@ -97,7 +142,8 @@ URDF = """
     <geometry><cylinder radius="0.04" length="0.6"/></geometry></collision></link>
   <link name="floor"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>
   <link name="door"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>
-  <joint name="a" type="fixed"><parent link="world"/><child link="table"/><origin xyz="1.5 0.2 0.4"/></joint>
+  <joint name="a" type="fixed"><parent link="world"/><child link="table"/><origin xyz="1.5 0.2 0.4"/>
+    <axis xyz="0 0 0"/></joint>
   <joint name="b" type="fixed"><parent link="table"/><child link="post"/>
     <origin xyz="0.1 0.1 0" rpy="0.1 -0.2 0.5"/></joint>
   <joint name="c" type="fixed"><parent link="world"/><child link="floor"/><origin xyz="-1.5 0 1"/></joint>
@@ -126,6 +172,16 @@ def test_collision_shapes_are_where_pinocchio_has_them(cell: Path) -> None:
     assert shapes["table"].extent == pytest.approx([0.8, 1.2, 0.1])
     assert shapes["post"].extent == pytest.approx([0.08, 0.08, 0.6])
     assert told["left_out"] == ["door (moved by d)"]
+
+
+def test_an_arm_that_stands_elsewhere_in_the_file_is_told(cell: Path) -> None:
+    here = load_cell(cell)
+    moved = replace(here, X_WB=pose([0.8, 0.9, -1e-9], np.diag([-1.0, -1.0, 1.0])))
+    _, told = taken(cell, "same.urdf", urdf_of(here))
+    assert not any("elsewhere" in note for note in told["notes"])
+    _, told = taken(cell, "moved.urdf", urdf_of(moved))
+    note = next(note for note in told["notes"] if "elsewhere" in note)
+    assert "position_m = [0.8, 0.9, 0.0], rotation_vector_rad = [0.0, 0.0, 3.1416]" in note
 
 
 TETRAHEDRON = [[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, 0.3]]
@@ -212,10 +268,17 @@ world:
         - vertices: [{x: 0, y: 0, z: 0}, {x: 0.3, y: 0, z: 0}, {x: 0, y: 0.3, z: 0}, {x: 0, y: 0, z: 0.3}]
           triangles: [{vertex_indices: [0, 2, 1]}, {vertex_indices: [0, 1, 3]}, {vertex_indices: [1, 2, 3]}]
       mesh_poses: [{position: [0.1, 0, 0], orientation: [0, 0, 0, 1]}]
+    - id: cup
+      meshes: [{resource: "package://lab/cup.stl", dimensions: [2, 2, 2]}, {resource: gone.stl}]
+      mesh_poses: [{position: [0, 2, 0.5], orientation: [0, 0, 0, 1]}, {position: [0, 0, 2], orientation: [0, 0, 0, 1]}]
+  octomap: {octomap: {data: [1]}}
+robot_state:
+  attached_collision_objects: [{object: {id: bottle}}]
 """
 
 
 def test_a_planning_scene_message_comes_in(cell: Path) -> None:
+    (cell.parent / "cup.stl").write_bytes(trimesh.creation.box((0.2, 0.1, 0.05)).export(file_type="stl"))
     shapes, told = taken(cell, "scene.yaml", MESSAGE)
     can, block = (shapes[name] for name in ("Can1", next(name for name in shapes if name.startswith("Can1 "))))
     assert (can.kind, can.extent.tolist()) == ("cylinder", pytest.approx([0.06, 0.06, 0.12]))
@@ -223,6 +286,12 @@ def test_a_planning_scene_message_comes_in(cell: Path) -> None:
     parts = [shape for name, shape in shapes.items() if name.startswith("part")]
     assert np.min([shape.lower for shape in parts], axis=0) == pytest.approx([0.1, -1.2, 0.5])
     assert any("base_link" in note for note in told["notes"])
+    assert shapes["cup"].extent == pytest.approx([0.4, 0.2, 0.1])
+    assert told["left_out"] == [
+        "cup (a mesh, and gone.stl is not there)",
+        "bottle (in the gripper)",
+        "the octomap",
+    ]
 
 
 SDF = """
@@ -258,7 +327,45 @@ def test_a_world_of_gazebo_comes_in(cell: Path) -> None:
     assert np.abs(mesh.X_WC - link.homogeneous).max() < 1e-9
     assert mesh.extent == pytest.approx([0.2, 0.1, 0.05])
     assert (shapes["cone"].kind, shapes["cone"].extent[2]) == ("cylinder", pytest.approx(0.4))
-    assert told["left_out"] == ["model://sun (included from another file)", "shelf (a mesh, and gone.stl is not there)"]
+    assert told["left_out"] == [
+        "model://sun (included from another file, which is not there)",
+        "shelf (a mesh, and gone.stl is not there)",
+    ]
+
+
+INCLUDING_SDF = """
+<sdf version="1.7"><world name="w">
+  <actor name="walker"/>
+  <include><uri>model://post</uri><name>first</name><pose>1.5 0 0.5 0 0 0</pose></include>
+  <include><uri>model://post</uri></include>
+  <model name="sign"><link name="l"><visual name="v"/></link></model>
+  <model name="arch"><pose>0 -1.5 0 0 0 0</pose>
+    <link name="left"><pose relative_to="__model__">0.2 0 0.5 0 0 0</pose></link>
+    <joint name="hinge" type="revolute"><parent>left</parent><child>right</child></joint>
+    <link name="right"><pose relative_to="left">0.1 0 0 0 0 0</pose>
+      <collision name="c"><pose relative_to="gone">0 0 0 0 0 0</pose></collision>
+      <collision name="d"><geometry><sphere><radius>0.1</radius></sphere></geometry></collision></link></model>
+</world></sdf>
+"""
+POST = """
+<sdf version="1.7"><model name="post"><pose>-1.5 0 0.3 0 0 0</pose>
+  <link name="l"><collision name="c"><geometry><sphere><radius>0.1</radius></sphere></geometry></collision></link>
+</model></sdf>
+"""
+
+
+def test_models_that_a_world_includes_come_in(cell: Path) -> None:
+    (cell.parent / "models" / "post").mkdir(parents=True)
+    (cell.parent / "models" / "post" / "model.sdf").write_text(POST)
+    shapes, told = taken(cell, "world.sdf", INCLUDING_SDF)
+    places = {name: shape.X_WC[:3, 3].tolist() for name, shape in shapes.items()}
+    assert places == {
+        "first": pytest.approx([1.5, 0.0, 0.5]),
+        "post": pytest.approx([-1.5, 0.0, 0.3]),
+        "arch": pytest.approx([0.3, -1.5, 0.5]),
+    }
+    assert told["left_out"] == ["walker (actor)", "sign (only drawn)", "arch (placed relative to gone)"]
+    assert "arch: joints move right; shapes are taken where the file has them" in told["notes"]
 
 
 @pytest.mark.parametrize(
@@ -280,20 +387,25 @@ def test_what_stands_in_the_cell_stays_and_a_second_import_adds_to_the_first(cel
         ("a.yaml", "a: &x [1]\nb: *x\n", "aliases"),
         ("a.yaml", "nothing: here\n", "collision_objects"),
         ("a.xml", "<html/>", "no URDF, SDF or MJCF"),
+        ("a.urdf.xacro", "<robot/>", "to be expanded"),
         ("a.sdf", "<sdf><model name='m'><link><pose>1 2 x</pose></link></model></sdf>", "must be 6 numbers"),
         ("a.xml", "<mujoco><worldbody><geom size='1' quat='0 0 0 0'/></worldbody></mujoco>", "zero"),
         ("a.srdf", "<robot/>", "no shapes"),
-        ("a.scene", "(x)\n* a\n1\nsphere\n5\n0 0 0.5\n0 0 0 1\n0 0 0 0\n.\n", None),
+        ("a.scene", "(x)\n* a\n1\nsphere\n5\n0 0 0.5\n0 0 0 1\n0 0 0 0\n.\n", "home_rad"),  # around the arm
     ],
 )
-def test_what_is_no_scene_is_refused_and_the_cell_stays(cell: Path, name: str, text: str, words: str | None) -> None:
+def test_what_is_no_scene_is_refused_and_the_cell_stays(cell: Path, name: str, text: str, words: str) -> None:
     (cell.parent / name).write_text(text)
     before = cell.read_text()
     done = CliRunner().invoke(main, ["cell", "import", str(cell.parent / name), "--into", str(cell)])
-    if words is None:  # around the arm: taken over, and said
-        assert done.exit_code == 0
-        assert "home_rad" in done.output
-        return
     assert done.exit_code == 1
     assert words in done.output
     assert cell.read_text() == before
+
+
+def test_a_cell_that_came_with_fling_is_not_changed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.scene").write_text("(x)\n* a\n1\nsphere\n0.1\n2 0 0.5\n0 0 0 1\n0 0 0 0\n.\n")
+    done = CliRunner().invoke(main, ["cell", "import", "a.scene", "--into", "ur5e-sim"])
+    assert done.exit_code == 1
+    assert "copy it to ./cells" in done.output

@@ -193,9 +193,12 @@ def test_cell_check_tells_as_what_a_mesh_is_kept_out(root: Path, tmp_path: Path,
     (tmp_path / "open.obj").write_text("v 0 0 0\nv 300 0 0\nv 0 300 200\nf 1 2 3\n")
     told = fling("cell", "check", str(tmp_path / "lab.toml"))
     assert told.exit_code == 0
-    assert re.search(r"block: box\.stl as a box, at most 10\.4 mm beyond it\n", told.output)
     assert re.search(
-        r"mesh 1: open\.obj as \d+ boxes, at most [\d.]+ mm beyond it; its surface is not closed", told.output
+        r"block: box\.stl, [\d.]+ × [\d.]+ × [\d.]+ m, as a box, at most 10\.4 mm beyond it\n", told.output
+    )
+    assert re.search(
+        r"mesh 1: open\.obj, [^;]+ m, as \d+ boxes, at most [\d.]+ mm beyond it; (.*; )?its surface is not closed",
+        told.output,
     )
     document = json.loads(fling("cell", "check", str(tmp_path / "lab.toml"), "--json").output)
     assert len(document["meshes"]) == 2

@@ -70,11 +70,12 @@ def test_a_brake_ends_what_was_switched_and_notes_when(job: StreamJob) -> None:
 def test_an_output_is_noted_before_it_is_sent(job: StreamJob) -> None:
     """A process that is killed between the two leaves nothing on that the daemon does not know of."""
     outputs, _, memory = switched(job)
+    connection: Any = outputs._connection
 
     def fail(*levels: object) -> None:
         raise ConnectionError
 
-    outputs._connection.output = fail
+    connection.output = fail
     with pytest.raises(ConnectionError):
         outputs.send(10)
     assert not isnan(memory.switched[0])

@@ -185,6 +185,29 @@ def test_the_certificate_watches_singularities_at_every_passage() -> None:
     assert names == ["singularity_distance"]
 
 
+def test_an_output_is_not_switched_twice_in_a_tick_by_two_passages() -> None:
+    """Which of them came last was a matter of rounding."""
+    request = row(2)
+    flash = {"output": "standard_digital", "index": 2}
+    for number, (at_s, level, offset_s) in enumerate([(1.5, True, 0.2), (3.0, False, -1.299)]):
+        request["passages"][number] |= {"at_s": at_s, "outputs": [flash | {"level": level, "offset_s": offset_s}]}
+    with pytest.raises(Infeasible, match="part 0 and part 1: between two edges of standard_digital 2"):
+        plan(problem_from_request(request, cell()))
+    request["passages"][1]["outputs"][0]["offset_s"] = -1.298
+    assert planned(request).certificate.valid
+
+
+def test_a_passage_after_the_throw_is_without_the_object() -> None:
+    """The tool alone passes where the object that it held would touch the floor."""
+    here = replace(cell(), object=replace(cell().object, radius_m=0.06))
+    low = {"name": "low", "state": over(0.45, -0.2, -0.3, 0.07)}
+    throw = {"name": "throw", "state": TARGET, "releases": True}
+    assert planned({"passages": [throw, low]}, here).certificate.valid
+    with pytest.raises(Infeasible, match="object") as refused:
+        plan(problem_from_request({"passages": [low, throw]}, here))
+    assert refused.value.violations[0].proven
+
+
 def test_a_refusal_names_the_passage_that_is_out_of_reach() -> None:
     request = row()
     request["passages"][3]["state"] = over(1.5, 0.0)
@@ -230,4 +253,4 @@ def test_a_problem_of_passages_is_stated_as_the_request_that_it_answers() -> Non
     again = problem_from_request(request_document(problem, problem.release), cell())
     assert [each.outputs for each in again.passages] == [each.outputs for each in problem.passages]
     assert [each.name for each in again.passages] == [each.name for each in problem.passages]
-    assert np.array_equal(again.end.q, cell().home)  # pyright: ignore[reportOptionalMemberAccess]
+    assert np.array_equal(again.end.q, cell().home)  # pyright: ignore[reportOptionalMemberAccess, reportAttributeAccessIssue]
