@@ -31,7 +31,7 @@ def test_the_approach_goes_around_an_obstacle(boxed_rig: Rig) -> None:
     rig = boxed_rig
     straight = np.array(LEFT) + np.linspace(0.0, 1.0, 100)[:, None] * (np.array(RIGHT) - LEFT)
     assert body_model(rig.cell).clearances(straight).least.min() < 0.0
-    assert rig.throw(move(LEFT)).outcome == "completed"
+    assert rig.quiet_throw(move(LEFT)).outcome == "completed"
     go_around(rig, RIGHT, "speedj")
     go_around(rig, LEFT, "servoj")
     rig.abort_approaching(queue(rig, RIGHT, "speedj"), 0.7)
