@@ -67,6 +67,8 @@ def test_it_closes_opens_and_closes_again(twin: TwinOnWire, port: SocketPort) ->
 
 @pytest.mark.parametrize("twin", WITH_FINGERS, indirect=True)
 def test_one_that_is_stuck_reports_that_it_stays_closed(twin: TwinOnWire, port: SocketPort) -> None:
+    until(lambda: not twin.gripper.is_busy, port.cycle)
+    until(port.is_closed, port.cycle)
     twin.gripper.stuck = True
     port.tell(True)
     for _ in range(50):
