@@ -7,12 +7,11 @@ from pathlib import Path
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from planner.arrays import Array
 from planner.documents import NotXml, parse_xml, read_file
 from planner.errors import FileRefused
-from planner.rotations import pose, quaternion_to_matrix, rotation_vector_to_matrix
+from planner.rotations import pose, quaternion_to_matrix, roll_pitch_yaw_to_matrix
 from planner.scenes.foreign import (
     SCHEMES,
     ForeignScene,
@@ -136,13 +135,7 @@ def _placed(element: Element, X_WP: Array, frames: Mapping[str, Array], name: st
         return X_WP @ pose(numbers[:3], quaternion_to_matrix(numbers[3:]))
     numbers = numbers_of(words, 6, f"{name}: pose")
     angles = np.radians(numbers[3:]) if found.get("degrees") == "true" else numbers[3:]
-    return X_WP @ pose(numbers[:3], about_fixed_axes(angles))
-
-
-def about_fixed_axes(angles: ArrayLike) -> Array:
-    """Returns the rotation (3, 3) by angles (3,) [rad] about x, then y, then z of the fixed frame."""
-    x, y, z = (rotation_vector_to_matrix(row) for row in np.diag(np.asarray(angles, dtype=np.float64)))
-    return z @ y @ x
+    return X_WP @ pose(numbers[:3], roll_pitch_yaw_to_matrix(*angles))
 
 
 def _shape(collision: Element, name: str, X: Array, folder: Path) -> ForeignShape | str:
