@@ -202,6 +202,7 @@ def second_client(host: str) -> Seen:
     arrived = wait(lambda: abs(receive.getTargetQ()[0] - goal[0]) < 1e-6)
     second = kind(host, 500.0, kind.FLAG_UPLOAD_SCRIPT | kind.FLAG_NO_EXT_FT)
     moved = second.moveJ(q, 1.0, 5.0)
+    wait(lambda: receive.getTargetQd()[0] == 0.0)
     return {
         "alone": alone,
         "arrived": arrived,

@@ -10,13 +10,15 @@ from typing import Any
 
 import pytest
 import uvicorn
-from playwright.sync_api import Browser, Playwright, sync_playwright
+from playwright.sync_api import Browser, Playwright, expect, sync_playwright
 
 from api.app import create_app
 from api.settings import ServiceSettings
 from store import Store
 from tests.api.conftest import JOINT, ROOT, FakeExecutor
 from tests.system.browser import PLAN_MS, Visit, launch, visit
+
+expect.set_options(timeout=15_000)  # [ms] five seconds are short for a busy machine
 
 READY_S = 300.0  # [s] a planner process starts, on a busy machine
 CELL = "ur5e-sim"
@@ -55,9 +57,9 @@ class Desk:
         return row.id
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Desk]:
-    """One service for all tests of the page."""
+    """One service for all tests of a module: what one module leaves behind, no other counts."""
     folder = tmp_path_factory.mktemp("desk")
     cells = folder / "cells"
     cells.mkdir()
@@ -131,13 +133,13 @@ def guest(desk: Desk, browser: Browser) -> Iterator[Visit]:
         yield opened
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def plan_id(served: Desk) -> str:
     """Id of a plan that throws at no target: quick to make."""
     return posted(served, {"release": JOINT, "backend": "ruckig"})
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def thrown_id(served: Desk) -> str:
     """Id of a plan that throws at a target on the floor."""
     release = {"kind": "target", "position": [1.2, 0.3, 0.0]}

@@ -128,7 +128,7 @@ def test_a_report_keeps_nobody_out(desk: Desk, drawing_browser: Browser, plan_id
     made = CliRunner().invoke(main, ["report", "--plan", plan_id, "--url", desk.url, "-o", str(file)])
     assert made.exit_code == 0, made.output
     with visit(drawing_browser, file.as_uri()) as guest:
-        guest.page.wait_for_function("report.scene.statistics.draw_calls > 0")
+        guest.page.wait_for_function("() => report.scene.statistics.draw_calls > 0")
         assert guest.barriers() == []
         with guest.page.expect_download() as saved:
             guest.button("Save Velocity as PNG").click()
