@@ -21,7 +21,7 @@ from planner.search import PlanningSearch, search_candidates
 from planner.search.optimise import optimise
 from planner.search.search import CANDIDATES, MOTIONS
 from planner.seeds import aspects, candidates, first_rows, least_times_to_aspects
-from tests.planner.problems import cell, ideal_cell, joint_problem, pose_problem, steady_cell, with_boxes
+from tests.planner.problems import cell, ideal_cell, joint_problem, pose_problem, steady_cell
 
 
 def target_problem(**changes):
@@ -138,16 +138,21 @@ def test_the_soonest_candidate_of_every_aspect_is_tried_first_and_none_that_is_e
     assert len(tried) <= CANDIDATES
 
 
-@pytest.mark.parametrize("keep_out", [False, True])
-def test_an_aspect_is_left_once_a_candidate_of_it_led_to_a_motion(solves, keep_out):
-    here = cell()
-    if keep_out:
-        here = with_boxes(here, ([0.8, 0.1, -0.1], [0.9, 0.3, 0.1]))
-    problem = replace(target_problem(), cell=here)
-    searched(problem)
-    tried = {id(seed.candidate): seed.candidate for seed, _ in solves}.values()
-    of = aspects(here.robot, np.array([each.q for each in tried]))
-    assert len(np.unique(of)) == len(of)
+@pytest.mark.parametrize("certified_from", [1, 3, 5, 99])
+def test_three_candidates_are_tried_and_more_until_one_is_certified(monkeypatch, certified_from):
+    tried = []
+
+    def optimised(search, candidate):
+        tried.append(candidate)
+        if len(tried) >= certified_from:
+            monkeypatch.setattr(PlanningSearch, "best", object())
+
+    monkeypatch.setattr("planner.search.search.optimise", optimised)
+    monkeypatch.setattr(PlanningSearch, "is_of_use", lambda search, least_s: True)
+    search_candidates(
+        PlanningSearch(replace(target_problem(), backend="casadi"), math.inf), candidates(target_problem())
+    )
+    assert len(tried) == min(max(certified_from, 3), CANDIDATES)
 
 
 def test_no_answer_releases_before_the_bound_of_its_aspect():
