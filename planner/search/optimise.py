@@ -24,8 +24,8 @@ CERTIFIED = "certified"
 GENTLE_RAMP_S = 0.1  # [s] that an acceleration takes to its limit in a gentle initial guess
 
 
-def optimise(search: PlanningSearch, candidate: Candidate) -> None:
-    """Optimises from a candidate, until a motion is certified or known to be no sooner than the best.
+def optimise(search: PlanningSearch, candidate: Candidate) -> bool:
+    """Optimises from a candidate; returns whether a motion is certified, or known to be no sooner than the best.
 
     The second initial guess has all rows from the beginning that the first one came to need: where it ended was far
     from a motion that keeps them.
@@ -37,19 +37,21 @@ def optimise(search: PlanningSearch, candidate: Candidate) -> None:
     search.begin_candidate()
     begun_s = time.perf_counter() + _load(search)
     result = ""
+    is_settled = False
     groups: frozenset[str] = frozenset()
     for guess in _guesses(search.problem, candidate):
         try:
             result = _optimise_from(search, Seed(candidate, guess), groups)
-            if result == CERTIFIED:
-                break
+            is_settled = result == CERTIFIED
         except casadi_nlp.SeedFailed as failure:
             search.iterations += failure.iterations
             result = str(failure)
-            if failure.is_late:
-                break
+            is_settled = failure.is_late
             groups = failure.groups
+        if is_settled:
+            break
     search.log_attempt("casadi", f"{candidate.label}: {result}", begun_s)
+    return is_settled
 
 
 def _load(search: PlanningSearch) -> float:

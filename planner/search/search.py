@@ -1,8 +1,7 @@
 """The search for the soonest motion of a problem.
 
     candidates, in order of a proven lower bound on their release time
-      → from each of the first three: Ruckig where the joint states are given, and the optimiser; from further ones
-        until one motion is certified
+      → from each, until three led to a motion: Ruckig where the joint states are given, and the optimiser
       → certificate
       → keep the best; drop what its release time excludes
       → nothing certified: Ruckig's slower motions, then a launch from another posture at rest
@@ -31,7 +30,7 @@ from planner.seeds import Candidate, aspects, least_times_to_aspects
 
 Solve = Callable[[ThrowProblem, Candidate], Solution]
 
-ENOUGH = 3  # [-] candidates optimised before a certified motion is kept; more only until one is certified
+ENOUGH = 3  # [-] candidates that lead to a certified motion, or to none that is sooner: the best of them is kept
 CANDIDATES = 10  # [-] that a search starts from; of a pose most others are full turns away
 # given joint states to which Ruckig's soonest motions are tried: the soonest one, and the next, should that be blocked
 ARRIVALS = 2
@@ -80,13 +79,13 @@ def search_candidates(search: PlanningSearch, found: Sequence[Candidate], at_mos
     if is_auto and problem.fixes_joints:
         try_motions(search, "ruckig", found[:ARRIVALS], [partial(_soonest_motion, share) for share in JERK_SHARES])
     tried = 0
+    settled = 0
     for candidate, least_s in _first(search, found):
-        enough = at_most if search.best is None else min(at_most, ENOUGH)
-        if tried >= enough or search.out_of_time:
+        if tried == at_most or settled == ENOUGH or search.out_of_time:
             break
         if search.is_of_use(least_s):
             tried += 1
-            optimise(search, candidate)
+            settled += optimise(search, candidate)
     if is_auto and search.best is None and not search.out_of_time:
         try_motions(search, "ruckig", found[:at_most], MOTIONS["ruckig"])
 
