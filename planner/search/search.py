@@ -1,7 +1,7 @@
 """The search for the soonest motion of a problem.
 
     candidates, in order of a proven lower bound on their release time
-      → from each, until three led to a motion: Ruckig where the joint states are given, and the optimiser
+      → from each, until two led to a motion: Ruckig where the joint states are given, and the optimiser
       → certificate
       → keep the best; drop what its release time excludes
       → nothing certified: Ruckig's slower motions, then a launch from another posture at rest
@@ -30,7 +30,7 @@ from planner.seeds import Candidate, aspects, least_times_to_aspects
 
 Solve = Callable[[ThrowProblem, Candidate], Solution]
 
-ENOUGH = 3  # [-] candidates that lead to a certified motion, or to none that is sooner: the best of them is kept
+ENOUGH = 2  # [-] candidates that lead to a certified motion, or to none that is sooner: the best of them is kept
 CANDIDATES = 10  # [-] that a search starts from; of a pose most others are full turns away
 # given joint states to which Ruckig's soonest motions are tried: the soonest one, and the next, should that be blocked
 ARRIVALS = 2
