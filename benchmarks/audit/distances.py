@@ -10,6 +10,7 @@ from typing import NamedTuple
 import coal
 import numpy as np
 import pinocchio as pin
+import trimesh
 from numpy.typing import NDArray
 
 from benchmarks.audit.fault import AuditFault, over, under
@@ -162,6 +163,19 @@ def coal_solid(shape: Solid) -> coal.ShapeBase:
         "capsule": lambda: coal.Capsule(0.5 * x, z - x),
     }
     return solids[shape.kind]()
+
+
+def coal_mesh(mesh: trimesh.Trimesh) -> coal.BVHModelOBBRSS:
+    """Returns coal's tree of a mesh's faces."""
+    model = coal.BVHModelOBBRSS()
+    model.beginModel(len(mesh.faces), len(mesh.vertices))
+    corners = coal.StdVec_Vec3s()
+    corners.extend(np.array(mesh.vertices))
+    faces = coal.StdVec_Triangle()
+    faces.extend(coal.Triangle(*map(int, face)) for face in mesh.faces)
+    model.addSubModel(corners, faces)
+    model.endModel()
+    return model
 
 
 class BodyShape(NamedTuple):
