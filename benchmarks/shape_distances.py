@@ -158,8 +158,9 @@ def _meshes(rng: np.random.Generator) -> Iterator[Obstacle]:
         for _ in range(MESH_PLACES):
             X = _placed(rng)
             moved = tuple(shape_of("box", X @ shape.X_WC, shape.extent) for shape in shapes)
-            covered = coal_mesh(trimesh.util.concatenate(boxes))
-            yield Obstacle(moved, covered, _transform(X), coal_mesh(mesh), inflation_m)
+            covered = trimesh.util.concatenate(boxes)
+            assert isinstance(covered, trimesh.Trimesh)
+            yield Obstacle(moved, coal_mesh(covered), _transform(X), coal_mesh(mesh), inflation_m)
 
 
 def _read(mesh: trimesh.Trimesh) -> tuple[list[Solid], float]:
