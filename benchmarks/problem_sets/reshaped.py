@@ -8,8 +8,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from planner.cell import Solid, shape_of
-from planner.cell.mesh_cover import cover
+from planner.cell import Solid, cover, shape_of
 from planner.rotations import pose, rotation_vector_to_matrix
 
 Vector = NDArray[np.float64]

@@ -9,6 +9,7 @@ from planner.cell.faults import mended_cell
 from planner.cell.fields import choice, merge_defaults, number, vector
 from planner.cell.file import DEFAULTS, NAME_PATTERN, cell_of, checked_polyscope, load_cell, parse_cell
 from planner.cell.keep_out import is_reserved
+from planner.cell.mesh_cover import cover
 from planner.cell.mesh_file import CELL_M, MESH_BYTES, MESH_KINDS, cover_in, cover_key, mesh_hashes, point_cloud
 from planner.cell.model import (
     CONTACT_M,
@@ -49,6 +50,7 @@ __all__ = [
     "checked_polyscope",
     "choice",
     "completed_arm",
+    "cover",
     "cover_in",
     "cover_key",
     "full_cells",
