@@ -48,7 +48,7 @@ TOLERANCE_M = 1e-9
 MESH_TOLERANCE_M = 1e-6
 
 
-class Body(NamedTuple):
+class RoundBody(NamedTuple):
     """A sphere or capsule: the ends of its axis (3,) and its radius [m]; the same for coal."""
 
     p0: Vector
@@ -58,7 +58,7 @@ class Body(NamedTuple):
     place: coal.Transform3s
 
 
-class Obstacle(NamedTuple):
+class CoalObstacle(NamedTuple):
     """A shape, or the boxes that cover a mesh; coal's geometry of these and of the mesh, and its inflation [m]."""
 
     shapes: tuple[Solid, ...]
@@ -68,7 +68,7 @@ class Obstacle(NamedTuple):
     inflation_m: float = 0.0
 
 
-class Comparison(NamedTuple):
+class ComparedDistances(NamedTuple):
     """What random pairs came to.
 
     Attributes:
@@ -95,7 +95,7 @@ def main() -> None:
             print(f"{body}, {kind}: {found} of {given.count}", flush=True)
 
 
-def compared(body: str, kind: str, count: int, seed: int) -> Comparison:
+def compared(body: str, kind: str, count: int, seed: int) -> ComparedDistances:
     """Compares distances of `count` random pairs of a body and a shape with coal's."""
     rng = np.random.default_rng([seed, len(body), len(kind)])
     bodies = list(_bodies(body, rng))
@@ -107,10 +107,10 @@ def compared(body: str, kind: str, count: int, seed: int) -> Comparison:
     expected = np.array([_by_coal(body, each.solid, each.place) for body, each in paired])
     apart = (found > 0.0) | (expected > 0.0) & (kind != "mesh")  # a tree of triangles is hollow
     outside = sum(_is_outside(body, each, gap) for (body, each), gap in zip(paired, found, strict=True) if gap > 0.0)
-    return Comparison(int(apart.sum()), float(np.abs(found - expected)[apart].max()), outside)
+    return ComparedDistances(int(apart.sum()), float(np.abs(found - expected)[apart].max()), outside)
 
 
-def _found(bodies: list[Body], chosen: NDArray[np.intp], obstacle: Obstacle) -> Vector:
+def _found(bodies: list[RoundBody], chosen: NDArray[np.intp], obstacle: CoalObstacle) -> Vector:
     """Returns the distances (n,) [m] of the bodies of `chosen` numbers (n,) by Fling."""
     p0, p1, radii = (np.array([bodies[i][k] for i in chosen]) for k in range(3))
     first = np.zeros(len(chosen), np.intp)
@@ -119,11 +119,11 @@ def _found(bodies: list[Body], chosen: NDArray[np.intp], obstacle: Obstacle) -> 
     return np.min([shape_distances(p0, p1, first, shape.row[None]) for shape in obstacle.shapes], axis=0) - radii
 
 
-def _by_coal(body: Body, solid: coal.CollisionGeometry, place: coal.Transform3s) -> float:
+def _by_coal(body: RoundBody, solid: coal.CollisionGeometry, place: coal.Transform3s) -> float:
     return float(coal.distance(solid, place, body.solid, body.place, _REQUEST, coal.DistanceResult()))
 
 
-def _is_outside(body: Body, obstacle: Obstacle, gap: float) -> bool:
+def _is_outside(body: RoundBody, obstacle: CoalObstacle, gap: float) -> bool:
     """Returns whether a mesh is nearer than `gap` from its cover [m], or farther by more than its inflation."""
     if obstacle.mesh is None:
         return False
@@ -131,25 +131,25 @@ def _is_outside(body: Body, obstacle: Obstacle, gap: float) -> bool:
     return not -MESH_TOLERANCE_M <= beyond <= obstacle.inflation_m + MESH_TOLERANCE_M
 
 
-def _bodies(kind: str, rng: np.random.Generator) -> Iterator[Body]:
+def _bodies(kind: str, rng: np.random.Generator) -> Iterator[RoundBody]:
     for _ in range(POOL):
         X = _placed(rng)
         radius = float(rng.uniform(*RADII_M))
         length = float(rng.uniform(*SIZES_M)) if kind == "capsule" else 0.0
         solid = coal.Capsule(radius, length) if length else coal.Sphere(radius)
         along = 0.5 * length * X[:3, 2]
-        yield Body(X[:3, 3] - along, X[:3, 3] + along, radius, solid, _transform(X))
+        yield RoundBody(X[:3, 3] - along, X[:3, 3] + along, radius, solid, _transform(X))
 
 
-def _shapes(kind: str, rng: np.random.Generator) -> Iterator[Obstacle]:
+def _shapes(kind: str, rng: np.random.Generator) -> Iterator[CoalObstacle]:
     for _ in range(POOL):
         sizes = rng.uniform(*SIZES_M, 3 if kind == "box" else 2)
         sizes = np.array([sizes[0], 0.0]) if kind == "sphere" else sizes
         shape = shape_of(kind, _placed(rng), sizes)
-        yield Obstacle((shape,), coal_solid(shape), _transform(shape.X_WC))
+        yield CoalObstacle((shape,), coal_solid(shape), _transform(shape.X_WC))
 
 
-def _meshes(rng: np.random.Generator) -> Iterator[Obstacle]:
+def _meshes(rng: np.random.Generator) -> Iterator[CoalObstacle]:
     """Yields meshes as a cell file that names them gets them, moved to random places."""
     for make in MESHES.values():
         mesh = make()
@@ -160,7 +160,7 @@ def _meshes(rng: np.random.Generator) -> Iterator[Obstacle]:
             moved = tuple(shape_of("box", X @ shape.X_WC, shape.extent) for shape in shapes)
             covered = trimesh.util.concatenate(boxes)
             assert isinstance(covered, trimesh.Trimesh)
-            yield Obstacle(moved, coal_mesh(covered), _transform(X), coal_mesh(mesh), inflation_m)
+            yield CoalObstacle(moved, coal_mesh(covered), _transform(X), coal_mesh(mesh), inflation_m)
 
 
 def _read(mesh: trimesh.Trimesh) -> tuple[list[Solid], float]:
