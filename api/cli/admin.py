@@ -15,6 +15,7 @@ import click
 from api.cli.cell_export import export_cell
 from api.cli.cell_import import import_scene
 from api.cli.cell_new import new
+from api.cli.cell_scan import scan
 from api.cli.cell_urdf import from_urdf
 from api.cli.cell_versions import diff, history, restore
 from api.cli.support.cell_warnings import warnings_of
@@ -38,7 +39,7 @@ def cell() -> None:
     """Write and check cell files, and import what belongs to them."""
 
 
-for command in (new, history, diff, restore, from_urdf, import_scene, export_cell):
+for command in (new, history, diff, restore, from_urdf, import_scene, scan, export_cell):
     cell.add_command(command)
 
 
@@ -125,12 +126,13 @@ def _kinematics_of(cell: Cell) -> str:
 
 
 def _meshes_of(cell: Cell) -> list[str]:
-    """Returns as what each mesh of a cell is kept out, in words."""
-    from planner.cell import cover_in
+    """Returns as what each mesh of a cell, and each cloud of points, is kept out, in words."""
+    from planner.cell import cover_in, cover_key
 
     found = []
     for i, entry in enumerate(cell.document["surroundings"]["keep_out"]):
-        known = cover_in(cell.meshes, entry["file"]) if entry.get("shape") == "mesh" else "no mesh"
+        key = cover_key(entry)
+        known = cover_in(cell.meshes, key) if key is not None else "no mesh"
         if not isinstance(known, str):
             made, is_closed = known
             scale = entry.get("scale", 1.0)
@@ -138,9 +140,11 @@ def _meshes_of(cell: Cell) -> list[str]:
             beyond_m = scale * made.beyond
             boxes = f"{len(made.lower)} boxes" if len(made.lower) > 1 else "a box"
             size = " × ".join(f"{each:.3g}" for each in size_m)
-            doubts = _mesh_doubts(size_m.max(), beyond_m, is_closed)
-            name = entry.get("name") or f"mesh {i}"
-            told = f"{name}: {entry['file']}, {size} m, as {boxes}, at most {1e3 * beyond_m:.3g} mm beyond it"
+            is_mesh = entry["shape"] == "mesh"
+            name = entry.get("name") or f"{entry['shape']} {i}"
+            of = "it" if is_mesh else "its points"
+            told = f"{name}: {entry['file']}, {size} m, as {boxes}, at most {1e3 * beyond_m:.3g} mm beyond {of}"
+            doubts = _mesh_doubts(size_m.max(), beyond_m, is_closed) if is_mesh else []
             found.append("; ".join([told, *doubts]))
     return found
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +15,7 @@ from api.cli.support.terminal import BAD, GOOD, say
 
 if TYPE_CHECKING:
     from planner.cell import Cell
-    from planner.scenes import ForeignScene
+    from planner.scenes import ForeignScene, ForeignShape
 
 SAME_PLACE = 1e-3  # [m, -] by which the bases of two arms may differ
 
@@ -29,36 +30,14 @@ def import_scene(file: Path, name: str, as_json: bool) -> None:
     FILE is a URDF, SDF or MJCF file, or a scene of MoveIt: its text (.scene), or a planning scene as YAML. Its frame is
     taken as the cell's world. Meshes are copied beside the cell file.
     """
-    from planner.cell import cell_of, source_of
-    from planner.cell_folder import checked, is_shipped
-    from planner.errors import CellError
     from planner.scenes import entries_of, with_entries
 
-    path = _path(name)
-    if is_shipped(path):
-        raise click.ClickException(f"{path} came with Fling: copy it to ./cells first, or see `fling cell new`")
     scene = _scene(file)
-    try:
-        text = path.read_text()
-        cell = cell_of(source_of(path, text.encode()))
-    except (OSError, UnicodeDecodeError, CellError) as error:
-        raise click.ClickException(f"{path}: {error}") from error
+    path, text, cell = cell_to_extend(name)
     on_base = _notes_on_base(scene, cell)
-    files, contents = _mesh_files(path, scene)
+    files, contents = mesh_files(path, scene.shapes)
     entries = entries_of(scene.shapes, files, cell.surroundings.keep_out_names)
-    written = with_entries(text, entries, file.name) if entries else text
-    for place, content in contents.items():
-        place.write_bytes(content)
-    try:
-        checked(cell_of(source_of(path, written.encode())))
-    except CellError as error:
-        for place in contents:
-            place.unlink()
-        why = "; ".join([str(error), *on_base])
-        raise click.ClickException(f"{path} would be refused with the shapes of {file}: {why}") from error
-    part = path.with_name(f".{path.name}.part")
-    part.write_text(written)
-    part.replace(path)
+    extend(path, with_entries(text, entries, file.name) if entries else text, contents, file, on_base)
     notes = [*scene.notes, *on_base]
     left_out = list(dict.fromkeys(scene.left_out))
     if as_json:
@@ -70,11 +49,58 @@ def import_scene(file: Path, name: str, as_json: bool) -> None:
         say(line, BAD)
 
 
-def _path(name: str) -> Path:
+def cell_to_extend(name: str) -> tuple[Path, str, Cell]:
+    """Returns the path of a cell file, its text and the cell, which shapes are added to.
+
+    Raises:
+        ClickException: it is refused, or came with Fling.
+    """
     from api.cli.support.processes import cell_path
     from api.settings import parse_settings
+    from planner.cell import cell_of, source_of
+    from planner.cell_folder import is_shipped
+    from planner.errors import CellError
 
-    return Path(name) if name.endswith(".toml") else cell_path(parse_settings().cells, name)
+    path = Path(name) if name.endswith(".toml") else cell_path(parse_settings().cells, name)
+    if is_shipped(path):
+        raise click.ClickException(f"{path} came with Fling: copy it to ./cells first, or see `fling cell new`")
+    try:
+        text = path.read_text()
+        return path, text, cell_of(source_of(path, text.encode()))
+    except (OSError, UnicodeDecodeError, CellError) as error:
+        raise click.ClickException(f"{path}: {error}") from error
+
+
+def extend(path: Path, text: str, contents: Mapping[Path, bytes], file: Path, notes: Sequence[str] = ()) -> None:
+    """Writes a cell file and what is beside it, where the cell is not refused with that.
+
+    Args:
+        path: of the cell file.
+        text: of it.
+        contents: of files beside it.
+        file: that the shapes come from.
+        notes: which may say why it is refused.
+
+    Raises:
+        ClickException: the cell is refused; all files are as before.
+    """
+    from planner.cell import cell_of, source_of
+    from planner.cell_folder import checked
+    from planner.errors import CellError
+
+    before = {place: place.read_bytes() for place in contents if place.exists()}
+    for place, content in contents.items():
+        place.write_bytes(content)
+    try:
+        checked(cell_of(source_of(path, text.encode())))
+    except CellError as error:
+        for place in contents:
+            place.write_bytes(before[place]) if place in before else place.unlink()
+        why = "; ".join([str(error), *notes])
+        raise click.ClickException(f"{path} would be refused with the shapes of {file}: {why}") from error
+    part = path.with_name(f".{path.name}.part")
+    part.write_text(text)
+    part.replace(path)
 
 
 def _scene(file: Path) -> ForeignScene:
@@ -105,14 +131,14 @@ def _notes_on_base(scene: ForeignScene, cell: Cell) -> list[str]:
     ]
 
 
-def _mesh_files(path: Path, scene: ForeignScene) -> tuple[list[str], dict[Path, bytes]]:
+def mesh_files(path: Path, shapes: Sequence[ForeignShape]) -> tuple[list[str], dict[Path, bytes]]:
     """Returns the name of each shape's mesh file beside a cell file, empty without one, and what is to be written.
 
     A mesh that several shapes have is written once; none is written over another file.
     """
     names: dict[tuple[bytes, str], str] = {}
     contents = {}
-    for shape in scene.shapes:
+    for shape in shapes:
         if shape.mesh is not None and shape.mesh not in names:
             plain = f"{path.stem}-{re.sub(r'[^A-Za-z0-9_-]+', '-', shape.name)[:40]}"
             number = 1
@@ -122,4 +148,4 @@ def _mesh_files(path: Path, scene: ForeignScene) -> tuple[list[str], dict[Path, 
                 place = path.with_name(f"{plain}-{number}.{shape.mesh[1]}")
             contents[place] = shape.mesh[0]
             names[shape.mesh] = place.name
-    return ["" if shape.mesh is None else names[shape.mesh] for shape in scene.shapes], contents
+    return ["" if shape.mesh is None else names[shape.mesh] for shape in shapes], contents

@@ -1,7 +1,7 @@
 """The independent audit: certified plans checked by Pinocchio, coal and MuJoCo instead of Fling's own kinematics."""
 
 from benchmarks.audit.checks import find_faults, motion_faults
-from benchmarks.audit.distances import self_pairs
+from benchmarks.audit.distances import coal_mesh, coal_solid, self_pairs
 from benchmarks.audit.fault import AuditFault, over, under
 from benchmarks.audit.flights import clearance_faults, flight_faults, landing_errors, release_state
 from benchmarks.audit.run import AuditResult, run_audit
@@ -10,6 +10,8 @@ __all__ = [
     "AuditResult",
     "AuditFault",
     "clearance_faults",
+    "coal_mesh",
+    "coal_solid",
     "find_faults",
     "flight_faults",
     "landing_errors",

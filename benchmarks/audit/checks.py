@@ -74,23 +74,33 @@ class DenseSamples:
         return max(1, int(step_s / (self.t[1] - self.t[0]) + 1e-6)) if len(self.t) > 1 else 1
 
 
-def find_faults(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
-    """Returns the faults of a certified motion; an empty list if it is right."""
-    found = motion_faults(problem, motion)
+def find_faults(problem: ThrowProblem, motion: Trajectory, step_s: float = SPARSE_S) -> list[AuditFault]:
+    """Returns the faults of a certified motion; an empty list if it is right.
+
+    Args:
+        problem: The problem.
+        motion: The motion.
+        step_s: Grid of the distances [s].
+    """
+    found = motion_faults(problem, motion, step_s=step_s)
     found += [*safety_faults(problem, motion), *grip_faults(problem, motion), *flight_faults(problem, motion)]
     return found + [fault for release, k in _passed(problem, motion) for fault in _state(problem, motion, release, k)]
 
 
-def motion_faults(problem: ThrowProblem, motion: Trajectory, smooth: bool = False) -> list[AuditFault]:
+def motion_faults(
+    problem: ThrowProblem, motion: Trajectory, smooth: bool = False, step_s: float = SPARSE_S
+) -> list[AuditFault]:
     """Returns the faults of a motion by itself: start, rest, joints, torques, distances, speed; not of the release.
 
     Args:
         problem: The problem.
         motion: The motion; its accelerations are not used.
         smooth: Whether its jerk may change within a tick.
+        step_s: Grid of the distances [s].
     """
     dense = DenseSamples.of(motion, smooth)
-    return [*_limits(problem, motion, dense), *_torques(problem, motion, dense), *_space(problem, motion, dense)]
+    found = [*_limits(problem, motion, dense), *_torques(problem, motion, dense)]
+    return found + _space(problem, motion, dense, step_s)
 
 
 def _limits(problem: ThrowProblem, motion: Trajectory, dense: DenseSamples) -> list[AuditFault]:
@@ -136,8 +146,8 @@ def _torques(problem: ThrowProblem, motion: Trajectory, dense: DenseSamples) -> 
     return joint_faults("joint_torque", "torque", worst, problem.limits.tau_max, slack, "N m") + found
 
 
-def _space(problem: ThrowProblem, motion: Trajectory, dense: DenseSamples) -> list[AuditFault]:
-    rows = slice(None, None, dense.every(SPARSE_S))
+def _space(problem: ThrowProblem, motion: Trajectory, dense: DenseSamples, step_s: float) -> list[AuditFault]:
+    rows = slice(None, None, dense.every(step_s))
     moving = [k * motion.dt for release, k in _passed(problem, motion) if not release.is_at_rest]
     held_until_s = object_times(problem, motion)[1]
     return spatial_faults(problem, dense.q[rows], dense.qd[rows], dense.t[rows], held_until_s, np.array(moving))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cache
 from itertools import combinations
@@ -10,6 +11,7 @@ from typing import NamedTuple
 import coal
 import numpy as np
 import pinocchio as pin
+import trimesh
 from numpy.typing import NDArray
 
 from benchmarks.audit.fault import AuditFault, over, under
@@ -86,16 +88,21 @@ def spatial_faults(
     worst = SpatialExtremes()
     model = arm_model(cell, False)
     obstacles = _obstacles(problem)
+    bodies = _all(cell)
+    for solid in [*(body.solid for body in bodies), *(solid for solid, _, _ in obstacles)]:
+        solid.computeLocalAABB()
     data = model.createData()
     for i in range(len(t)):
         poses, v = poses_and_velocity(cell, model, data, q[i], qd[i])
-        places = [_coal(poses[shape.frame] * shape.placement) for shape in _all(cell)]
+        places = [_coal(poses[shape.frame] * shape.placement) for shape in bodies]
         held = bool(t[i] <= held_until_s)
         worst.speed = max(worst.speed, float(np.linalg.norm(v)))
         worst.floor = min(worst.floor, _height(cell, poses, held))
         pairs = [pair for pair in _pairs(cell) if held or pair[1] < len(shapes(cell))]
-        worst.self_gap = min([worst.self_gap, *(_distance(cell, places, *pair) for pair in pairs)])
-        worst.boxes = min(worst.boxes, _box_gap(cell, obstacles, places, held))
+        for first, second in pairs:
+            solids = bodies[first].solid, places[first], bodies[second].solid, places[second]
+            worst.self_gap = min(worst.self_gap, _distance(*solids, worst.self_gap))
+        worst.boxes = _box_gap(cell, obstacles, places, held, worst.boxes)
         worst.outside = max(worst.outside, _outside(cell, poses))
         if (np.abs(t[i] - passed_s) <= SINGULARITY_WINDOW_S).any():
             worst.singular = min(worst.singular, _singularity_distance(data))
@@ -121,16 +128,18 @@ def _singularity_distance(data: pin.Data) -> float:
     return float(min(wrist, elbow, shoulder))
 
 
-def _box_gap(cell: Cell, obstacles: list[Obstacle], places: list[coal.Transform3s], held: bool) -> float:
-    """Returns the smallest distance of the bodies from shapes and bin, less what these are kept from further [m]."""
-    least = np.inf
+def _box_gap(cell: Cell, obstacles: list[Obstacle], places: list[coal.Transform3s], held: bool, least: float) -> float:
+    """Returns the smallest distance of the bodies from shapes and bin, less what these are kept from further [m].
+
+    Or `least`, where that is smaller.
+    """
     count = len(shapes(cell)) + held
+    bodies = [(shape, own) for shape, own in list(zip(_all(cell), places, strict=True))[:count] if shape.frame > 0]
     for solid, place, further_m in obstacles:
-        for shape, own in list(zip(_all(cell), places, strict=True))[:count]:
-            if shape.frame > 0:
-                gap = coal.distance(shape.solid, own, solid, place, _REQUEST, coal.DistanceResult())
-                least = min(least, gap - further_m)
-    return float(least)
+        for shape, own in bodies:
+            gap = _distance(shape.solid, own, solid, place, least + further_m)
+            least = min(least, gap - further_m)
+    return least
 
 
 def _obstacles(problem: ThrowProblem) -> list[Obstacle]:
@@ -162,6 +171,19 @@ def coal_solid(shape: Solid) -> coal.ShapeBase:
         "capsule": lambda: coal.Capsule(0.5 * x, z - x),
     }
     return solids[shape.kind]()
+
+
+def coal_mesh(mesh: trimesh.Trimesh) -> coal.BVHModelOBBRSS:
+    """Returns coal's tree of a mesh's faces."""
+    model = coal.BVHModelOBBRSS()
+    model.beginModel(len(mesh.faces), len(mesh.vertices))
+    corners = coal.StdVec_Vec3s()
+    corners.extend(np.array(mesh.vertices))
+    faces = coal.StdVec_Triangle()
+    faces.extend(coal.Triangle(*map(int, face)) for face in mesh.faces)
+    model.addSubModel(corners, faces)
+    model.endModel()
+    return model
 
 
 class BodyShape(NamedTuple):
@@ -257,10 +279,12 @@ def _coal(X: pin.SE3) -> coal.Transform3s:
     return coal.Transform3s(X.rotation, X.translation)
 
 
-def _distance(cell: Cell, places: list[coal.Transform3s], i: int, j: int) -> float:
-    one = _all(cell)[i].solid
-    other = _all(cell)[j].solid
-    return coal.distance(one, places[i], other, places[j], _REQUEST, coal.DistanceResult())
+def _distance(
+    one: coal.ShapeBase, own: coal.Transform3s, other: coal.ShapeBase, place: coal.Transform3s, least: float
+) -> float:
+    """Returns the distance of two solids [m], or that of the balls about them where it is no less than `least`."""
+    away = math.dist(own.getTranslation(), place.getTranslation()) - one.aabb_radius - other.aabb_radius
+    return away if away >= least else float(coal.distance(one, own, other, place, _REQUEST, coal.DistanceResult()))
 
 
 def _height(cell: Cell, poses: list[pin.SE3], held: bool) -> float:

@@ -6,7 +6,7 @@ from benchmarks.problem_sets.named_sets import ANYWHERE, ARMS, IMPOSSIBLE_SETS, 
 from benchmarks.problem_sets.obstructed import obstructed_tasks, open_tasks
 from benchmarks.problem_sets.random_cells import random_cell_tasks
 from benchmarks.problem_sets.sdu_table import sdu_facts
-from benchmarks.problem_sets.shaped import shaped_tasks
+from benchmarks.problem_sets.shaped import shaped_cell_tasks, shaped_tasks
 from benchmarks.problem_sets.task import Task
 from benchmarks.problem_sets.varied_cells import varied_tasks
 
@@ -23,6 +23,7 @@ __all__ = [
     "open_tasks",
     "random_cell_tasks",
     "sdu_facts",
+    "shaped_cell_tasks",
     "shaped_tasks",
     "varied_tasks",
 ]

@@ -12,9 +12,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.problem_sets.reshaped import OTHER_KINDS, reshaped
 from benchmarks.problem_sets.task import Task
 from planner.cell import Box, Cell
-from planner.geometry import body_model, tool_pose
+from planner.geometry import body_model, segment_shape_distance, tool_pose
 from planner.kinematics import jacobian, singularity_distances
 from planner.problem import JointRelease, Opening, TargetRelease, ThrowProblem
 
@@ -36,16 +37,17 @@ RIMS_M = (0.05, 0.4)  # of bins
 BIN_DISTANCES_M = (0.5, 1.5)  # of bins without a wall
 
 
-def obstructed_tasks(here: Cell, count: int, seed: int) -> list[Task]:
+def obstructed_tasks(here: Cell, count: int, seed: int, shaped: bool = False) -> list[Task]:
     """Returns targets behind walls, in bins and in bins behind walls in turn; the release of least window.
 
     Args:
         here: the cell, without boxes of its own.
         count: of the tasks.
         seed: of the draws.
+        shaped: whether other shapes than boxes along the axes stand in the way; then no bin is without a wall.
     """
     kinds = [KINDS[i % len(KINDS)] for i in range(count)]
-    makers = {kind: _feasible(kind, here, np.random.default_rng([seed, k])) for k, kind in enumerate(KINDS)}
+    makers = {kind: _feasible(kind, here, np.random.default_rng([seed, k]), shaped) for k, kind in enumerate(KINDS)}
     made = [(kind, next(makers[kind])) for kind in kinds]
     return [Task(f"{kind}/{here.name}/{i:04d}", problem, state) for i, (kind, (problem, state)) in enumerate(made)]
 
@@ -61,9 +63,12 @@ def _without_obstacles(problem: ThrowProblem) -> ThrowProblem:
     return replace(problem, cell=cell, release=replace(problem.release, opening=None))
 
 
-def _feasible(kind: str, here: Cell, rng: np.random.Generator) -> Iterator[tuple[ThrowProblem, JointRelease]]:
+def _feasible(
+    kind: str, here: Cell, rng: np.random.Generator, shaped: bool
+) -> Iterator[tuple[ThrowProblem, JointRelease]]:
     while True:
-        problem = _drawn(kind, here, rng)
+        problem = _drawn("wall-bin" if shaped and kind == "bin" else kind, here, rng)
+        problem = _reshaped(problem, rng) if shaped else problem
         if body_model(problem.cell_with_bin).clearances(here.home[None]).least[0] < 0.0:
             continue
         lob = _lob(problem, rng)
@@ -101,6 +106,14 @@ def _drawn(kind: str, here: Cell, rng: np.random.Generator) -> ThrowProblem:
     return ThrowProblem(cell, here.home, TargetRelease(target, opening=opening), here.limits)
 
 
+def _reshaped(problem: ThrowProblem, rng: np.random.Generator) -> ThrowProblem:
+    """Returns the problem with other shapes about where its walls are, and of their size."""
+    around = problem.cell.surroundings
+    kind = str(rng.choice(OTHER_KINDS))
+    shapes = tuple(shape for box in around.keep_out for shape in reshaped(kind, box, rng))
+    return replace(problem, cell=replace(problem.cell, surroundings=replace(around, keep_out=shapes)))
+
+
 def _lob(problem: ThrowProblem, rng: np.random.Generator) -> JointRelease | None:
     """Returns a joint state that throws the object to the target past every obstacle, None if none was drawn."""
     cell = problem.cell
@@ -134,9 +147,8 @@ def _passes(problem: ThrowProblem, release: TargetRelease, p: Vector, v: Vector,
     x = p[:, None] + v[:, None] * s[..., None] - 0.5 * problem.gravity * s[..., None] ** 2 * np.array([0.0, 0.0, 1.0])
     thick = problem.cell.object.radius_m + ROOM_M
     good = np.ones(len(p), dtype=bool)
-    for box in problem.cell.surroundings.keep_out:
-        gap = np.linalg.norm(x - np.clip(x, box.lower, box.upper), axis=-1)
-        good &= gap.min(axis=1, initial=np.inf) >= thick
+    for shape in problem.cell.surroundings.keep_out:
+        good[good] = segment_shape_distance(x[good], x[good], shape).min(axis=1) >= thick
     if release.opening is not None:
         out = np.hypot(x[..., 0] - release.p_W[0], x[..., 1] - release.p_W[1]) - release.opening.radius_m
         over = x[..., 2] - release.p_W[2] - release.opening.rim_height_m

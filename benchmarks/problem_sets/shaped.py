@@ -1,19 +1,22 @@
-"""Throws among turned boxes, cylinders, spheres and capsules, some onto one: feasible, as a certified motion is known.
+"""Throws among turned boxes, cylinders, spheres, capsules and meshes: feasible, as a certified motion is known.
 
-That is planned in the empty cell, or onto the table alone; then shapes are placed beside it, close to the tool's path
-or to the flight, wherever the motion's certificate holds with them.
+That is planned in the empty cell, or onto a table alone; then shapes are placed beside it, close to the tool's path or
+to the flight, wherever the motion's certificate holds with them. A mesh is the boxes that cover it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import itertools
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.problem_sets.random_cells import random_cell_tasks
+from benchmarks.problem_sets.reshaped import reshaped
 from benchmarks.problem_sets.task import Task
-from planner.cell import Cell, Solid, shape_of
+from planner.cell import Box, Cell, Solid, shape_of
 from planner.certificate import certify
 from planner.errors import Infeasible, SolverFailed
 from planner.flight import path
@@ -25,7 +28,7 @@ from planner.trajectory import Trajectory
 
 Vector = NDArray[np.float64]
 
-KINDS = ("box", "cylinder", "box", "cylinder", "sphere", "capsule")  # drawn from; box and cylinder are common
+KINDS = ("box", "cylinder", "box", "cylinder", "sphere", "capsule", "mesh")  # drawn from; box and cylinder are common
 ON = (None, "box", None, "cylinder")  # what the target is on, in turn
 SHAPES = 4  # of a cell, its table included
 SIZES_M = (0.04, 0.4)  # edges, radii and lengths
@@ -44,21 +47,28 @@ def shaped_tasks(here: Cell, count: int, seed: int) -> list[Task]:
         seed: of the random draws.
     """
     rng = np.random.default_rng([seed, 60])
-    tasks = _tasks(here, rng)
-    return [next(tasks) for _ in range(count)]
+    drawn = (_drawn(here, ON[number % len(ON)], rng) for number in itertools.count())
+    return list(itertools.islice(_tasks("shaped", drawn, rng), count))
 
 
-def _tasks(here: Cell, rng: np.random.Generator) -> Iterator[Task]:
+def shaped_cell_tasks(count: int, seed: int) -> list[Task]:
+    """Returns `count` tasks of every kind in random cells, whose walls and blocks are other shapes."""
+    rng = np.random.default_rng([seed, 61])
+    tasks = random_cell_tasks(2 * count, max(4, count // 2), seed)
+    drawn = (replace(task.problem, cell=_with(task.problem.cell, ())) for task in tasks)
+    return list(itertools.islice(_tasks("cells", drawn, rng), count))
+
+
+def _tasks(group: str, problems: Iterable[ThrowProblem], rng: np.random.Generator) -> Iterator[Task]:
+    """Yields those of the problems that are answered, with shapes beside the motion."""
     number = 0
-    while True:
-        problem = _drawn(here, ON[number % len(ON)], rng)
+    for problem in problems:
         try:
-            known = plan(problem)
+            motion = plan(problem).trajectory
         except (Infeasible, SolverFailed):
             continue
-        motion = known.trajectory
         state = JointRelease(motion.q[motion.release_index], motion.qd[motion.release_index])
-        name = f"shaped/{here.name}/{number:04d}"
+        name = f"{group}/{problem.cell.name}/{number:04d}"
         yield Task(name, _furnished(problem, motion, rng), state, motion)
         number += 1
 
@@ -78,19 +88,28 @@ def _drawn(here: Cell, on: str | None, rng: np.random.Generator) -> ThrowProblem
 def _furnished(problem: ThrowProblem, motion: Trajectory, rng: np.random.Generator) -> ThrowProblem:
     """Returns the problem with shapes beside a known motion."""
     places = _way(problem, motion)
+    lacking = SHAPES - len(problem.cell.surroundings.keep_out)
     for _ in range(DRAWS):
-        there = problem.cell.surroundings.keep_out
-        if len(there) == SHAPES:
+        if lacking == 0:
             break
         kind = str(rng.choice(KINDS))
         centre = places[rng.integers(len(places))] + rng.uniform(-AWAY_M, AWAY_M, 3)
-        sizes = rng.uniform(*SIZES_M, 3 if kind == "box" else 2)
-        sizes = np.array([0.5 * sizes[0], 0.0 if kind == "sphere" else sizes[1]]) if kind != "box" else sizes
-        shape = shape_of(kind, pose(centre, rotation_vector_to_matrix(rng.uniform(-2.0, 2.0, 3))), sizes)
-        more = replace(problem, cell=_with(problem.cell, (*there, shape)))
+        there = problem.cell.surroundings.keep_out
+        more = replace(problem, cell=_with(problem.cell, (*there, *_shapes(kind, centre, rng))))
         if certify(more, motion).valid:
             problem = more
+            lacking -= 1
     return problem
+
+
+def _shapes(kind: str, centre: Vector, rng: np.random.Generator) -> tuple[Solid, ...]:
+    """Returns a turned shape of a kind at a place, of a mesh the boxes that cover it."""
+    if kind == "mesh":
+        half = 0.5 * rng.uniform(*SIZES_M, 3)
+        return reshaped("mesh", Box(centre - half, centre + half), rng)
+    sizes = rng.uniform(*SIZES_M, 3 if kind == "box" else 2)
+    sizes = np.array([0.5 * sizes[0], 0.0 if kind == "sphere" else sizes[1]]) if kind != "box" else sizes
+    return (shape_of(kind, pose(centre, rotation_vector_to_matrix(rng.uniform(-2.0, 2.0, 3))), sizes),)
 
 
 def _way(problem: ThrowProblem, motion: Trajectory) -> Vector:

@@ -9,7 +9,8 @@ from planner.cell.faults import mended_cell
 from planner.cell.fields import choice, merge_defaults, number, vector
 from planner.cell.file import DEFAULTS, NAME_PATTERN, cell_of, checked_polyscope, load_cell, parse_cell
 from planner.cell.keep_out import is_reserved
-from planner.cell.mesh_file import MESH_BYTES, MESH_KINDS, cover_in, mesh_hashes
+from planner.cell.mesh_cover import cover
+from planner.cell.mesh_file import CELL_M, MESH_BYTES, MESH_KINDS, cover_in, cover_key, mesh_hashes, point_cloud
 from planner.cell.model import (
     CONTACT_M,
     FARTHEST_M,
@@ -21,10 +22,12 @@ from planner.cell.model import (
     Surroundings,
     ToolCapsule,
 )
+from planner.cell.point_cover import full_cells
 from planner.cell.shapes import Box, Solid, nearest_on_cores, shape_of
 from planner.cell.source import CellSource, calibration_path, mesh_paths, read_source, source_of
 
 __all__ = [
+    "CELL_M",
     "CONTACT_M",
     "DEFAULTS",
     "FARTHEST_M",
@@ -47,7 +50,10 @@ __all__ = [
     "checked_polyscope",
     "choice",
     "completed_arm",
+    "cover",
     "cover_in",
+    "cover_key",
+    "full_cells",
     "is_reserved",
     "load_cell",
     "mesh_hashes",
@@ -57,6 +63,7 @@ __all__ = [
     "nearest_on_cores",
     "number",
     "parse_cell",
+    "point_cloud",
     "read_source",
     "shape_of",
     "source_of",

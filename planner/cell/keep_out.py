@@ -1,4 +1,4 @@
-"""Reading what nothing enters: boxes by their corners, shapes by pose and size, and meshes by their covers."""
+"""Reading what nothing enters: boxes by their corners, shapes by pose and size, meshes and points by their covers."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from planner.arrays import Array
 from planner.cell.fields import choice, exactly, merge_defaults, number, placement, tables, vector
-from planner.cell.mesh_file import FILE_PATTERN, cover_in
+from planner.cell.mesh_file import CELL_M, cover_in, cover_key
 from planner.cell.shapes import Box, Solid, shape_of
 from planner.errors import CellError
 from planner.robots import capsule_rows
@@ -23,7 +23,10 @@ SIZES = {  # keys of each shape beyond `shape`, `pose`, `name` and `clearance_m`
     "sphere": ("radius_m",),
     "capsule": ("radius_m", "length_m"),
 }
+COVERED = {"mesh": ".stl, .obj or .ply", "points": ".ply"}  # shapes of files, and the kinds of these
+CELL_MIN_M = 1e-3  # [m] of a grid about points
 POSE = {"position_m": None, "rotation_vector_rad": [0.0, 0.0, 0.0]}
+IN_THE_WORLD = {"position_m": [0.0, 0.0, 0.0]}  # pose of points without one
 NAME_PATTERN = re.compile(r"[^\s,:;]([^,:;]{0,62}[^\s,:;])?")  # of what can be printed; in a plan , : ; end a name
 OTHERS = ("object", "floor", "bin", "rim")  # what else a flight or a posture comes close to
 TOOL = "tool_"  # with a number: a capsule of the tool
@@ -47,7 +50,7 @@ def corners(entry: Mapping[str, Any], where: str) -> Box:
 
 
 def keep_out_shapes(table: Mapping[str, Any], meshes: bytes | None = None) -> tuple[Solid, ...]:
-    """Returns the keep-out shapes of the table `[surroundings]`; a mesh is as many boxes as cover it.
+    """Returns the keep-out shapes of the table `[surroundings]`; a mesh, or points, are the boxes that cover them.
 
     Args:
         table: the table.
@@ -59,8 +62,8 @@ def keep_out_shapes(table: Mapping[str, Any], meshes: bytes | None = None) -> tu
     where = "surroundings.keep_out"
     found: dict[str, Solid] = {}
     for i, entry in enumerate(tables(table["keep_out"], where)):
-        is_mesh = entry.get("shape") == "mesh"
-        shapes = _mesh(entry, f"{where}[{i}].", i, meshes) if is_mesh else [_shape(entry, f"{where}[{i}].")]
+        is_covered = str(entry.get("shape")) in COVERED
+        shapes = _covered(entry, f"{where}[{i}].", i, meshes) if is_covered else [_shape(entry, f"{where}[{i}].")]
         for shape in shapes:
             name = shape.called(i)
             if name in found:
@@ -70,26 +73,31 @@ def keep_out_shapes(table: Mapping[str, Any], meshes: bytes | None = None) -> tu
     return tuple(found.values())
 
 
-def _mesh(entry: Mapping[str, Any], where: str, number_: int, meshes: bytes | None) -> list[Solid]:
-    """Returns the boxes that cover a mesh, which are called like it, with numbers where there are several."""
+def _covered(entry: Mapping[str, Any], where: str, number_: int, meshes: bytes | None) -> list[Solid]:
+    """Returns the boxes that cover a mesh or points, called like it, with numbers where there are several."""
+    kind = entry["shape"]
     name, clearance_m, rest = _named(entry, where)
-    rest = exactly({"scale": 1.0, **rest}, ("shape", "pose", "file", "scale"), where)
+    defaults = {"scale": 1.0} if kind == "mesh" else {"scale": 1.0, "cell_m": CELL_M, "pose": IN_THE_WORLD}
+    rest = exactly({**defaults, **rest}, ("shape", "pose", "file", *(key for key in defaults if key != "pose")), where)
     X_WM = _pose(rest, where)
     scale = number(rest, "scale", where, SCALE_MIN, 1.0 / SCALE_MIN)
-    if not isinstance(rest["file"], str) or not FILE_PATTERN.fullmatch(rest["file"]):
-        raise CellError(f"{where}file", rest["file"], "must name a file beside the cell file: .stl, .obj or .ply")
-    known = cover_in(meshes, rest["file"])
+    if kind == "points":
+        number(rest, "cell_m", where, CELL_MIN_M, SIZE_MAX_M)
+    key = cover_key(rest)
+    if key is None:
+        raise CellError(f"{where}file", rest["file"], f"must name a file beside the cell file: {COVERED[kind]}")
+    known = cover_in(meshes, key)
     if isinstance(known, str):
         raise CellError(f"{where}file", rest["file"], known)
     made, _ = known
     sizes_m = scale * (made.upper - made.lower)
     largest_m = float(np.ptp([made.lower.min(axis=0), made.upper.max(axis=0)], axis=0).max()) * scale
     if not SIZE_MIN_M <= largest_m <= SIZE_MAX_M:
-        reason = f"makes the mesh {largest_m:.6g} m large: a file in millimetres has 0.001"
+        reason = f"makes the {kind} {largest_m:.6g} m large: a file in millimetres has 0.001"
         raise CellError(f"{where}scale", scale, reason)
     middles = 0.5 * scale * (made.upper + made.lower) @ made.axes.T
     poses = [X_WM @ pose(middle, made.axes) for middle in middles]
-    called = name or f"mesh {number_}"
+    called = name or f"{kind} {number_}"
     names = [called] if len(poses) == 1 else [f"{called} {k}" for k in range(len(poses))]
     return [shape_of("box", *each, clearance_m) for each in zip(poses, sizes_m, names, strict=True)]
 
@@ -112,7 +120,7 @@ def _shape(entry: Mapping[str, Any], where: str) -> Solid:
     if "shape" not in rest and "pose" not in rest:
         box = corners(rest, where)
         return Box(box.lower, box.upper, name, clearance_m)
-    kind = choice({"shape": "box", **rest}, "shape", where, (*SIZES, "mesh"))
+    kind = choice({"shape": "box", **rest}, "shape", where, (*SIZES, *COVERED))
     rest = exactly({"shape": kind, **rest}, ("shape", "pose", *SIZES[kind]), where)
     X = _pose(rest, where)
     if kind == "box":

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from planner.cell.mesh_file import covers_of, mesh_hashes, mesh_names
+from planner.cell.mesh_file import cover_keys, covers_of, file_of, mesh_hashes
 from planner.documents import NotToml, parse_toml, read_file
 from planner.errors import CellError, FileRefused
 
@@ -63,7 +63,7 @@ def source_of(path: Path, text: bytes) -> CellSource:
     Raises:
         CellError: a file beside it cannot be read, is no file, or is too large.
     """
-    meshes = covers_of(path.parent, _mesh_names(text))
+    meshes = covers_of(path.parent, _cover_keys(text))
     beside = _path_beside(path, text)
     if beside is None or not beside.exists():
         return CellSource(path.stem, text, None, meshes)  # `cell_of` says that it is missing
@@ -84,14 +84,14 @@ def calibration_path(path: Path) -> Path | None:
 def mesh_paths(path: Path) -> list[Path]:
     """Returns the paths of the mesh files that a cell file names, whether they exist or not."""
     try:
-        return [path.parent / name for name in _mesh_names(read_file(path, CELL_BYTES))]
+        return [path.parent / file_of(key) for key in _cover_keys(read_file(path, CELL_BYTES))]
     except FileRefused:
         return []
 
 
-def _mesh_names(text: bytes) -> list[str]:
+def _cover_keys(text: bytes) -> list[str]:
     try:
-        return mesh_names(parse_toml(text))
+        return cover_keys(parse_toml(text))
     except NotToml:
         return []  # `cell_of` says what is wrong
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from planner.arrays import Array
+from planner.arrays import Array, Mask
 from planner.cell import Solid
 from planner.flight import time_of_flight
 from planner.geometry.distances import segment_shape_distance
@@ -47,6 +47,11 @@ class Arcs:
         passed = time_of_flight(p[..., 2] - plane_z, v[..., 2], gravity)
         until_s = np.where(np.isnan(touched), passed, touched)
         return Arcs(p, v, np.nan_to_num(until_s), gravity, radius_m)
+
+    def of(self, chosen: Mask) -> Arcs:
+        """Returns the flights of a mask (...,)."""
+        p = np.broadcast_to(self.p, self.v.shape)
+        return replace(self, p=p[chosen], v=self.v[chosen], until_s=self.until_s[chosen])
 
     def until_landed(self, plane_z: float, surfaces: Sequence[Surface]) -> Arcs:
         """Returns the flights until the sphere touches a surface, or else until its centre passes the plane.
@@ -105,8 +110,7 @@ class Arcs:
         if shape.core is None or not near.any():
             return room
         begin, end = (ends[near] for ends in self._over(shape.lower, shape.upper, self.radius_m + gap_m))
-        passed = replace(self, p=np.broadcast_to(self.p, self.v.shape)[near], v=self.v[near], until_s=end)
-        x = passed.at(begin + INSTANTS[:, None] * (end - begin))
+        x = self.of(near).at(begin + INSTANTS[:, None] * (end - begin))
         room[near] = segment_shape_distance(x, x, shape).min(axis=0) - self.radius_m - gap_m
         return room
 

@@ -12,7 +12,7 @@ from planner.arrays import Array, Index, Mask
 from planner.cell import Cell
 from planner.errors import Violation
 from planner.geometry.capsules import Capsule, body_capsules, levers
-from planner.geometry.distances import pair_distances, segment_shape_distance
+from planner.geometry.distances import pair_distances
 from planner.geometry.self_collision import SELF_CLEARANCE_M, object_pairs, self_collision_pairs
 from planner.kinematics import forward, jacobian, link_poses
 from planner.native import loops
@@ -151,10 +151,9 @@ class BodyModel:
     def shape_distances(self, ends: Array) -> Array:
         """Returns the distances from the b keep-out shapes (b, j, n) [m] of the moving capsules."""
         p0, p1 = np.moveaxis(ends[self.moving], (1, 2), (0, -1))
-        shapes = self.cell.surroundings.keep_out
-        radii = self.radii[self.moving, None]
-        gaps = [segment_shape_distance(p0, p1, shape) - radii for shape in shapes]
-        return np.array(gaps).reshape(len(shapes), *p0.shape[:2])
+        rows = self.cell.surroundings.keep_out_rows
+        gaps = loops.all_shape_distances(p0.reshape(-1, 3), p1.reshape(-1, 3), rows)
+        return gaps.reshape(len(rows), *p0.shape[:2]) - self.radii[self.moving, None]
 
     def pair_distances(self, ends: Array) -> Array:
         """Returns the distances (p, n) [m] of the pairs."""

@@ -24,6 +24,7 @@ SIGNATURES = {
     "torque_terms": "naaaaaaaaa",
     "pair_distances": "nanaxa",
     "shape_distances": "naaaaa",
+    "all_shape_distances": "naanaa",
     "drag_paths": "nanaaxxa",
     "drag_landings": "naxxxxxa",
     "states_at": "nannxaaaaa",

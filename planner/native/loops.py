@@ -142,6 +142,16 @@ def shape_distances(p0: Array, p1: Array, items: Index, rows: Array) -> Array:
     return out
 
 
+def all_shape_distances(p0: Array, p1: Array, rows: Array) -> Array:
+    """Returns the distances (k, n) of segments p0-p1, each (n, 3), from every shape of `rows` (k, 20)."""
+    n = len(p0)
+    k = len(rows)
+    out = np.empty((k, n))
+    table = read(rows, (k, SHAPE))
+    kernel().all_shape_distances(n, read(p0, (n, 3)), read(p1, (n, 3)), k, table, written(out))
+    return out
+
+
 def drag_paths(states: Array, steps: Index, h: Array, air: tuple[float, float]) -> Array:
     """Returns positions (n, k, 3) of flights from `states` (n, 6), after k times of steps[j] steps of `h` (n, k).
 

@@ -54,7 +54,10 @@ def clear_flights(problem: ThrowProblem, target: Target, p: Array, v: Array) -> 
 
 
 def _rooms(problem: ThrowProblem, target: Target, p: Array, v: Array) -> Iterator[tuple[str, Array]]:
-    """Yields what a flight may meet, and the room (...,) [m] beyond the flight clearance; negative where it lacks."""
+    """Yields what a flight may meet, and the room (...,) [m] beyond the flight clearance; negative where it lacks.
+
+    Infinite beside a shape whose bounding box no part of the flight comes near to; most shapes are far from most.
+    """
     around = problem.cell.surroundings
     beside_base = _lands_beside_base(problem, target)
     if not beside_base and not has_flight_obstacles(problem):
@@ -63,20 +66,53 @@ def _rooms(problem: ThrowProblem, target: Target, p: Array, v: Array) -> Iterato
     arcs = Arcs.onto(p, v, problem.plane_z, problem.gravity_at_tool_speed, problem.cell.object.radius_m)
     whole = arcs.until_landed(problem.plane_z, problem.surfaces)
     required, _ = problem.flight_clearances
+    lowest, highest = _bounds(problem, target, arcs, whole)
     for name, shape, gap_m in zip(around.keep_out_names, around.keep_out, required.tolist(), strict=True):
-        if shape.upper[2] <= problem.plane_z + CONTACT_M:
-            rising = arcs.room_beside_shape(shape, gap_m, around.floor_z_m)
-            room = np.minimum(rising, _room_beside_lower_shape(shape, arcs, whole) - gap_m)
-        else:
-            wider_m = gap_m + _spare_gap(problem, target, shape, gap_m)
-            room = arcs.room_beside_shape(shape, wider_m, around.floor_z_m)
-            room = np.minimum(room, whole.room_beside_shape(shape, gap_m, around.floor_z_m))
-        yield name, np.minimum(room, _room_lying(problem, target, shape, whole) - gap_m)
+        near = _comes_near(shape, lowest, highest, arcs.radius_m + gap_m + FLIGHT_GAP_M + CONTACT_M)
+        if near.any():
+            room = np.full(near.shape, np.inf)
+            room[near] = _room_beside(problem, target, shape, gap_m, arcs.of(near), whole.of(near))
+            yield name, room
     if target.opening is not None:
         mouth = target.opening
         yield RIM, arcs.room_in_mouth(target.p_W, mouth.radius_m, mouth.rim_height_m)
     if beside_base:
         yield "the arm's base", _room_beside_base(problem, whole)
+
+
+def _bounds(problem: ThrowProblem, target: Target, arcs: Arcs, whole: Arcs) -> tuple[Array, Array]:
+    """Returns corners (3, ...) [m] of boxes about flights, and about where the object lies down and to which it rolls.
+
+    The upper corner's height is not that of the apex.
+    """
+    places = [arcs.p, arcs.at(np.maximum(arcs.until_s, whole.until_s))]
+    if problem.lies_z is not None:
+        touched = whole.at(whole.until_s) - problem.aim_shift
+        touched[..., 2] = problem.lies_z
+        places += [touched, np.broadcast_to(target.p_W - problem.aim_shift, touched.shape)]
+    every = np.moveaxis(np.array(places), -1, 0)
+    return every.min(axis=1), every.max(axis=1)
+
+
+def _comes_near(shape: Solid, lowest: Array, highest: Array, reach_m: float) -> Mask:
+    """Returns which boxes (3, ...) come within a reach [m] of the box about a shape, from beside it or from above."""
+    near = lowest[2] < shape.upper[2] + reach_m
+    for axis in (0, 1):
+        near &= (lowest[axis] < shape.upper[axis] + reach_m) & (highest[axis] > shape.lower[axis] - reach_m)
+    return np.asarray(near)
+
+
+def _room_beside(problem: ThrowProblem, target: Target, shape: Solid, gap_m: float, arcs: Arcs, whole: Arcs) -> Array:
+    """Returns the room (n,) [m] beyond `gap_m` between a shape and flights, until these touch the plane and end."""
+    ground_z = problem.cell.surroundings.floor_z_m
+    if shape.upper[2] <= problem.plane_z + CONTACT_M:
+        room = arcs.room_beside_shape(shape, gap_m, ground_z)
+        room = np.minimum(room, _room_beside_lower_shape(shape, arcs, whole) - gap_m)
+    else:
+        wider_m = gap_m + _spare_gap(problem, target, shape, gap_m)
+        room = arcs.room_beside_shape(shape, wider_m, ground_z)
+        room = np.minimum(room, whole.room_beside_shape(shape, gap_m, ground_z))
+    return np.minimum(room, _room_lying(problem, target, shape, whole) - gap_m)
 
 
 def _spare_gap(problem: ThrowProblem, target: Target, shape: Solid, gap_m: float) -> float:

@@ -9,7 +9,14 @@ from scipy.integrate import solve_ivp
 from benchmarks.audit import find_faults
 from benchmarks.audit.flights import drag_constant, flight_faults, integrate, obstacles_of_path
 from benchmarks.audit.safety import grip_faults, object_times, safety_faults
-from benchmarks.problem_sets import build, random_cell_tasks, shaped_tasks, varied_tasks
+from benchmarks.problem_sets import (
+    build,
+    obstructed_tasks,
+    random_cell_tasks,
+    shaped_cell_tasks,
+    shaped_tasks,
+    varied_tasks,
+)
 from planner.cell import Box, Safety, shape_of
 from planner.flight import fly, path
 from planner.geometry import tool_state
@@ -267,8 +274,9 @@ def test_random_cells_are_repeatable_and_of_every_mounting():
 
 
 def test_throws_among_shapes_are_faultless():
-    """Onto the floor, a turned table and a round one, past shapes of every kind."""
-    for task in shaped_tasks(cell(), 4, seed=1):
+    """Onto the floor, a turned table and a round one, past shapes of every kind, over walls, and in a random cell."""
+    walls = obstructed_tasks(cell(), 2, seed=1, shaped=True)
+    for task in [*shaped_tasks(cell(), 4, seed=1), *walls, *shaped_cell_tasks(1, seed=1)]:
         found = plan(task.problem)
         assert find_faults(task.problem, found.trajectory) == []
 

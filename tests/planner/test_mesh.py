@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from benchmarks.audit import coal_mesh
 from planner.arrays import Array
 from planner.cell import load_cell, mended_cell, read_source
 from planner.cell.mesh_cover import BOXES_MAX, cover
@@ -51,18 +52,6 @@ MESHES = {
 POSE = "pose = { position_m = [0.7, 0.4, 0.3], rotation_vector_rad = [0.0, 0.0, 0.5] }"
 
 
-def bvh_of(mesh: trimesh.Trimesh) -> coal.BVHModelOBBRSS:
-    model = coal.BVHModelOBBRSS()
-    model.beginModel(len(mesh.faces), len(mesh.vertices))
-    corners = coal.StdVec_Vec3s()
-    corners.extend(np.array(mesh.vertices))
-    faces = coal.StdVec_Triangle()
-    faces.extend(coal.Triangle(*map(int, face)) for face in mesh.faces)
-    model.addSubModel(corners, faces)
-    model.endModel()
-    return model
-
-
 def distance_from(model: coal.BVHModelOBBRSS, X_WM: Array, p0: Array, p1: Array) -> float:
     """Distance of a segment from the faces of a mesh, by coal."""
     along = p1 - p0
@@ -95,7 +84,7 @@ def test_no_box_reaches_farther_beyond_a_mesh_than_is_told(name: str) -> None:
     """By coal's distances of small balls in the boxes from the mesh; what is in a closed one is not beyond it."""
     mesh = MESHES[name]
     axes, lower, upper, beyond = boxes_of(mesh)
-    model = bvh_of(mesh)
+    model = coal_mesh(mesh)
     rng = np.random.default_rng(3)
     shares = np.concatenate([rng.uniform(size=(30, 3)), rng.integers(0, 2, (30, 3))])
     points = (lower[:, None] + shares * (upper - lower)[:, None]).reshape(-1, 3) @ axes.T
@@ -230,7 +219,7 @@ def test_throws_keep_clear_of_a_mesh(tmp_path: Path) -> None:
     body = body_model(cell)
     ends = np.moveaxis(body.end_points(body.link_poses(q))[body.moving], -1, 0)
     X_WM = pose(np.array([0.75, 0.35, 0.0]), rotation_vector_to_matrix(np.array([0.0, 0.0, 0.6])))
-    model = bvh_of(mesh)
+    model = coal_mesh(mesh)
     least = min(
         distance_from(model, X_WM, p0, p1) - radius
         for postures in ends[::4]

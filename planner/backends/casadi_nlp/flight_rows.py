@@ -56,7 +56,7 @@ def flight_parameters(problem: ThrowProblem, candidate: Candidate, margins: Marg
     goal = lands_on(problem)
     if goal is not None:
         arcs = _flight(problem, candidate)
-        edges = _shape_edges(problem, arcs, margins.flight_m)[:FLIGHT_EDGES]
+        edges = _shape_edges(problem, arcs, margins.flight_m)
         bin_ = bin_of(problem)
         if bin_ is not None:
             x, y, z = goal
@@ -85,19 +85,33 @@ def _opening(problem: ThrowProblem, margin_rad: float) -> list[float]:
 
 
 def _shape_edges(problem: ThrowProblem, arcs: Arcs, room_m: float) -> list[Edge]:
-    """Returns two edges a shape at most, the shapes that the flight passes most closely first."""
-    passed = []
+    """Returns the first `FLIGHT_EDGES` edges, two a shape at most, of the shapes that the flight passes most closely.
+
+    The flight leaves at least the room between the boxes about the two, so that most shapes need no closer look.
+    """
     around = problem.cell.surroundings
     lowest = max(problem.plane_z - arcs.radius_m, around.floor_z_m + CONTACT_M)
-    required, _ = problem.flight_clearances
-    for shape, gap_m in zip(around.keep_out, required.tolist(), strict=True):
-        if shape.upper[2] > lowest:  # the object comes down above the others
-            onto = list(_way_onto(shape, arcs, room_m + gap_m)) if shape.upper[2] <= problem.plane_z + CONTACT_M else []
-            ways = onto or _ways_past(shape, arcs, room_m + gap_m)
-            way = max(ways, key=lambda way: way[0], default=(math.inf, []))
-            is_bound = bool(onto) or shape.core is None or way[0] >= 0.0
-            passed += [way if is_bound else _way_beside(shape, arcs, room_m + gap_m)]
-    return [edge for _, edges in sorted(passed, key=lambda way: way[0]) for edge in edges]
+    rooms_m = room_m + problem.flight_clearances[0]
+    lower, upper = around.keep_out_bounds
+    apex_s = min(max(float(arcs.v[2]) / arcs.gravity, 0.0), float(arcs.until_s))
+    x = np.array([arcs.at(np.asarray(t)) for t in (0.0, apex_s, float(arcs.until_s))])
+    apart = np.maximum(lower - x.max(axis=0), x.min(axis=0) - upper).max(axis=1) - rooms_m - arcs.radius_m
+    passed: list[tuple[float, int, list[Edge]]] = []
+    for i in np.argsort(apart, kind="stable").tolist():
+        if apart[i] > 0.0 and sum(len(edges) for room, _, edges in passed if room < apart[i]) >= FLIGHT_EDGES:
+            break
+        if upper[i, 2] > lowest:  # the object comes down above the others
+            room, edges = _way_of(problem, around.keep_out[i], arcs, float(rooms_m[i]))
+            passed.append((room, i, edges))
+    return [edge for _, _, edges in sorted(passed) for edge in edges][:FLIGHT_EDGES]
+
+
+def _way_of(problem: ThrowProblem, shape: Solid, arcs: Arcs, room_m: float) -> tuple[float, list[Edge]]:
+    """Returns the room [m] of the way onto or past a shape that leaves most, and its edges."""
+    onto = list(_way_onto(shape, arcs, room_m)) if shape.upper[2] <= problem.plane_z + CONTACT_M else []
+    way = max(onto or _ways_past(shape, arcs, room_m), key=lambda way: way[0], default=(math.inf, []))
+    is_bound = bool(onto) or shape.core is None or way[0] >= 0.0
+    return way if is_bound else _way_beside(shape, arcs, room_m)
 
 
 def _way_beside(shape: Solid, arcs: Arcs, room_m: float) -> tuple[float, list[Edge]]:

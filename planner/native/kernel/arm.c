@@ -401,6 +401,12 @@ double shape_distance(in shape, in p0, in p1) {
     return (shape[18] > 0.0 ? cylinder_distance : box_distance)(start, end, shape + 12, shape + 15) - shape[19];
 }
 
+/* Distances (k, n) of segments p0-p1, each (n, 3), from every shape of the rows (k, 20). */
+void all_shape_distances(count n, in p0, in p1, count k, in rows, double *out) {
+    for (count j = 0; j < k; j++)
+        for (count m = 0; m < n; m++) out[j * n + m] = shape_distance(rows + 20 * j, p0 + 3 * m, p1 + 3 * m);
+}
+
 /* Distances (n,) of segments p0-p1, each (n, 3), from shapes: `items` (n,) of the rows (k, 20). */
 void shape_distances(count n, in p0, in p1, const count *items, in rows, double *out) {
     for (count m = 0; m < n; m++) out[m] = shape_distance(rows + 20 * items[m], p0 + 3 * m, p1 + 3 * m);

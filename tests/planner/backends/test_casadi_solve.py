@@ -27,14 +27,15 @@ from planner.backends.casadi_nlp import (
     solver,
 )
 from planner.backends.casadi_nlp.instance import Instance
-from planner.cell import Box, Cell, ToolCapsule, load_cell
+from planner.cell import Box, Cell, ToolCapsule, load_cell, shape_of
 from planner.certificate import certify
 from planner.errors import SolverFailed
 from planner.geometry import body_model
 from planner.problem import JointRelease, Opening, PointRelease, TargetRelease, ThrowProblem
+from planner.rotations import pose, rotation_vector_to_matrix
 from planner.seeds import Candidate, InitialGuess, Seed, candidates
 from planner.trajectory import Trajectory
-from tests.planner.problems import with_boxes
+from tests.planner.problems import with_boxes, with_shapes
 
 CELLS = Path(__file__).parents[3] / "cells"
 TARGET = TargetRelease(np.array([0.9, -0.5, 0.0]))  # its first seed is not stuck beside a singularity
@@ -354,6 +355,22 @@ def test_the_edge_of_a_box_that_carries_the_target_is_passed_with_room(
     assert at_edge[0] == pytest.approx(target[0] - edge_m)
     assert row[4:] == pytest.approx([0.0, 0.0, 1.0, top_m + radius + DEFAULT_MARGINS.flight_m])
     assert (at_edge[2] >= row[7]) == holds
+
+
+def test_of_many_shapes_those_that_the_flight_passes_most_closely_give_its_edges(cell: Cell) -> None:
+    rng = np.random.default_rng(4)
+    for _ in range(10):
+        shapes = []
+        for kind in rng.choice(["box", "cylinder"], 60):
+            X = pose(rng.uniform([-1.2, -1.2, 0.2], [1.2, 1.2, 0.8]), rotation_vector_to_matrix(rng.normal(size=3)))
+            shapes.append(shape_of(str(kind), X, rng.uniform(0.02, 0.15, 3 if kind == "box" else 2)))
+        problem = _problem(with_shapes(cell, *shapes), TargetRelease(np.array([1.0, 0.3, 0.1])))
+        candidate = candidates(replace(problem, cell=with_boxes(cell)))[0]
+        arcs = flight_rows._flight(problem, candidate)
+        gaps = problem.flight_clearances[0].tolist()
+        ways = [flight_rows._way_of(problem, each, arcs, gap) for each, gap in zip(shapes, gaps, strict=True)]
+        expected = [edge for _, edges in sorted(ways, key=lambda way: way[0]) for edge in edges]
+        assert flight_rows._shape_edges(problem, arcs, 0.0) == expected[: layout.FLIGHT_EDGES]
 
 
 def test_a_solve_ends_where_its_release_is_of_no_use(cell: Cell) -> None:

@@ -1,9 +1,9 @@
 """Turned and round shapes: distances against coal, depth, bounds, level tops, and where an object fits beside them."""
 
-import coal
 import numpy as np
 import pytest
 
+from benchmarks.shape_distances import BODIES, MESH_TOLERANCE_M, TOLERANCE_M, compared
 from planner.cell import Box, shape_of
 from planner.geometry import Arcs, footprint, landing_surfaces, misfit, segment_shape_distance
 from planner.rotations import pose, rotation_vector_to_matrix
@@ -11,13 +11,6 @@ from tests.planner.problems import cell, with_shapes
 
 KINDS = ("box", "cylinder", "sphere", "capsule")
 PAIRS = 500
-COAL_M = 1e-9  # [m] tolerance of coal's iteration, ten times
-SOLIDS = {
-    "box": lambda sizes: coal.Box(*sizes),
-    "cylinder": lambda sizes: coal.Cylinder(*sizes),
-    "sphere": lambda sizes: coal.Sphere(sizes[0]),
-    "capsule": lambda sizes: coal.Capsule(*sizes),
-}
 
 
 def sizes_of(kind, rng):
@@ -37,36 +30,13 @@ def drawn(kind, seed):
         yield shape_of(kind, X, sizes_of(kind, rng)), rng.uniform(-1.2, 1.2, (400, 3))
 
 
-def along(z):
-    """A rotation whose z axis is a direction."""
-    x = np.cross(z, np.eye(3)[int(np.abs(z).argmin())])
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(z, x), z])
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_the_distance_of_a_capsule_is_that_of_coal(kind):
-    rng = np.random.default_rng(3)
-    asked = coal.DistanceRequest()
-    asked.gjk_tolerance = 0.1 * COAL_M
-    asked.gjk_max_iterations = 1000
-    radius = 0.05
-    apart = 0
-    for _ in range(PAIRS):
-        X = turned(rng)
-        sizes = sizes_of(kind, rng)
-        p0 = rng.uniform(-1.0, 1.0, 3)
-        p1 = p0 + rng.uniform(-0.6, 0.6, 3)
-        length = np.linalg.norm(p1 - p0)
-        own = coal.Transform3s(along((p1 - p0) / length), 0.5 * (p0 + p1))
-        place = coal.Transform3s(X[:3, :3], X[:3, 3])
-        result = coal.DistanceResult()
-        expected = coal.distance(coal.Capsule(radius, length), own, SOLIDS[kind](sizes), place, asked, result)
-        found = float(segment_shape_distance(p0, p1, shape_of(kind, X, sizes))) - radius
-        if expected > 0.0 or found > 0.0:
-            apart += 1
-            assert found == pytest.approx(expected, abs=COAL_M)
-    assert apart > 0.7 * PAIRS
+@pytest.mark.parametrize("kind", [*KINDS, "mesh"])
+@pytest.mark.parametrize("body", BODIES)
+def test_the_distance_of_a_body_from_a_shape_is_that_of_coal(body, kind):
+    found = compared(body, kind, PAIRS, seed=3)
+    assert found.apart > 0.7 * PAIRS
+    assert found.worst_m < (MESH_TOLERANCE_M if kind == "mesh" else TOLERANCE_M)
+    assert found.outside == 0
 
 
 @pytest.mark.parametrize(

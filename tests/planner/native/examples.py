@@ -224,6 +224,7 @@ EXAMPLES: dict[str, Callable[[Generator], Arguments]] = {
     "torque_terms": _loaded,
     "pair_distances": _segments,
     "shape_distances": _shapes,
+    "all_shape_distances": lambda rng: [_shapes(rng)[i] for i in (0, 1, 3)],
     "drag_paths": _flown,
     "drag_landings": lambda rng: (_released(rng), 0.3, (0.004, 10.0), AIR),
     "states_at": lambda rng: (rng.uniform(-0.01, 0.09, N), 500.0, _motion(rng)[1]),

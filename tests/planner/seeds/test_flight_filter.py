@@ -8,13 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planner.cell import Box, Cell
+from planner.cell import Box, Cell, shape_of
 from planner.errors import TIME_LIMIT, Infeasible, SolverFailed, nothing_found
 from planner.flight import launch_velocity
 from planner.geometry import Arcs, tool_state
 from planner.planning import SearchHints, plan
 from planner.problem import Opening, TargetRelease, ThrowProblem
-from planner.seeds import candidates
+from planner.rotations import pose, rotation_vector_to_matrix
+from planner.seeds import candidates, flight_filter
 from planner.seeds.flight_filter import clear_flights, least_room, no_clear_flight
 from planner.seeds.sampling import blocked_flights
 from tests.planner.problems import contact_cell as cell
@@ -248,3 +249,31 @@ def test_a_bin_that_no_flight_enters_says_what_the_best_one_lacks() -> None:
         assert violation.detail.startswith("the rim of the bin: the best of ")
         rims[rim] = violation.value
     assert rims[0.7] < rims[0.5] < 0.0
+
+
+def among_shapes(seed: int) -> ThrowProblem:
+    """A target among sixty shapes of every kind, high and low, some beneath the target's plane."""
+    rng = np.random.default_rng(seed)
+    shapes = []
+    for kind in rng.choice(["box", "cylinder", "sphere", "capsule"], 60):
+        X = pose(rng.uniform([-1.5, -1.5, 0.0], [1.5, 1.5, 0.9]), rotation_vector_to_matrix(rng.uniform(-2.0, 2.0, 3)))
+        sizes = rng.uniform(0.02, 0.2, 3 if kind == "box" else 2)
+        sizes[1] *= kind != "sphere"
+        shapes.append(shape_of(str(kind), X, sizes))
+    here = walled(cell(), *shapes)
+    return ThrowProblem(here, here.home, TargetRelease(np.array([0.9, 0.3, 0.2 * (seed % 2)])), here.limits)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_shapes_that_no_flight_comes_near_to_change_no_answer(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = among_shapes(seed)
+    rng = np.random.default_rng(seed)
+    p = rng.uniform([-0.8, -0.8, 0.1], [0.8, 0.8, 1.2], (2000, 3))
+    t = rng.uniform(0.2, 1.2, (2000, 1))
+    v = (problem.release.p_W - p) / t + 0.5 * problem.gravity * t * np.array([0.0, 0.0, 1.0])
+    found = least_room(problem, problem.target, p, v)
+    monkeypatch.setattr(flight_filter, "_comes_near", lambda shape, lowest, highest, reach_m: np.full(len(p), True))
+    every = least_room(problem, problem.target, p, v)
+    assert 100 < (every < 0.0).sum() < 1900
+    np.testing.assert_array_equal(found < 0.0, every < 0.0)
+    np.testing.assert_array_equal(found[every < 0.0], every[every < 0.0])

@@ -42,6 +42,11 @@ def shape_distances(p0: Array, p1: Array, items: Index, rows: Array) -> Array:
     return found - shapes[:, 19]
 
 
+def all_shape_distances(p0: Array, p1: Array, rows: Array) -> Array:
+    """Returns the distances (k, n) of segments p0-p1, each (n, 3), from every shape of `rows` (k, 20)."""
+    return np.array([shape_distances(p0, p1, np.full(len(p0), i), rows) for i in range(len(rows))])
+
+
 def cylinder_distances(p0: Array, p1: Array, lower: Array, upper: Array) -> Array:
     """Returns the distances (n,) of segments from the cylinders about z in boxes: the slope's zero by halving."""
     low = np.zeros(len(p0))
