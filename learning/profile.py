@@ -127,7 +127,7 @@ def known_gains(gains: Sequence[float | None]) -> Array:
 
 
 def cell_with_profile(cell: Cell, document: Mapping[str, Any] | None) -> Cell:
-    """Returns the cell with a profile's lag, gripper delay and jitter, release speed and drag; None: the cell itself.
+    """Returns the cell with a profile's lag, delays and jitter, release speed and drag; None: the cell itself.
 
     Nothing else is replaced: limits, surroundings and tool stay the cell file's.
     """
@@ -140,7 +140,13 @@ def cell_with_profile(cell: Cell, document: Mapping[str, Any] | None) -> Cell:
         release_speed_factor=float(document.get("speed_factor", 1.0)),
     )
     thing = replace(cell.object, drag_coefficient=float(document["drag_coefficient"]))
-    return cell.as_learnt(replace(cell.timing, lag_s=float(document["lag_s"])), gripper, thing)
+    timing = replace(cell.timing, lag_s=float(document["lag_s"]))
+    shown = document.get("outputs", {})
+    outputs = {
+        name: replace(each, delay_s=shown[name]["delay_s"], jitter_s=shown[name]["jitter_s"]) if name in shown else each
+        for name, each in cell.outputs.items()
+    }
+    return cell.as_learnt(timing=timing, gripper=gripper, object=thing, outputs=outputs)
 
 
 def cell_in_use(store: Store, cell: Cell) -> tuple[Cell, str | None]:
