@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from planner.arrays import Array
 from planner.cell import Cell
@@ -73,15 +74,14 @@ def delay_between(spans: Array) -> tuple[float, float, float, float]:
     bounds, counts = np.unique(np.round(spans / ROUNDING_S) * ROUNDING_S, axis=0, return_counts=True)
     means = np.linspace(bounds.min(), bounds.max(), MEANS)
     jitters = np.geomspace(*JITTER_RANGE_S, JITTERS)
-    for _ in range(2):  # over all that can be, then over what that leaves
-        by_mean, by_jitter = _posterior(bounds, counts, means, jitters)
-        found = (*_moments(means, by_mean), *_moments(jitters, by_jitter))
-        means = np.linspace(*_likely(means, by_mean), MEANS)
-        jitters = np.geomspace(*_likely(jitters, by_jitter), JITTERS)
-    return found
+    coarse = _posterior(bounds, counts, means, jitters)
+    means = np.linspace(*_likely(means, coarse[0]), MEANS)
+    jitters = np.geomspace(*_likely(jitters, coarse[1]), JITTERS)
+    fine = _posterior(bounds, counts, means, jitters)
+    return (*_moments(means, fine[0]), *_moments(jitters, fine[1]))
 
 
-def _posterior(bounds: Array, counts: Array, means: Array, jitters: Array) -> tuple[Array, Array]:
+def _posterior(bounds: Array, counts: NDArray[np.intp], means: Array, jitters: Array) -> tuple[Array, Array]:
     """Returns the probabilities of means (m,) and of deviations (j,), from how often delays lie in intervals (n, 2)."""
     below = 0.5 * np.vectorize(math.erf)((bounds[..., None, None] - means[:, None]) / (math.sqrt(2.0) * jitters))
     log = np.tensordot(counts, np.log(np.maximum(below[:, 1] - below[:, 0], IMPOSSIBLE)), axes=1)
@@ -93,7 +93,7 @@ def _posterior(bounds: Array, counts: Array, means: Array, jitters: Array) -> tu
 def _likely(values: Array, weights: Array) -> tuple[float, float]:
     """Returns the ends of a grid over the values that are not negligible."""
     likely = np.flatnonzero(weights > NEGLIGIBLE)
-    return values[max(likely[0] - 1, 0)], values[min(likely[-1] + 1, len(values) - 1)]
+    return float(values[max(likely[0] - 1, 0)]), float(values[min(likely[-1] + 1, len(values) - 1)])
 
 
 def _moments(values: Array, weights: Array) -> tuple[float, float]:

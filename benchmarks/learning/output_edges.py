@@ -110,8 +110,10 @@ def main() -> None:
         found = {}
         if given.what == "hidden":
             print(table(errors_of_runs(lab, rng, BEFORE), timings, {}), flush=True)
-            line = ("calibrate", "outputs", "--cell", "ur5e-sim", "--count", f"{given.count}", "--adopt")
-            found = lab.command(*line)["outputs"]
+            line = ("calibrate", "outputs", "--cell", "ur5e-sim", "--count", "8")
+            for _ in range(math.ceil(given.count / 8) - 1):  # one motion at a time: each may find the machine busy
+                lab.command(*line)
+            found = lab.command(*line, "--adopt")["outputs"]
         print(table(errors_of_runs(lab, rng, given.edges), timings, found))
 
 

@@ -143,12 +143,16 @@ class Laboratory:
 
     def executed(self, plan: dict[str, Any]) -> dict[str, Any]:
         """Executes a plan, and again where the machine was too busy; returns the execution."""
-        for _ in range(TRIES):
-            done = self.client.finished(self.client.execute(plan["id"])["id"])
+        done = self._executed(plan)
+        for _ in range(TRIES - 1):
             if done["outcome"] in ("completed", "held"):
                 break
             self.acknowledge()
+            done = self._executed(plan)
         return done
+
+    def _executed(self, plan: dict[str, Any]) -> dict[str, Any]:
+        return self.client.finished(self.client.execute(plan["id"])["id"])
 
 
 def thrown_row(lab: Laboratory, rng: np.random.Generator, kind: str, count: int, when: str) -> str:

@@ -73,9 +73,9 @@ def stored(rig: Rig, request: dict[str, Any]) -> str:
     request = {"cell": "rig", **request}
     cell, profile = cell_in_use(rig.store, rig.cell)
     found = plan(problem_from_request(request, cell))
-    document = plan_document(found, request, new_id(), "2026-01-01T00:00:00Z") | {"profile": profile}
-    rig.add_plan(document)
-    return document["id"]
+    id = new_id()
+    rig.add_plan(plan_document(found, request, id, "2026-01-01T00:00:00Z") | {"profile": profile})
+    return id
 
 
 def true_edges(rig: Rig, row: ExecutionRow) -> list[Edge]:
