@@ -24,7 +24,7 @@ UNSEEN = (
     "no landing was reported, and the gripper does not tell when its fingers open: nothing shows when it lets go. "
     "Report where a throw landed with 'fling landing', then: fling calibrate landings"
 )
-EDGES = 64  # of each output: its mean delay is then within 0.1 ms where it scatters by more than half a tick
+EDGES = 128  # of each output: the mean of one that scatters by 2 ms is then known within 0.2 ms
 UNWIRED = "no output of [outputs] has a sense_input: wire one to an input, and name that in the cell file"
 UNSENSED = "no edge was seen at an input: is each output wired to its sense_input, and does it switch within 0.2 s?"
 EYE_STD_M = 0.01  # [m] of a position that a person reports

@@ -28,7 +28,7 @@ PULSE_S = 0.04  # [s] between two edges: several times the scatter of the delays
 TICK_S = 0.002
 DELAY_MAX_S = 0.03  # [s] of a drawn delay
 JITTERS_S = (0.0002, 0.002)  # [s] of a drawn deviation
-BEFORE = 80  # edges without a calibration
+BEFORE = 40  # edges without a calibration
 LEARNT = ("delay_s", "delay_std_s", "jitter_s")
 HEAD = ("output", "delay, jitter [ms]", "found: delay, ±, jitter", "edges", "mean off [ms]", "largest [ms]")
 
@@ -101,7 +101,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.learning.output_edges", description=__doc__)
     parser.add_argument("what", choices=["known", "hidden"])
     parser.add_argument("--edges", type=int, default=1000)
-    parser.add_argument("--count", type=int, default=64, help="edges of each output in the calibration")
+    parser.add_argument("--count", type=int, default=128, help="edges of each output in the calibration")
     parser.add_argument("--seed", type=int, default=61)
     given = parser.parse_args()
     rng = np.random.default_rng(given.seed)
