@@ -110,7 +110,7 @@ def gripper(cell: str, throws: int, adopt: bool, picture: Path | None, as_json: 
 
 @calibrate.command()
 @click.option("--cell", required=True, help="Cell.")
-@click.option("--count", type=click.IntRange(8, 1000), default=EDGES, show_default=True, help="Edges of each output.")
+@click.option("--count", type=click.IntRange(8, 400), default=EDGES, show_default=True, help="Edges of each output.")
 @click.option("--adopt", is_flag=True, help="Use the profile from now on.")
 @json_option
 @calls_service
