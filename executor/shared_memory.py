@@ -45,6 +45,7 @@ SCALARS = (
     "runtime_state",
     "speed_scaling",
     "digital_outputs",
+    "digital_inputs",
     "missed_ticks",
     "call_s",
 )

@@ -13,6 +13,7 @@ import orjson
 from learning.evidence import ThrowEvidence, UnusedThrow, throw_evidence
 from learning.hit_evidence import weighed_by_outcomes
 from learning.joint_speeds import JointSpeeds, learn_joint_speeds
+from learning.outputs import learnt_outputs
 from learning.predictions import LandingForecast, forecast
 from learning.release import DRAG, LEAD, PRIOR_STD, STATE, ReleasePosterior, learn_release, prior_state, told_by_reports
 from learning.streamed_arm import StreamedArm
@@ -98,8 +99,14 @@ def estimate_profile(store: Store, cell: Cell) -> dict[str, Any]:
     pairs = np.array(recorded, float).reshape(-1, 2, 6)
     speeds = learn_joint_speeds(pairs[:, 0], pairs[:, 1])
     known = CellKnowledge(arm, release, speeds)
+    switched = ((row.metrics or {}).get("outputs", ()) for row in store.executions_of_cell(cell.name))
+    outputs = learnt_outputs(cell, switched, lag)
     head = {"version": VERSION, "cell": cell.name, "cell_sha256": cell.sha256}
-    found = {"timing": timing, "evidence": _evidence_document(throws, unused, [row.id for row, _ in runs], release)}
+    found = {
+        "timing": timing,
+        "outputs": outputs,
+        "evidence": _evidence_document(throws, unused, [row.id for row, _ in runs], release),
+    }
     return {**head, **_numbers(cell, known, timing), **_landings(throws, release), **found, **_posterior(known)}
 
 
@@ -127,7 +134,7 @@ def known_gains(gains: Sequence[float | None]) -> Array:
 
 
 def cell_with_profile(cell: Cell, document: Mapping[str, Any] | None) -> Cell:
-    """Returns the cell with a profile's lag, gripper delay and jitter, release speed and drag; None: the cell itself.
+    """Returns the cell with a profile's lag, delays and jitter, release speed and drag; None: the cell itself.
 
     Nothing else is replaced: limits, surroundings and tool stay the cell file's.
     """
@@ -140,7 +147,13 @@ def cell_with_profile(cell: Cell, document: Mapping[str, Any] | None) -> Cell:
         release_speed_factor=float(document.get("speed_factor", 1.0)),
     )
     thing = replace(cell.object, drag_coefficient=float(document["drag_coefficient"]))
-    return cell.as_learnt(replace(cell.timing, lag_s=float(document["lag_s"])), gripper, thing)
+    timing = replace(cell.timing, lag_s=float(document["lag_s"]))
+    shown = document.get("outputs", {})
+    outputs = {
+        name: replace(each, delay_s=shown[name]["delay_s"], jitter_s=shown[name]["jitter_s"]) if name in shown else each
+        for name, each in cell.outputs.items()
+    }
+    return cell.as_learnt(timing=timing, gripper=gripper, object=thing, outputs=outputs)
 
 
 def cell_in_use(store: Store, cell: Cell) -> tuple[Cell, str | None]:

@@ -321,7 +321,7 @@ def _as_the_flight_says(cell: Cell, flight: Mapping[str, Any]) -> Cell:
         return cell
     gripper = replace(cell.gripper, release_speed_factor=factor)
     thing = replace(cell.object, drag_coefficient=drag)
-    return cell.as_learnt(cell.timing, gripper, thing)
+    return cell.as_learnt(gripper=gripper, object=thing)
 
 
 def _window(document: Mapping[str, Any]) -> dict[str, float]:

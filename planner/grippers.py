@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 OUTPUTS = {"tool_digital": 2, "standard_digital": 8, "configurable_digital": 8}  # of each kind on a UR controller
+INPUT_LINES = 18  # of the same kinds: standard, configurable, tool; source: RTDE guide, actual_digital_input_bits
 SET_OUTPUT = {  # functions of URScript; source: Universal Robots, URScript manual
     "tool_digital": "set_tool_digital_out",
     "standard_digital": "set_standard_digital_out",

@@ -282,6 +282,6 @@ def output_edges(cell: Cell, passages: Sequence[Passage], trajectory: Trajectory
     for number, passage in enumerate(passages):
         for switch in passage.outputs:
             edge_s = trajectory.passed[number] / trajectory.sample_rate_hz + switch.offset_s
-            command_s = edge_s - cell.output_delay_s(switch.output, switch.index) - cell.timing.lag_s
+            command_s = edge_s - cell.digital_output(switch.output, switch.index).delay_s - cell.timing.lag_s
             edges.append(OutputEdge(number, switch, command_s, edge_s))
     return sorted(edges, key=lambda edge: edge.command_time_s)

@@ -83,6 +83,9 @@ def hidden_state(simulation: Simulation) -> Document:
         "q": arm.true_q,
         "qd": arm.true_qd,
         "output_changes": list(workcell.outputs.changes)[-OUTPUT_CHANGES_MAX:],
+        "device_changes": {
+            name: list(device.changes)[-OUTPUT_CHANGES_MAX:] for name, device in workcell.devices.items()
+        },
         "gripper_open": gripper.open,
         "gripper_holds": gripper.holds,
         "gripper_stuck": gripper.stuck,

@@ -82,6 +82,7 @@ class Controller:
             post=self.runner.board.post,
             set_outputs=self.workcell.outputs.request,
             output_bits=lambda: self.workcell.outputs.bits,
+            input_bits=lambda: self.workcell.input_bits,
         )
 
     def take_inputs(self, inputs: InputValues) -> None:

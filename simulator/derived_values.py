@@ -39,7 +39,8 @@ class DerivedValues:
             "control_step": lambda: [controller.timeline.cycles],
             "target_gravity": lambda: controller.installation.gravity_m_s2,
             "actual_robot_energy_consumed": lambda: [SUPPLY_W * controller.timeline.t],
-            "actual_configurable_digital_output_bits": self._configurable_outputs,
+            "actual_configurable_digital_output_bits": lambda: _configurable(controller.workcell.outputs.bits),
+            "actual_configurable_digital_input_bits": lambda: _configurable(controller.workcell.input_bits),
             **self._register_functions(),
         }
 
@@ -74,8 +75,10 @@ class DerivedValues:
         arm = self.controller.arm
         return [max(abs(a - b) for a, b in zip(arm.q, arm.measured_q, strict=True)) / DEVIATION_MAX_RAD]
 
-    def _configurable_outputs(self) -> list[float]:
-        return [self.controller.workcell.outputs.bits >> CONFIGURABLE_SHIFT & CONFIGURABLE_MASK]
+
+def _configurable(bits: int) -> list[float]:
+    """Returns those of the configurable lines among all digital bits."""
+    return [bits >> CONFIGURABLE_SHIFT & CONFIGURABLE_MASK]
 
 
 def word_of(bits: Sequence[bool]) -> int:

@@ -10,6 +10,7 @@ import os
 import signal
 from collections.abc import Callable
 
+from planner.grippers import INPUT_LINES
 from simulator.grippers import PORT_NAME
 from simulator.interfaces import BadRequest, Connection, Document
 from simulator.program import PROGRAM_FATES
@@ -18,8 +19,6 @@ from simulator.simulation import Simulation
 CONTROL_PORT_NAME = "control"
 EVERY = "every"
 RTDE_ROLES = {"control": ("control",), "io": ("io",), "receive": ("receive",), "inputs": ("control", "io")}
-INPUTS = "actual_digital_input_bits"
-INPUT_LINES = 18  # 8 standard, 8 configurable, 2 of the tool; RTDE guide
 OTHER_PORTS = ("dashboard", "robot_api", "script", "primary", "secondary", PORT_NAME)
 ROLES = (*RTDE_ROLES, "any", *OTHER_PORTS, EVERY)
 FREEZE_MAX_S = 60.0  # [s]
@@ -164,8 +163,8 @@ def digital_input(s: Simulation, index: int = 0, on: bool = True) -> None:
     """Switches a digital input of the controller: something outside, such as a loader, signals."""
     if not 0 <= index < INPUT_LINES:
         raise BadRequest(f"index {index} is not within 0 and {INPUT_LINES - 1}")
-    bits = int(s.output_values.values[INPUTS][0])
-    s.output_values.values[INPUTS] = [bits | 1 << index if on else bits & ~(1 << index)]
+    workcell = s.controller.workcell
+    workcell.input_bits = workcell.input_bits | 1 << index if on else workcell.input_bits & ~(1 << index)
 
 
 def _of_role(s: Simulation, role: str) -> list[Connection]:

@@ -96,10 +96,12 @@ class OutputValues:
             values["target_TCP_pose"] = kinematics.pose_of(pose)
 
     def _inputs_and_outputs(self) -> None:
-        outputs = self.controller.workcell.outputs
+        workcell = self.controller.workcell
+        outputs = workcell.outputs
         installation = self.controller.installation
         values = self.values
         values["actual_digital_output_bits"] = [outputs.bits]
+        values["actual_digital_input_bits"] = [workcell.input_bits]
         values["standard_analog_output0"] = outputs.analog[:1]
         values["standard_analog_output1"] = outputs.analog[1:]
         values["payload"] = [installation.payload_kg]

@@ -37,6 +37,7 @@ GRIPPER_BOUNDS = {
     "jitter_s": (0.0, 0.5),
     "drift_s_per_throw": (-0.01, 0.01),
 }
+OUTPUT_BOUNDS = {"delay_s": (0.0, 1.0), "jitter_s": (0.0, 0.1)}
 RELEASE_BOUNDS = {"speed_factor": (0.0, 1.5), "cling_share": (0.0, 1.0), "cling_speed_factor": (0.0, 1.5)}
 CAMERA_BOUNDS = {"std_m": (0.0, 1.0), "outlier_share": (0.0, 1.0), "outlier_std_m": (0.0, 10.0)}
 CUT_STD = 3.0  # [-] standard deviations below the mean at which an opening would be before its output: 1 in 1,000
@@ -90,6 +91,19 @@ class GripperOpening:
             return ""
         times = f"delay_s of {1e3 * self.delay_s:g} ms is less than {CUT_STD:g} jitter_s of {1e3 * self.jitter_s:g} ms"
         return f"gripper.{times}: openings before 0 are at 0"
+
+
+@dataclass(frozen=True)
+class OutputTiming:
+    """Time from the change of an output to that of what it switches.
+
+    Attributes:
+        delay_s: its mean [s].
+        jitter_s: its standard deviation [s].
+    """
+
+    delay_s: float
+    jitter_s: float
 
 
 @dataclass(frozen=True)
@@ -158,6 +172,7 @@ class Truth:
     Attributes:
         seed: of all random numbers.
         timing, gripper, release, arm, camera: its parts.
+        outputs: of the cell's `[outputs]`, by name.
         drag_coefficient: of the object [-].
         hidden: whether clients learn only what a real controller and a camera tell.
     """
@@ -169,6 +184,7 @@ class Truth:
     drag_coefficient: float
     arm: ArmDeviation
     camera: CameraNoise
+    outputs: Mapping[str, OutputTiming]
     hidden: bool = False
 
 
@@ -220,6 +236,7 @@ def _defaults(cell: Cell) -> dict[str, Any]:
             "base_rotation_vector_rad": [0.0] * 3,
             "dh_deviation": None,
         },
+        "outputs": {name: {"delay_s": None, "jitter_s": each.jitter_s} for name, each in cell.outputs.items()},
         "camera": {"std_m": 0.0, "outlier_share": 0.0, "outlier_std_m": 0.0},
     }
 
@@ -230,16 +247,29 @@ def _truth(document: Mapping[str, Any], cell: Cell, hidden: bool) -> Truth:
         raise CellError("seed", seed, "must be a whole number")
     gripper = document["gripper"]
     shape = choice(gripper, "jitter_shape", "gripper.", JITTER_SHAPES)
+    timing = _timing(document["timing"], _cycle_s(cell))
     return Truth(
         seed=seed,
-        timing=_timing(document["timing"], _cycle_s(cell)),
+        timing=timing,
         gripper=GripperOpening(**_numbers(gripper, "gripper.", GRIPPER_BOUNDS), jitter_shape=shape),
         release=ReleaseSpeed(**_numbers(document["release"], "release.", RELEASE_BOUNDS)),
         drag_coefficient=number(document["object"], "drag_coefficient", "object.", 0.0, DRAG_MAX),
         arm=_arm(document["arm"]),
         camera=CameraNoise(**_numbers(document["camera"], "camera.", CAMERA_BOUNDS)),
+        outputs=_outputs(document["outputs"], cell, timing),
         hidden=hidden,
     )
+
+
+def _outputs(tables: Mapping[str, Any], cell: Cell, timing: MotionTiming) -> dict[str, OutputTiming]:
+    """Returns the timing of what each output switches; where no delay is given, the one that the cell file states."""
+    found = {}
+    for name, table in tables.items():
+        values = dict(table)
+        if values["delay_s"] is None:
+            values["delay_s"] = max(cell.outputs[name].delay_s + timing.lag_s - timing.output_delay_s, 0.0)
+        found[name] = OutputTiming(**_numbers(values, f"outputs.{name}.", OUTPUT_BOUNDS))
+    return found
 
 
 def _numbers(table: Mapping[str, Any], where: str, bounds: Mapping[str, tuple[float, float]]) -> dict[str, Any]:

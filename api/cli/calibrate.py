@@ -1,4 +1,4 @@
-"""What a cell's own runs teach: fling calibrate lag, gripper, landings; fling profile list, show, adopt, revert."""
+"""What a cell's own runs teach: fling calibrate lag, gripper, outputs, landings; fling profile."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from api.cli.support.errors import FlingGroup
 from api.cli.support.exit_status import NotCompleted
 from api.cli.support.options import calls_service, cell_of_service, cell_option, json_option
 from api.cli.support.progress import execute_plan, search_plan
-from api.cli.support.summary import ending_text, numbers_text, profile_text
+from api.cli.support.summary import ending_text, numbers_text, outputs_text, profile_text
 
 MOTIONS = 4  # as many as the service offers: more are the same again
 NO_TIMING = "shows no timing: its recording has gaps, or nothing moved in it; fling doctor judges this machine"
@@ -24,6 +24,9 @@ UNSEEN = (
     "no landing was reported, and the gripper does not tell when its fingers open: nothing shows when it lets go. "
     "Report where a throw landed with 'fling landing', then: fling calibrate landings"
 )
+EDGES = 128  # of each output: the mean of one that scatters by 2 ms is then known within 0.2 ms
+UNWIRED = "no output of [outputs] has a sense_input: wire one to an input, and name that in the cell file"
+UNSENSED = "no edge was seen at an input: is each output wired to its sense_input, and does it switch within 0.2 s?"
 EYE_STD_M = 0.01  # [m] of a position that a person reports
 PROPOSED = ("lag_s", "lag_std_s", "gain", "delay_s", "delay_std_s", "jitter_s", "jitter_std_s", "speed_factor",
             "speed_factor_std", "landing_offset_m", "landing_offset_std_m", "drag_coefficient", "base_turn_rad",
@@ -102,7 +105,41 @@ def gripper(cell: str, throws: int, adopt: bool, picture: Path | None, as_json: 
         done.append(text)
         if not as_json:
             click.echo(f"throw {i} of {throws}: {text}")
-    _propose(client, cell, adopt, as_json, picture, of_gripper=True)
+    _propose(client, cell, adopt, as_json, picture, of="gripper")
+
+
+@calibrate.command()
+@click.option("--cell", required=True, help="Cell.")
+@click.option("--count", type=click.IntRange(8, 400), default=EDGES, show_default=True, help="Edges of each output.")
+@click.option("--adopt", is_flag=True, help="Use the profile from now on.")
+@json_option
+@calls_service
+def outputs(cell: str, count: int, adopt: bool, as_json: bool, client: ServiceClient) -> None:
+    """Measure delay and jitter of every output with a sense_input, in small certified motions without an object.
+
+    **It switches these outputs**, and leaves them off; the arm moves about its home, and the gripper stays as it is.
+    """
+    motions = client.get(f"/cells/{cell}/calibration")["outputs"]
+    if not motions:
+        raise click.ClickException(UNWIRED)
+    plan = _plan_motion(client, motions, as_json)
+    runs = math.ceil(count / len(plan["passages"][0]["outputs"]))
+    for i in range(runs):
+        try:
+            edges = _executed(client, plan)["metrics"]["outputs"]
+        except NotCompleted as error:
+            raise NotCompleted(f"motion {i + 1} of {runs}: {error.message}{_kept_text(cell, range(i))}") from error
+        if not as_json:
+            seen = sum(each["edge_time_s"] is not None for each in edges)
+            click.echo(f"motion {i + 1} of {runs}: {seen} of {len(edges)} edges seen")
+    profile = _estimate(client, cell, adopt, of="outputs")
+    unseen = [passed["name"] for passed in plan["passages"] if passed["name"] not in profile["outputs"]]
+    if as_json:
+        found = {name: profile[name] for name in ("outputs", "adopted")}
+        click.echo(json.dumps({"cell": cell, "profile": profile["id"], **found, "unseen": unseen}))
+        return
+    use = f"profile {profile['id']} is in use" if adopt else f"to use it: fling profile adopt {profile['id']}"
+    click.echo("\n".join([*outputs_text(profile), *(f"{name}: not seen at its input" for name in unseen), use]))
 
 
 @calibrate.command()
@@ -167,23 +204,23 @@ def _asked_place() -> list[float]:
         question = f"{' '.join(answer)!r} is not two numbers [m], such as 1.21 0.29; nothing if it was not seen"
 
 
-def _estimate(client: ServiceClient, cell: str, adopt: bool, of_gripper: bool = False) -> dict[str, Any]:
-    """Estimates a profile; `of_gripper`: refuses one that rests on nothing that shows when the gripper lets go."""
+def _estimate(client: ServiceClient, cell: str, adopt: bool, of: str = "") -> dict[str, Any]:
+    """Estimates a profile; refuses one `of` the gripper, or of outputs, that rests on nothing that shows them."""
     profile = client.post(f"/cells/{cell}/profiles")
-    if of_gripper and not (profile["evidence"]["throws"] or profile["evidence"]["reported"]):
+    if of == "gripper" and not (profile["evidence"]["throws"] or profile["evidence"]["reported"]):
         raise click.ClickException(UNSEEN)
+    if of == "outputs" and not profile["outputs"]:
+        raise click.ClickException(UNSENSED)
     if adopt:
         client.post(f"/profiles/{profile['id']}/adopt")
     return {**profile, "adopted": adopt}
 
 
-def _propose(
-    client: ServiceClient, cell: str, adopt: bool, as_json: bool, picture: Path | None, of_gripper: bool = False
-) -> None:
+def _propose(client: ServiceClient, cell: str, adopt: bool, as_json: bool, picture: Path | None, of: str = "") -> None:
     """Estimates a profile, prints it, draws its landings, and says how to adopt it."""
     from api.report import explained_svg
 
-    profile = _estimate(client, cell, adopt, of_gripper)
+    profile = _estimate(client, cell, adopt, of)
     if picture is not None:
         picture.write_text(explained_svg(profile["landings"]))
     if as_json:

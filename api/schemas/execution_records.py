@@ -48,6 +48,8 @@ class SwitchedOutput(BaseModel):
     edge_time_s: float | None = Field(
         description="When it was seen to change, up to a tick after it did [s]; null where it was not."
     )
+    edge_after_s: float | None = Field(None, description="Time of the state before that: it changed in between [s].")
+    sense_input: int | None = Field(None, description="Input that showed it; null: the controller's own report.")
     edge_late_s: float | None = Field(description="That less the planned edge [s].")
 
 

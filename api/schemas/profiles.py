@@ -41,6 +41,16 @@ class ProfileEvidence(BaseModel):
     )
 
 
+class LearntOutput(BaseModel):
+    """Delay of one of the cell's outputs, as the input that is wired to it shows it."""
+
+    delay_s: float = Field(description="From one lag after the command to the edge: its mean [s].")
+    delay_std_s: float = Field(description="Standard error of that [s].")
+    jitter_s: float = Field(description="Standard deviation of the delay [s].")
+    jitter_std_s: float = Field(description="Standard error of that [s].")
+    edges: int = Field(description="How many were seen.")
+
+
 class ProfileSummary(BaseModel):
     """What was learnt of a cell at one time. Immutable."""
 
@@ -61,6 +71,7 @@ class ProfileSummary(BaseModel):
     jitter_std_s: float = Field(description="[s]")
     speed_factor: float = Field(description="The object's speed over the tool's at the release [-].")
     speed_factor_std: float = Field(description="[-]")
+    outputs: dict[str, LearntOutput] = Field({}, description="Of the cell's outputs that an input sees, by name.")
     landing_offset_m: list[float] = Field(description="Shift of the base, and with it of every landing: x, y [m].")
     landing_offset_std_m: list[float] = Field(description="[m]")
     drag_coefficient: float = Field(description="The cell file's where throws do not show it [-].")
@@ -106,6 +117,10 @@ class CalibrationMoves(BaseModel):
     motions: list[list[dict[str, Any]]] = Field(
         description="Small motions about home, without an object: for each the requests, the longest motion first. "
         "The first that is feasible is the one."
+    )
+    outputs: list[dict[str, Any]] = Field(
+        description="Motions about home that switch every output with a `sense_input` eight times, without an object: "
+        "the longest first. The first that is feasible is the one; none without such an output."
     )
     reach_m: list[float] = Field(description="The targets' least and largest distance from the arm's base [m].")
     throws: list[dict[str, Any]] = Field(

@@ -81,17 +81,17 @@ def drawn_truth(rng: np.random.Generator, disturbance: str = "none") -> HiddenTr
 
 
 @contextmanager
-def running_cell(truth: HiddenTruth) -> Iterator[Laboratory]:
-    """Starts everything for a fresh cell with a hidden truth, and stops it."""
+def running_cell(truth: str, tables: str = "", host: str = HOST, port: int = PORT) -> Iterator[Laboratory]:
+    """Starts everything for a fresh cell with a hidden truth, and more `tables` in its file; stops it."""
     with tempfile.TemporaryDirectory(prefix="fling-hidden-") as temporary:
         folder = Path(temporary)
-        url = f"http://127.0.0.1:{PORT}"
+        url = f"http://127.0.0.1:{port}"
         text = (default_cells_folder() / f"{CELL}.toml").read_text()
-        (folder / f"{CELL}.toml").write_text(re.sub(r'host\s*=\s*"[^"]*"', f'host = "{HOST}"', text))
-        (folder / "truth.toml").write_text(truth.text)
+        (folder / f"{CELL}.toml").write_text(re.sub(r'host\s*=\s*"[^"]*"', f'host = "{host}"', text) + tables)
+        (folder / "truth.toml").write_text(truth)
         database = f"sqlite:///{folder / 'fling.db'}"
         settings = {"FLING_DATABASE_URL": database, "FLING_CELLS": str(folder), "FLING_DATA": str(folder),
-                    "FLING_DEFAULT_CELL": CELL, "FLING_PORT": str(PORT), "FLING_APPROACH_PACE": "2"}  # fmt: skip
+                    "FLING_DEFAULT_CELL": CELL, "FLING_PORT": str(port), "FLING_APPROACH_PACE": "2"}  # fmt: skip
         with _fling_up(settings, folder / "truth.toml", folder / "log.txt"), fling.Client(url) as client:
             yield Laboratory(client, url)
 
@@ -139,13 +139,17 @@ class Laboratory:
         """Plans and executes one throw; returns plan and execution."""
         request = {"release": {"kind": "target", "position": target}, **release}
         plan = dict(self.client.plan(request, trajectory=False).document)
+        return plan, self.executed(plan)
+
+    def executed(self, plan: dict[str, Any]) -> dict[str, Any]:
+        """Executes a plan, and again where the machine was too busy; returns the execution."""
         done = self._executed(plan)
         for _ in range(TRIES - 1):
             if done["outcome"] in ("completed", "held"):
                 break
             self.acknowledge()
             done = self._executed(plan)
-        return plan, done
+        return done
 
     def _executed(self, plan: dict[str, Any]) -> dict[str, Any]:
         return self.client.finished(self.client.execute(plan["id"])["id"])
@@ -190,7 +194,7 @@ def sitting(seed: int, count: int, disturbance: str) -> str:
     rng = np.random.default_rng(seed)
     truth = drawn_truth(rng, disturbance)
     lines = [*HEAD]
-    with running_cell(truth) as lab:
+    with running_cell(truth.text) as lab:
         lines += _thrown_rows(lab, rng, count, "before")
         began = time.monotonic()
         lab.command("calibrate", "lag", "--cell", CELL, "--adopt")
@@ -212,7 +216,7 @@ def grippers(seed: int, cells: range, throws: int) -> str:
     lines = [*GRIPPERS_HEAD]
     for i in cells:
         truth = drawn_truth(np.random.default_rng([seed, i]))
-        with running_cell(truth) as lab:
+        with running_cell(truth.text) as lab:
             lab.command("calibrate", "lag", "--cell", CELL, "--adopt", "--throws", "2")
             found = lab.command("calibrate", "gripper", "--cell", CELL, "--throws", str(throws))
         true_lead = truth.lag_s + truth.delay_s

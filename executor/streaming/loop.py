@@ -326,6 +326,7 @@ class Stream:
                 connection.runtime_state,
                 connection.scaling,
                 connection.outputs,
+                connection.inputs,
                 clock.missed,
                 connection.call_s,
                 *reference[0],

@@ -41,6 +41,7 @@ VARIABLES = [
     "speed_scaling",
     "target_speed_fraction",
     "actual_digital_output_bits",
+    "actual_digital_input_bits",
 ]
 PROGRAM_OUTPUTS = (registers.ROW, registers.BRAKE_ROW, registers.SWITCHED_ROW, registers.END, registers.RUN)
 SERVO_LOOKAHEAD_S = 0.03  # source: URScript manual, servoj, the smallest lookahead time
@@ -70,7 +71,7 @@ class RtdeConnection:
         stamp: controller time of the newest state [s].
         q, qd, current: measured (6,), of that state [rad, rad/s, A].
         target_qd: joint speeds (6,) that the controller commands, of that state [rad/s].
-        safety_bits, runtime_state, robot_mode, scaling, outputs: of that state; as in the RTDE guide.
+        safety_bits, runtime_state, robot_mode, scaling, outputs, inputs: of that state; as in the RTDE guide.
         program: what a motion inside the controller publishes, of that state; None where it is streamed.
         plays: whether a program of ours is to play.
         delayed_s: time this thread waited for a processor between the last two readings [s].
@@ -150,6 +151,7 @@ class RtdeConnection:
             self.robot_mode = receive.getRobotMode()
             self.scaling = receive.getSpeedScalingCombined()
             self.outputs = receive.getActualDigitalOutputBits()
+            self.inputs = receive.getActualDigitalInputBits()
             if self.in_controller:
                 self.program = ProgramState(*map(receive.getOutputIntRegister, PROGRAM_OUTPUTS))
             if receive.getTimestamp() == self.stamp:

@@ -30,7 +30,7 @@ from planner.cell.fields import (
     tables,
     vector,
 )
-from planner.cell.gripper import GRIPPER, gripper_of, outputs_of
+from planner.cell.gripper import GRIPPER, OUTPUT, gripper_of, outputs_of
 from planner.cell.keep_out import corners, keep_out_shapes
 from planner.cell.model import (
     FARTHEST_M,
@@ -87,7 +87,7 @@ DEFAULTS: dict[str, Any] = {
     },
     "object": {"mass_kg": 0.05, "radius_m": 0.02, "drag_coefficient": 0.0},
     "gripper": GRIPPER,
-    "outputs": TablesByName({"output": None, "index": None, "delay_s": 0.0}),
+    "outputs": TablesByName(OUTPUT),
     "safety": {
         "tool_speed_m_s": None,
         "elbow_speed_m_s": None,
@@ -213,7 +213,7 @@ def _cell(document: dict[str, Any], source: CellSource) -> Cell:
         timing=Timing(number(document["timing"], "lag_s", "timing.", 0.0, 0.5)),
         link=controller,
         sim=_sim(document["sim"], arm),
-        outputs=outputs_of(document["outputs"]),
+        outputs=outputs_of(document["outputs"], document["timing"]["lag_s"]),
         document=document,
         meshes=source.meshes,
     )

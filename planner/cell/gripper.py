@@ -13,12 +13,25 @@ from planner.arrays import Array, read_only
 from planner.cell.fields import choice, number, optional, vector
 from planner.cell.model import ControllerAddress, DigitalOutput, Gripper
 from planner.errors import CellError
-from planner.grippers import KINDS, MODELS, NOT_SUPPORTED, OUTPUTS, PORTS, UNTIMED, WIRED, GripperLink, SecondOutput
+from planner.grippers import (
+    INPUT_LINES,
+    KINDS,
+    MODELS,
+    NOT_SUPPORTED,
+    OUTPUTS,
+    PORTS,
+    UNTIMED,
+    WIRED,
+    GripperLink,
+    SecondOutput,
+)
 
 WHERE = "gripper."
 # [m/s^2] a grip that withstands less holds nothing, and one that withstands a thousand times gravity is not limited
 HOLD_ACCELERATION_RANGE = 1e-3, 1e4
 OUTPUT_DELAY_MAX_S = 0.5  # [s] of an output beyond the lag of motions; catches milliseconds
+OUTPUT_JITTER_MAX_S = 0.1  # [s] of an output; catches milliseconds
+OUTPUT: dict[str, Any] = {"output": None, "index": None, "delay_s": 0.0, "jitter_s": 0.0, "sense_input": None}
 BLOW_OFF_MAX_S = 10.0  # [s] of compressed air after a release; catches milliseconds
 TEXT_MAX = 4000  # characters of a snippet; it is sent in one piece
 OPEN_LEVEL = {"digital": True, "vacuum": False}  # of the first output: a vacuum is off
@@ -65,11 +78,15 @@ def gripper_of(table: dict[str, Any], controller: ControllerAddress) -> Gripper:
     )
 
 
-def outputs_of(tables: Mapping[str, Mapping[str, Any]]) -> dict[str, DigitalOutput]:
+def outputs_of(tables: Mapping[str, Mapping[str, Any]], lag_s: float) -> dict[str, DigitalOutput]:
     """Returns the further outputs that a cell file lists, by name.
 
+    Args:
+        tables: of the outputs.
+        lag_s: the arm's lag [s]: an output may change up to so much sooner than a motion, at its command.
+
     Raises:
-        CellError: a field is refused, or two names are of one output.
+        CellError: a field is refused, or two names are of one output, or of one input.
     """
     found: dict[str, DigitalOutput] = {}
     for name, table in tables.items():
@@ -77,7 +94,13 @@ def outputs_of(tables: Mapping[str, Mapping[str, Any]]) -> dict[str, DigitalOutp
         line = _line(table, "output", "index", where)
         if any(line == (other.output, other.index) for other in found.values()):
             raise CellError(f"{where}index", line[1], f"is an output of kind {line[0]} that has another name already")
-        found[name] = DigitalOutput(*line, number(table, "delay_s", where, 0.0, OUTPUT_DELAY_MAX_S))
+        sense = table["sense_input"]
+        if sense is not None:
+            sense = _whole(table, "sense_input", 0, INPUT_LINES - 1, where)
+            if any(sense == other.sense_input for other in found.values()):
+                raise CellError(f"{where}sense_input", sense, "is wired to another output already")
+        delay_s = number(table, "delay_s", where, -lag_s, OUTPUT_DELAY_MAX_S)
+        found[name] = DigitalOutput(*line, delay_s, number(table, "jitter_s", where, 0.0, OUTPUT_JITTER_MAX_S), sense)
     return found
 
 

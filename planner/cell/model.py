@@ -284,12 +284,16 @@ class DigitalOutput:
 
     Attributes:
         output, index: kind and number of the output.
-        delay_s: from when an output without a delay would change until this one does [s].
+        delay_s: from one lag after its command, when an output without a delay would change, until this one does [s].
+        jitter_s: standard deviation of that time [s].
+        sense_input: number of the digital input that is wired to it, among the bits of RTDE; None without one.
     """
 
     output: str
     index: int
-    delay_s: float
+    delay_s: float = 0.0
+    jitter_s: float = 0.0
+    sense_input: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -378,10 +382,11 @@ class Cell:
         weigh = f"tool and object weigh {tool_kg + object_kg:.6g} kg together"
         raise CellError(field, value, f"{weigh}; a {self.robot.name} is rated for {rated_kg:g} kg")
 
-    def output_delay_s(self, output: str, index: int) -> float:
-        """Returns the delay of a digital output [s]; 0 for one that the cell file does not list."""
+    def digital_output(self, output: str, index: int) -> DigitalOutput:
+        """Returns a digital output; one that the cell file does not list has no delay."""
         listed = self.outputs.values()
-        return next((each.delay_s for each in listed if (each.output, each.index) == (output, index)), 0.0)
+        named = (each for each in listed if (each.output, each.index) == (output, index))
+        return next(named, DigitalOutput(output, index))
 
     def with_limits(self, **keys: Any) -> Cell:
         """Returns this cell with other limits, and a hash of its own.
@@ -426,12 +431,12 @@ class Cell:
             self.check(made)
         return made
 
-    def as_learnt(self, timing: Timing, gripper: Gripper, thing: ThrownObject) -> Cell:
-        """Returns this cell with what a profile has learnt of it.
+    def as_learnt(self, **learnt: Any) -> Cell:
+        """Returns this cell with attributes as a profile has learnt them.
 
         It keeps its hash, which says what was learnt of: a plan names the profile beside it.
         """
-        return replace(self, timing=timing, gripper=gripper, object=thing, content="")
+        return replace(self, **learnt, content="")
 
     def as_document(self) -> dict[str, Any]:
         """Returns the cell file's keys and numbers with defaults filled in, plus `name` and `sha256`."""

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import random
 from collections import deque
 from collections.abc import Mapping
 from typing import Any
+
+from planner.cell import DigitalOutput
+from simulator.truth import OutputTiming
 
 CHANGES_MAX = 2000  # changes kept
 TIME_TOLERANCE_S = 1e-9  # [s] rounding of a sum of times
@@ -67,3 +71,44 @@ class Outputs:
             self.bits = happened[-1][1]
         self.changes.extend(happened)
         return happened
+
+
+class SwitchedDevice:
+    """What an output switches, such as a valve: it follows the output some time later; an input may be wired to it.
+
+    Attributes:
+        on: whether it is on.
+        changes: (time [s], whether on) of its latest changes.
+    """
+
+    def __init__(self, output: DigitalOutput, timing: OutputTiming, bits: int, seed: str) -> None:
+        """Starts as the output bits say; `seed` is of its delays."""
+        self._bit = output_bit(output.output, output.index)
+        self._input = 0 if output.sense_input is None else 1 << output.sense_input
+        self._timing = timing
+        self._draw = random.Random(seed)
+        self._told = self.on = bool(bits & self._bit)
+        self._due: deque[tuple[float, bool]] = deque()
+        self.changes: deque[tuple[float, bool]] = deque(maxlen=CHANGES_MAX)
+
+    def output_changed(self, at: float, bits: int) -> None:
+        """Takes the output bits from a time on [s]; what was told first happens first."""
+        told = bool(bits & self._bit)
+        if told == self._told:
+            return
+        self._told = told
+        due = at + max(self._draw.gauss(self._timing.delay_s, self._timing.jitter_s), 0.0)
+        self._due.append((max(due, self._due[-1][0]) if self._due else due, told))
+
+    def sensed(self, t: float, input_bits: int) -> int:
+        """Changes as is due up to `t` [s]; returns the input bits with those of its wire, where it has changed."""
+        while self._due and self._due[0][0] <= t + TIME_TOLERANCE_S:
+            self.changes.append(self._due.popleft())
+            self.on = self.changes[-1][1]
+            input_bits = input_bits | self._input if self.on else input_bits & ~self._input
+        return input_bits
+
+    @property
+    def input_bits(self) -> int:
+        """Input bits at the start: that of its wire, where it is on."""
+        return self._input if self.on else 0

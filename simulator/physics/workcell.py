@@ -12,7 +12,7 @@ from simulator.physics.controller_kinematics import controller_table
 from simulator.physics.gripper import SimulatedGripper
 from simulator.physics.kinematics import KinematicChain, Transform
 from simulator.physics.lag import Lag
-from simulator.physics.outputs import Outputs
+from simulator.physics.outputs import Outputs, SwitchedDevice
 from simulator.physics.overshoot import NO_SCATTER, Overshoot, Scatter
 from simulator.physics.world import World
 from simulator.settings import SimulatorSettings
@@ -29,6 +29,8 @@ class Workcell:
 
     Attributes:
         truth: how all of it really behaves.
+        devices: what the outputs of the cell's `[outputs]` switch, by name.
+        input_bits: levels of the digital inputs.
         moved_at: controller time of the last cycle in which the arm truly moved [s].
         tool: true pose of the tool centre point in the flange.
         base: true pose of the base in the world.
@@ -45,6 +47,11 @@ class Workcell:
         self.arm = Arm(chain, dt, home, _response(truth, dt, home), noise, truth.seed)
         self.gripper = SimulatedGripper(cell.gripper, 2.0 * cell.object.radius_m, truth.gripper, truth.seed)
         self.outputs = Outputs(dt, timing.output_delay_s, self.gripper.closed_bits)
+        self.devices = {
+            name: SwitchedDevice(each, truth.outputs[name], self.outputs.bits, f"{truth.seed} output {name}")
+            for name, each in cell.outputs.items()
+        }
+        self.input_bits = sum(device.input_bits for device in self.devices.values())
         self.world = World(cell, settings.restitution, truth)
         self.tool = kinematics.from_matrix(cell.tool.X_FT)
         self.base = _true_base(kinematics.from_matrix(cell.X_WB), truth)
@@ -57,6 +64,10 @@ class Workcell:
             self.moved_at = t
         for at, bits in self.outputs.cycle(t):
             self.gripper.output_changed(at, bits)
+            for device in self.devices.values():
+                device.output_changed(at, bits)
+        for device in self.devices.values():
+            self.input_bits = device.sensed(t, self.input_bits)
         self.gripper.cycle(t, self.outputs.delay_s, self.dt)
         self.world.cycle(t, self.dt)
         left_at = self.gripper.take_release(t)

@@ -160,7 +160,7 @@ class ProgramContext:
         protective_stop: triggers a protective stop with a reason.
         post: passes a message on to the clients.
         set_outputs: requests outputs, by the names of RTDE's inputs.
-        output_bits: returns the physical levels of the digital outputs.
+        output_bits, input_bits: return the physical levels of the digital outputs, and of the inputs.
     """
 
     version: tuple[int, int, int]
@@ -178,6 +178,7 @@ class ProgramContext:
     post: Callable[[Message], None]
     set_outputs: Callable[[Mapping[str, Any]], None]
     output_bits: Callable[[], int]
+    input_bits: Callable[[], int]
 
     @property
     def tcp(self) -> Transform:

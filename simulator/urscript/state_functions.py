@@ -93,6 +93,11 @@ def _getter(kind: str) -> Signature:
     return signature("n", lambda c, n: bool(c.output_bits() >> first + _index(n, 8) & 1))
 
 
+def _sensor(kind: str) -> Signature:
+    first = OUTPUT_FIRST[kind]  # inputs are in the order of the outputs
+    return signature("n", lambda c, n: bool(c.input_bits() >> first + _index(n, 8) & 1))
+
+
 def _register(values: Callable[[ProgramContext], Any], read: Callable[[Any], Any]) -> Signature:
     return signature("address", lambda c, address: read(values(c)[_index(address, len(values(c)))]))
 
@@ -194,7 +199,9 @@ STATE_FUNCTIONS: dict[str, Signature] = {
     "get_standard_digital_out": _getter("standard_digital"),
     "get_configurable_digital_out": _getter("configurable_digital"),
     "get_tool_digital_out": _getter("tool_digital"),
-    "get_standard_digital_in": signature("n", lambda c, n: False),  # scripts do not see what `digital_input` switches
+    "get_standard_digital_in": _sensor("standard_digital"),
+    "get_configurable_digital_in": _sensor("configurable_digital"),
+    "get_tool_digital_in": _sensor("tool_digital"),
     "read_input_boolean_register": _register(lambda c: c.registers.bit_in, bool),
     "read_input_integer_register": _register(lambda c: c.registers.int_in, int),
     "read_input_float_register": _register(lambda c: c.registers.double_in, float),

@@ -126,7 +126,7 @@ def test_a_preview_tells_the_odds_of_a_profile_that_is_not_adopted(service: Runn
 
 def test_the_moves_of_a_calibration_can_be_planned(service: RunningService):
     moves = service.client.get(f"/cells/{CELL}/calibration?throws=2").json()
-    assert (len(moves["motions"]), len(moves["throws"])) == (4, 10)
+    assert (len(moves["motions"]), len(moves["throws"]), moves["outputs"]) == (4, 10, [])
     request = {**moves["motions"][0][0], "backend": "ruckig"}
     plan = service.client.post("/plan?trajectory=false", json=request)
     assert plan.status_code == 201, plan.text

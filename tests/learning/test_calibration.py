@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 
 from learning import calibration_moves
-from planner.cell import Cell, load_cell
+from planner.cell import Cell, DigitalOutput, load_cell
+from planner.passages import output_edges
+from planner.planning import plan
+from planner.request import problem_from_request
 from tests.api.conftest import ROOT
 
 
@@ -45,3 +48,18 @@ def test_throws_go_all_around_the_base_wherever_it_stands(cell: Cell):
     quadrants = {(x > 0.4, y > -0.3) for x, y, _ in places[:8]}
     assert len(quadrants) == 4
     assert all(request["release_window_s"] == 0.0 for request in moves["throws"])
+
+
+def test_every_output_with_an_input_is_switched_about_a_passage_of_its_own(cell: Cell):
+    assert calibration_moves(cell, 2)["outputs"] == []
+    wired = {f"{i}": DigitalOutput("standard_digital", i, sense_input=i) for i in range(3)}
+    there = replace(cell, outputs={**wired, "other": DigitalOutput("tool_digital", 1)})
+    longest, *others = calibration_moves(there, 2)["outputs"]
+    assert len(others) == 3
+    assert [each["name"] for each in longest["passages"]] == ["0", "1", "2"]
+    edges = [output for each in longest["passages"] for output in each["outputs"]]
+    assert [(edge["index"], edge["level"]) for edge in edges] == [(i, k % 2 == 0) for i in range(3) for k in range(8)]
+    found = plan(problem_from_request(longest, there))
+    assert found.certificate.valid
+    commands = [edge.command_time_s for edge in output_edges(there, found.problem.passages, found.trajectory)]
+    assert min(np.diff(commands)) > 0.0  # a controller might take one package of a kind in a cycle

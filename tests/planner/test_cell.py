@@ -427,7 +427,7 @@ def test_a_cell_made_in_code_has_a_hash_of_its_own():
 def test_what_a_profile_has_learnt_keeps_the_hash_of_the_file():
     here = load_cell(CELLS / "ur5e-sim.toml")
     gripper = replace(here.gripper, delay_s=0.05)
-    learnt = here.as_learnt(replace(here.timing, lag_s=0.03), gripper, here.object)
+    learnt = here.as_learnt(timing=replace(here.timing, lag_s=0.03), gripper=gripper)
     assert learnt.sha256 == here.sha256
     assert (learnt.timing.lag_s, learnt.gripper.delay_s) == (0.03, 0.05)
     slow = learnt.with_limits(joint_velocity_rad_s=2.0)

@@ -98,20 +98,29 @@ def test_states_are_in_the_frame_of_the_request() -> None:
     assert problem.passages[0].state.point_state.p_WT == pytest.approx([0.5, 0.2, 1.1])  # pyright: ignore[reportOptionalMemberAccess]
 
 
-LISTED = {"flash": {"output": "standard_digital", "index": 2, "delay_s": 0.006}}
+LISTED = {
+    "flash": {"output": "standard_digital", "index": 2, "delay_s": 0.006, "jitter_s": 0.001, "sense_input": 5},
+}
 
 
 def test_a_cell_lists_outputs_with_their_delays() -> None:
-    keys = {"robot": "ur5e", "link": {"kind": "sim"}, "outputs": LISTED}
+    keys = {"robot": "ur5e", "link": {"kind": "sim"}, "timing": {"lag_s": 0.02}, "outputs": LISTED}
     here = cell_of_keys(keys)
-    assert here.output_delay_s("standard_digital", 2) == 0.006
-    assert here.output_delay_s("standard_digital", 3) == 0.0
+    assert here.digital_output("standard_digital", 2) == here.outputs["flash"]
+    assert vars(here.outputs["flash"]) == LISTED["flash"]
+    assert here.digital_output("standard_digital", 3).delay_s == 0.0
+    sooner = {"output": "standard_digital", "index": 2, "delay_s": -0.016}
+    assert cell_of_keys(keys | {"outputs": {"flash": sooner}}).outputs["flash"].delay_s == -0.016
     assert here.as_document()["outputs"] == LISTED
     for name, wrong, field in (
         ("flash", {"output": "standard_digital", "index": 8}, "outputs.flash.index"),
         ("flash", {"output": "standard", "index": 1}, "outputs.flash.output"),
         ("flash", {"output": "standard_digital", "index": 1, "delay_s": 0.6}, "outputs.flash.delay_s"),
-        ("flash", {"output": "standard_digital", "index": 1, "sense_input": 5}, "outputs.flash.sense_input"),
+        ("flash", {"output": "standard_digital", "index": 1, "delay_s": -0.021}, "outputs.flash.delay_s"),
+        ("flash", {"output": "standard_digital", "index": 1, "jitter_s": 1.0}, "outputs.flash.jitter_s"),
+        ("flash", {"output": "standard_digital", "index": 1, "sense_input": 18}, "outputs.flash.sense_input"),
+        ("flash", {"output": "standard_digital", "index": 1, "sensed": 5}, "outputs.flash.sensed"),
+        ("other", {"output": "standard_digital", "index": 1, "sense_input": 5}, "outputs.other.sense_input"),
         ("other", {"output": "standard_digital", "index": 2}, "outputs.other.index"),
     ):
         with pytest.raises(CellError) as refused:

@@ -13,6 +13,7 @@ import pytest
 from api.cli.support.addresses import SIMULATOR_PORTS
 from planner import kinematics
 from planner.dynamics import Payload, joint_torques
+from simulator.faults import cause_fault
 from simulator.interfaces import OUTPUT_TYPES, wire
 from simulator.output_values import OutputValues
 from simulator.program.runner import PAUSED, PLAYING, STOPPED
@@ -89,6 +90,16 @@ def test_inputs_can_be_read_back_as_outputs(rtde: Peer):
     rtde.send(wire.package(wire.START))
     sent = struct.pack(">Bid?I", 1, -5, 2.5, True, 1 << 31 | 5)
     assert packages(rtde.send(wire.package(85, sent)))[-1] == (85, sent)
+
+
+def test_digital_inputs_are_told_together_and_the_configurable_ones_apart(rtde: Peer, simulation: Simulation):
+    rtde.send(outputs(500.0, "actual_digital_input_bits,actual_configurable_digital_input_bits"))
+    for index in (5, 9):
+        cause_fault(simulation, {"name": "digital_input", "index": index})
+    *_, (kind, body) = packages(rtde.send(wire.package(wire.START), 3))
+    assert (kind, struct.unpack(">BQQ", body)[1:]) == (wire.DATA_PACKAGE, (1 << 5 | 1 << 9, 1 << 1))
+    cause_fault(simulation, {"name": "digital_input", "index": 9, "on": False})
+    assert simulation.controller.workcell.input_bits == 1 << 5
 
 
 def test_text_messages_go_both_ways(rtde: Peer, simulation: Simulation):

@@ -14,6 +14,7 @@ from simulator.simulation import Simulation
 from simulator.truth import GripperOpening, Truth, TruthError, load_truth, truth_of
 from tests.simulator.conftest import make_cell, unique_address
 
+VALVE = '[outputs.valve]\noutput = "standard_digital"\nindex = 2\ndelay_s = 0.006\njitter_s = 0.001\n'
 EVERY_KEY = """
 seed = 7
 [timing]
@@ -42,6 +43,9 @@ dh_deviation = { a_m = [0, 0.001, 0, 0, 0, 0], d_m = [0.002, 0, 0, 0, 0, 0], alp
 std_m = 0.003
 outlier_share = 0.05
 outlier_std_m = 0.2
+[outputs.valve]
+delay_s = 0.0123
+jitter_s = 0.0004
 """  # noqa: E501
 
 
@@ -51,7 +55,7 @@ def read(folder: Path, text: str, **cell: Any) -> Truth:
 
 
 def test_every_key_is_read(tmp_path: Path) -> None:
-    truth = read(tmp_path, EVERY_KEY)
+    truth = read(tmp_path, EVERY_KEY, tables=VALVE)
     assert truth.seed == 7
     assert truth.timing.lag_s == 0.026
     assert truth.timing.first_order_s == (0.002,) * 6
@@ -73,6 +77,9 @@ def test_every_key_is_read(tmp_path: Path) -> None:
     assert deviation is not None
     nonzero = [max(values) for values in (deviation.a_m, deviation.d_m, deviation.alpha_rad, deviation.theta_rad)]
     assert nonzero == [0.001, 0.002, 0.003, 0.004]
+    assert {name: vars(each) for name, each in truth.outputs.items()} == {
+        "valve": {"delay_s": 0.0123, "jitter_s": 0.0004}
+    }
     assert vars(truth.camera) == {"std_m": 0.003, "outlier_share": 0.05, "outlier_std_m": 0.2}
     assert truth.hidden
 
@@ -83,6 +90,13 @@ def test_what_is_absent_is_as_in_the_cell(tmp_path: Path) -> None:
     assert vars(truth) == {**vars(truth_of(make_cell(**sim))), "hidden": True}
     assert (truth.timing.lag_s, truth.timing.output_delay_s) == (0.017, 0.017)
     assert (truth.gripper.delay_s, truth.gripper.jitter_s, truth.seed) == (0.031, 0.001, 5)
+
+
+@pytest.mark.parametrize(("output_delay_s", "own_s"), [(0.02, 0.006), (0.022, 0.004), (0.03, 0.0)])
+def test_what_an_output_switches_is_as_late_as_the_cell_says(tmp_path: Path, output_delay_s: float, own_s: float):
+    truth = read(tmp_path, f"[timing]\nlag_s = 0.02\noutput_delay_s = {output_delay_s}", tables=VALVE)
+    assert truth.outputs["valve"].delay_s == pytest.approx(own_s)
+    assert truth.outputs["valve"].jitter_s == 0.001
 
 
 @pytest.mark.parametrize(
@@ -105,6 +119,7 @@ def test_what_is_absent_is_as_in_the_cell(tmp_path: Path) -> None:
         ("[arm]\ndh_deviation = 3", "arm.dh_deviation = 3: must be a table"),
         ("[arm]\ndh_deviation = { d_m = [0, 0, 0, 0, 0, 2] }", "arm.dh_deviation.d_m[5] = 2: must lie in [-1, 1]"),
         ("[camera]\nstd_m = true", "camera.std_m = True: must be a number"),
+        ("[outputs.lamp]\ndelay_s = 0.001", "outputs.lamp: unknown key"),
         ("camera = 3", "camera = 3: must be a table"),
         ("[timing", "truth.toml"),
         ("a = " + "[" * 5000, "nests deeper than 32 levels"),
@@ -157,7 +172,7 @@ def test_a_hidden_truth_shows_what_a_controller_and_a_camera_tell(tmp_path: Path
     (observation,) = found["world"]["observations"]
     assert set(observation) == {"throw", "object", "surface", "position_m", "std_m"}
     assert found["state"]["hidden"] is True
-    secret = {"q", "qd", "output_changes", "gripper_holds", "gripper_open", "moved_at"}
+    secret = {"q", "qd", "output_changes", "device_changes", "gripper_holds", "gripper_open", "moved_at"}
     assert secret.isdisjoint(found["state"])
     shown = answers(None)
     assert secret <= set(shown["state"])

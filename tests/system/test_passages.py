@@ -10,6 +10,7 @@ import pytest
 
 from executor.robot import set_outputs
 from executor.streaming.state_checks import OUTPUT_SHIFT
+from learning import calibration_moves, cell_in_use, estimate_profile, profile_bytes
 from planner.answer import plan_document
 from planner.controller_program import SwitchRow
 from planner.planning import plan
@@ -68,12 +69,13 @@ CAMERA = {
 
 
 def stored(rig: Rig, request: dict[str, Any]) -> str:
-    """Plans a request and stores it; returns the plan's id."""
+    """Plans a request, with the profile that the cell uses, and stores it; returns the plan's id."""
     request = {"cell": "rig", **request}
-    found = plan(problem_from_request(request, rig.cell))
-    document = plan_document(found, request, new_id(), "2026-01-01T00:00:00Z")
-    rig.add_plan(document)
-    return document["id"]
+    cell, profile = cell_in_use(rig.store, rig.cell)
+    found = plan(problem_from_request(request, cell))
+    id = new_id()
+    rig.add_plan(plan_document(found, request, id, "2026-01-01T00:00:00Z") | {"profile": profile})
+    return id
 
 
 def true_edges(rig: Rig, row: ExecutionRow) -> list[Edge]:
@@ -146,6 +148,60 @@ def test_a_known_delay_of_the_outputs_is_made_up_for(own_rig: Rig) -> None:
     row = own_rig.quiet_run(stored(own_rig, ROW))
     assert row.outcome == "completed", row.reason
     as_planned(own_rig, row)
+
+
+HIDDEN_S = ((0.0131, 0.0012), (0.0274, 0.0008))  # [s] delay and jitter of what two outputs switch
+CALIBRATIONS = 6  # runs of eight edges each
+LEARNT_S = 0.0005  # [s] promised of the mean
+
+
+def device_edges(rig: Rig, row: ExecutionRow, name: str, count: int) -> list[float]:
+    """Returns the newest changes of what an output switches, on a run's plan clock, from the simulator [s]."""
+    recording = rig.store.recording(row.id)
+    assert recording is not None
+    names, rows = rows_of(recording.csv)
+    at_zero_s = float(rows[0, names.index("timestamp_s")]) - float(rows[0, names.index("clock_s")])
+    return [at - at_zero_s for at, _ in rig.state()["device_changes"][name][-count:]]
+
+
+def test_hidden_delays_of_outputs_are_learnt_and_made_up_for(own_rig: Rig) -> None:
+    rig = own_rig
+    cell = truth = ""
+    for i, (delay_s, jitter_s) in enumerate(HIDDEN_S):
+        cell += f'\n[outputs.flash_{i}]\noutput = "standard_digital"\nindex = {i}\nsense_input = {i + 8}\n'
+        truth += f"[outputs.flash_{i}]\ndelay_s = {delay_s}\njitter_s = {jitter_s}\n"
+    (rig.folder / "truth.toml").write_text(truth)
+    rig.rewrite(rig.path.read_text() + cell)
+    rig.start_simulator("--truth", str(rig.folder / "truth.toml"), "--reveal")
+    rig.start_executor()
+    request = calibration_moves(rig.cell, 2)["outputs"][0]
+    shorter = [each | {"outputs": each["outputs"][:4]} for each in request["passages"]]  # a script holds 2 s
+    plan_ids = {"speedj": stored(rig, request), "script": stored(rig, request | {"passages": shorter})}
+    for mode in ["script", "servoj"] + ["speedj"] * CALIBRATIONS:
+        row = rig.quiet_run(plan_ids.get(mode, plan_ids["speedj"]), mode)
+        assert row.metrics is not None, row.reason
+        for i in range(len(HIDDEN_S)):
+            recorded = [each for each in row.metrics["outputs"] if each["index"] == i]
+            happened = device_edges(rig, row, f"flash_{i}", len(recorded))
+            for each, at_s in zip(recorded, happened, strict=True):
+                assert each["edge_after_s"] - ROUNDING_S < at_s < each["edge_time_s"] + ROUNDING_S
+    document = estimate_profile(rig.store, rig.cell)
+    for i, (delay_s, jitter_s) in enumerate(HIDDEN_S):
+        learnt = document["outputs"][f"flash_{i}"]
+        assert learnt["edges"] >= 8 * CALIBRATIONS
+        lead_s = delay_s + rig.cell.sim.lag_s
+        assert learnt["delay_s"] + document["lag_s"] == pytest.approx(lead_s, abs=LEARNT_S)
+        assert learnt["jitter_s"] == pytest.approx(jitter_s, abs=4.0 * learnt["jitter_std_s"])
+    profile = rig.store.add_profile("rig", rig.cell.sha256, "test", profile_bytes(document))
+    rig.store.adopt_profile("rig", profile.id, "test")
+    row = rig.quiet_run(stored(rig, {"passages": [part(i) for i in range(2)]}))
+    assert row.outcome == "completed", row.reason
+    passages = rig.document(row.id)["passages"]
+    for i, ((_, jitter_s), passed) in enumerate(zip(HIDDEN_S, passages, strict=True)):
+        planned = [edge["edge_time_s"] for edge in passed["outputs"]]
+        happened = device_edges(rig, row, f"flash_{i}", len(planned))
+        room_s = 1.0 / rig.cell.robot.sample_rate_hz + LEARNT_S + 3.0 * jitter_s
+        assert max(abs(a - b) for a, b in zip(happened, planned, strict=True)) <= room_s
 
 
 @pytest.mark.parametrize("mode", ["speedj", "servoj", "script"])

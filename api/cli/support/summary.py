@@ -126,6 +126,15 @@ def numbers_text(row: dict[str, Any]) -> str:
     )
 
 
+def outputs_text(row: dict[str, Any]) -> list[str]:
+    """Returns delay and jitter of each output that a profile has learnt, a line each."""
+    return [
+        f"{name}: delay {1e3 * each['delay_s']:.2f} ± {1e3 * each['delay_std_s']:.2f} ms, "
+        f"jitter {1e3 * each['jitter_s']:.2f} ± {1e3 * each['jitter_std_s']:.2f} ms, from {each['edges']} edges"
+        for name, each in row.get("outputs", {}).items()
+    ]
+
+
 def profile_text(row: dict[str, Any]) -> str:
     """Returns a profile in a few lines, beside what the cell file says."""
     file = row["cell_file"]
@@ -145,7 +154,7 @@ def profile_text(row: dict[str, Any]) -> str:
         f"  base {1e3 * offset[0]:.1f} ± {1e3 * spread[0]:.1f}, {1e3 * offset[1]:.1f} ± {1e3 * spread[1]:.1f} mm off, "
         f"turned by {1e3 * row['base_turn_rad']:.1f} ± {1e3 * row['base_turn_std_rad']:.1f} mrad",
     ]
-    return "\n".join([*lines, *_explained_text(row)])
+    return "\n".join([*lines, *(f"  output {line}" for line in outputs_text(row)), *_explained_text(row)])
 
 
 def _drag_text(row: dict[str, Any]) -> str:

@@ -43,7 +43,8 @@ def truth_of_profile(profile: Mapping[str, Any]) -> dict[str, Any]:
     """Returns the truth, in the keys of a truth file, of a cell that is as its profile says.
 
     The outputs change one lag after their command, as the planner assumes: lag and delay are the profile's lead. Only
-    their sum is learnt, so that the delay may be negative: then the outputs change that much sooner.
+    their sum is learnt, so that a delay may be negative: then all outputs change that much sooner, and what they switch
+    follows later.
 
     Raises:
         KeyError: the profile lacks numbers.
@@ -59,6 +60,12 @@ def truth_of_profile(profile: Mapping[str, Any]) -> dict[str, Any]:
         raise ValueError(
             f"lag_s and delay_s sum to {1e3 * (lag + delay):.1f} ms: the gripper opens before it is told to"
         )
+    outputs = profile.get("outputs", {})
+    earliest = min(0.0, delay, *(float(each["delay_s"]) for each in outputs.values()))
+    own = {
+        f"outputs.{json.dumps(name)}": {"delay_s": each["delay_s"] - earliest, "jitter_s": each["jitter_s"]}
+        for name, each in outputs.items()
+    }
     first_order = [x or 0.0 for x in timing.get("first_order_s") or [0.0] * 6]
     x, y = profile["landing_offset_m"]
     return {
@@ -66,9 +73,9 @@ def truth_of_profile(profile: Mapping[str, Any]) -> dict[str, Any]:
             "lag_s": lag,
             "first_order_s": [min(max(float(value), 0.0), 0.5 * lag) for value in first_order],
             "gain": [1.0 if gain is None else float(gain) for gain in profile.get("gain") or [None] * 6],
-            "output_delay_s": lag + min(delay, 0.0),
+            "output_delay_s": lag + earliest,
         },
-        "gripper": {"delay_s": max(delay, 0.0), "jitter_s": float(profile["jitter_s"])},
+        "gripper": {"delay_s": delay - earliest, "jitter_s": float(profile["jitter_s"])},
         "release": {
             "speed_factor": float(profile["speed_factor"]),
             "cling_share": float(profile.get("cling_share") or 0.0),
@@ -79,6 +86,7 @@ def truth_of_profile(profile: Mapping[str, Any]) -> dict[str, Any]:
             "base_offset_m": [float(x), float(y), 0.0],
             "base_rotation_vector_rad": [0.0, 0.0, float(profile["base_turn_rad"])],
         },
+        **own,
     }
 
 

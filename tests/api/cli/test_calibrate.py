@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -62,11 +63,69 @@ def test_a_profile_of_a_gripper_that_nobody_saw_open_is_refused(evidence: str):
 
     service: Any = Service()
     if evidence:
-        assert calibrate._estimate(service, "lab", adopt=True, of_gripper=True)["adopted"]
+        assert calibrate._estimate(service, "lab", adopt=True, of="gripper")["adopted"]
         return
     with pytest.raises(click.ClickException, match="nothing shows when it lets go"):
-        calibrate._estimate(service, "lab", adopt=True, of_gripper=True)
+        calibrate._estimate(service, "lab", adopt=True, of="gripper")
     assert posts == ["/cells/lab/profiles"]  # and none is adopted
+
+
+LEARNT = {"delay_s": 0.0123, "delay_std_s": 8e-5, "jitter_s": 0.0005, "jitter_std_s": 4e-5, "edges": 24}
+
+
+def outputs_calibrated(
+    monkeypatch: pytest.MonkeyPatch, motions: list[Any], learnt: dict[str, Any], *options: str
+) -> tuple[Any, list[str]]:
+    """Runs `fling calibrate outputs` for two outputs, against a service that learns so much; returns its posts, too."""
+    posts: list[str] = []
+
+    class Service:
+        def get(self, path: str) -> dict[str, Any]:
+            return {"outputs": motions}
+
+        def planned(self, request: Any, *_: Any, **__: Any) -> dict[str, Any]:
+            return {"id": "plan", "passages": [{"name": name, "outputs": [{}] * 8} for name in ("valve", "lamp")]}
+
+        def post(self, path: str) -> dict[str, Any]:
+            posts.append(path)
+            return {"id": "p", "outputs": learnt, "evidence": {}}
+
+    def executed(*_: Any) -> dict[str, Any]:
+        posts.append("motion")
+        return {"metrics": {"outputs": [{"edge_time_s": 0.1}, {"edge_time_s": None}]}}
+
+    monkeypatch.setattr("api.cli.support.client.ServiceClient", lambda *_: nullcontext(Service()))
+    monkeypatch.setattr(calibrate, "_executed", executed)
+    result = CliRunner().invoke(main, ["calibrate", "outputs", "--cell", "lab", *options])
+    return result, posts
+
+
+def test_outputs_are_switched_as_often_as_asked_and_what_was_learnt_is_told(monkeypatch: pytest.MonkeyPatch):
+    asked = ("--count", "20", "--adopt")
+    result, posts = outputs_calibrated(monkeypatch, [{"cell": "lab"}], {"valve": LEARNT}, *asked)
+    assert result.exit_code == 0, result.output
+    assert posts == ["motion"] * 3 + ["/cells/lab/profiles", "/profiles/p/adopt"]
+    assert "motion 3 of 3: 1 of 2 edges seen" in result.output
+    assert "valve: delay 12.30 ± 0.08 ms, jitter 0.50 ± 0.04 ms, from 24 edges" in result.output
+    assert "lamp: not seen at its input" in result.output
+    assert "profile p is in use" in result.output
+
+
+def test_learnt_outputs_are_told_in_json_and_not_adopted_unasked(monkeypatch: pytest.MonkeyPatch):
+    result, posts = outputs_calibrated(monkeypatch, [{"cell": "lab"}], {"valve": LEARNT}, "--count", "8", "--json")
+    assert posts == ["motion", "/cells/lab/profiles"]
+    found = json.loads(result.stdout)
+    assert found == {"cell": "lab", "profile": "p", "outputs": {"valve": LEARNT}, "adopted": False, "unseen": ["lamp"]}
+
+
+@pytest.mark.parametrize(("motions", "words"), [([], "has a sense_input"), ([{"cell": "lab"}], "no edge was seen")])
+def test_outputs_without_an_input_that_sees_them_are_refused(
+    monkeypatch: pytest.MonkeyPatch, motions: list[Any], words: str
+):
+    result, posts = outputs_calibrated(monkeypatch, motions, {}, "--adopt")
+    assert result.exit_code == 1
+    assert words in result.output
+    assert "/profiles/p/adopt" not in posts
 
 
 def test_a_motion_without_timing_leaves_the_others_theirs(

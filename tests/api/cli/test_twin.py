@@ -18,6 +18,7 @@ from api.cli.simulator import CONTROL_PORT
 from api.cli.support.twin import truth_of_profile, truth_text
 from benchmarks.learning.plans import benchmark_cell, planned_throws
 from learning.throws import Circumstances, Throws, throw_table
+from planner.cell import cell_of_keys
 from simulator.truth import load_truth
 
 PROFILE = {
@@ -31,6 +32,13 @@ PROFILE = {
     "drag_coefficient": 0.3,
     "landing_offset_m": [0.004, -0.003],
     "base_turn_rad": 0.0021,
+}
+
+OUTPUTS = {"valve 1": {"delay_s": 0.006, "jitter_s": 0.001}, "lamp": {"delay_s": -0.012, "jitter_s": 0.0}}
+WIRED = {
+    "robot": "ur5e",
+    "link": {"kind": "sim"},
+    "outputs": {name: {"output": "standard_digital", "index": i} for i, name in enumerate(OUTPUTS)},
 }
 
 
@@ -59,6 +67,12 @@ def test_a_negative_delay_makes_the_outputs_sooner_and_a_negative_lead_is_refuse
     path.write_text(truth_text(truth_of_profile({**PROFILE, "delay_s": -0.004})))
     truth = load_truth(path, benchmark_cell())
     assert truth.timing.output_delay_s + truth.gripper.delay_s == pytest.approx(0.0264 - 0.004)
+    path.write_text(truth_text(truth_of_profile({**PROFILE, "delay_s": -0.004, "outputs": OUTPUTS})))
+    truth = load_truth(path, cell_of_keys(WIRED))
+    assert truth.timing.output_delay_s + truth.gripper.delay_s == pytest.approx(0.0264 - 0.004)
+    for name, learnt in OUTPUTS.items():
+        assert truth.timing.output_delay_s + truth.outputs[name].delay_s == pytest.approx(0.0264 + learnt["delay_s"])
+        assert truth.outputs[name].jitter_s == learnt["jitter_s"]
     path.write_text(json.dumps({**PROFILE, "delay_s": -0.030}))
     result = CliRunner().invoke(main, ["sim", "--cell", "ur5e-sim", "--profile", str(path)])
     assert result.exit_code == 1

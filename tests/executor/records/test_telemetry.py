@@ -39,7 +39,7 @@ def perfect(prepared: Prepared, offset: float = 0.0) -> Telemetry:
     measured = q + np.array([0.0, offset, 0.0, 0.0, 0.0, 0.0])
     columns = {"clock_s": clock, "timestamp_s": 100.0 + clock, "host_s": 5.0 + clock, "safety_bits": clock * 0 + 1,
                "runtime_state": clock * 0 + 2, "speed_scaling": clock * 0 + 1, "digital_outputs": clock * 0,
-               "missed_ticks": clock * 0, "call_s": clock * 0 + 3e-5}  # fmt: skip
+               "digital_inputs": clock * 0, "missed_ticks": clock * 0, "call_s": clock * 0 + 3e-5}  # fmt: skip
     vectors = {"planned_q": q, "planned_qd": qd, "command": qd, "q": measured, "qd": qd, "current": qd * 0}
     scalars = np.stack([columns[name] for name in SCALARS], axis=1)
     return Telemetry(np.hstack([scalars, *(vectors[name] for name in VECTORS)]))

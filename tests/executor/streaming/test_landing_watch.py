@@ -49,7 +49,7 @@ class OffArm:
         self.watchdog_hz = 20.0
         self.delayed_s = 0.0
         self.call_s = 0.0
-        self.stamp = self.safety_bits = self.runtime_state = self.scaling = self.outputs = 0.0
+        self.stamp = self.safety_bits = self.runtime_state = self.scaling = self.outputs = self.inputs = 0.0
         self.current = self.target_qd = [0.0] * 6
         self.true_q, self.true_qd = np.array(self.job.q[0]), np.zeros(6)
         self.gripper = OutputPort(self)

@@ -55,6 +55,7 @@ class DrivenConnection(Driven):
         self.runtime_state = self.controller.runner.runtime
         self.scaling = self.controller.speed_scaling
         self.outputs = self.controller.workcell.outputs.bits
+        self.inputs = self.controller.workcell.input_bits
         self.program = ProgramState(*map(self.out_int, PROGRAM_OUTPUTS))
 
     def check(self) -> None:

@@ -101,6 +101,47 @@ def test_output_bits_change_one_lag_after_they_were_sent():
     assert driven.controller.workcell.outputs.changes[0] == (pytest.approx(sent_at + 0.013), 4)
 
 
+WIRED = """
+[outputs.valve]
+output = "standard_digital"
+index = 2
+delay_s = 0.0113
+jitter_s = 0.002
+sense_input = 9
+"""
+
+
+def test_an_input_shows_what_an_output_switches_its_delay_later():
+    driven = Driven(make_cell(lag_s=0.013, tables=WIRED.replace("jitter_s = 0.002", "")))
+    sent_at = driven.controller.timeline.t
+    for level in (4, 0):
+        driven.set(standard_digital_output_mask=5, standard_digital_output=level)
+        driven.cycle(12)
+        assert driven.controller.workcell.input_bits == (0 if level else 1 << 9)
+        driven.cycle(1)
+        assert driven.controller.workcell.input_bits == (1 << 9 if level else 0)
+    happened = driven.controller.workcell.devices["valve"].changes
+    first_s = pytest.approx(sent_at + 0.013 + 0.0113)
+    assert list(happened) == [(first_s, True), (pytest.approx(sent_at + 13 * 0.002 + 0.013 + 0.0113), False)]
+
+
+def test_what_an_output_switches_scatters_and_keeps_its_order():
+    driven = Driven(make_cell(lag_s=0.013, tables=WIRED))
+    commanded = []
+    for i in range(400):
+        commanded.append(driven.controller.timeline.t)
+        driven.set(standard_digital_output_mask=4, standard_digital_output=4 * (i % 2 == 0))
+        driven.cycle(1 if i % 4 < 2 else 10)
+    driven.cycle(20)
+    happened = driven.controller.workcell.devices["valve"].changes
+    times = np.array([at for at, _ in happened])
+    assert [on for _, on in happened] == [i % 2 == 0 for i in range(400)]
+    assert (np.diff(times) >= 0.0).all()
+    late = times - np.array(commanded) - 0.013
+    assert late.mean() == pytest.approx(0.0113, abs=0.0006)  # what waits for the edge before it comes later
+    assert late.std() == pytest.approx(0.002, rel=0.15)
+
+
 def test_a_gripper_that_opens_on_low_starts_closed_on_high():
     cell = make_cell(tables='gripper = { output = "configurable_digital", index = 3, open_level = false }\n')
     driven = Driven(cell)

@@ -335,6 +335,21 @@ def test_a_timed_move_takes_its_time(controller: ScriptedController):
     assert controller.controller.timeline.t - start == pytest.approx(1.05, abs=0.01)  # 50 ms until it plays
 
 
+def test_a_script_sees_the_inputs(controller: ScriptedController):
+    controller.controller.workcell.input_bits = 1 << 5 | 1 << 8 | 1 << 17
+    controller.run(
+        """def look():
+  write_output_boolean_register(70, get_standard_digital_in(5))
+  write_output_boolean_register(71, get_configurable_digital_in(0))
+  write_output_boolean_register(72, get_tool_digital_in(1))
+  write_output_boolean_register(73, get_standard_digital_in(4))
+  sleep(0.1)
+end
+"""
+    )
+    assert controller.controller.registers.bit_out[70:74] == [True, True, True, False]
+
+
 def test_registers_outputs_and_installation(controller: ScriptedController):
     c = controller.controller
     c.registers.int_in[30] = 7

@@ -1081,6 +1081,13 @@ export interface components {
                 [key: string]: unknown;
             }[][];
             /**
+             * Outputs
+             * @description Motions about home that switch every output with a `sense_input` eight times, without an object: the longest first. The first that is feasible is the one; none without such an output.
+             */
+            outputs: {
+                [key: string]: unknown;
+            }[];
+            /**
              * Reach M
              * @description The targets' least and largest distance from the arm's base [m].
              */
@@ -2324,6 +2331,37 @@ export interface components {
             throws: number;
         };
         /**
+         * LearntOutput
+         * @description Delay of one of the cell's outputs, as the input that is wired to it shows it.
+         */
+        LearntOutput: {
+            /**
+             * Delay S
+             * @description From one lag after the command to the edge: its mean [s].
+             */
+            delay_s: number;
+            /**
+             * Delay Std S
+             * @description Standard error of that [s].
+             */
+            delay_std_s: number;
+            /**
+             * Edges
+             * @description How many were seen.
+             */
+            edges: number;
+            /**
+             * Jitter S
+             * @description Standard deviation of the delay [s].
+             */
+            jitter_s: number;
+            /**
+             * Jitter Std S
+             * @description Standard error of that [s].
+             */
+            jitter_std_s: number;
+        };
+        /**
          * MapAnswer
          * @description One plane of a throwability map.
          */
@@ -3503,6 +3541,14 @@ export interface components {
                 [key: string]: unknown;
             };
             /**
+             * Outputs
+             * @description Of the cell's outputs that an input sees, by name.
+             * @default {}
+             */
+            outputs: {
+                [key: string]: components["schemas"]["LearntOutput"];
+            };
+            /**
              * Sha256
              * @description Hash of the profile's document.
              */
@@ -3701,6 +3747,14 @@ export interface components {
              * @description [m]
              */
             landing_offset_std_m: number[];
+            /**
+             * Outputs
+             * @description Of the cell's outputs that an input sees, by name.
+             * @default {}
+             */
+            outputs: {
+                [key: string]: components["schemas"]["LearntOutput"];
+            };
             /**
              * Sha256
              * @description Hash of the profile's document.
@@ -4248,6 +4302,12 @@ export interface components {
              */
             command_time_s: number | null;
             /**
+             * Edge After S
+             * @description Time of the state before that: it changed in between [s].
+             * @default null
+             */
+            edge_after_s: number | null;
+            /**
              * Edge Late S
              * @description That less the planned edge [s].
              */
@@ -4268,6 +4328,12 @@ export interface components {
              * @description null: a stop switched it.
              */
             passage: string | null;
+            /**
+             * Sense Input
+             * @description Input that showed it; null: the controller's own report.
+             * @default null
+             */
+            sense_input: number | null;
         };
         /**
          * TargetReleaseRequest
@@ -4696,6 +4762,7 @@ export type LandingList = components['schemas']['LandingList'];
 export type LandingRequest = components['schemas']['LandingRequest'];
 export type LandingShift = components['schemas']['LandingShift'];
 export type LandingStatistics = components['schemas']['LandingStatistics'];
+export type LearntOutput = components['schemas']['LearntOutput'];
 export type MapAnswer = components['schemas']['MapAnswer'];
 export type MapBody = components['schemas']['MapBody'];
 export type MapHead = components['schemas']['MapHead'];
