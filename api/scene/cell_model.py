@@ -98,7 +98,7 @@ def _corners(shape: Solid) -> dict[str, list[float]]:
 
 def _drag(cell: Cell) -> float:
     thing = cell.object
-    return float(drag_constant(thing.mass_kg, thing.radius_m, thing.drag_coefficient))
+    return float(drag_constant(thing.mass_kg, thing.drag_radius_m, thing.drag_coefficient))
 
 
 def _gripper(cell: Cell) -> dict[str, Any]:

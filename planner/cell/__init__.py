@@ -23,6 +23,7 @@ from planner.cell.model import (
 )
 from planner.cell.shapes import Box, Solid, nearest_on_cores, shape_of
 from planner.cell.source import CellSource, calibration_path, mesh_paths, read_source, source_of
+from planner.cell.thrown_object import ThrownBody, ThrownObject
 
 __all__ = [
     "CONTACT_M",
@@ -40,6 +41,8 @@ __all__ = [
     "Safety",
     "Solid",
     "Surroundings",
+    "ThrownBody",
+    "ThrownObject",
     "ToolCapsule",
     "calibration_path",
     "cell_of",
