@@ -1,6 +1,6 @@
 """Rods and boxes thrown to land along an axis, by an arm and a gripper that are not quite what the planner believes.
 
-    python -m benchmarks.landing_orientation [--throws 200] [--seed 1]
+    python -m benchmarks.landing_orientation [--throws 200] [--first 0] [--seed 1]
 
 Each throw asks for a random place and a random axis, to within 20 degrees and 5 cm. What is planned is flown by the
 simulator's own arm, gripper and world, cycle by cycle but not in real time: positions are commanded ahead by the lag
@@ -11,8 +11,6 @@ gripper's delay and its jitter.
 from __future__ import annotations
 
 import argparse
-import time
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -81,14 +79,13 @@ def hidden_truth(cell: Cell, rng: np.random.Generator) -> Truth:
     )
 
 
-def requests(rng: np.random.Generator) -> Iterator[dict[str, Any]]:
-    """Yields releases that ask for a random place around the arm, and for a random axis."""
-    while True:
-        away = rng.uniform(0.9, 1.4)
-        angle = rng.uniform(-2.4, 2.4)
-        place = [away * np.cos(angle), away * np.sin(angle), rng.uniform(0.0, 0.3)]
-        asked = {"axis": rng.normal(size=3).tolist(), "tolerance_rad": TOLERANCE_RAD}
-        yield {"kind": "target", "position": place, "orientation": asked}
+def release(rng: np.random.Generator) -> dict[str, Any]:
+    """Returns a release that asks for a random place around the arm, and for a random axis."""
+    away = rng.uniform(0.9, 1.4)
+    angle = rng.uniform(-2.4, 2.4)
+    place = [away * np.cos(angle), away * np.sin(angle), rng.uniform(0.0, 0.3)]
+    asked = {"axis": rng.normal(size=3).tolist(), "tolerance_rad": TOLERANCE_RAD}
+    return {"kind": "target", "position": place, "orientation": asked}
 
 
 def thrown(made: Plan, truth: Truth) -> dict[str, Any] | None:
@@ -115,9 +112,9 @@ def thrown(made: Plan, truth: Truth) -> dict[str, Any] | None:
     return None
 
 
-def measured(release: dict[str, Any], cell: Cell, truth: Truth) -> Throw | None:
-    """Returns the throw of a request; None where it is refused."""
-    request = {"release": release, "landing_tolerance_m": LANDING_M, "time_limit_s": TIME_LIMIT_S}
+def measured(cell: Cell, truth: Truth, rng: np.random.Generator) -> Throw | None:
+    """Returns the throw of a random request; None where it is refused."""
+    request = {"release": release(rng), "landing_tolerance_m": LANDING_M, "time_limit_s": TIME_LIMIT_S}
     try:
         made = plan(problem_from_request(request, cell))
     except (Infeasible, SolverFailed):
@@ -133,23 +130,23 @@ def measured(release: dict[str, Any], cell: Cell, truth: Truth) -> Throw | None:
 
 
 def main() -> None:
-    """Measures throws of each object in turn, and prints a line for each and for all."""
+    """Measures throws of each object in turn, and prints a line for each, for each object and for all."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--throws", type=int, default=200, help="of all objects together")
+    parser.add_argument("--first", type=int, default=0, help="number of the first one")
     parser.add_argument("--seed", type=int, default=1)
     asked = parser.parse_args()
-    rng = np.random.default_rng(asked.seed)
     cells = {name: cell_with(thing) for name, thing in OBJECTS.items()}
     found: dict[str, list[Throw | None]] = {name: [] for name in OBJECTS}
-    asking = requests(rng)
-    begun_s = time.perf_counter()
-    for number in range(asked.throws):
+    for number in range(asked.first, asked.first + asked.throws):
+        rng = np.random.default_rng([asked.seed, number])
         name = list(OBJECTS)[number % len(OBJECTS)]
-        found[name].append(measured(next(asking), cells[name], hidden_truth(cells[name], rng)))
+        throw = measured(cells[name], hidden_truth(cells[name], rng), rng)
+        found[name].append(throw)
+        print(number, name, "refused" if throw is None else throw, flush=True)
     for name, throws in found.items():
         print(line(name, throws))
     print(line("all", [each for throws in found.values() for each in throws]))
-    print(f"{time.perf_counter() - begun_s:.0f} s")
 
 
 def line(name: str, throws: list[Throw | None]) -> str:

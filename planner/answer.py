@@ -183,7 +183,7 @@ def _state(problem: ThrowProblem, trajectory: Trajectory, k: int, lets_go: bool)
         "accelerations": trajectory.qdd[k].tolist(),
         "pose": {
             "position": X_WT[:3, 3].tolist(),
-            **orientation_document(X_WT[:3, :3]),
+            **_orientation(X_WT[:3, :3]),
         },
         "twist": {"linear": V_WT[:3].tolist(), "angular": V_WT[3:].tolist()},
         "command_time_s": command_time(problem.cell, k / trajectory.sample_rate_hz) if lets_go else None,
@@ -220,7 +220,7 @@ def _flight(problem: ThrowProblem, trajectory: Trajectory) -> dict[str, Any] | N
     }
 
 
-def orientation_document(R: Array) -> dict[str, Any]:
+def _orientation(R: Array) -> dict[str, Any]:
     """Returns an orientation (3, 3) as plans tell it."""
     return {
         "quaternion": matrix_to_quaternion(R).tolist(),
@@ -231,9 +231,7 @@ def orientation_document(R: Array) -> dict[str, Any]:
 def _attitude(problem: ThrowProblem, trajectory: Trajectory) -> dict[str, Any]:
     """Returns how an object that is no ball lies as its centre lands; nothing of a ball."""
     R_WO = landing_attitude(problem, trajectory)
-    return (
-        {} if R_WO is None else {"landing_orientation": orientation_document(R_WO), "landing_axis": R_WO[:, 2].tolist()}
-    )
+    return {} if R_WO is None else {"landing_orientation": {**_orientation(R_WO), "axis": R_WO[:, 2].tolist()}}
 
 
 def _landing_shift(problem: ThrowProblem, trajectory: Trajectory, landing_point: Array) -> dict[str, float | None]:

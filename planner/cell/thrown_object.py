@@ -92,7 +92,7 @@ class ThrownBody(ThrownObject):
     inertia_kg_m2: Array
     R_TO: Array
 
-    @cached_property
+    @property
     def drag_radius_m(self) -> float:
         """Radius of the disc as large as its shadow is in the mean [m]: a quarter of a convex body's surface.
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from planner.arrays import Array
+from planner.arrays import Array, Mask
 from planner.cell import ThrownBody
 from planner.flight import landing_states
 from planner.geometry import tool_pose
@@ -53,7 +53,8 @@ def thrown_velocity(problem: ThrowProblem, target: Target, q: Array, J: Array, v
     ways = [least]
     for end in (target.orientation.axis_W, -target.orientation.axis_W):
         w_W = _spin(R_WO, end, thing.inertia_kg_m2, time_s)
-        ways.append(np.linalg.solve(J_B, np.concatenate([v_B, w_W @ R_WB], axis=1)[..., None])[..., 0])
+        V_B = np.concatenate([v_B, w_W @ R_WB], axis=1)
+        ways.append(np.asarray(np.linalg.solve(J_B, V_B[..., None])[..., 0], np.float64))
     qd = np.stack(ways)
     spins = (J_B[:, 3:] @ qd[..., None])[..., 0] @ R_WB.T
     bound = penalised_bound(problem, q, qd)
@@ -63,7 +64,7 @@ def thrown_velocity(problem: ThrowProblem, target: Target, q: Array, J: Array, v
     return np.where(np.isfinite(bound[best])[:, None], qd[best], np.nan)
 
 
-def _lands(asked: LandingAxis, R_WO: Array, w_W: Array, thing: ThrownBody, time_s: Array) -> Array:
+def _lands(asked: LandingAxis, R_WO: Array, w_W: Array, thing: ThrownBody, time_s: Array) -> Mask:
     """Returns which bodies (n,) with spins `w_W` (n, 3) [rad/s] land well within the tolerance of an axis."""
     axes = turned(R_WO, w_W, thing.inertia_kg_m2, time_s, STEP_RAD)[:, :, 2]
     return np.asarray(asked.angles(axes) <= SHARE * asked.tolerance_rad)
