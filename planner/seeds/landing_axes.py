@@ -17,7 +17,7 @@ from planner.kinematics import jacobian
 from planner.problem import ThrowProblem
 from planner.releases import LandingAxis, Target
 from planner.seeds.soonest_states import penalised_bound
-from planner.seeds.velocity_allocation import allocate_velocity
+from planner.seeds.velocity_allocation import allocate_velocity, largest_share
 from planner.spin import turned
 
 ROUNDS = 4  # of the iteration for bodies that do not turn evenly; round ones need one
@@ -38,8 +38,17 @@ def thrown_velocity(problem: ThrowProblem, target: Target, q: Array, J: Array, v
         v_B: velocities of the tool centre point (n, 3) [m/s], in the base.
     """
     least = allocate_velocity(J, v_B, problem.limits.qd_max)
-    if target.orientation is None or len(q) == 0:
+    if target.orientation is None:
         return least
+    # What is too fast without a spin is so with any.
+    rows = np.flatnonzero(largest_share(least, problem.limits.qd_max) <= 1.0)
+    if len(rows) > 0:
+        least[rows] = _spun(problem, target.orientation, q[rows], v_B[rows], least[rows])
+    return least
+
+
+def _spun(problem: ThrowProblem, asked: LandingAxis, q: Array, v_B: Array, least: Array) -> Array:
+    """Returns what `thrown_velocity` does, with the least joint velocities (n, 6) [rad/s] for the tool's."""
     cell = problem.cell
     thing = cell.object
     assert isinstance(thing, ThrownBody)
@@ -51,7 +60,7 @@ def thrown_velocity(problem: ThrowProblem, target: Target, q: Array, J: Array, v
     R_WO = X_WT[:, :3, :3] @ thing.R_TO
     J_B = jacobian(cell.robot, q, cell.tool.X_FT)
     ways = [least]
-    for end in (target.orientation.axis_W, -target.orientation.axis_W):
+    for end in (asked.axis_W, -asked.axis_W):
         w_W = _spin(R_WO, end, thing.inertia_kg_m2, time_s)
         V_B = np.concatenate([v_B, w_W @ R_WB], axis=1)
         ways.append(np.asarray(np.linalg.solve(J_B, V_B[..., None])[..., 0], np.float64))
@@ -59,7 +68,7 @@ def thrown_velocity(problem: ThrowProblem, target: Target, q: Array, J: Array, v
     spins = (J_B[:, 3:] @ qd[..., None])[..., 0] @ R_WB.T
     bound = penalised_bound(problem, q, qd)
     for row, w_W in enumerate(spins):
-        bound[row, ~_lands(target.orientation, R_WO, w_W, thing, time_s)] = np.inf
+        bound[row, ~_lands(asked, R_WO, w_W, thing, time_s)] = np.inf
     best = bound.argmin(axis=0), np.arange(len(q))
     return np.where(np.isfinite(bound[best])[:, None], qd[best], np.nan)
 

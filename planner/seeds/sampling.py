@@ -183,11 +183,13 @@ def _with_more(
 
 
 def _has_enough(problem: ThrowProblem, target: Target, qd: Array) -> bool:
-    """Returns whether some joint velocities (n, 6) keep their limits: a few, where the elevations are bounded.
+    """Returns whether some joint velocities (n, 6) keep their limits: a few, where elevations or landings are bounded.
 
     With bounds a posture's only flight is mostly one at an end of the range, and others release in a third of the time.
+    A spin leaves few that are slow enough, to which motions go as they are.
     """
     is_bounded = target.min_elevation_rad > -np.pi / 2 or target.max_elevation_rad < np.pi / 2
+    is_bounded |= target.orientation is not None
     return int(_is_slow(problem, qd).sum()) >= (FEW if is_bounded else 1)
 
 
