@@ -105,7 +105,7 @@ class BodyModel:
         self.pairs = np.array([*own, *with_object], dtype=np.intp).reshape(-1, 2)
         self.beside_object = np.setdiff1d(np.arange(self.object), self.pairs[len(own) :, 0])
         self.pair_levers = np.array([self._pair_lever(capsules, *pair) for pair in self.pairs]).reshape(-1, 6)
-        self.tool_lever = levers(cell.robot, held.frame, float(np.linalg.norm(cell.tool.X_FT[:3, 3])))
+        self.tool_lever = self.levers[self.object]  # which is in the middle of it
 
     def _pair_lever(self, capsules: tuple[Capsule, ...], i: int, j: int) -> Array:
         near, far = sorted((i, j), key=lambda index: capsules[index].frame)
