@@ -5,7 +5,7 @@ from typing import Any
 from planner.releases.joint import JointRelease
 from planner.releases.point import PointRelease
 from planner.releases.pose import POSE, PoseRelease
-from planner.releases.release import Bound, Opening, PointState, Release, ReleaseSample, Target
+from planner.releases.release import Bound, LandingAxis, Opening, PointState, Release, ReleaseSample, Target
 from planner.releases.target import TargetRelease
 
 __all__ = [
@@ -13,6 +13,7 @@ __all__ = [
     "POSE",
     "Bound",
     "JointRelease",
+    "LandingAxis",
     "Opening",
     "PointRelease",
     "PointState",
