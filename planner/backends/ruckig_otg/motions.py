@@ -47,13 +47,15 @@ def solve(problem: ThrowProblem, candidate: Candidate, variant: LaunchVariant = 
         BackendUnavailable: ruckig is not installed.
     """
     zero = np.zeros(6)
-    start = (problem.start, zero, zero)
+    start = problem.start_state
     qdd = zero
     if variant == "free":
         qdd = earliest_arrival(problem, candidate).qdd
     if variant == "gentle":
         problem = replace(problem, limits=_gentle(problem.limits, np.abs(candidate.qd), GENTLE))
     at_ticks = _independent if variant == "independent" else _synchronised
+    if variant == "independent" and not problem.starts_at_rest:
+        raise SolverFailed("a joint that is in motion cannot wait at the start")
 
     def launch(limits: Limits) -> tuple[State, Vector]:
         release = (candidate.q, candidate.qd, np.clip(qdd, -limits.qdd_max, limits.qdd_max))
@@ -150,11 +152,10 @@ def initial_guess(problem: ThrowProblem, candidate: Candidate) -> RuckigMotion:
         SolverFailed: Ruckig refuses the states.
         BackendUnavailable: ruckig is not installed.
     """
-    zero = np.zeros(6)
     limits = problem.limits
     dt = problem.dt
     release = (candidate.q, candidate.qd, earliest_arrival(problem, candidate).qdd)
-    launch = fastest_motion((problem.start, zero, zero), release, limits, dt, on_ticks=False)
+    launch = fastest_motion(problem.start_state, release, limits, dt, on_ticks=False)
     if problem.ends_at_rest:
         return RuckigMotion(launch, None, launch.duration, launch.duration)
     brake = fastest_motion(release, None, limits, dt)
