@@ -17,6 +17,7 @@ from executor.ownership import CellTaken, take_cell, take_controller
 from executor.preflight import ExecutionRefused, verify_content
 from executor.publisher import Publisher
 from executor.records import MIN_FREE_BYTES, ExecutionResult, Journal
+from executor.replacer import Replacer
 from executor.robot import ActionRefused, DashboardClient, RobotSession, stop_program
 from executor.stop_listener import StopListener
 from executor.streaming.state_checks import safety_words
@@ -252,10 +253,13 @@ class Daemon:
                 result = ExecutionResult(row.id, "aborted", reason, None)
                 return
             publisher = Publisher(execution, self.store, self._try_store)
+            replacer = Replacer(execution, self.store, self._try_store)
             with realtime.real_time_process():
                 execution.start(job)
                 publisher.start()
-                self._watch(execution, publisher, ended)
+                replacer.start()
+                self._watch(execution, (publisher, replacer), ended)
+            replacer.stop()
             result = execution.finish()
         except (ExecutionRefused, OSError, StoreUnavailable) as error:
             outcome = "refused" if execution.run is None else "executor_lost"
@@ -291,7 +295,7 @@ class Daemon:
             text = f"the disk is full: less than {MIN_FREE_BYTES / 1e6:.0f} MB are left for the recording"
             raise ExecutionRefused(text)
 
-    def _watch(self, execution: Execution, publisher: Publisher, ended: threading.Event) -> None:
+    def _watch(self, execution: Execution, helpers: tuple[Worker, ...], ended: threading.Event) -> None:
         """Passes on requests to end or to brake, until the run has ended; nothing here waits for the database."""
         run = execution.run
         assert run is not None
@@ -308,7 +312,7 @@ class Daemon:
                 run.abort(ASKED_TO_END)
             elif self.stops.is_asked(execution.row.id):
                 run.abort()
-            for worker in (*self._workers(), publisher):
+            for worker in (*self._workers(), *helpers):
                 worker.revive()
 
     def _is_aborted(self, row: ExecutionRow) -> bool:

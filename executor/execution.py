@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import orjson
+from numpy.typing import NDArray
 
 from executor import records
 from executor import shared_memory as shm
@@ -16,6 +17,7 @@ from executor.grippers import GripperConnection, GripperUnavailable
 from executor.lost_object import object_words, told_opening
 from executor.preflight import ExecutionRefused, gripper_is_open, output_level_warnings, readiness, verify_plan
 from executor.preparation import expected_landing, prepare_job
+from executor.replacement import CannotJoin, Motion, joined, joined_job
 from executor.robot import RobotSession, RobotState
 from executor.stream_job import ExpectedLanding, StreamJob
 from executor.streaming.state_checks import EMERGENCY_BITS, NORMAL
@@ -26,6 +28,9 @@ from planner.answer import aimed_problem, promised_tolerance
 from planner.approach import Approach, find_approach, jog_advice, obstacle_words
 from planner.certificate import Check, release_flight
 from planner.controller_program import NoProgram
+from planner.errors import InvalidProblem
+from planner.problem import ThrowProblem
+from planner.trajectory import Trajectory
 from store import ExecutionRow, ProfileRow, new_id
 
 SAFETY_WAIT_S = 0.2  # [s] after a fault, for a state that is newer than the fault
@@ -46,6 +51,7 @@ class Execution:
     run: StreamRun | None = None
     gripper: GripperConnection | None = None
     profile: ProfileRow | None = None
+    motions: list[Motion] = field(default_factory=list)  # that of its plan, then those of plans that were to replace it
     span: tracing.TracedSpan = field(default_factory=tracing.TracedSpan)
 
     def note(self, text: str) -> None:
@@ -61,7 +67,9 @@ class Execution:
         cell = self.session.cell
         session = self.session
         session.kinematics_reader.read()
-        self.problem, self.trajectory, self.aim_shift = verify_plan(document, cell, self.profile)
+        self.motions = [Motion(*verify_plan(document, cell, self.profile))]
+        if not self.problem.starts_at_rest:
+            raise ExecutionRefused("the plan starts in motion: it can only replace a running one")
         ready = readiness(session)
         if ready.refusals:
             raise ExecutionRefused("; ".join(ready.refusals))
@@ -79,12 +87,73 @@ class Execution:
             self.note(f"planned approach of {duration_s:.1f} s; a straight move: {obstacle_words(failures)}")
         for warning in output_level_warnings(self.problem, self.trajectory, state):
             self.note(f"warning: {warning}")
-        how = (self.row.mode, self.row.dry_run, session.settings, self._expected_landing(document))
+        how = (self.row.mode, self.row.dry_run, session.settings, self._expected_landing(document, self.motion))
         gripper_fd = -1 if self.gripper is None else self.gripper.fileno()
         try:
             return prepare_job(self.problem, self.trajectory, approach, *how, gripper_fd)
         except NoProgram as error:
             raise ExecutionRefused(str(error)) from error
+
+    @property
+    def motion(self) -> Motion:
+        """What it makes; after a replacement, the whole of it."""
+        return self.motions[0 if self.run is None else self.run.taken]
+
+    @property
+    def problem(self) -> ThrowProblem:
+        """The problem of what it makes."""
+        return self.motion.problem
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """What it makes."""
+        return self.motion.trajectory
+
+    @property
+    def aim_shift(self) -> NDArray[np.float64]:
+        """By how much the aim lies off the target (3,) [m]."""
+        return self.motion.aim_shift
+
+    def replace(self, document: bytes) -> float:
+        """Goes on with a plan that begins on the running motion; returns when it begins, on this run's clock [s].
+
+        Raises:
+            CannotJoin: the running motion goes on untouched.
+        """
+        run = self.run
+        if run is None or run.state != shm.STREAMING:
+            raise CannotJoin("the execution does not stream its plan: there is no motion to join")
+        if self.row.mode == "script" or self.row.dry_run:
+            what = "a dry run moves nothing" if self.row.dry_run else "in script mode the plan runs in the controller"
+            raise CannotJoin(f"{what}: nothing can be replaced")
+        try:
+            plan = Motion(*verify_plan(document, self.session.cell, self.profile), self._asked_s(document))
+            motion = joined(self.motion, run.job, plan, run.present_row())
+            landing = self._expected_landing(document, motion)
+            job = joined_job(motion, run.job, self.session.settings, landing, run.present_row())
+        except (ExecutionRefused, InvalidProblem) as error:
+            raise CannotJoin(str(error)) from error
+        if not run.has_room(job):
+            raise CannotJoin("the whole motion would be longer than what one execution records")
+        self.motions.append(motion)
+        if not run.offer(job):
+            late = "tick passed while the plan was certified" if run.state == shm.STREAMING else "the motion brakes"
+            raise CannotJoin(f"{late}: it would have begun at {motion.joins_s:.3f} s")
+        assert motion.joins_s is not None
+        if self.session.cell.link.kind == "sim":
+            self._announce()
+        return motion.joins_s
+
+    def _asked_s(self, document: bytes) -> float | None:
+        """Returns when a plan asks to begin on this run's clock [s]; None where it does not say.
+
+        Raises:
+            CannotJoin: it asks to begin on another execution.
+        """
+        start = orjson.loads(document)["request"].get("start", {})
+        if start.get("execution", self.row.id) != self.row.id:
+            raise CannotJoin(f"the plan begins on another execution, {start['execution']}")
+        return start.get("at_s")
 
     def _connect_gripper(self) -> None:
         """Connects to the gripper, and checks it; a run that lets go of nothing leaves it alone.
@@ -105,12 +174,12 @@ class Execution:
         if self.gripper is not None:
             self.gripper.close()
 
-    def _expected_landing(self, document: bytes) -> ExpectedLanding | None:
-        """Returns where the object is to land; None where the plan promises no tolerance."""
-        tolerance = promised_tolerance(orjson.loads(document), self.problem)
+    def _expected_landing(self, document: bytes, motion: Motion) -> ExpectedLanding | None:
+        """Returns where a motion's object is to land; None where its plan promises no tolerance."""
+        tolerance = promised_tolerance(orjson.loads(document), motion.problem)
         if tolerance is None:
             return None
-        return expected_landing(self.problem, self.trajectory, tolerance, self._known())
+        return expected_landing(motion.problem, motion.trajectory, tolerance, self._known())
 
     def _known(self) -> CellKnowledge | None:
         """Returns what the plan's profile knows of the cell; None without one."""

@@ -54,7 +54,8 @@ LIMIT_FIELDS = {
 
 
 def _check_start(given: dict[str, Any], path: str, errors: list[FieldError]) -> None:
-    if sum(name in given for name in ("positions", "current", "execution")) != 1:
+    ways = [name for name in ("positions", "current", "execution") if name in given]
+    if len(ways) != 1 and ways != ["positions", "execution"]:  # both: what the service found for the execution
         errors.append(FieldError(path, "give either positions, current or execution"))
     for name in ("velocities", "accelerations"):
         if name in given and "positions" not in given:
@@ -194,7 +195,7 @@ def problem_from_request(request: Mapping[str, Any], cell: Cell) -> ThrowProblem
     start = asked.get("start", {})
     if "current" in start:
         errors.append(FieldError("start.current", "needs a service with an executor; give positions"))
-    if "execution" in start:
+    if "execution" in start and "positions" not in start:
         errors.append(FieldError("start.execution", "needs a service with an executor; give positions"))
     if errors:
         raise InvalidProblem(errors)

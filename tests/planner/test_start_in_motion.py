@@ -87,7 +87,7 @@ def test_the_request_states_its_start_again():
         ({"execution": "latest"}, "start.at_s"),
         ({"at_s": 0.5, "current": True}, "start.at_s"),
         ({"execution": "latest", "at_s": 0.5}, "start.execution"),
-        ({"positions": [0.0] * 6, "execution": "latest", "at_s": 0.5}, "start"),
+        ({"positions": [0.0] * 6, "current": True}, "start"),
     ],
 )
 def test_a_start_is_stated_in_one_way(start, field):
