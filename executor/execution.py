@@ -16,19 +16,18 @@ from executor import shared_memory as shm
 from executor.grippers import GripperConnection, GripperUnavailable
 from executor.lost_object import object_words, told_opening
 from executor.preflight import ExecutionRefused, gripper_is_open, output_level_warnings, readiness, verify_plan
-from executor.preparation import expected_landing, prepare_job
-from executor.replacement import CannotJoin, Motion, joined, joined_job
+from executor.preparation import landing_of, prepare_job
+from executor.replacement import CannotJoin, Certifier, Motion, Question
 from executor.robot import RobotSession, RobotState
-from executor.stream_job import ExpectedLanding, StreamJob
+from executor.stream_job import StreamJob
 from executor.streaming.state_checks import EMERGENCY_BITS, NORMAL
 from executor.supervision import StreamRun
 from fling import tracing
 from learning import CellKnowledge, knowledge_of
-from planner.answer import aimed_problem, promised_tolerance
+from planner.answer import aimed_problem
 from planner.approach import Approach, find_approach, jog_advice, obstacle_words
 from planner.certificate import Check, release_flight
 from planner.controller_program import NoProgram
-from planner.errors import InvalidProblem
 from planner.problem import ThrowProblem
 from planner.trajectory import Trajectory
 from store import ExecutionRow, ProfileRow, new_id
@@ -87,7 +86,8 @@ class Execution:
             self.note(f"planned approach of {duration_s:.1f} s; a straight move: {obstacle_words(failures)}")
         for warning in output_level_warnings(self.problem, self.trajectory, state):
             self.note(f"warning: {warning}")
-        how = (self.row.mode, self.row.dry_run, session.settings, self._expected_landing(document, self.motion))
+        landing = landing_of(document, self.problem, self.trajectory, self.profile)
+        how = (self.row.mode, self.row.dry_run, session.settings, landing)
         gripper_fd = -1 if self.gripper is None else self.gripper.fileno()
         try:
             return prepare_job(self.problem, self.trajectory, approach, *how, gripper_fd)
@@ -114,8 +114,12 @@ class Execution:
         """By how much the aim lies off the target (3,) [m]."""
         return self.motion.aim_shift
 
-    def replace(self, document: bytes) -> float:
+    def replace(self, document: bytes, certifier: Certifier) -> float:
         """Goes on with a plan that begins on the running motion; returns when it begins, on this run's clock [s].
+
+        Args:
+            document: of the plan.
+            certifier: joins it to the motion.
 
         Raises:
             CannotJoin: the running motion goes on untouched.
@@ -126,34 +130,27 @@ class Execution:
         if self.row.mode == "script" or self.row.dry_run:
             what = "a dry run moves nothing" if self.row.dry_run else "in script mode the plan runs in the controller"
             raise CannotJoin(f"{what}: nothing can be replaced")
-        try:
-            plan = Motion(*verify_plan(document, self.session.cell, self.profile), self._asked_s(document))
-            motion = joined(self.motion, run.job, plan, run.present_row())
-            landing = self._expected_landing(document, motion)
-            job = joined_job(motion, run.job, self.session.settings, landing, run.present_row())
-        except (ExecutionRefused, InvalidProblem) as error:
-            raise CannotJoin(str(error)) from error
-        if not run.has_room(job):
+        question = Question(
+            execution_id=self.row.id,
+            document=document,
+            cell=self.session.cell,
+            profile=self.profile,
+            running=self.motion.fresh(),
+            job=run.job.packed(),
+            present=run.present_row(),
+            settings=self.session.settings,
+        )
+        found = certifier.ask(question)
+        if not run.has_room(found.job):
             raise CannotJoin("the whole motion would be longer than what one execution records")
-        self.motions.append(motion)
-        if not run.offer(job):
+        self.motions.append(found.motion)
+        begins_s = found.motion.joins_s or 0.0
+        if not run.offer(found.job):
             late = "tick passed while the plan was certified" if run.state == shm.STREAMING else "the motion brakes"
-            raise CannotJoin(f"{late}: it would have begun at {motion.joins_s:.3f} s")
-        assert motion.joins_s is not None
+            raise CannotJoin(f"{late}: it would have begun at {begins_s:.3f} s")
         if self.session.cell.link.kind == "sim":
             self._announce()
-        return motion.joins_s
-
-    def _asked_s(self, document: bytes) -> float | None:
-        """Returns when a plan asks to begin on this run's clock [s]; None where it does not say.
-
-        Raises:
-            CannotJoin: it asks to begin on another execution.
-        """
-        start = orjson.loads(document)["request"].get("start", {})
-        if start.get("execution", self.row.id) != self.row.id:
-            raise CannotJoin(f"the plan begins on another execution, {start['execution']}")
-        return start.get("at_s")
+        return begins_s
 
     def _connect_gripper(self) -> None:
         """Connects to the gripper, and checks it; a run that lets go of nothing leaves it alone.
@@ -173,13 +170,6 @@ class Execution:
         """Gives back what the run did not: it may have been refused."""
         if self.gripper is not None:
             self.gripper.close()
-
-    def _expected_landing(self, document: bytes, motion: Motion) -> ExpectedLanding | None:
-        """Returns where a motion's object is to land; None where its plan promises no tolerance."""
-        tolerance = promised_tolerance(orjson.loads(document), motion.problem)
-        if tolerance is None:
-            return None
-        return expected_landing(motion.problem, motion.trajectory, tolerance, self._known())
 
     def _known(self) -> CellKnowledge | None:
         """Returns what the plan's profile knows of the cell; None without one."""

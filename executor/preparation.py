@@ -6,12 +6,14 @@ import secrets
 from typing import NamedTuple
 
 import numpy as np
+import orjson
 from numpy.typing import NDArray
 
 from executor import realtime
 from executor.settings import ExecutorSettings
 from executor.stream_job import ExpectedLanding, JobRows, StreamJob
-from learning import FEEDBACK_GAIN, FEEDBACK_MAX, CellKnowledge
+from learning import FEEDBACK_GAIN, FEEDBACK_MAX, CellKnowledge, knowledge_of
+from planner.answer import promised_tolerance
 from planner.approach import Approach, Brakes, find_brakes
 from planner.certificate import window_landing_points
 from planner.controller_program import NUMBERS, Watch
@@ -21,6 +23,7 @@ from planner.passages import output_edges
 from planner.problem import ThrowProblem
 from planner.stream_rows import StreamRows, controller_program, sample_rows
 from planner.trajectory import Trajectory
+from store import ProfileRow
 
 Vector = NDArray[np.float64]
 
@@ -152,6 +155,17 @@ def expected_landing(
         by_q=by_q.tolist(),
         by_qd=by_qd.tolist(),
     )
+
+
+def landing_of(
+    document: bytes, problem: ThrowProblem, trajectory: Trajectory, profile: ProfileRow | None
+) -> ExpectedLanding | None:
+    """Returns where the object of a plan is to land, by what its profile knows; None where it promises no tolerance."""
+    tolerance = promised_tolerance(orjson.loads(document), problem)
+    if tolerance is None:
+        return None
+    known = None if profile is None else knowledge_of(orjson.loads(profile.document))
+    return expected_landing(problem, trajectory, tolerance, known)
 
 
 def _landing_derivatives(problem: ThrowProblem, q: Vector, qd: Vector) -> tuple[Vector, Vector]:

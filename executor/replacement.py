@@ -2,26 +2,38 @@
 
 The running motion up to the tick at which the plan begins, and the plan from there on, are sampled as one, with a brake
 from each row that is still to be sent. Up to that tick the rows are the running ones, so that the streaming process may
-go by the new job at any tick before (docs/decisions/0034-replacing-a-running-motion.md).
+go by the new job at any tick before (docs/decisions/0034-replacing-a-running-motion.md). All of this is computed in a
+process of its own, at ordinary priority: in the daemon it would hold the interpreter's lock, for which the pulse waits.
 """
 
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
+from multiprocessing import get_context
 
 import numpy as np
+import orjson
 from numpy.typing import NDArray
 
-from executor.preparation import RunningRows, prepare_job
+from executor import realtime
+from executor.preflight import ExecutionRefused, verify_plan
+from executor.preparation import RunningRows, landing_of, prepare_job
 from executor.settings import ExecutorSettings
+from executor.shared_memory import OFFER_BYTES
 from executor.stream_job import ExpectedLanding, StreamJob
+from planner.cell import Cell
 from planner.certificate import START_TOLERANCE
+from planner.errors import InvalidProblem
 from planner.passages import OutputEdge, Passage, output_edges
 from planner.problem import ThrowProblem
 from planner.releases import JointRelease
 from planner.trajectory import Trajectory
+from store import ProfileRow
 
 Vector = NDArray[np.float64]
 
@@ -50,6 +62,119 @@ class Motion:
     trajectory: Trajectory
     aim_shift: Vector
     joins_s: float | None = 0.0
+
+    def fresh(self) -> Motion:
+        """Returns it without what was computed of it, as another process takes it."""
+        return replace(self, problem=replace(self.problem), trajectory=replace(self.trajectory))
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """What the certifying process is asked.
+
+    Attributes:
+        execution_id: of the run.
+        document: the plan that is to replace the running one.
+        cell: the executor's own.
+        profile: that the cell uses.
+        running: what the run makes.
+        job: its rows, packed.
+        present: row that has been sent.
+        settings: of the executor.
+    """
+
+    execution_id: str
+    document: bytes
+    cell: Cell
+    profile: ProfileRow | None
+    running: Motion
+    job: bytes
+    present: int
+    settings: ExecutorSettings
+
+
+@dataclass(frozen=True, eq=False)
+class Replacement:
+    """A certified plan, joined to the running motion.
+
+    Attributes:
+        motion: the whole.
+        job: its rows, packed.
+    """
+
+    motion: Motion
+    job: bytes
+
+
+def answer(question: Question) -> Replacement | str:
+    """Returns what replaces the running motion, or why nothing does."""
+    job = StreamJob.unpacked(memoryview(question.job))
+    try:
+        asked_s = _asked_s(question)
+        plan = Motion(*verify_plan(question.document, question.cell, question.profile), asked_s)
+        motion = joined(question.running, job, plan, question.present)
+        landing = landing_of(question.document, motion.problem, motion.trajectory, question.profile)
+        made = joined_job(motion, job, question.settings, landing, question.present)
+    except (CannotJoin, ExecutionRefused, InvalidProblem) as error:
+        return str(error)
+    packed = made.packed()
+    if len(packed) > OFFER_BYTES:
+        return f"the whole motion would take {made.dt * len(made.q):.0f} s: too long for one execution"
+    return Replacement(motion.fresh(), packed)
+
+
+def _asked_s(question: Question) -> float | None:
+    """Returns when a plan asks to begin on the run's clock [s]; None where it does not say.
+
+    Raises:
+        CannotJoin: it asks to begin on another execution.
+    """
+    start = orjson.loads(question.document)["request"].get("start", {})
+    if start.get("execution", question.execution_id) != question.execution_id:
+        raise CannotJoin(f"the plan begins on another execution, {start['execution']}")
+    return start.get("at_s")
+
+
+def loaded() -> None:
+    """Does nothing but load this module."""
+
+
+class Certifier:
+    """The process that answers questions, started beforehand: it takes a second to load."""
+
+    def __init__(self) -> None:
+        self._pool: ProcessPoolExecutor | None = None
+
+    def start(self) -> None:
+        """Starts it where it does not run, from a thread that lives as long as it is to."""
+        if self._pool is not None:
+            return
+        context = get_context("spawn")
+        self._pool = ProcessPoolExecutor(1, context, realtime.terminate_with_parent, (os.getpid(),))
+        self._pool.submit(loaded)
+
+    def ask(self, question: Question) -> Replacement:
+        """Returns what replaces the running motion.
+
+        Raises:
+            CannotJoin: nothing does.
+        """
+        if self._pool is None:
+            raise CannotJoin("this executor has no process that certifies")
+        try:
+            found = self._pool.submit(answer, question).result()
+        except BrokenProcessPool:
+            self._pool = None
+            raise CannotJoin("the certifying process ended; it is started with the next execution") from None
+        if isinstance(found, str):
+            raise CannotJoin(found)
+        return found
+
+    def stop(self) -> None:
+        """Ends it."""
+        if self._pool is not None:
+            self._pool.shutdown(wait=False, cancel_futures=True)
+            self._pool = None
 
 
 def joined(running: Motion, job: StreamJob, new: Motion, present: int) -> Motion:

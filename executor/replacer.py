@@ -1,6 +1,6 @@
 """Between clients who want to replace a running plan and the run: requests come from the store, answers go there.
 
-A thread of its own: to certify a plan and to brake it from every row takes a tenth of a second.
+A thread of its own, which waits while the certifying process works.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Any
 from executor.execution import Execution
 from executor.logs import log
 from executor.preflight import ExecutionRefused, verify_content
-from executor.replacement import CannotJoin
+from executor.replacement import CannotJoin, Certifier
 from executor.worker import Worker
 from store import PlanRow, Store
 
@@ -21,12 +21,19 @@ ASKED_S = 0.01  # [s] between two looks for a request
 class Replacer(Worker):
     """Answers the requests of one run, from its start until its end."""
 
-    def __init__(self, execution: Execution, store: Store, attempt: Callable[[Callable[[], Any]], Any]) -> None:
-        """Prepares it; arguments as of `executor.publisher.Publisher`."""
+    def __init__(
+        self,
+        execution: Execution,
+        store: Store,
+        attempt: Callable[[Callable[[], Any]], Any],
+        certifier: Certifier,
+    ) -> None:
+        """Prepares it; arguments as of `executor.publisher.Publisher`, and the process that certifies."""
         super().__init__("replacer")
         self.execution = execution
         self.store = store
         self._attempt = attempt
+        self._certifier = certifier
         self._answers: dict[str, tuple[float | None, str]] = {}
 
     def run(self) -> None:
@@ -76,4 +83,4 @@ class Replacer(Worker):
             verify_content(plan)
         except ExecutionRefused as error:
             raise CannotJoin(str(error)) from error
-        return self.execution.replace(plan.document)
+        return self.execution.replace(plan.document, self._certifier)

@@ -168,21 +168,18 @@ class StreamRun:
         self._abort_reason = self._abort_reason or reason
         self.memory.fields[shm.ABORT] = 1.0
 
-    def has_room(self, job: StreamJob) -> bool:
-        """Returns whether the memory holds the telemetry of a job that is offered."""
-        return len(job.q) + SPARE_ROWS <= self.memory.capacity
+    def has_room(self, packed: bytes) -> bool:
+        """Returns whether the memory holds the telemetry of a job that is to be offered."""
+        return len(StreamJob.unpacked(memoryview(packed)).q) + SPARE_ROWS <= self.memory.capacity
 
-    def offer(self, job: StreamJob) -> bool:
+    def offer(self, packed: bytes) -> bool:
         """Offers a job that replaces the running one from its `joins_row` on; returns whether the process goes by it.
 
         The process answers at its next tick.
         """
-        packed = job.packed()
-        if len(packed) > shm.OFFER_BYTES:
-            return False
         number = len(self._jobs)
         place = (self._places[self.taken] + 1) % shm.PLACES
-        self._jobs.append(job)
+        self._jobs.append(StreamJob.unpacked(memoryview(packed)))
         self._places.append(place)
         self.memory.offer(packed, place)
         while self.memory.fields[shm.ANSWERED] < number and not self._ended.wait(ANSWER_S):
