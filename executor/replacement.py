@@ -3,7 +3,7 @@
 The running motion up to the tick at which the plan begins, and the plan from there on, are sampled as one, with a brake
 from each row that is still to be sent. Up to that tick the rows are the running ones, so that the streaming process may
 go by the new job at any tick before (docs/decisions/0034-replacing-a-running-motion.md). All of this is computed in a
-process of its own, at ordinary priority: in the daemon it would hold the interpreter's lock, for which the pulse waits.
+process of its own: in the daemon it would hold the interpreter's lock, for which the pulse waits.
 """
 
 from __future__ import annotations
@@ -107,7 +107,12 @@ class Replacement:
 
 
 def answer(question: Question) -> Replacement | str:
-    """Returns what replaces the running motion, or why nothing does."""
+    """Returns what replaces the running motion, or why nothing does; in some tenths of a second, before it is late."""
+    with realtime.urgent():
+        return _answer(question)
+
+
+def _answer(question: Question) -> Replacement | str:
     job = StreamJob.unpacked(memoryview(question.job))
     try:
         asked_s = _asked_s(question)

@@ -12,6 +12,7 @@ import argparse
 import tempfile
 import time
 from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ import orjson
 from numpy.typing import NDArray
 
 from planner.answer import plan_document
+from planner.errors import Infeasible
 from planner.planning import plan
 from planner.request import problem_from_request
 from planner.trajectory import Trajectory
@@ -32,7 +34,7 @@ Vector = NDArray[np.float64]
 SWAPS = 3  # of a run
 LIMITS = {"velocity": 0.8, "acceleration": 6.0}
 SPREAD_RAD = 0.35  # [rad] about home, of the states that are passed
-AHEAD_S = (0.9, 1.3)  # [s] from a request to the tick at which its plan begins
+AHEAD_S = (1.2, 1.6)  # [s] from a request to the tick at which its plan begins
 ANSWERED_S = 20.0
 FOLLOWED_RAD = 1e-6
 OFF = 1e-4  # [rad, rad/s, rad/s^2] beside the motion
@@ -69,6 +71,11 @@ class Run:
 
     def made(self, start: dict[str, Any] | None = None, passages: int = 6) -> tuple[str, Trajectory]:
         """Plans and stores a motion through random states; returns its id and itself."""
+        while True:
+            with suppress(Infeasible):
+                return self._made(start, passages)
+
+    def _made(self, start: dict[str, Any] | None, passages: int) -> tuple[str, Trajectory]:
         home = self.rig.cell.home
         states = home + self.rng.uniform(-SPREAD_RAD, SPREAD_RAD, (passages, 6))
         states[:, 0] += SPREAD_RAD * (-1.0) ** np.arange(passages)
@@ -91,21 +98,24 @@ class Run:
         return begins_s + tick * motion.dt, {name: values[tick].tolist() for name, values in names.items()}
 
     def go(self, refusals: int) -> ExecutionRow:
-        """Makes the run with its replacements; returns its end."""
+        """Plans all of a run, then makes it with its replacements; returns its end."""
         first, motion = self.made()
         self.pieces = [(0.0, motion)]
-        id = self.rig.queue_plan_when_ready(first)
         joins_s = 0.0
+        planned = []
         for _ in range(SWAPS):
             joins_s, start = self.state_at(joins_s + float(self.rng.uniform(*AHEAD_S)))
-            plan_id, onward = self.made({**start, "execution": id, "at_s": joins_s})
             wrong = [self._wrong(joins_s, start) for _ in range(refusals)]
+            plan_id, onward = self.made(start)
+            planned.append((joins_s, plan_id, wrong))
+            self.pieces.append((joins_s, onward))
+        id = self.rig.queue_plan_when_ready(first)
+        for number, (joins_s, plan_id, wrong) in enumerate(planned, 1):
             self._await(id, joins_s - AHEAD_S[0])
             for kind, wrong_id in wrong:
                 self._ask(id, wrong_id, kind)
-            if self._ask(id, plan_id, "swap", joins_s):
-                self.pieces.append((joins_s, onward))
-            if self.rig.row(id).state not in ("queued", "preparing", "approaching", "streaming"):
+            if not self._ask(id, plan_id, "swap", joins_s):
+                del self.pieces[number:]
                 break
         return self.rig.end(id)
 
@@ -180,9 +190,8 @@ class Run:
         off = float(np.abs(q - expected)[clock >= 0.0].max())
         if off > FOLLOWED_RAD:
             self.tally.wrong.append(f"run {row.id} was {off:.3g} rad off what was taken")
-        for (begins_s, motion), (_, before) in zip(self.pieces[1:], self.pieces, strict=False):
-            jerk = np.abs(motion.jerk[0]) / self.rig.cell.limits.jerk_max
-            if jerk.max() > 1.0 + FOLLOWED_RAD or begins_s > before.duration_s + begins_s:
+        for begins_s, motion in self.pieces[1:]:
+            if (np.abs(motion.jerk[0]) > self.rig.cell.limits.jerk_max * (1.0 + FOLLOWED_RAD)).any():
                 self.tally.wrong.append(f"run {row.id} joined at {begins_s:.3f} s beyond the jerk limit")
 
 
