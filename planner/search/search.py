@@ -1,7 +1,7 @@
 """The search for the soonest motion of a problem.
 
     candidates, in order of a proven lower bound on their release time
-      → from each of the first few: Ruckig where the joint states are given, and the optimiser
+      → from each, until two led to a motion: Ruckig where the joint states are given, and the optimiser
       → certificate
       → keep the best; drop what its release time excludes
       → nothing certified: Ruckig's slower motions, then a launch from another posture at rest
@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -30,10 +29,8 @@ from planner.seeds import Candidate, aspects, least_times_to_aspects
 
 Solve = Callable[[ThrowProblem, Candidate], Solution]
 
+ENOUGH = 2  # [-] candidates that lead to a certified motion, or to none that is sooner: the best of them is kept
 CANDIDATES = 10  # [-] that a search starts from; of a pose most others are full turns away
-# given joint states to which Ruckig's soonest motions are tried: the soonest one, and the next, should that be blocked
-ARRIVALS = 2
-JERK_SHARES = (1.0, 0.5, 0.25, 0.125, 0.0625, 0.03125)  # [-] of the limit, of these motions in turn
 TICK_SLACK = 1e-6  # [ticks] for rounding
 
 # Every motion of the back ends that try them all on every candidate.
@@ -76,16 +73,15 @@ def search_candidates(search: PlanningSearch, found: Sequence[Candidate], at_mos
         return
     is_auto = problem.backend == "auto"
     if is_auto and problem.fixes_joints:
-        try_motions(search, "ruckig", found[:ARRIVALS], [partial(_soonest_motion, share) for share in JERK_SHARES])
+        try_motions(search, "ruckig", found[:1], [_soonest_motion])
     tried = 0
-    settled = set[int]()
-    for candidate, aspect, least_s in _first(search, found):
-        if tried == at_most or search.out_of_time:
+    settled = 0
+    for candidate, least_s in _first(search, found):
+        if tried == at_most or settled == ENOUGH or search.out_of_time:
             break
-        if aspect not in settled and search.is_of_use(least_s):
+        if search.is_of_use(least_s):
             tried += 1
-            if optimise(search, candidate):
-                settled.add(aspect)
+            settled += optimise(search, candidate)
     if is_auto and search.best is None and not search.out_of_time:
         try_motions(search, "ruckig", found[:at_most], MOTIONS["ruckig"])
 
@@ -120,32 +116,30 @@ def try_motions(search: PlanningSearch, backend: str, found: Sequence[Candidate]
     search.log_attempt(backend, f"{made} from {counted(len(found), 'candidate')}{failure}", begun_s)
 
 
-def _soonest_motion(jerk_share: float, problem: ThrowProblem, candidate: Candidate) -> Solution:
-    """Returns Ruckig's soonest motion to a candidate with a share of the jerk; it heeds nothing that couples joints."""
-    limits = problem.limits
-    gentler = replace(problem, limits=replace(limits, jerk_max=jerk_share * limits.jerk_max))
-    return ruckig_otg.solve(gentler, candidate, "free")
+def _soonest_motion(problem: ThrowProblem, candidate: Candidate) -> Solution:
+    """Returns Ruckig's soonest motion to a candidate; it heeds nothing that couples joints."""
+    return ruckig_otg.solve(problem, candidate, "free")
 
 
-def _first(search: PlanningSearch, found: Sequence[Candidate]) -> Iterator[tuple[Candidate, int, float]]:
-    """Yields the candidates to optimise from, each with its aspect and a lower bound on the time of its release [s].
+def _first(search: PlanningSearch, found: Sequence[Candidate]) -> Iterator[tuple[Candidate, float]]:
+    """Yields the candidates to optimise from, each with a lower bound on the time of its release [s].
 
-    Where the joint states are given, the optimiser keeps them: none releases before its slowest joint alone arrives,
-    and each counts as an aspect of its own. Otherwise it moves them within their aspect, and none releases before the
-    arm can be there. The soonest candidate of every aspect comes first, then the second of every aspect, and so on.
+    Where the joint states are given, the optimiser keeps them: none releases before its slowest joint alone arrives.
+    Otherwise it moves them within their aspect, and none releases before the arm can be there. The soonest candidate of
+    every aspect comes first, then the second of every aspect, and so on.
     """
     problem = search.problem
     if problem.fixes_joints:
-        for row, candidate in enumerate(found):
+        for candidate in found:
             if not search.is_of_use(candidate.bound_s):  # nor is any that follows
                 return
-            yield candidate, row, _least_release_time(problem, candidate)
+            yield candidate, _least_release_time(problem, candidate)
         return
     aspect = aspects(problem.cell.robot, np.array([each.q for each in found])).tolist()
     least_s = least_times_to_aspects(problem)
     place = [aspect[:row].count(aspect[row]) for row in range(len(found))]
     for row in sorted(range(len(found)), key=place.__getitem__):
-        yield found[row], aspect[row], float(least_s[aspect[row]])
+        yield found[row], float(least_s[aspect[row]])
 
 
 def _least_release_time(problem: ThrowProblem, candidate: Candidate) -> float:

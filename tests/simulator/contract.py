@@ -529,14 +529,20 @@ def matrices_come_in_two_ranges_of_registers(c: ContractClient) -> None:
     assert (np.linalg.eigvalsh(inertia) > 0.0).all()
     assert c.control.getCoriolisAndCentrifugalTorques() == pytest.approx([0.0] * 6, abs=1e-9)
     assert len(c.control.getTargetJointAccelerations()) == 6
-    jacobian = np.reshape(c.control.getJacobian(), (6, 6), order="F")
     q = c.receive.getTargetQ()
     tool = c.control.getTCPOffset()
+    columns = np.zeros((3, 6))
     for joint in range(6):
         ahead = [a + 1e-4 * (i == joint) for i, a in enumerate(q)]
         behind = [a - 1e-4 * (i == joint) for i, a in enumerate(q)]
         moved = np.subtract(c.control.getForwardKinematics(ahead, tool), c.control.getForwardKinematics(behind, tool))
-        assert moved[:3] / 2e-4 == pytest.approx(jacobian[:3, joint], abs=1e-3)
+        columns[:, joint] = moved[:3] / 2e-4
+
+    def is_jacobian() -> bool:  # on a busy machine the registers may be of the call before
+        seen = np.reshape(c.control.getJacobian(), (6, 6), order="F")
+        return np.allclose(seen[:3], columns, atol=1e-3, rtol=1e-6)
+
+    assert c.wait(is_jacobian)
     assert np.allclose(c.control.getJacobianTimeDerivative(), 0.0, atol=1e-6)
 
 

@@ -1,5 +1,8 @@
 """Parameters of block "flight": the edges, the bin's mouth and the gripper's opening that the object passes.
 
+Edges and mouth are passed by the object that is let go of as early, and as late, as the gripper may open: at the knots
+of a release window, and by what the gripper's jitter is longer, before and after.
+
 A box is passed over its top, by one of its sides or below it, between the times at which the flight crosses two of its
 vertical planes; one that carries the target is come upon over its edge. So is the box that bounds another shape, where
 the flight is clear of it; where it is not, it keeps to its side of the shape when it is nearest. The optimiser cannot
@@ -60,7 +63,8 @@ def flight_parameters(problem: ThrowProblem, candidate: Candidate, margins: Marg
             mouth = [x, y, z + bin_.rim_height_m, bin_.radius_m, arcs.radius_m + margins.mouth_m]
     edges += [edge_at(0.0, (0.0, 0.0, 0.0), -1.0)] * (FLIGHT_EDGES - len(edges))  # hold with 1 m to spare
     opening = _opening(problem, margins.opening_rad)
-    return FLIGHT.pack({"edges": np.array(edges), "mouth": mouth, "opening": opening})
+    spread = [problem.opening_spread_s - problem.planned_window_s]  # the window has rows at knots of its own
+    return FLIGHT.pack({"edges": np.array(edges), "mouth": mouth, "spread": spread, "opening": opening})
 
 
 def _flight(problem: ThrowProblem, candidate: Candidate) -> Arcs:

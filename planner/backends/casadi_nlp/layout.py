@@ -149,6 +149,7 @@ FLIGHT = VectorLayout(
         # `flight_rows`
         "edges": 8 * FLIGHT_EDGES,
         "mouth": 5,  # of a bin: centre (2), height of the rim, its radius, and the object's radius [m]
+        "spread": 1,  # how early or late the gripper may open [s]
         # of the gripper: direction in the flange frame (3), cosine of the largest angle from it [-], way out [m]
         "opening": 5,
     }

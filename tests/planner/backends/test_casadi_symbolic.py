@@ -44,6 +44,7 @@ CELLS = Path(__file__).parents[3] / "cells"
 NO_MARGINS = Margins(torque=1.0, tcp_speed=1.0, floor_m=0.0, self_m=0.0, keep_in_m=0.0, shape_m=0.0, singularity=1.0)
 SCALES = scale_parameters(load_cell(CELLS / "ur10e-sim.toml").limits, 0.02)  # differ from joint to joint
 LANDING_S = 0.6  # [s] when a flight past the arm ends
+SPREAD_S = 0.004  # [s] that the gripper may open early or late
 EXPECTED_SPEED = 1.5  # [m/s] across an edge's plane
 TURNED = np.array([[0.0, -0.6, 0.8, 0.3], [1.0, 0.0, 0.0, -0.2], [0.0, 0.8, 0.6, 0.5], [0.0, 0.0, 0.0, 1.0]])
 
@@ -195,7 +196,7 @@ def _flight_parameters() -> np.ndarray:
     edges[3] = edge_at(0.2, (0.6, 0.0, 0.8), 0.2)
     mouth = [1.5, 0.5, -1.0, 0.1, 0.03]
     opening = [0.0, 1.0, 0.0, 0.3, 0.02]
-    return layout.FLIGHT.pack({"edges": edges, "mouth": mouth, "opening": opening})
+    return layout.FLIGHT.pack({"edges": edges, "mouth": mouth, "spread": [SPREAD_S], "opening": opening})
 
 
 def test_flight_rows(cell: Cell) -> None:
@@ -208,18 +209,23 @@ def test_flight_rows(cell: Cell) -> None:
     R_WB = cell.X_WB[:3, :3]
     v = R_WB @ (jacobian(cell.robot, q, cell.tool.X_FT) @ qd)[:3]
     a = R_WB @ tcp_acceleration(cell.robot, q, qd, qdd, cell.tool.X_FT)[:3]
-    crossing = max((0.9 - place[0]) / v[0], 0.0)
-    over, later = flight.path(place, v, sorted([crossing, 0.2]), 9.81)[[int(crossing > 0.2), int(crossing <= 0.2)]]
-    scale = (v[0] / EXPECTED_SPEED) ** 2
-    assert rows["edges"][0] == pytest.approx(scale * (over[2] - 0.5), abs=0.03)  # its time is rounded near the release
-    assert rows["edges"][3] == pytest.approx(later @ [0.6, 0.0, 0.8] - 0.2, abs=1e-3)
-    assert rows["edges"][[1, 2, 4, 5, 6, 7]] == pytest.approx(1.0)
-    flown = flight.fly(place, v, -1.0, 9.81)
-    assert flown is not None
-    w = flown.landing_velocity
-    thick = 0.03 * np.linalg.norm(w) / -w[2]
-    off = float(np.linalg.norm(flown.landing_point[:2] - [1.5, 0.5]))
-    assert rows["mouth"] == pytest.approx(0.1 - thick - off, abs=1e-4)
+    for which, late_s in enumerate((-SPREAD_S, SPREAD_S)):
+        at = place + late_s * v + late_s**2 / 2 * a
+        speed = v + late_s * a
+        edges = rows["edges"].reshape(2, -1)[which]
+        crossing = max((0.9 - at[0]) / speed[0], 0.0)
+        times = sorted([crossing, 0.2])
+        over, later = flight.path(at, speed, times, 9.81)[[int(crossing > 0.2), int(crossing <= 0.2)]]
+        scale = (speed[0] / EXPECTED_SPEED) ** 2
+        assert edges[0] == pytest.approx(scale * (over[2] - 0.5), abs=0.03)  # its time is rounded near the release
+        assert edges[3] == pytest.approx(later @ [0.6, 0.0, 0.8] - 0.2, abs=1e-3)
+        assert edges[[1, 2, 4, 5, 6, 7]] == pytest.approx(1.0)
+        flown = flight.fly(at, speed, -1.0, 9.81)
+        assert flown is not None
+        w = flown.landing_velocity
+        thick = 0.03 * np.linalg.norm(w) / -w[2]
+        off = float(np.linalg.norm(flown.landing_point[:2] - [1.5, 0.5]))
+        assert rows["mouth"][which] == pytest.approx(0.1 - thick - off, abs=1e-4)
     leaving = -a - [0.0, 0.0, 9.81]
     assert rows["opening"] == pytest.approx(leaving @ X_WF[:3, 1] / np.linalg.norm(leaving) - 0.3, abs=0.01)
 

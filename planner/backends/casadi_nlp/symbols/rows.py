@@ -65,9 +65,10 @@ RELEASE_ROWS = VectorLayout(
 
 FLIGHT_ROWS = VectorLayout(
     {
-        "edges": layout.FLIGHT_EDGES,  # of the flight beyond each edge [m]
-        "mouth": 1,  # between sphere and rim, in the mouth's plane [m]
-        "rim": 1,  # discriminant of that time [m^2/s^2]: positive where the flight rises above the rim
+        # each of the earliest and of the latest flight
+        "edges": 2 * layout.FLIGHT_EDGES,  # of the flight beyond each edge [m]
+        "mouth": 2,  # between sphere and rim, in the mouth's plane [m]
+        "rim": 2,  # discriminant of that time [m^2/s^2]: positive where the flight rises above the rim
         "opening": 1,  # cosine of the object's first way out with the gripper's opening, less the least one [-]
         "out": 1,  # the same for its whole way, until it is out of the grip
     }
@@ -200,14 +201,23 @@ def flight(z: SX, p: SX, terms: Terms) -> SX:
     tool = _tool_motion(a, s, terms)
     position = R_WS @ tool.position + a["base"][9:]
     velocity = R_WS @ tool.velocity
-    edges = ca.reshape(f["edges"], 8, layout.FLIGHT_EDGES)
-    passed = [_beyond(edges[:, i], position, velocity, r["gravity_z"]) for i in range(layout.FLIGHT_EDGES)]
-    mouth, rim = _through_mouth(f["mouth"], position, velocity, r)
-    leaving = -(R_WS @ tool.acceleration + R_WB @ a["gravity"])  # at the tool's own speed, unlike the flights
+    acceleration = R_WS @ tool.acceleration
+    edges = ca.horzsplit(ca.reshape(f["edges"], 8, layout.FLIGHT_EDGES))
+    passed: list[SX] = []
+    mouths: list[SX] = []
+    rims: list[SX] = []
+    for late_s in (-f["spread"], f["spread"]):  # the arm hardly changes its acceleration meanwhile
+        x = position + late_s * velocity + late_s**2 / 2 * acceleration
+        v = velocity + late_s * acceleration
+        passed += [_beyond(edge, x, v, r["gravity_z"]) for edge in edges]
+        mouth, rim = _through_mouth(f["mouth"], x, v, r)
+        mouths.append(mouth)
+        rims.append(rim)
+    leaving = -(acceleration + R_WB @ a["gravity"])  # at the tool's own speed, unlike the flights
     opening = _in_cone(leaving, _opening(a, s, f["opening"], terms), f["opening"])
     out_s = ca.sqrt(2 * f["opening"][4] / ca.sqrt(ca.sumsqr(leaving) + ca.sumsqr(a["gravity"])))
     out = _in_cone(*_way(z, scales, a, out_s, f["opening"], terms), f["opening"])
-    return ca.vertcat(*passed, mouth, rim, opening, out)
+    return ca.vertcat(*passed, *mouths, *rims, opening, out)
 
 
 def leaving(z: SX, p: SX, terms: Terms) -> SX:
