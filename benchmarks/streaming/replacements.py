@@ -35,10 +35,13 @@ SWAPS = 3  # of a run
 LIMITS = {"velocity": 0.8, "acceleration": 6.0}
 SPREAD_RAD = 0.35  # [rad] about home, of the states that are passed
 AHEAD_S = (1.2, 1.6)  # [s] from a request to the tick at which its plan begins
+LATE_S = 0.2  # [s] before a request, at which a plan begins that is too late
+MOVING_S = 0.1  # [s] after a motion's start, which is at rest where it may rest again
 ANSWERED_S = 20.0
 FOLLOWED_RAD = 1e-6
 OFF = 1e-4  # [rad, rad/s, rad/s^2] beside the motion
 BUSY = ("late", "link_lost", "tracking", "executor_lost")  # how a run ends on a machine that is too busy
+OVER = ("the motion brakes", "does not stream")  # answers of a run that ends
 WRONG = ("late", "position", "velocity", "acceleration", "other cell")
 
 
@@ -124,7 +127,7 @@ class Run:
         kind = WRONG[int(self.rng.integers(len(WRONG)))]
         if kind == "late":
             begins_s = next(each[0] for each in reversed(self.pieces) if each[0] < joins_s - AHEAD_S[0])
-            return kind, self.made(self.state_at(max(begins_s, joins_s - AHEAD_S[0] - 0.2))[1], 2)[0]
+            return kind, self.made(self.state_at(max(begins_s + MOVING_S, joins_s - AHEAD_S[0] - LATE_S))[1], 2)[0]
         if kind == "other cell":
             plan_id, _ = self.made(start, 2)
             row = self.rig.store.plan(plan_id)
@@ -154,7 +157,7 @@ class Run:
             return False
         self.rig.until(lambda: self._answer(id, asked) is not None or self.rig.row(id).state == "finished", ANSWERED_S)
         found = self._answer(id, asked)
-        if found is None or self.rig.row(id).outcome in BUSY or "brakes" in found["reason"]:
+        if found is None or self.rig.row(id).outcome in BUSY or any(words in found["reason"] for words in OVER):
             self.tally.asked["run over"] += 1
             return False
         self.tally.answered_s.append(time.monotonic() - begun_s)
