@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.audit import find_faults
 from planner.backends import ruckig_otg
 from planner.cell import Cell, parse_cell
 from planner.certificate import Examination
@@ -97,8 +98,6 @@ def _drawn(cell: Cell, rng: np.random.Generator) -> tuple[ThrowProblem, Vector] 
 
 def measured(number: int, seed: int) -> dict[str, Any]:
     """Returns what became of a problem: times of both, or the refusal, and the faults that the audit finds."""
-    from benchmarks.audit.checks import find_faults
-
     problem, qdd = drawn_problem(number, seed)
     row: dict[str, Any] = {"number": number, **_ruckig_alone(problem, qdd)}
     try:

@@ -46,7 +46,7 @@ WRONG = ("late", "position", "velocity", "acceleration", "other cell")
 
 
 @dataclass
-class Tally:
+class ReplacementTally:
     """What became of the requests."""
 
     asked: Counter[str] = field(default_factory=Counter)
@@ -66,7 +66,7 @@ class Tally:
 class Run:
     """One execution, and the plans that replace what it makes."""
 
-    def __init__(self, rig: Rig, rng: np.random.Generator, tally: Tally) -> None:
+    def __init__(self, rig: Rig, rng: np.random.Generator, tally: ReplacementTally) -> None:
         self.rig = rig
         self.rng = rng
         self.tally = tally
@@ -207,7 +207,7 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=90.0, help="longest time")
     given = parser.parse_args()
     rng = np.random.default_rng(given.seed)
-    tally = Tally()
+    tally = ReplacementTally()
     ends_s = time.monotonic() + 60.0 * given.minutes
     with tempfile.TemporaryDirectory() as folder:
         rig = Rig(Path(folder))
