@@ -14,7 +14,7 @@ from planner.passages import Passage
 from planner.planning import plan
 from planner.problem import JointRelease, ThrowProblem
 from planner.request import problem_from_request, request_document
-from planner.seeds import least_time
+from planner.seeds import Candidate, least_time
 from planner.trajectory import Trajectory
 from tests.planner.problems import cell, joint_problem, with_boxes
 
@@ -47,6 +47,17 @@ def test_a_motion_joins_the_one_before_exactly(release, backend):
     assert np.array_equal(motion.qdd[0], ACCELERATIONS)
     assert made.certificate.check("join").ok
     assert "start" not in {check.name for check in made.certificate.checks}
+
+
+@pytest.mark.parametrize("variant", ["free", "synchronised", "gentle"])
+def test_a_start_near_its_limits_is_no_wrong_problem_to_a_gentler_motion(variant):
+    limits = joint_problem().limits
+    problem = joint_problem(start_qd=0.9 * limits.qd_max * np.eye(6)[5], start_qdd=0.8 * limits.qdd_max * np.eye(6)[3])
+    state = problem.release.joint_state
+    made = ruckig_otg.solve(problem, Candidate(*state, 0.0, "state"), variant)
+    assert np.array_equal(made.trajectory.qd[0], problem.start_qd)
+    leg = ruckig_otg.leg(problem, problem.start_state, (*state, np.zeros(6)), 0.25)
+    assert np.array_equal(leg[2][0], problem.start_qdd)
 
 
 def test_passages_begin_on_a_motion_too():
