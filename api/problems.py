@@ -63,6 +63,12 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         "This plan cannot be executed",
         "The cell file or the adopted profile has changed, or the certificate is not valid: plan again.",
     ),
+    "cannot-join": ProblemType(
+        409,
+        "This plan cannot replace the running one",
+        "'detail' says what does not fit: its tick has passed, its position, velocity or acceleration is another, or "
+        "it is another cell's. The running plan goes on untouched.",
+    ),
     "cell-changed": ProblemType(
         409,
         "The cell has changed",

@@ -17,6 +17,8 @@ from executor.ownership import CellTaken, take_cell, take_controller
 from executor.preflight import ExecutionRefused, verify_content
 from executor.publisher import Publisher
 from executor.records import MIN_FREE_BYTES, ExecutionResult, Journal
+from executor.replacement import Certifier
+from executor.replacer import Replacer
 from executor.robot import ActionRefused, DashboardClient, RobotSession, stop_program
 from executor.stop_listener import StopListener
 from executor.streaming.state_checks import safety_words
@@ -55,6 +57,7 @@ class Daemon:
         self._answered: tuple[str, bool, str] = ("", False, "")  # the newest request to operate the robot
         self.watch = CellWatch(session.cell, session.settings.cell_path)
         self.stops = StopListener(journal.folder)
+        self.certifier = Certifier()
         self.heartbeat = self._new_heartbeat()
 
     def take(self) -> None:
@@ -84,6 +87,7 @@ class Daemon:
         self._operate("the executor was started meanwhile")
         self.heartbeat.start()
         self.stops.start()
+        self.certifier.start()
         try:
             while not (ended.is_set() or self.heartbeat.is_replaced):
                 self._poll(ended)
@@ -91,6 +95,7 @@ class Daemon:
         finally:
             for worker in self._workers():
                 worker.stop()
+            self.certifier.stop()
             self.session.console.close()
             self._try_store(lambda: self.store.leave_cell(self.cell, self.executor_id))
         return not self.heartbeat.is_replaced
@@ -232,6 +237,7 @@ class Daemon:
     def _run_execution(self, row: ExecutionRow, ended: threading.Event, span: tracing.TracedSpan) -> None:
         """Runs one execution; its result is on the disk before the store is informed."""
         execution = Execution(self.session, row, span=span)
+        self.certifier.start()
         self.stops.execution = execution
         log("claimed", **_log_fields(row))
         self.heartbeat.idle = False
@@ -252,10 +258,13 @@ class Daemon:
                 result = ExecutionResult(row.id, "aborted", reason, None)
                 return
             publisher = Publisher(execution, self.store, self._try_store)
+            replacer = Replacer(execution, self.store, self._try_store, self.certifier)
             with realtime.real_time_process():
                 execution.start(job)
                 publisher.start()
-                self._watch(execution, publisher, ended)
+                replacer.start()
+                self._watch(execution, (publisher, replacer), ended)
+            replacer.stop()
             result = execution.finish()
         except (ExecutionRefused, OSError, StoreUnavailable) as error:
             outcome = "refused" if execution.run is None else "executor_lost"
@@ -291,7 +300,7 @@ class Daemon:
             text = f"the disk is full: less than {MIN_FREE_BYTES / 1e6:.0f} MB are left for the recording"
             raise ExecutionRefused(text)
 
-    def _watch(self, execution: Execution, publisher: Publisher, ended: threading.Event) -> None:
+    def _watch(self, execution: Execution, helpers: tuple[Worker, ...], ended: threading.Event) -> None:
         """Passes on requests to end or to brake, until the run has ended; nothing here waits for the database."""
         run = execution.run
         assert run is not None
@@ -308,7 +317,7 @@ class Daemon:
                 run.abort(ASKED_TO_END)
             elif self.stops.is_asked(execution.row.id):
                 run.abort()
-            for worker in (*self._workers(), publisher):
+            for worker in (*self._workers(), *helpers):
                 worker.revive()
 
     def _is_aborted(self, row: ExecutionRow) -> bool:

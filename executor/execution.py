@@ -9,23 +9,27 @@ from typing import Any
 
 import numpy as np
 import orjson
+from numpy.typing import NDArray
 
 from executor import records
 from executor import shared_memory as shm
 from executor.grippers import GripperConnection, GripperUnavailable
 from executor.lost_object import object_words, told_opening
 from executor.preflight import ExecutionRefused, gripper_is_open, output_level_warnings, readiness, verify_plan
-from executor.preparation import expected_landing, prepare_job
+from executor.preparation import landing_of, prepare_job
+from executor.replacement import CannotJoin, Certifier, Motion, Question
 from executor.robot import RobotSession, RobotState
-from executor.stream_job import ExpectedLanding, StreamJob
+from executor.stream_job import StreamJob
 from executor.streaming.state_checks import EMERGENCY_BITS, NORMAL
 from executor.supervision import StreamRun
 from fling import tracing
 from learning import CellKnowledge, knowledge_of
-from planner.answer import aimed_problem, promised_tolerance
+from planner.answer import aimed_problem
 from planner.approach import Approach, find_approach, jog_advice, obstacle_words
 from planner.certificate import Check, release_flight
 from planner.controller_program import NoProgram
+from planner.problem import ThrowProblem
+from planner.trajectory import Trajectory
 from store import ExecutionRow, ProfileRow, new_id
 
 SAFETY_WAIT_S = 0.2  # [s] after a fault, for a state that is newer than the fault
@@ -46,6 +50,7 @@ class Execution:
     run: StreamRun | None = None
     gripper: GripperConnection | None = None
     profile: ProfileRow | None = None
+    motions: list[Motion] = field(default_factory=list)  # that of its plan, then those of plans that were to replace it
     span: tracing.TracedSpan = field(default_factory=tracing.TracedSpan)
 
     def note(self, text: str) -> None:
@@ -61,7 +66,9 @@ class Execution:
         cell = self.session.cell
         session = self.session
         session.kinematics_reader.read()
-        self.problem, self.trajectory, self.aim_shift = verify_plan(document, cell, self.profile)
+        self.motions = [Motion(*verify_plan(document, cell, self.profile))]
+        if not self.problem.starts_at_rest:
+            raise ExecutionRefused("the plan starts in motion: it can only replace a running one")
         ready = readiness(session)
         if ready.refusals:
             raise ExecutionRefused("; ".join(ready.refusals))
@@ -79,12 +86,71 @@ class Execution:
             self.note(f"planned approach of {duration_s:.1f} s; a straight move: {obstacle_words(failures)}")
         for warning in output_level_warnings(self.problem, self.trajectory, state):
             self.note(f"warning: {warning}")
-        how = (self.row.mode, self.row.dry_run, session.settings, self._expected_landing(document))
+        landing = landing_of(document, self.problem, self.trajectory, self.profile)
+        how = (self.row.mode, self.row.dry_run, session.settings, landing)
         gripper_fd = -1 if self.gripper is None else self.gripper.fileno()
         try:
             return prepare_job(self.problem, self.trajectory, approach, *how, gripper_fd)
         except NoProgram as error:
             raise ExecutionRefused(str(error)) from error
+
+    @property
+    def motion(self) -> Motion:
+        """What it makes; after a replacement, the whole of it."""
+        return self.motions[0 if self.run is None else self.run.taken]
+
+    @property
+    def problem(self) -> ThrowProblem:
+        """The problem of what it makes."""
+        return self.motion.problem
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """What it makes."""
+        return self.motion.trajectory
+
+    @property
+    def aim_shift(self) -> NDArray[np.float64]:
+        """By how much the aim lies off the target (3,) [m]."""
+        return self.motion.aim_shift
+
+    def replace(self, document: bytes, certifier: Certifier) -> float:
+        """Goes on with a plan that begins on the running motion; returns when it begins, on this run's clock [s].
+
+        Args:
+            document: of the plan.
+            certifier: joins it to the motion.
+
+        Raises:
+            CannotJoin: the running motion goes on untouched.
+        """
+        run = self.run
+        if run is None or run.state != shm.STREAMING:
+            raise CannotJoin("the execution does not stream its plan: there is no motion to join")
+        if self.row.mode == "script" or self.row.dry_run:
+            what = "a dry run moves nothing" if self.row.dry_run else "in script mode the plan runs in the controller"
+            raise CannotJoin(f"{what}: nothing can be replaced")
+        question = Question(
+            execution_id=self.row.id,
+            document=document,
+            cell=self.session.cell,
+            profile=self.profile,
+            running=self.motion.fresh(),
+            job=run.job.packed(),
+            present=run.present_row(),
+            settings=self.session.settings,
+        )
+        found = certifier.ask(question)
+        if not run.has_room(found.job):
+            raise CannotJoin("the whole motion would be longer than what one execution records")
+        self.motions.append(found.motion)
+        begins_s = found.motion.joins_s or 0.0
+        if not run.offer(found.job):
+            late = "tick passed while the plan was certified" if run.state == shm.STREAMING else "the motion brakes"
+            raise CannotJoin(f"{late}: it would have begun at {begins_s:.3f} s")
+        if self.session.cell.link.kind == "sim":
+            self._announce()
+        return begins_s
 
     def _connect_gripper(self) -> None:
         """Connects to the gripper, and checks it; a run that lets go of nothing leaves it alone.
@@ -104,13 +170,6 @@ class Execution:
         """Gives back what the run did not: it may have been refused."""
         if self.gripper is not None:
             self.gripper.close()
-
-    def _expected_landing(self, document: bytes) -> ExpectedLanding | None:
-        """Returns where the object is to land; None where the plan promises no tolerance."""
-        tolerance = promised_tolerance(orjson.loads(document), self.problem)
-        if tolerance is None:
-            return None
-        return expected_landing(self.problem, self.trajectory, tolerance, self._known())
 
     def _known(self) -> CellKnowledge | None:
         """Returns what the plan's profile knows of the cell; None without one."""

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import secrets
+from typing import NamedTuple
 
 import numpy as np
+import orjson
 from numpy.typing import NDArray
 
 from executor import realtime
 from executor.settings import ExecutorSettings
 from executor.stream_job import ExpectedLanding, JobRows, StreamJob
-from learning import FEEDBACK_GAIN, FEEDBACK_MAX, CellKnowledge
-from planner.approach import Approach, find_brakes
+from learning import FEEDBACK_GAIN, FEEDBACK_MAX, CellKnowledge, knowledge_of
+from planner.answer import promised_tolerance
+from planner.approach import Approach, Brakes, find_brakes
 from planner.certificate import window_landing_points
 from planner.controller_program import NUMBERS, Watch
 from planner.flight import landing_points
@@ -20,6 +23,7 @@ from planner.passages import output_edges
 from planner.problem import ThrowProblem
 from planner.stream_rows import StreamRows, controller_program, sample_rows
 from planner.trajectory import Trajectory
+from store import ProfileRow
 
 Vector = NDArray[np.float64]
 
@@ -35,26 +39,40 @@ SILENT_ORDINARY_S = 0.250  # [s] without real-time scheduling gaps of 20 to 100 
 RUNS = 2**28  # [-] numbers that tell one run in the controller from another
 
 
+class RunningRows(NamedTuple):
+    """A running job that another one goes on from.
+
+    Attributes:
+        job: that is running.
+        present: row that has been sent; what is before it need not be braked any more.
+    """
+
+    job: StreamJob
+    present: int
+
+
 def prepare_job(
     problem: ThrowProblem,
     trajectory: Trajectory,
-    approach: Approach,
+    approach: Approach | None,
     mode: str,
     dry_run: bool,
     settings: ExecutorSettings,
     landing: ExpectedLanding | None = None,
     gripper_fd: int = -1,
+    running: RunningRows | None = None,
 ) -> StreamJob:
     """Returns the stream job of a certified plan and an approach to its start.
 
     Args:
         problem, trajectory: of the plan.
-        approach: to its start.
+        approach: to its start; None where the arm is on its way already.
         mode: "speedj", "servoj" or "script".
         dry_run: connect and record without any motion.
         settings: of the executor.
         landing: where the object is to land; None: it is let go wherever it lands.
         gripper_fd: descriptor of the connection to a gripper that no output switches; -1: none.
+        running: what this job goes on from; None: it is a run of its own.
 
     Raises:
         NoProgram: a program of the controller cannot make the motion.
@@ -64,7 +82,7 @@ def prepare_job(
     dt = 1.0 / cell.robot.sample_rate_hz
     dead_man_s = settings.dead_man_s if mode == "script" and not dry_run else None
     edges = output_edges(cell, problem.passages, trajectory)
-    rows = sample_rows(cell, trajectory, problem.throws, edges)
+    rows = sample_rows(cell, trajectory, problem.throws, edges, running and running.job.first_clock_s)
     return StreamJob(
         host=cell.link.host,
         mode=mode,
@@ -72,7 +90,7 @@ def prepare_job(
         dt=dt,
         lag_ticks=cell.timing.lag_s / dt,
         dead_man_s=settings.dead_man_s,
-        **vars(_job_rows(problem, trajectory, rows, dead_man_s)),
+        **vars(_job_rows(problem, trajectory, rows, dead_man_s, running=running)),
         release_row=rows.release_row,
         output_row=rows.output_row,
         output=gripper.output,
@@ -84,7 +102,7 @@ def prepare_job(
         gripper_fd=gripper_fd,
         opens_in_s=0.0 if gripper.link is None else gripper.delay_s + LATE_STD * gripper.jitter_s + REPORT_S,
         landing=landing if problem.throws else None,
-        approach=_approach_rows(approach, dead_man_s),
+        approach=None if approach is None else _approach_rows(approach, dead_man_s),
         qd_max=cell.robot.qd_max.tolist(),
         acceleration=float(np.min(cell.robot.qdd_max)),
         feedback_gain=FEEDBACK_GAIN,
@@ -139,6 +157,17 @@ def expected_landing(
     )
 
 
+def landing_of(
+    document: bytes, problem: ThrowProblem, trajectory: Trajectory, profile: ProfileRow | None
+) -> ExpectedLanding | None:
+    """Returns where the object of a plan is to land, by what its profile knows; None where it promises no tolerance."""
+    tolerance = promised_tolerance(orjson.loads(document), problem)
+    if tolerance is None:
+        return None
+    known = None if profile is None else knowledge_of(orjson.loads(profile.document))
+    return expected_landing(problem, trajectory, tolerance, known)
+
+
 def _landing_derivatives(problem: ThrowProblem, q: Vector, qd: Vector) -> tuple[Vector, Vector]:
     """Returns the landing's derivatives (2, 6) by joint positions [m/rad] and joint velocities [m s/rad]."""
     steps = DIFFERENCE * np.eye(6)
@@ -163,13 +192,19 @@ def _job_rows(
     rows: StreamRows,
     dead_man_s: float | None,
     is_approach: bool = False,
+    running: RunningRows | None = None,
 ) -> JobRows:
     """Returns the rows of a motion with the brake from each of them, as plain lists; and as a program with a dead-man.
 
-    An approach is braked gently, and its program may leave rows out.
+    An approach is braked gently, and its program may leave rows out. Rows that a running job has sent keep its brakes.
     """
-    motion = (rows.q, rows.qd, rows.qdd, trajectory.dt)
+    sent = 0 if running is None else running.present
+    motion = (rows.q[sent:], rows.qd[sent:], rows.qdd[sent:], trajectory.dt)
     brakes = find_brakes(problem.cell, *motion, problem.holds_object, is_approach)
+    if running is not None:
+        before = (np.array(x[:sent], np.int64) for x in (list(running.job.brake_row), list(running.job.brake_ticks)))
+        row, ticks = (np.concatenate(pair) for pair in zip(before, (sent + brakes.row, brakes.ticks), strict=True))
+        brakes = Brakes(row, ticks)
     run = NUMBERS * secrets.randbelow(RUNS)
     program = ""
     if dead_man_s is not None:

@@ -23,6 +23,7 @@ from pathlib import Path
 CORE_VARIABLE = "FLING_STREAM_CORE"  # processor of the stream; a simulated controller reads it too
 ANY_CORE = -1
 STREAM_PRIORITY = 50  # of SCHED_FIFO; below the kernel's interrupt threads
+URGENT_PRIORITY = 5  # of SCHED_FIFO; below the daemon
 DAEMON_PRIORITY = 10  # of SCHED_FIFO; above ordinary processes, below the stream
 
 MCL_CURRENT = 1
@@ -106,6 +107,19 @@ def real_time_process() -> Iterator[None]:
     finally:
         if permitted:
             _schedule_threads(os.SCHED_OTHER, 0)
+
+
+@contextmanager
+def urgent() -> Iterator[None]:
+    """Runs this thread before all ordinary ones, behind the daemon's, where permitted: for some tenths of a second."""
+    permitted = is_permitted()
+    if permitted:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(URGENT_PRIORITY))
+    try:
+        yield
+    finally:
+        if permitted:
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 def _schedule_threads(policy: int, priority: int) -> None:

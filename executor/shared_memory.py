@@ -1,8 +1,9 @@
 """Memory shared by the daemon and the streaming process, one block an execution.
 
 The streaming process writes its state, its pulse and one telemetry row a tick; the daemon writes the abort flag and its
-own pulse. Every field is one aligned 8-byte number with one writer: neither side waits for the other. The memory is an
-anonymous file inherited by the child; it vanishes with its last owner.
+own pulse, and offers jobs that are to replace the running one. Every field is one aligned 8-byte number with one
+writer: neither side waits for the other. The memory is an anonymous file inherited by the child; it vanishes with its
+last owner.
 """
 
 from __future__ import annotations
@@ -17,11 +18,13 @@ HEADER_BYTES = 4096
 TEXT_AT = 1024  # [bytes] offset of the reason in the header
 TEXT_BYTES = 1024
 SWITCHED_AT = 2048  # [bytes] offset of when the outputs of passages were switched, to the header's end
+OFFER_BYTES = 3 << 20  # of a job that is offered: 24 s at 500 Hz
+PLACES = 2  # behind the rows, for such jobs: the stream may go by one while the next is offered
 
 # States of the streaming process.
 STARTING, APPROACHING, STREAMING, BRAKING, STOPPING, DONE, FAULT = range(7)
 
-# Header fields. The daemon writes 16 and 17, the streaming process the others.
+# Header fields. The daemon writes 16, 17, 19 and 20, the streaming process the others.
 STATE, PULSE, ROWS, OUTCOME, MISSED, REALTIME, TEXT_LENGTH = range(7)
 OUTPUT_SENT_S = 7
 OUTPUT_LATE_S = 8
@@ -35,6 +38,10 @@ MOVED_BY_S = 15
 ABORT = 16
 DAEMON_PULSE = 17
 STOPPED_S = 18  # plan time at which a brake ended the switching of a plan's outputs
+OFFERED = 19  # number of the newest job that was offered; 0: none was
+OFFERED_PLACE = 20  # where that is
+ANSWERED = 21  # number of the newest one that was answered
+TAKEN = 22  # number of the one that the stream goes by; 0: the job that it was started with
 
 # Columns of a telemetry row: the scalars, then the vectors of six.
 SCALARS = (
@@ -66,7 +73,7 @@ class SharedMemory:
     def __init__(self, fd: int, capacity: int) -> None:
         self.fd = fd
         self.capacity = capacity
-        memory = mmap.mmap(fd, HEADER_BYTES + capacity * ROW.size)
+        memory = mmap.mmap(fd, _size(capacity))
         self.memory: mmap.mmap | None = memory
         self.fields: memoryview[float] | list[float] = memoryview(memory)[:TEXT_AT].cast("d")
         self.switched: memoryview[float] | list[float] = memoryview(memory)[SWITCHED_AT:HEADER_BYTES].cast("d")
@@ -75,7 +82,7 @@ class SharedMemory:
     def create(cls, capacity: int) -> SharedMemory:
         """Returns fresh memory with room for `capacity` rows."""
         fd = os.memfd_create("fling-shared-memory")
-        os.ftruncate(fd, HEADER_BYTES + capacity * ROW.size)
+        os.ftruncate(fd, _size(capacity))
         made = cls(fd, capacity)
         for i in range(len(made.switched)):
             made.switched[i] = nan
@@ -84,7 +91,7 @@ class SharedMemory:
     @classmethod
     def attach(cls, fd: int) -> SharedMemory:
         """Returns the memory behind an inherited descriptor."""
-        return cls(fd, (os.fstat(fd).st_size - HEADER_BYTES) // ROW.size)
+        return cls(fd, (os.fstat(fd).st_size - _size(0)) // ROW.size)
 
     def write_text(self, text: str) -> None:
         """Writes the reason, cut to the length of its field."""
@@ -97,6 +104,22 @@ class SharedMemory:
         """Returns the reason."""
         assert self.memory is not None
         return self.memory[TEXT_AT : TEXT_AT + int(self.fields[TEXT_LENGTH])].decode(errors="replace")
+
+    def offer(self, job: bytes, place: int) -> None:
+        """Offers a job of up to `OFFER_BYTES` to the streaming process, at a place where it goes by none."""
+        memory = self.memory
+        if memory is None:
+            return
+        at = _size(self.capacity) - (PLACES - place) * OFFER_BYTES
+        memory[at : at + len(job)] = job
+        self.fields[OFFERED_PLACE] = place
+        self.fields[OFFERED] += 1.0  # last: what is offered is complete
+
+    def offered(self) -> memoryview:
+        """Returns the memory of the job that is offered."""
+        assert self.memory is not None
+        at = _size(self.capacity) - (PLACES - int(self.fields[OFFERED_PLACE])) * OFFER_BYTES
+        return memoryview(self.memory)[at : at + OFFER_BYTES]
 
     def add_row(self, values: Sequence[float]) -> None:
         """Appends one row; the count rises after the row is complete."""
@@ -122,3 +145,8 @@ class SharedMemory:
         if self.fd >= 0:
             os.close(self.fd)
             self.fd = -1
+
+
+def _size(capacity: int) -> int:
+    """Returns the bytes of a memory with room for so many rows."""
+    return HEADER_BYTES + capacity * ROW.size + PLACES * OFFER_BYTES

@@ -7,12 +7,19 @@ from __future__ import annotations
 
 import json
 import os
+import struct
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 from planner.controller_program import SwitchRow
 from planner.grippers import GripperLink, SecondOutput
 
 Row = list[float]
+COLUMNS = ("q", "qd", "qdd", "reference_q", "reference_qd")  # of six, in a packed job
+WIDTH = 6 * len(COLUMNS) + 2  # numbers of a packed row; row and duration of its brake come last
+HEAD = struct.Struct("=qq")  # of a packed job: bytes of its other fields, number of its rows
+ALIGNED = 8  # [bytes]
 
 APPROACH_LATE_S = 0.1  # [s] by which the arm may be late on an approach: it keeps to the path, and nothing is thrown
 
@@ -83,15 +90,53 @@ class JobRows:
     """
 
     first_clock_s: float
-    q: list[Row]
-    qd: list[Row]
-    qdd: list[Row]
-    reference_q: list[Row]
-    reference_qd: list[Row]
-    brake_row: list[int]
-    brake_ticks: list[int]
+    q: Sequence[Row]
+    qd: Sequence[Row]
+    qdd: Sequence[Row]
+    reference_q: Sequence[Row]
+    reference_qd: Sequence[Row]
+    brake_row: Sequence[int]
+    brake_ticks: Sequence[int]
     run: int
     program: str
+
+
+PACKED = (*COLUMNS, "brake_row", "brake_ticks")
+
+
+class _Packed:
+    """A column of packed rows from its first number on."""
+
+    def __init__(self, numbers: memoryview[float], first: int) -> None:
+        self._numbers = numbers
+        self._first = first
+        self._count = len(numbers) // WIDTH
+
+    def __len__(self) -> int:
+        return self._count
+
+    def _at(self, row: int) -> int:
+        """Returns the place of a row's first number; negative rows count from the end."""
+        if not -self._count <= row < self._count:
+            raise IndexError(row)
+        return row % self._count * WIDTH + self._first
+
+
+class PackedRows(_Packed, Sequence[Row]):
+    """Rows of six numbers."""
+
+    def __getitem__(self, row: Any) -> Any:
+        """Returns the numbers of a row."""
+        at = self._at(row)
+        return self._numbers[at : at + 6].tolist()
+
+
+class PackedNumbers(_Packed, Sequence[int]):
+    """A whole number of each row."""
+
+    def __getitem__(self, row: Any) -> Any:
+        """Returns the number of a row."""
+        return int(self._numbers[self._at(row)])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,6 +169,7 @@ class StreamJob(JobRows):
         core: processor of the stream; -1: any.
         priority: SCHED_FIFO priority.
         daemon_silent_s: longest accepted silence of the daemon [s].
+        joins_row: of a job that replaces another, the first row that is not the other's.
     """
 
     host: str
@@ -153,6 +199,7 @@ class StreamJob(JobRows):
     core: int
     priority: int
     daemon_silent_s: float
+    joins_row: int = 0
 
     def stop_levels(self, sent: int, reached: int = -1) -> list[SwitchRow]:
         """Returns what a stop switches: the last level of each output that was switched, and may have another.
@@ -179,7 +226,34 @@ class StreamJob(JobRows):
     @classmethod
     def read(cls, fd: int) -> StreamJob:
         """Returns the job behind an inherited descriptor."""
-        fields = json.loads(os.pread(fd, os.fstat(fd).st_size, 0))
+        return cls._of(json.loads(os.pread(fd, os.fstat(fd).st_size, 0)))
+
+    def packed(self) -> bytes:
+        """Returns the job with its rows as plain numbers: a process in real time reads it within a tick."""
+        fields = {name: value for name, value in vars(self).items() if name not in PACKED}
+        kept = {"landing": self.landing, "second": self.second, "link": self.link}
+        fields |= {name: None if each is None else asdict(each) for name, each in kept.items()}
+        fields |= {"approach": None, "switches": [asdict(each) for each in self.switches]}
+        text = json.dumps(fields).encode()
+        text += b" " * (-len(text) % ALIGNED)
+        rows = zip(*(getattr(self, name) for name in PACKED), strict=True)
+        numbers = [x for *vectors, row, ticks in rows for x in (*(y for each in vectors for y in each), row, ticks)]
+        return HEAD.pack(len(text), len(self.q)) + text + struct.pack(f"={len(numbers)}d", *numbers)
+
+    @classmethod
+    def unpacked(cls, memory: memoryview) -> StreamJob:
+        """Returns the job at the beginning of a memory, whose rows are read there when they are asked for."""
+        size, count = HEAD.unpack_from(memory)
+        begin = HEAD.size + size
+        numbers = memory[begin : begin + 8 * WIDTH * count].cast("d")
+        rows: dict[str, Any] = {name: PackedRows(numbers, 6 * i) for i, name in enumerate(COLUMNS)}
+        rows["brake_row"] = PackedNumbers(numbers, WIDTH - 2)
+        rows["brake_ticks"] = PackedNumbers(numbers, WIDTH - 1)
+        return cls._of({**json.loads(bytes(memory[HEAD.size : begin])), **rows})
+
+    @classmethod
+    def _of(cls, fields: dict[str, Any]) -> StreamJob:
+        """Returns the job of fields as JSON has them."""
         approach = fields.pop("approach")
         landing = fields.pop("landing")
         second = fields.pop("second")

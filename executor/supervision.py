@@ -33,6 +33,8 @@ from planner.controller_program import SwitchRow
 
 PERIOD_S = 0.005  # [s] of the pulse
 SPARE_ROWS = 1000  # room for a brake that is longer than the rest of the plan
+REPLACED_ROWS = 10_000  # room for plans that replace the running one
+ANSWER_S = 0.001  # [s] between two looks whether an offer was answered
 LIMIT_S = {  # longest silence in each state [s]
     shm.STARTING: 15.0,  # a refused program takes the library 5 s, a silent dashboard 2.5 s (ur_rtde 1.6.5)
     shm.APPROACHING: 0.1,
@@ -110,9 +112,10 @@ class StreamRun:
             keep_awake: keep the stream's processor from sleeping meanwhile.
             gripper: connection that the process inherits; None: outputs switch the gripper.
         """
-        self.job = job
+        self._jobs = [job]
+        self._places = [shm.PLACES - 1]  # of each job in the memory; of the first it does not matter
         self.log = log
-        self.memory = SharedMemory.create(len(job.q) + SPARE_ROWS)
+        self.memory = SharedMemory.create(len(job.q) + SPARE_ROWS + REPLACED_ROWS)
         for field in (shm.OUTPUT_SENT_S, shm.OUTPUT_CLOSED_S, shm.SHUT_AT_S, shm.MOVED_BY_S, shm.STOPPED_S):
             self.memory.fields[field] = np.nan
         self.dashboard = DashboardClient(job.host)
@@ -130,6 +133,16 @@ class StreamRun:
         self._child: ChildProcess | None = None
         self._failed_by_itself = False
         self._abort_reason = ""
+
+    @property
+    def taken(self) -> int:
+        """Number of the job that the process goes by: 0 for its first, then in the order in which they were offered."""
+        return int(self.memory.fields[shm.TAKEN])
+
+    @property
+    def job(self) -> StreamJob:
+        """The job that the process goes by."""
+        return self._jobs[self.taken]
 
     @property
     def state(self) -> int:
@@ -154,6 +167,30 @@ class StreamRun:
         """Requests the brake, for a reason other than a client's request; repeated requests have no effect."""
         self._abort_reason = self._abort_reason or reason
         self.memory.fields[shm.ABORT] = 1.0
+
+    def has_room(self, packed: bytes) -> bool:
+        """Returns whether the memory holds the telemetry of a job that is to be offered."""
+        return len(StreamJob.unpacked(memoryview(packed)).q) + SPARE_ROWS <= self.memory.capacity
+
+    def offer(self, packed: bytes) -> bool:
+        """Offers a job that replaces the running one from its `joins_row` on; returns whether the process goes by it.
+
+        The process answers at its next tick.
+        """
+        number = len(self._jobs)
+        place = (self._places[self.taken] + 1) % shm.PLACES
+        self._jobs.append(StreamJob.unpacked(memoryview(packed)))
+        self._places.append(place)
+        self.memory.offer(packed, place)
+        while self.memory.fields[shm.ANSWERED] < number and not self._ended.wait(ANSWER_S):
+            pass
+        return self.taken == number
+
+    def present_row(self) -> int:
+        """Returns the row that is sent about now; -1 before the first."""
+        latest = self.latest_row()
+        job = self.job
+        return -1 if latest is None else round((_clock_s(latest) - job.first_clock_s) / job.dt + job.lag_ticks)
 
     def wait(self, timeout_s: float) -> bool:
         """Waits for the end; returns whether it came."""

@@ -169,6 +169,15 @@ class Client:
                     raise self._lost(execution_id) from error
             time.sleep(RETRY_S)
 
+    def replace(self, execution_id: str, plan: Plan | str) -> dict[str, Any]:
+        """Goes on with a plan that begins on the running motion of an execution, and returns that.
+
+        Raises:
+            ServiceRefusal: it does not join, and the running plan goes on untouched.
+        """
+        plan_id = plan if isinstance(plan, str) else plan.id
+        return self.post(f"/executions/{execution_id}/replace", {"plan_id": plan_id})
+
     def abort(self, execution_id: str = "latest") -> dict[str, Any]:
         """Asks for the brake and returns the execution. Not a safety function.
 

@@ -154,6 +154,8 @@ def _seen(
 
 def _plan(store: Store, cell: Cell, row: ExecutionRow) -> tuple[dict[str, Any], ThrowProblem, Trajectory]:
     """Returns document, problem and trajectory of an execution's plan."""
+    if row.joined:
+        raise _Unusable("it went on with another plan")
     plan = store.plan(row.plan_id)
     if plan is None:
         raise _Unusable("its plan is gone")

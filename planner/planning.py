@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from planner.answer import Plan
-from planner.errors import Infeasible, SolverFailed
+from planner.errors import Infeasible, SolverFailed, Violation
 from planner.problem import TIME_LIMIT_S, ThrowProblem
 from planner.progress import SILENT, ProgressMeter
 from planner.refusal import nearest_problem, of_candidates, refuse_impossible
@@ -15,7 +15,9 @@ from planner.request import request_document
 from planner.search import (
     PlanningSearch,
     best_with_way_home,
+    certified_brake,
     load_libraries,
+    search_after_brake,
     search_candidates,
     search_chain,
     search_with_stop,
@@ -72,6 +74,7 @@ def plan(problem: ThrowProblem, hints: SearchHints = ORDINARY) -> Plan:
             _search_release(search, hints.releases)
         best, way_home = best_with_way_home(search)
     except (Infeasible, SolverFailed) as refusal:
+        _tell_of_brake(refusal, problem)
         if hints.offers_nearest and not problem.is_chain:
             hints.meter.begin("nearest")
             _offer_nearest(refusal, search)
@@ -104,8 +107,12 @@ def _search_release(search: PlanningSearch, releases: Sequence[ReleaseState]) ->
     found = _candidates(search, releases)
     search_candidates(search, found)
     search.note_end()
-    if search.best is None and search.problem.backend == "auto" and not releases:
+    if search.best is not None or search.problem.backend != "auto" or releases:
+        return
+    if search.problem.starts_at_rest:
         search_with_stop(search, found)
+    else:
+        search_after_brake(search)
 
 
 def _candidates(search: PlanningSearch, releases: Sequence[ReleaseState]) -> list[Candidate]:
@@ -130,6 +137,16 @@ def _candidates(search: PlanningSearch, releases: Sequence[ReleaseState]) -> lis
         search.log_attempt("candidates", NO_RELEASE_STATE, begun_s)
         log = [attempt.__dict__ for attempt in search.attempts]
         raise SolverFailed(cut_short.status, attempts=log, violations=cut_short.violations) from None
+
+
+def _tell_of_brake(refusal: Infeasible | SolverFailed, problem: ThrowProblem) -> None:
+    """Adds to a refusal what stands in the way of a brake from a start in motion, if anything does."""
+    if problem.starts_at_rest or any(each.proven for each in refusal.violations):
+        return
+    brake = certified_brake(problem)
+    if isinstance(brake, Violation):
+        refusal.violations = (*refusal.violations, brake)
+        refusal.args = (f"{refusal}; {brake}",)
 
 
 def _offer_nearest(refusal: Infeasible | SolverFailed, search: PlanningSearch) -> None:

@@ -44,6 +44,8 @@ __all__ = [
 
 BACKENDS = ("auto", "casadi", "ruckig", "toppra", "cubic", "trapezoid", "ramp")
 CHAIN_BACKENDS = ("auto", "ruckig")  # that make motions of several passages, or to a given end
+MOVING_BACKENDS = ("auto", "casadi", "ruckig")  # that make motions from a start in motion
+ROUNDING = 1e-7  # [-] share of a limit by which a start may exceed it: the certificate's, as a plan's samples may
 # [s] default time limit: a search ends by its budgets of work. It took at most 3 s of processor time in 250 requests; a
 # planner process of lower priority beside twelve busy ones takes up to twenty times as long, one of a batch longer.
 TIME_LIMIT_S = 120.0
@@ -58,7 +60,8 @@ class ThrowProblem:
 
     Attributes:
         cell: the robot station.
-        start: joint positions at rest (6,) [rad].
+        start: joint positions (6,) [rad].
+        start_qd, start_qdd: joint velocities (6,) [rad/s] and accelerations (6,) [rad/s^2] there; zero: at rest.
         release: what is required of the release, see `planner.releases`. With `passages`, the state of the one that
             lets the object go; without such a one, that of the last.
         limits: the cell's, tightened by the request.
@@ -88,14 +91,19 @@ class ThrowProblem:
     aim_shift: Array = field(default_factory=lambda: np.zeros(3))
     passages: tuple[Passage, ...] = ()
     end: Release | None = None
+    start_qd: Array = field(default_factory=lambda: np.zeros(6))
+    start_qdd: Array = field(default_factory=lambda: np.zeros(6))
 
     def __post_init__(self) -> None:
-        errors = [*_limit_errors(self.limits, self.cell), *_start_errors(self.start, self.limits)]
+        errors = [*_limit_errors(self.limits, self.cell), *_start_errors(*self.start_state, self.limits)]
         errors += passage_errors(self.passages, self.cell) if self.passages else self.release.errors(self.cell)
         if self.backend not in BACKENDS:
             errors.append(FieldError("backend", f"{self.backend!r} is not one of {', '.join(BACKENDS)}"))
         elif self.is_chain and self.backend not in CHAIN_BACKENDS:
             reason = f"{self.backend!r} makes no motion through several states; give {' or '.join(CHAIN_BACKENDS)}"
+            errors.append(FieldError("backend", reason))
+        elif not self.starts_at_rest and self.backend not in MOVING_BACKENDS:
+            reason = f"{self.backend!r} makes no motion from a start in motion; give {' or '.join(MOVING_BACKENDS)}"
             errors.append(FieldError("backend", reason))
         if not 0.0 < self.time_limit_s <= TIME_LIMIT_MAX_S:
             errors.append(FieldError("time_limit_s", f"{self.time_limit_s} is not in (0, {TIME_LIMIT_MAX_S:g}] s"))
@@ -129,6 +137,20 @@ class ThrowProblem:
     def dt(self) -> float:
         """One controller tick [s]."""
         return 1.0 / self.cell.robot.sample_rate_hz
+
+    @property
+    def start_state(self) -> tuple[Array, Array, Array]:
+        """Joint positions [rad], velocities [rad/s] and accelerations [rad/s^2] of the start, each (6,)."""
+        return self.start, self.start_qd, self.start_qdd
+
+    @cached_property
+    def starts_at_rest(self) -> bool:
+        """Whether the start is at rest; otherwise the motion begins on one that is running."""
+        return not (self.start_qd.any() or self.start_qdd.any())
+
+    def at_rest_from(self, q: Array) -> ThrowProblem:
+        """Returns the problem with a start at rest in `q` (6,) [rad]."""
+        return replace(self, start=q, start_qd=np.zeros(6), start_qdd=np.zeros(6))
 
     @cached_property
     def ends_at_rest(self) -> bool:
@@ -317,11 +339,16 @@ def _limit_errors(limits: Limits, cell: Cell) -> list[FieldError]:
     ]
 
 
-def _start_errors(q: Array, limits: Limits) -> list[FieldError]:
+def _start_errors(q: Array, qd: Array, qdd: Array, limits: Limits) -> list[FieldError]:
     errors = []
     for i in range(6):
         if not limits.q_lower[i] <= q[i] <= limits.q_upper[i]:
             bounds = f"[{limits.q_lower[i]:.6g}, {limits.q_upper[i]:.6g}]"
             reason = f"{q[i]:.6g} rad is outside the joint's limits {bounds} rad{unit_hint(q[i])}"
             errors.append(FieldError(f"start.positions[{i}]", reason))
+    rows = (("velocities", qd, limits.qd_max, "rad/s"), ("accelerations", qdd, limits.qdd_max, "rad/s^2"))
+    for name, values, most, unit in rows:
+        for i in np.flatnonzero(np.abs(values) > most * (1.0 + ROUNDING)).tolist():
+            reason = f"{values[i]:.6g} {unit} is beyond the joint's limit of {most[i]:.6g} {unit}"
+            errors.append(FieldError(f"start.{name}[{i}]", reason))
     return errors

@@ -20,8 +20,8 @@ from planner.errors import FieldError, InvalidProblem, figures
 from planner.fields import Choice, Field, Kinds, Number, PerJoint, Record, Text, Vector, Yes
 from planner.passages import (
     END,
-    NOT_YET,
     PASSAGES,
+    TIME_MAX_S,
     end_document,
     end_from_json,
     main_state,
@@ -44,6 +44,8 @@ TOLERANCE_MAX_M = 10.0  # [m] largest landing tolerance
 WINDOW_MIN_S = 0.005  # [s] least default half width: the scatter of a pneumatic or electric gripper; source: contract
 ROBUST_TOLERANCE_M = 0.01  # [m] least default landing tolerance of a target without an opening
 CELL_NAME_MAX = 64  # characters of a cell's name
+ID_MAX = 64  # characters of an execution's id
+STILL = (0.0,) * 6  # [rad/s, rad/s^2] of a start at rest
 LIMIT_FIELDS = {
     "velocity": ("qd_max", "rad/s"),
     "acceleration": ("qdd_max", "rad/s^2"),
@@ -52,8 +54,14 @@ LIMIT_FIELDS = {
 
 
 def _check_start(given: dict[str, Any], path: str, errors: list[FieldError]) -> None:
-    if ("positions" in given) == ("current" in given):
-        errors.append(FieldError(path, "give either positions or current"))
+    ways = [name for name in ("positions", "current", "execution") if name in given]
+    if len(ways) != 1 and ways != ["positions", "execution"]:  # both: what the service found for the execution
+        errors.append(FieldError(path, "give either positions, current or execution"))
+    for name in ("velocities", "accelerations"):
+        if name in given and "positions" not in given:
+            errors.append(FieldError(f"{path}.{name}", "belongs to positions"))
+    if ("at_s" in given) != ("execution" in given):
+        errors.append(FieldError(f"{path}.at_s", "and execution belong together"))
 
 
 def _check_motion(given: dict[str, Any], path: str, errors: list[FieldError]) -> None:
@@ -78,13 +86,20 @@ def _check_motion(given: dict[str, Any], path: str, errors: list[FieldError]) ->
 
 START = Record(
     "StartRequest",
-    "Start of the launch, at rest. Give one of the two.",
+    "Start of the motion. Give positions, current, or execution with at_s.",
     {
         "positions": Field(Vector(6), "Joint positions, base to wrist 3 [rad]."),
-        "current": Field(Yes(), "true: the current joint positions, as the cell's executor reports them."),
+        "velocities": Field(Vector(6), "Joint velocities at the start [rad/s]; absent: zero."),
+        "accelerations": Field(Vector(6), "Joint accelerations at the start [rad/s^2]; absent: zero."),
+        "current": Field(Yes(), "true: the current joint positions, as the cell's executor reports them, at rest."),
+        "execution": Field(
+            Text(ID_MAX), "Id of a running execution, or `latest`: the motion begins on it, so that it can replace it."
+        ),
+        "at_s": Field(
+            Number(0.0, TIME_MAX_S), "Time in that execution's motion at which this one begins, rounded to a tick [s]."
+        ),
     },
     _check_start,
-    planned=dict.fromkeys(("velocities", "accelerations", "execution", "at_s"), f"{NOT_YET}: a motion starts at rest"),
 )
 LIMITS = Record(
     "RequestLimits",
@@ -180,6 +195,8 @@ def problem_from_request(request: Mapping[str, Any], cell: Cell) -> ThrowProblem
     start = asked.get("start", {})
     if "current" in start:
         errors.append(FieldError("start.current", "needs a service with an executor; give positions"))
+    if "execution" in start and "positions" not in start:
+        errors.append(FieldError("start.execution", "needs a service with an executor; give positions"))
     if errors:
         raise InvalidProblem(errors)
     X_WR = cell.X_WB if asked["frame"] == "base" else np.eye(4)  # R: the frame of the request
@@ -192,6 +209,8 @@ def problem_from_request(request: Mapping[str, Any], cell: Cell) -> ThrowProblem
     return ThrowProblem(
         cell=cell,
         start=read_only(start["positions"]) if start else cell.home,
+        start_qd=read_only(start.get("velocities", STILL)),
+        start_qdd=read_only(start.get("accelerations", STILL)),
         release=release,
         limits=limits,
         release_window_s=window_s,
@@ -212,7 +231,7 @@ def request_document(problem: ThrowProblem, release: Release) -> dict[str, Any]:
         motion = {"passages": [passage_document(each) for each in passages], "end": end_document(problem.end)}
     return {
         "cell": problem.cell.name,
-        "start": {"positions": problem.start.tolist()},
+        "start": _start_document(problem),
         **motion,
         "frame": "world",
         "backend": problem.backend,
@@ -222,6 +241,13 @@ def request_document(problem: ThrowProblem, release: Release) -> dict[str, Any]:
         "landing_tolerance_m": problem.landing_tolerance_m,
         "time_limit_s": problem.time_limit_s,
     }
+
+
+def _start_document(problem: ThrowProblem) -> dict[str, Any]:
+    start = {"positions": problem.start.tolist()}
+    if problem.starts_at_rest:
+        return start
+    return {**start, "velocities": problem.start_qd.tolist(), "accelerations": problem.start_qdd.tolist()}
 
 
 def _window(asked: Mapping[str, Any], release: Release, cell: Cell) -> tuple[float, float]:

@@ -45,7 +45,13 @@ class StreamRows:
     switches: tuple[SwitchRow, ...] = ()
 
 
-def sample_rows(cell: Cell, trajectory: Trajectory, throws: bool, edges: Sequence[OutputEdge] = ()) -> StreamRows:
+def sample_rows(
+    cell: Cell,
+    trajectory: Trajectory,
+    throws: bool,
+    edges: Sequence[OutputEdge] = (),
+    first_clock_s: float | None = None,
+) -> StreamRows:
     """Samples a motion, at rest before and after, so that one command falls on a tick exactly.
 
     That is the gripper's; without a throw, the first of the outputs about the passages. Other outputs are switched with
@@ -58,13 +64,16 @@ def sample_rows(cell: Cell, trajectory: Trajectory, throws: bool, edges: Sequenc
         trajectory: of the motion.
         throws: whether the gripper opens.
         edges: of the outputs about the passages.
+        first_clock_s: plan time of row 0 [s]; None: as early as the first command asks for.
     """
     dt = trajectory.dt
     lag = cell.timing.lag_s
     opens = trajectory.release_time_s - cell.gripper.delay_s  # plan time at which the output must physically change
     told = [edge.command_time_s + lag for edge in edges]  # plan times at which outputs without a delay would change
     origin = opens if throws else next(iter(told), 0.0)
-    first = origin - math.ceil((origin - min(origin, 0.0, *told) + lag + LEAD_IN_S) / dt) * dt
+    first = first_clock_s
+    if first is None:
+        first = origin - math.ceil((origin - min(origin, 0.0, *told) + lag + LEAD_IN_S) / dt) * dt
     seen = [edge.edge_time_s + lag + SETTLE_S for edge in edges]
     last = max(trajectory.duration_s + lag + SETTLE_S, *seen, 0.0)
     count = math.ceil((last - first) / dt) + 1

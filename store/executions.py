@@ -135,6 +135,41 @@ class ExecutionRepository(Repository):
         """Returns whether an abort was requested."""
         return self._value(select(executions.c.abort_requested_at).where(executions.c.id == id)) is not None
 
+    def request_replacement(self, id: str, plan_id: str, who: str, audit: AuditLine | None = None) -> str | None:
+        """Asks the executor of a running execution to go on with another plan.
+
+        Returns:
+            The id of the request; None where an earlier one is still open, or the execution has ended.
+
+        Raises:
+            UnknownRow: There is no such execution.
+        """
+        request = {"id": new_id(), "plan_id": plan_id, "requested_by": who, "requested_at": time.time()}
+        with writing(self._engine) as connection:
+            row = _read_execution(connection, id)
+            if row.state == "finished" or row.open_replacement is not None:
+                return None
+            connection.execute(update(executions).where(executions.c.id == id).values(replace_request=request))
+            write_audit(connection, audit, f"/executions/{id}")
+        return request["id"]
+
+    def answer_replacement(self, id: str, request: Mapping[str, Any], joins_s: float | None, reason: str) -> None:
+        """Records what became of a request for a replacement, once.
+
+        Args:
+            id: Of the execution.
+            request: As in its row.
+            joins_s: When the plan begins, on the execution's clock [s]; None: the running plan goes on.
+            reason: Of a refusal.
+        """
+        answer = {"id": request["id"], "plan_id": request["plan_id"], "joins_s": joins_s, "reason": reason}
+        with writing(self._engine) as connection:
+            before = _read_execution(connection, id).replacements or []
+            if request["id"] in [each["id"] for each in before]:
+                return
+            answers = [*before, answer]
+            connection.execute(update(executions).where(executions.c.id == id).values(replacements=answers))
+
     def claim_execution(self, cell: str, executor_id: str) -> ExecutionRow | None:
         """Claims the cell's queued execution, if any, and sets it to `preparing`; only the cell's executor can.
 

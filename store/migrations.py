@@ -130,6 +130,10 @@ STEPS: tuple[tuple[str, ...], ...] = (
         "ALTER TABLE cells ADD COLUMN robot_answer JSON",
     ),
     ("ALTER TABLE cell_versions ADD COLUMN meshes {bytes}",),
+    (
+        "ALTER TABLE executions ADD COLUMN replace_request JSON",
+        "ALTER TABLE executions ADD COLUMN replacements JSON",
+    ),
 )
 
 LATEST = len(STEPS)

@@ -103,7 +103,13 @@ class PlanRow:
 
 @dataclass(frozen=True)
 class ExecutionRow:
-    """One run of one plan on one cell."""
+    """One run of one plan on one cell.
+
+    Attributes:
+        replace_request: The newest request that another plan replaces the running one: id, plan_id, requested_by,
+            requested_at.
+        replacements: What became of each: id, plan_id, joins_s on the execution's clock or null, reason.
+    """
 
     id: str
     plan_id: str
@@ -122,6 +128,20 @@ class ExecutionRow:
     finished_at: float | None
     experiment_id: str | None = None
     request_id: str | None = None
+    replace_request: Mapping[str, Any] | None = None
+    replacements: Sequence[Mapping[str, Any]] | None = None
+
+    @property
+    def joined(self) -> list[Mapping[str, Any]]:
+        """The replacements that joined, in their order."""
+        return [each for each in self.replacements or () if each["joins_s"] is not None]
+
+    @property
+    def open_replacement(self) -> Mapping[str, Any] | None:
+        """The request for a replacement that nobody has answered; None without one."""
+        request = self.replace_request
+        answered = [each["id"] for each in self.replacements or ()]
+        return None if request is None or request["id"] in answered else request
 
 
 @dataclass(frozen=True)

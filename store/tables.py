@@ -63,8 +63,8 @@ def _table(name: str, row: type, **renamed: str) -> Table:
 plans = _table("plans", PlanRow, earlier_document="document")  # written by api, never changed
 experiments = _table("experiments", ExperimentRow)  # written by api, never changed
 
-# api: id, plan_id, cell, mode, dry_run, requested_by, created_at, experiment_id, request_id, abort_requested_at; it
-# inserts the state 'queued'. executor: all others. An index allows one unfinished execution a cell.
+# api: id, plan_id, cell, mode, dry_run, requested_by, created_at, experiment_id, request_id, abort_requested_at,
+# replace_request; it inserts the state 'queued'. executor: all others. An index allows one unfinished execution a cell.
 executions = _table("executions", ExecutionRow)
 events = _table("events", EventRow)  # written by executor; the first event of an execution by api
 recordings = _table("recordings", RecordingRow, earlier_csv="csv")  # written by executor

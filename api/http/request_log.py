@@ -22,6 +22,7 @@ ID_PATTERN = re.compile(r"[A-Za-z0-9._:+/=-]{1,128}")  # others are not echoed: 
 ACTIONS = {  # what is audited, by route; acts that succeed are audited by the store, with the act
     "/execute": "execute",
     "/executions/{id}/abort": "abort",
+    "/executions/{id}/replace": "replace",
     "/executions/{id}/landing": "landing",
     "/executions/{id}/landing/{landing}/withdraw": "withdraw",
     "/cells/{name}/acknowledge": "acknowledge",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from typing import Annotated, Any
 
 import orjson
@@ -36,10 +37,12 @@ from api.http import (
 from api.routes.plans import POST_PROBLEMS, PageCursor, PageLimit, find_plan
 from api.schemas import (
     EXECUTE_EXAMPLES,
+    REPLACE_EXAMPLES,
     ExecuteRequest,
     ExecutionAnswer,
     ExecutionList,
     Outcome,
+    ReplaceRequest,
     StateEvent,
     TelemetryEvent,
     iso_time,
@@ -52,8 +55,12 @@ from store import CellRow, ExecutionRow, PlanRow
 router = APIRouter(route_class=StrictJsonRoute, tags=["executions"])
 
 UNGUARDED = "a service without tokens executes on simulated cells only"
+MOVING = ("velocities", "accelerations")  # of a plan's start: not zero where it joins a motion
+REPLACE_S = 10.0  # [s] longest wait for the executor: it certifies the plan, and brakes it from every row
+ASK_S = 0.01  # [s] between two looks for its answer
 MCAP = "application/octet-stream"  # MCAP has no registered media type
 ExecutionId = Annotated[str, id_in_path("execution")]
+ReplaceBody = Annotated[ReplaceRequest, Body(openapi_examples=REPLACE_EXAMPLES)]  # type: ignore[arg-type]
 ExecuteBody = Annotated[ExecuteRequest, Body(openapi_examples=EXECUTE_EXAMPLES)]  # type: ignore[arg-type]
 OfCell = Annotated[str | None, Query(pattern=f"^{NAME_PATTERN.pattern}$", description="Only those of this cell.")]
 OfOutcome = Annotated[Outcome | None, Query(description="Only those that ended so.")]
@@ -81,7 +88,10 @@ def execute_plan(body: ExecuteBody, service: ServiceDep, caller: OperateCaller, 
     def queue() -> str:
         service.store.require_room()
         plan = find_plan(service, body.plan_id, whole=False)
-        _check_executable(service, plan, body)
+        _check_executable(service, plan, body.plan_id)
+        if any(any(orjson.loads(plan.summary)["request"].get("start", {}).get(name, ())) for name in MOVING):
+            detail = "the plan starts in motion: it can only replace a running one (POST /executions/{id}/replace)"
+            raise ProblemDetails("plan-not-executable", detail, cell=plan.cell)
         return service.store.queue_execution(
             plan.id,
             plan.cell,
@@ -164,6 +174,43 @@ async def watch_execution(
 
 
 @router.post(
+    "/executions/{id}/replace",
+    status_code=202,
+    summary="Go on with another plan",
+    responses={
+        **json_answer(202, ExecutionAnswer, "The plan joins the motion.", *POST_PROBLEMS, "not-found"),
+        **problem_answers("cannot-join", "robot-not-ready", "plan-not-executable"),
+    },
+)
+def replace_plan(
+    id: ExecutionId, body: ReplaceBody, service: ServiceDep, caller: OperateCaller, origin: Origin
+) -> JSONResponse:
+    """Replaces a running plan by one that begins on it, at the tick at which it does. **This moves the robot.**
+
+    The executor certifies it with its own cell file, and takes it if it joins in position, velocity and acceleration
+    and its tick can still be reached; otherwise the running plan goes on untouched, and `detail` says why. Not in
+    script mode.
+    """
+    row = find_execution(service, id)
+    plan = find_plan(service, body.plan_id, whole=False)
+    _check_executable(service, plan, body.plan_id)
+    if plan.cell != row.cell:
+        raise ProblemDetails("cannot-join", f"the plan is for cell {plan.cell!r}, the execution runs on {row.cell!r}")
+    if row.state in ("queued", "preparing", "finished"):
+        raise ProblemDetails("cannot-join", f"the execution is {row.state}: there is no motion to join")
+    asked = service.store.request_replacement(row.id, plan.id, caller.name, origin.act(caller, "replace"))
+    if asked is None:
+        raise ProblemDetails("cannot-join", "it has ended, or another plan that is to replace it is being certified")
+    row, answer = _replacement(service, row.id, asked)
+    if answer is None:
+        what = "the execution has ended" if row.state == "finished" else "the executor did not answer yet"
+        raise ProblemDetails("cannot-join", f"{what}: see 'replacements' of the execution")
+    if answer["joins_s"] is None:
+        raise ProblemDetails("cannot-join", answer["reason"])
+    return JSONResponse(_document(service, row), 202, {"Location": f"/executions/{row.id}"})
+
+
+@router.post(
     "/executions/{id}/abort",
     status_code=202,
     summary="Brake now",
@@ -212,7 +259,19 @@ def _document(service: Service, row: ExecutionRow) -> dict[str, Any]:
 def _row_document(row: ExecutionRow, is_lost: bool) -> dict[str, Any]:
     document = {name: iso_time(value) if name.endswith("_at") else value for name, value in vars(row).items()}
     del document["executor_id"]
-    return {**document, "executor_lost": is_lost}
+    del document["replace_request"]
+    return {**document, "replacements": row.replacements or [], "executor_lost": is_lost}
+
+
+def _replacement(service: Service, id: str, request_id: str) -> tuple[ExecutionRow, Mapping[str, Any] | None]:
+    """Waits for the answer to a request for a replacement; returns the execution with it, None where there is none."""
+    ends_s = time.monotonic() + REPLACE_S
+    while True:
+        row = find_execution(service, id)
+        answer = next((each for each in row.replacements or () if each["id"] == request_id), None)
+        if answer is not None or row.state == "finished" or time.monotonic() > ends_s:
+            return row, answer
+        time.sleep(ASK_S)
 
 
 def _executor_is_lost(service: Service, row: ExecutionRow) -> bool:
@@ -223,8 +282,13 @@ def _executor_is_lost(service: Service, row: ExecutionRow) -> bool:
     return status is None or not status.is_alive or row.executor_id not in (None, status.executor_id)
 
 
-def _check_executable(service: Service, plan: PlanRow, body: ExecuteRequest) -> None:
-    """Refuses an execution that cannot start now; the executor checks all of it again.
+def _check_executable(service: Service, plan: PlanRow, asked_for: str) -> None:
+    """Refuses a plan that cannot be executed now; the executor checks all of it again.
+
+    Args:
+        service: the service.
+        plan: that is to be executed.
+        asked_for: its id in the request, or `latest`.
 
     Raises:
         ProblemDetails: The cell has changed, or its executor or robot is not ready.
@@ -247,7 +311,7 @@ def _check_executable(service: Service, plan: PlanRow, body: ExecuteRequest) -> 
     real = cell.link.kind != "sim"
     if real and not service.tokens.is_guarded:
         raise ProblemDetails("forbidden", UNGUARDED)
-    if real and body.plan_id == "latest":
+    if real and asked_for == "latest":
         raise ProblemDetails("forbidden", "on a real arm a plan is executed by its own id, not by 'latest'")
     row = service.store.cell_status(plan.cell)
     reason = _reason_not_ready(row, plan.cell)

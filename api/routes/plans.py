@@ -309,8 +309,11 @@ def _planning_job(asked: _Asked, is_stored: bool) -> PlanningJob:
     name = asked.body.get("cell") or service.settings.default_cell
     source, _ = service.cells.required(name)
     request = {**asked.body, "cell": name}
-    if "current" in asked.body.get("start", {}):
+    start = asked.body.get("start", {})
+    if "current" in start:
         request["start"] = {"positions": _current_positions(service, name)}
+    elif "execution" in start:
+        request["start"] = _state_in_execution(service, name, start["execution"], start["at_s"])
     version = service.note_cell_version(source)
     row = _profile(service, name, source.sha256, asked.profile_id)
     profile = None if row is None else (row.id, row.document)
@@ -339,6 +342,32 @@ def _current_positions(service: Service, cell: str) -> list[float]:
         detail = f"no executor reports the joint positions of cell {cell!r}"
         raise ProblemDetails("robot-not-ready", detail, cell=cell)
     return [float(q) for q in positions]
+
+
+def _state_in_execution(service: Service, cell: str, id: str, at_s: float) -> dict[str, Any]:
+    """Returns the start on an execution's motion at a time: with the state that it has on the nearest tick.
+
+    Raises:
+        ProblemDetails: There is no such execution, it has ended or is another cell's, or its motion ends before.
+    """
+    row = find("execution", id, service.store.execution, service.store.executions)
+    if row.state == "finished" or row.cell != cell:
+        what = "has ended" if row.state == "finished" else f"is of cell {row.cell!r}"
+        raise invalid_field("start.execution", f"{row.id} {what}: no motion can begin on it")
+    begins_s = 0.0
+    plan_id = row.plan_id
+    for each in row.joined:
+        if each["joins_s"] <= at_s:
+            begins_s = each["joins_s"]
+            plan_id = each["plan_id"]
+    plan = service.store.plan(plan_id)
+    assert plan is not None  # retention keeps the plans of executions
+    motion = orjson.loads(plan.trajectory)
+    tick = round((at_s - begins_s) * orjson.loads(plan.summary)["sample_rate_hz"])
+    if tick >= len(motion["positions"]):
+        raise invalid_field("start.at_s", f"{at_s:g} s is after the end of the motion")
+    state = {name: motion[name][tick] for name in ("positions", "velocities", "accelerations")}
+    return {**state, "execution": row.id, "at_s": at_s}
 
 
 def _store_plan(service: Service, planned: PlanRecord, key: IdempotencyKey | None) -> str:

@@ -25,10 +25,12 @@ from api.schemas.requests import (
     EXECUTE_EXAMPLES,
     ID_PATTERN,
     PLAN_EXAMPLES,
+    REPLACE_EXAMPLES,
     UUID_PATTERN,
     ExecuteRequest,
     PlanRequest,
     PlanRequestBody,
+    ReplaceRequest,
 )
 from api.schemas.responses import (
     Health,
@@ -46,6 +48,7 @@ from api.schemas.timing import TimingAnswer
 __all__ = [
     "BATCH_EXAMPLES",
     "EXECUTE_EXAMPLES",
+    "REPLACE_EXAMPLES",
     "EXPERIMENT_EXAMPLES",
     "ID_PATTERN",
     "LANDING_EXAMPLES",
@@ -65,6 +68,7 @@ __all__ = [
     "CellModel",
     "CellState",
     "ExecuteRequest",
+    "ReplaceRequest",
     "ExecutionAnswer",
     "ExecutionList",
     "ExperimentAnswer",

@@ -87,6 +87,17 @@ class ExecutionMetrics(BaseModel):
     landed_on: str | None = Field(None, description="What the object landed on; simulated cells.")
 
 
+class ReplacementAnswer(BaseModel):
+    """What became of a request to go on with another plan."""
+
+    id: str
+    plan_id: str
+    joins_s: float | None = Field(
+        description="When that plan begins, on the execution's clock [s]; null: refused, the running plan went on."
+    )
+    reason: str = Field(description="Why it was refused; empty where it was not.")
+
+
 class ExecutionAnswer(BaseModel):
     """One run of one plan on one cell."""
 
@@ -106,6 +117,9 @@ class ExecutionAnswer(BaseModel):
     metrics: ExecutionMetrics | None = Field(description="null where the run was refused, or its executor lost.")
     experiment_id: str | None = Field(None, description="Experiment that it belongs to.")
     request_id: str | None = Field(None, description="`X-Request-ID` of the request that queued it.")
+    replacements: list[ReplacementAnswer] = Field(
+        description="The plans that were to replace the running one, in their order."
+    )
     executor_lost: bool = Field(
         description="Whether it is unfinished and its executor does not report: nobody carries it, nobody can brake. "
         "An executor that starts again ends it with the outcome `executor_lost`."

@@ -120,6 +120,16 @@ class ExecuteRequest(RequestModel):
     )
 
 
+class ReplaceRequest(RequestModel):
+    """The plan that a running execution is to go on with."""
+
+    plan_id: str = Field(
+        description="Id of a plan that begins on the running motion: its `start` names the execution, or has the state "
+        "that it has at a tick. `latest` is the newest plan, on simulated cells only.",
+        pattern=ID_PATTERN,
+    )
+
+
 _TARGET = {"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}}
 _JOINT = {
     "release": {
@@ -161,6 +171,15 @@ _PASSAGES = {
     "end": {"kind": "home"},
 }
 
+_MOVING = {
+    "start": {
+        "positions": [0.0, -1.57, 1.57, -1.57, -1.57, 0.0],
+        "velocities": [0.3, 0.1, -0.2, 0.1, 0.0, 0.0],
+        "accelerations": [1.0, 0.5, 0.0, 0.0, 0.0, 0.0],
+    },
+    **_TARGET,
+}
+
 PLAN_EXAMPLES = {
     "target": {"summary": "Hit a point on the floor, whenever the gripper opens", "value": _TARGET},
     "soonest": {"summary": "Hit it as soon as possible", "value": _SOONEST},
@@ -168,6 +187,8 @@ PLAN_EXAMPLES = {
     "bin": {"summary": "Throw into a bin", "value": _BIN},
     "joint": {"summary": "Pass a joint state, with tighter limits", "value": _JOINT},
     "point": {"summary": "Release at a point with a velocity", "value": _POINT},
+    "moving": {"summary": "Start in motion", "value": _MOVING},
     "passages": {"summary": "Trigger a camera over each of three parts in passing", "value": _PASSAGES},
 }
 EXECUTE_EXAMPLES = {"latest": {"summary": "Execute the newest plan (simulated cell)", "value": {"plan_id": "latest"}}}
+REPLACE_EXAMPLES = {"latest": {"summary": "Go on with the newest plan", "value": {"plan_id": "latest"}}}

@@ -54,19 +54,21 @@ class DenseSamples:
     jerk: Vector
 
     @classmethod
-    def of(cls, motion: Trajectory, smooth: bool = False) -> DenseSamples:
+    def of(cls, motion: Trajectory, smooth: bool, start_qdd: Vector) -> DenseSamples:
         """Evaluates a motion.
 
         Args:
             motion: The motion.
             smooth: Whether its jerk may change within a tick. The spline's acceleration at the end of a tick is then
                 not the motion's; that in the middle is its mean over the tick, and only that is taken.
+            start_qdd: Acceleration at the start [rad/s^2], of the motion that it joins.
         """
         spline = CubicHermiteSpline(motion.t, motion.q, motion.qd)
         middle = 0.5 * (motion.t[1:] + motion.t[:-1])
         t = middle if smooth else np.linspace(0.0, motion.duration_s, max(2, round(motion.duration_s / STEP_S) + 1))
         rest = np.zeros((1, motion.qd.shape[1]))
-        across = np.diff(np.concatenate([rest, motion.qd, rest]), n=2, axis=0) / motion.dt**2
+        before = motion.qd[:1] - motion.dt * start_qdd  # what the motion joins; at rest zero
+        across = np.diff(np.concatenate([before, motion.qd, rest]), n=2, axis=0) / motion.dt**2
         return cls(t, spline(t), spline(t, 1), spline(t, 2), np.concatenate([spline(middle, 3), across]))
 
     def every(self, step_s: float) -> int:
@@ -98,7 +100,7 @@ def motion_faults(
         smooth: Whether its jerk may change within a tick.
         step_s: Grid of the distances [s].
     """
-    dense = DenseSamples.of(motion, smooth)
+    dense = DenseSamples.of(motion, smooth, problem.start_qdd)
     found = [*_limits(problem, motion, dense), *_torques(problem, motion, dense)]
     return found + _space(problem, motion, dense, step_s)
 
@@ -119,9 +121,11 @@ def _limits(problem: ThrowProblem, motion: Trajectory, dense: DenseSamples) -> l
         found += joint_faults(rule, text, worst, limit, slack + LIMIT_SLACK * np.abs(limit), unit)
     off = float(np.abs(motion.q[0] - problem.start).max())
     found += over("start", "does not start as requested", off, 0.0, START_SLACK, "rad")
-    for rule, i in (("start", 0), ("end_at_rest", -1)):
-        text = "does not start at rest" if i == 0 else "does not end at rest"
-        found += over(rule, text, float(np.abs(motion.qd[i]).max()), 0.0, START_SLACK, "rad/s")
+    asked = np.array([problem.start_qd, problem.start_qdd])
+    off = float(np.abs(np.array([motion.qd[0], motion.qdd[0]]) - asked).max())
+    found += over("start", "does not start at the speed and acceleration asked for", off, 0.0, START_SLACK, "rad/s")
+    speed = float(np.abs(motion.qd[-1]).max())
+    found += over("end_at_rest", "does not end at rest", speed, 0.0, START_SLACK, "rad/s")
     return found
 
 

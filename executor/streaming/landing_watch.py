@@ -129,6 +129,11 @@ class LandingWatch:
         self.lateness_s = 0.0
         self.gain_error = [0.0] * 6
 
+    def go_by(self, job: StreamJob, expected: ExpectedLanding) -> None:
+        """Goes by another job, whose rows so far are this one's: what they have shown of the arm stays."""
+        self.job = job
+        self.expected = expected
+
     def add(self, row: int, measured: tuple[Row, Row], feedback: Row) -> None:
         """Adds a tick; rows that were lost sent what the row before them had sent.
 

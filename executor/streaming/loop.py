@@ -38,6 +38,11 @@ class Schedule:
         self.diverted: int | None = None
         self.brake_s = 0.0
 
+    def go_by(self, job: StreamJob) -> None:
+        """Goes by another job from now on, whose rows so far are this one's."""
+        self.job = job
+        self.last = len(job.q) - 1
+
     def divert(self, row: int) -> None:
         """Brakes from the first row at or after `row` whose brake is verified; only the first call counts."""
         if self.diverted is not None:
@@ -126,6 +131,7 @@ class Stream:
             self.commands.look(self.connection.target_qd, self.connection.stamp)
             self._check()
             row = self.clock.tick
+            self._answer_offer(row)
             reference = self.schedule.reference(row)
             stop = self._stop(reference[0])
             if stop is not None:
@@ -138,6 +144,34 @@ class Stream:
             self._switch_outputs(row)
             self._record(reference, command)
         return self.verdict
+
+    def _answer_offer(self, row: int) -> None:
+        """Goes by the job that the daemon offers, unless the motion brakes, or the row where the two part has passed.
+
+        Up to that row both send the same. So it does not matter which tick takes it, and nothing is computed here.
+        """
+        fields = self.fields
+        number = fields[shm.OFFERED]
+        if number == fields[shm.ANSWERED] or not self.recorded:
+            return
+        if self.schedule.diverted is None and self.verdict[0] == "completed":
+            job = StreamJob.unpacked(self.memory.offered())
+            if row <= job.joins_row:
+                self._go_by(job)
+                fields[shm.TAKEN] = number
+        fields[shm.ANSWERED] = number
+
+    def _go_by(self, job: StreamJob) -> None:
+        self.job = job
+        self.schedule.go_by(job)
+        self.outputs.go_by(job)
+        self.decides_at = job.output_row
+        if job.landing is None:
+            self.watch = None
+        elif self.watch is None:
+            self.watch = LandingWatch(job, job.landing)
+        else:
+            self.watch.go_by(job, job.landing)
 
     def _note_first(self, first_s: float) -> None:
         """Notes the controller's time of row 0 [s]."""

@@ -18,12 +18,18 @@ CONTINUITY_TOLERANCE = 1e-7  # [rad, rad/s] disagreement of neighbouring samples
 
 
 def start(motion: MotionSamples) -> Check:
-    """Checks that the motion begins at rest at the problem's start."""
+    """Checks that the motion begins in the problem's start; in one that moves it joins the motion before: `join`."""
     trajectory = motion.trajectory
-    offset = np.abs(trajectory.q[0] - motion.problem.start).max()
-    speed = max(np.abs(trajectory.qd[0]).max(), np.abs(trajectory.qdd[0]).max())
-    detail = "position" if offset >= speed else "not at rest"
-    return at_most("start", float(max(offset, speed)), START_TOLERANCE, "rad", 0.0, detail)
+    problem = motion.problem
+    begins = (trajectory.q[0], trajectory.qd[0], trajectory.qdd[0])
+    offset, *off = (np.abs(x - asked).max() for x, asked in zip(begins, problem.start_state, strict=True))
+    if problem.starts_at_rest:
+        speed = max(off)
+        detail = "position" if offset >= speed else "not at rest"
+        return at_most("start", float(max(offset, speed)), START_TOLERANCE, "rad", 0.0, detail)
+    worst = int(np.argmax([offset, *off]))
+    detail, unit = (("position", "rad"), ("velocity", "rad/s"), ("acceleration", "rad/s^2"))[worst]
+    return at_most("join", float(max(offset, *off)), START_TOLERANCE, unit, 0.0, detail)
 
 
 def joint_position(motion: MotionSamples) -> Check:

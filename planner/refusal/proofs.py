@@ -20,6 +20,7 @@ from planner.problem import ThrowProblem
 from planner.refusal.blocked_postures import blocked_postures
 from planner.refusal.released_flight import released_flight_blocked
 from planner.refusal.throw_range import SLACK, farthest_reach_from_shoulder, out_of_range, shoulder_position
+from planner.refusal.unstoppable import unstoppable
 from planner.releases import Target
 
 RIM_POINTS = 2048  # [-] places on the rim of the arm's reach from which a target is aimed at
@@ -41,7 +42,7 @@ def proven_violations(problem: ThrowProblem) -> list[Violation]:
         found = [each for number in range(len(problem.passages)) for each in _of_passage(problem, number)]
     else:
         found = [*_of_demands(problem), *filter(None, [released_flight_blocked(problem)])]
-    return [replace(violation, proven=True) for violation in (*found, *blocked_postures(problem))]
+    return [replace(each, proven=True) for each in (*found, *blocked_postures(problem), *unstoppable(problem))]
 
 
 def _of_passage(problem: ThrowProblem, number: int) -> list[Violation]:

@@ -3,14 +3,16 @@
 from planner.search.chain import search_chain
 from planner.search.record import PlanningSearch
 from planner.search.search import load_libraries, search_candidates
-from planner.search.stops import search_with_stop
+from planner.search.stops import certified_brake, search_after_brake, search_with_stop
 from planner.search.way_home import best_with_way_home, find_way_home
 
 __all__ = [
     "PlanningSearch",
     "best_with_way_home",
+    "certified_brake",
     "find_way_home",
     "load_libraries",
+    "search_after_brake",
     "search_candidates",
     "search_chain",
     "search_with_stop",

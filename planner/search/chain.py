@@ -260,12 +260,11 @@ def _legs(search: PlanningSearch) -> _Legs:
         SolverFailed: the deadline passed before one was found.
     """
     problem = search.problem
-    zero = np.zeros(6)
     asked = [(f"passage {each.name!r}", each.state, each.releases) for each in problem.passages]
     if problem.end is not None:
         asked.append(("the end", problem.end, False))
     names = ["the start"]
-    states: list[list[State | None]] = [[(problem.start, zero, zero)]]
+    states: list[list[State | None]] = [[problem.start_state]]
     for number, (name, state, releases) in enumerate(asked):
         alone = problem.through(state, releases, problem.is_thrown_before(number))
         states.append(_near(problem, states[-1], _found(search, name, alone)))

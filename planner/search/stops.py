@@ -9,15 +9,19 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
 from planner.approach import find_approach
 from planner.arrays import Array
+from planner.backends import ruckig_otg
 from planner.backends.solution import Solution
-from planner.errors import Infeasible, InvalidProblem, SolverFailed
+from planner.certificate import Examination
+from planner.errors import Infeasible, InvalidProblem, SolverFailed, Violation, nothing_found
 from planner.geometry import body_model
+from planner.problem import JointRelease, ThrowProblem
 from planner.search.record import CertifiedSolution, PlanningSearch, counted
 from planner.search.search import CANDIDATES, MOTIONS, search_candidates, try_motions
 from planner.search.way_home import WAYS_MAX
@@ -55,6 +59,49 @@ def search_with_stop(search: PlanningSearch, found: Sequence[Candidate]) -> None
     search.log_attempt("approach", f"with a stop: {result}", begun_s)
 
 
+def search_after_brake(search: PlanningSearch) -> None:
+    """Brakes from a start in motion as fast as the limits allow, and plans from there; its status says so.
+
+    Args:
+        search: without a motion; updated in place.
+    """
+    begun_s = time.perf_counter()
+    problem = search.problem
+    brake = certified_brake(problem)
+    if isinstance(brake, Violation):
+        search.log_attempt("approach", f"after a brake: {brake}", begun_s)
+        return
+    inner = PlanningSearch(problem.at_rest_from(brake.q[-1]), search.deadline_s, tell=search.tell_inner)
+    with suppress(Infeasible, SolverFailed):
+        found = candidates(inner.problem, search.deadline_s)
+        search_candidates(inner, found)
+        if inner.best is None:
+            search_with_stop(inner, found)
+    search.iterations += inner.iterations
+    search.extend_deadline(inner.loading_s)
+    if inner.best is not None:
+        solution = inner.best.solution
+        status = f"after a brake; {solution.status}"
+        search.certify(inner.best.backend, Solution(in_a_row(brake, solution.trajectory), status))
+    made = f"{counted(int(search.best is not None), 'motion')} certified"
+    search.log_attempt("approach", f"after a brake: {made}", begun_s)
+
+
+def certified_brake(problem: ThrowProblem) -> Trajectory | Violation:
+    """Returns the fastest brake from a start in motion, or what stands in its way."""
+    try:
+        q, qd, qdd = ruckig_otg.leg(problem, problem.start_state, None, pace=1.0)
+    except SolverFailed as failure:
+        return nothing_found("motion", f"no brake from the start: {failure}")
+    brake = Trajectory(1.0 / problem.dt, q, qd, qdd, release_index=len(q) - 1)
+    rest = JointRelease(q[-1], np.zeros(6))
+    failed = Examination(replace(problem, release=rest, passages=(), end=None), brake).first_failure
+    if failed is None:
+        return brake
+    detail = ", ".join(filter(None, [failed.detail, "on the fastest brake from the start"]))
+    return Violation(failed.name, failed.value, failed.limit, failed.unit, failed.at_s, detail)
+
+
 def _launches(search: PlanningSearch, found: Sequence[Candidate]) -> Iterator[tuple[Array, CertifiedSolution | None]]:
     """Yields postures at rest and certified motions from them; None for the end of a move to rest itself."""
     problem = search.problem
@@ -77,7 +124,7 @@ def _from(search: PlanningSearch, stop: Array, candidate: Candidate | None) -> C
     if search.out_of_time or body_model(search.problem.cell_with_bin).clearances(stop[None]).least[0] < 0.0:
         return None
     try:
-        inner = PlanningSearch(replace(search.problem, start=stop), search.deadline_s, tell=search.tell_inner)
+        inner = PlanningSearch(search.problem.at_rest_from(stop), search.deadline_s, tell=search.tell_inner)
         if candidate is None:
             search_candidates(inner, candidates(inner.problem, search.deadline_s))
         else:

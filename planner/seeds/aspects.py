@@ -34,12 +34,17 @@ def first_rows(aspect: Index) -> Index:
 def least_times_to_aspects(problem: ThrowProblem) -> Array:
     """Returns a lower bound (8,) [s] on the time from the start to a release in each aspect.
 
-    In a time t every joint alone gets no farther than `farthest`. The signed distances are sums of cosines of angles
-    that are sums of joint positions, so their largest values within those ranges follow in closed form.
+    In a time t every joint alone gets no farther than `farthest`; one that is in motion at the start no farther than
+    with the largest acceleration at once. The signed distances are sums of cosines of angles that are sums of joint
+    positions, so their largest values within those ranges follow in closed form.
     """
     robot = problem.cell.robot
     start = problem.start
-    d = farthest(TIMES_S, problem.limits).T
+    limits = problem.limits
+    d = farthest(TIMES_S, limits).T
+    if not problem.starts_at_rest:
+        gained = np.outer(abs(problem.start_qd), TIMES_S) + np.outer(limits.qdd_max, TIMES_S**2) / 2.0
+        d = np.minimum(np.outer(limits.qd_max, TIMES_S), gained)
     lift, elbow, turn = np.cumsum(start[1:4])
     links = np.array([robot.a[1], robot.a[2], robot.d[4]])
     angles = np.array([lift, elbow, turn - np.pi / 2.0])
@@ -55,7 +60,7 @@ def least_times_to_aspects(problem: ThrowProblem) -> Array:
         )
         for largest, bit in zip((wrist, elbow, shoulder / scale), BITS, strict=True):
             there = (np.arange(ASPECTS) & bit > 0) == (side > 0.0)
-            bound[there] = np.maximum(bound[there], _not_before(largest, problem.limits.singularity_distance_min))
+            bound[there] = np.maximum(bound[there], _not_before(largest, limits.singularity_distance_min))
     return bound
 
 

@@ -202,7 +202,7 @@ def _usable(problem: ThrowProblem, states: States) -> list[Candidate]:
             kept = kept.at(sieve(problem, kept))
             counts[-1:] = [f"{len(kept.q)} {words}"] if len(kept.q) < len(before.q) else []
         counts.append("none clear of everything")
-        bound = least_time(kept.q - problem.start, kept.qd, problem.limits)
+        bound = least_time(kept.q - problem.start, kept.qd, problem.limits, problem.start_qd)
         order = np.lexsort([*kept.q.T[::-1], bound])
         return _clear(problem, kept.at(order), bound[order])
     except Infeasible as refusal:

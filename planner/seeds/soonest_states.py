@@ -15,8 +15,8 @@ APART_RAD = 0.35  # [rad] least difference of two kept states in some joint
 TOO_FAST_S = 1e3  # [s] penalty per multiple of a speed limit: every state that is too fast comes after all others
 
 
-def least_time(distance: Array, qd: Array, limits: Limits) -> Array:
-    """Returns a lower bound (...,) [s] on the time from rest over `distance` to the velocity `qd`.
+def least_time(distance: Array, qd: Array, limits: Limits, qd0: Array | float = 0.0) -> Array:
+    """Returns a lower bound (...,) [s] on the time from the velocity `qd0` over `distance` to the velocity `qd`.
 
     The maximum over the joints of each joint's own least time with unbounded jerk. Source: time-optimal control of a
     double integrator with bounded acceleration and velocity (Pontryagin; e.g. Biagiotti and Melchiorri, Trajectory
@@ -26,18 +26,18 @@ def least_time(distance: Array, qd: Array, limits: Limits) -> Array:
         distance: joint distances (..., n) [rad].
         qd: joint velocities (..., n) at the end [rad/s].
         limits: of velocity and acceleration.
+        qd0: joint velocities (n,) at the start [rad/s]; at rest by default.
     """
-    return _least_time(distance, qd, limits.qd_max, limits.qdd_max)
-
-
-def _least_time(distance: Array, qd: Array, v_max: Array, a_max: Array) -> Array:
-    turn = np.where(distance >= qd * np.abs(qd) / (2.0 * a_max), 1.0, -1.0)
+    v_max = limits.qd_max
+    a_max = limits.qdd_max
+    turn = np.where(distance >= (qd0 + qd) * np.abs(qd - qd0) / (2.0 * a_max), 1.0, -1.0)
     d = turn * distance
     v = turn * qd
-    peak = np.sqrt(np.maximum(a_max * d + v**2 / 2.0, 0.0))
-    direct = (2.0 * peak - v) / a_max
-    accelerating = (2.0 * v_max**2 - v**2) / (2.0 * a_max)
-    cruising = (2.0 * v_max - v) / a_max + (d - accelerating) / v_max
+    v0 = turn * qd0
+    peak = np.sqrt(np.maximum(a_max * d + (v**2 + v0**2) / 2.0, 0.0))
+    direct = (2.0 * peak - v - v0) / a_max
+    accelerating = (2.0 * v_max**2 - v**2 - v0**2) / (2.0 * a_max)
+    cruising = (2.0 * v_max - v - v0) / a_max + (d - accelerating) / v_max
     return np.where(peak <= v_max, direct, cruising).max(axis=-1)
 
 

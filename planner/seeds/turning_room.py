@@ -60,13 +60,20 @@ def no_room(problem: ThrowProblem, q: Array, qd: Array) -> Violation:
 
 
 def _lacks(problem: ThrowProblem, q: Array, qd: Array) -> tuple[Array, Array]:
-    """Returns how far each joint turns below and above what is reachable, each (n, 6) [rad]."""
+    """Returns how far each joint turns below and above what is reachable, each (n, 6) [rad].
+
+    A joint that is in motion at the start need not have stood still before: there only the way to its stop counts.
+    """
     turned = 0.5 * qd**2 / problem.limits.qdd_max
     reachable = problem.reachable
     lacking = ((q - turned < reachable.q_lower) | (q + turned > reachable.q_upper)).any(axis=1)
     if lacking.any():  # few of a pose's states, mostly none
         turned[lacking] -= _uncertainty(problem, q[lacking], qd[lacking])
-    return reachable.q_lower - (q - turned), q + turned - reachable.q_upper
+    below = reachable.q_lower - (q - turned)
+    above = q + turned - reachable.q_upper
+    if problem.starts_at_rest:
+        return below, above
+    return np.where(qd > 0.0, -np.inf, below), np.where(qd < 0.0, -np.inf, above)
 
 
 def _uncertainty(problem: ThrowProblem, q: Array, qd: Array) -> Array:

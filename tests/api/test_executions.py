@@ -228,3 +228,77 @@ def test_an_execution_whose_executor_is_gone_says_so(
     service.store.finish_execution(id, "executor_lost")
     assert service.client.get(f"/executions/{id}").json()["executor_lost"] is False
     assert service.client.post(f"/executions/{id}/abort").status_code == 202
+
+
+def start_at(plan: dict[str, Any], tick: int) -> dict[str, Any]:
+    motion = plan["trajectory"]
+    return {name: motion[name][tick] for name in ("positions", "velocities", "accelerations")}
+
+
+def replaced(service: RunningService, id: str, plan_id: str, answer: tuple[float | None, str] | None) -> Any:
+    """Asks for a replacement, to which an executor gives an answer."""
+
+    def answers() -> None:
+        while (row := service.store.execution(id)) is None or row.open_replacement is None:
+            time.sleep(0.01)
+        if answer is None:
+            service.store.finish_execution(id, "completed")
+        else:
+            service.store.answer_replacement(id, row.open_replacement, *answer)
+
+    thread = threading.Thread(target=answers)
+    thread.start()
+    response = service.client.post(f"/executions/{id}/replace", json={"plan_id": plan_id})
+    thread.join()
+    return response
+
+
+def streaming(service: RunningService, plan_id: str) -> str:
+    id = execute(service, plan_id).json()["id"]
+    service.store.claim_execution("ur5e-sim", "fake")
+    service.store.set_state(id, "streaming")
+    return id
+
+
+def test_a_plan_begins_on_a_running_execution_and_replaces_it(service: RunningService, executor: FakeExecutor, plan):
+    whole = service.client.get(f"/plans/{plan['id']}").json()
+    id = streaming(service, plan["id"])
+    at_s = 20 / whole["sample_rate_hz"]
+    body = {"release": whole["request"]["release"], "start": {"execution": "latest", "at_s": at_s + 1e-4}}
+    onward = service.client.post("/plan", json=body).json()
+    assert start_at(onward, 0) == start_at(whole, 20)
+    assert onward["request"]["start"] == {**start_at(whole, 20), "execution": id, "at_s": at_s + 1e-4}
+    assert problem_of(execute(service, onward["id"]), 409, "plan-not-executable")["detail"].startswith(
+        "the plan starts"
+    )
+    response = replaced(service, id, onward["id"], (at_s, ""))
+    assert response.status_code == 202
+    (found,) = response.json()["replacements"]
+    assert (found["plan_id"], found["joins_s"], found["reason"]) == (onward["id"], at_s, "")
+    later = {**body, "start": {"execution": id, "at_s": at_s + 10 / whole["sample_rate_hz"]}}
+    assert start_at(service.client.post("/plan", json=later).json(), 0) == start_at(onward, 10)
+    gone = {**body, "start": {"execution": id, "at_s": 50.0}}
+    (error,) = problem_of(service.client.post("/plan", json=gone), 422, "invalid-request")["errors"]
+    assert (error["field"], error["reason"]) == ("start.at_s", "50 s is after the end of the motion")
+
+
+def test_what_cannot_join_says_why(service: RunningService, executor: FakeExecutor, plan):
+    id = streaming(service, plan["id"])
+    refused = replaced(service, id, plan["id"], (None, "tick passed: it begins 0.2 s ago"))
+    assert problem_of(refused, 409, "cannot-join")["detail"] == "tick passed: it begins 0.2 s ago"
+    assert service.client.get(f"/executions/{id}").json()["replacements"][0]["joins_s"] is None
+    assert problem_of(replaced(service, id, plan["id"], None), 409, "cannot-join")["detail"].startswith("the execution")
+    over = service.client.post(f"/executions/{id}/replace", json={"plan_id": plan["id"]})
+    assert "there is no motion to join" in problem_of(over, 409, "cannot-join")["detail"]
+    body = {"release": plan["request"]["release"], "start": {"execution": id, "at_s": 0.1}}
+    (error,) = problem_of(service.client.post("/plan", json=body), 422, "invalid-request")["errors"]
+    assert error["field"] == "start.execution"
+    unknown = service.client.post(f"/executions/{NO_ID}/replace", json={"plan_id": plan["id"]})
+    problem_of(unknown, 404, "not-found")
+
+
+def test_one_replacement_at_a_time(service: RunningService, executor: FakeExecutor, plan):
+    id = streaming(service, plan["id"])
+    assert service.store.request_replacement(id, plan["id"], "one") is not None
+    busy = service.client.post(f"/executions/{id}/replace", json={"plan_id": plan["id"]})
+    assert "another plan" in problem_of(busy, 409, "cannot-join")["detail"]

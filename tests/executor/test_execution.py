@@ -17,6 +17,6 @@ def test_a_motion_brakes_from_its_last_passage_on(rows: int, brakes: bool) -> No
     nothing: Any = None
     execution: Any = Execution(nothing, nothing)
     job = SimpleNamespace(first_clock_s=-0.02, dt=0.002, lag_ticks=1.0, release_row=110)
-    execution.trajectory = SimpleNamespace(passed=(100, 300), dt=0.002)
-    execution.run = SimpleNamespace(job=job, state=shm.STREAMING, furthest=shm.STREAMING, row_count=rows)
+    execution.motions = [SimpleNamespace(trajectory=SimpleNamespace(passed=(100, 300), dt=0.002))]
+    execution.run = SimpleNamespace(taken=0, job=job, state=shm.STREAMING, furthest=shm.STREAMING, row_count=rows)
     assert ("braking" in execution.states()) is brakes

@@ -72,10 +72,8 @@ def refusals(request: dict[str, Any]) -> dict[str, str]:
         ({"passages": [passage(outputs=[FLASH | {"offset_s": 3.0}])]},
          "passages[0].outputs[0].offset_s", "must be at most 2"),
         ({"passages": [passage()], "end": {"kind": "line"}}, "end.kind", "is not one of rest, home, joint, pose"),
-        ({"passages": [passage()], "start": {"positions": [0.0] * 6, "velocities": [0.0] * 6}},
-         "start.velocities", "is not supported yet: a motion starts at rest"),
         ({"passages": [passage()], "start": {"execution": "x", "at_s": 0.1}},
-         "start.execution", "is not supported yet"),
+         "start.execution", "needs a service with an executor"),
         ({"passages": [passage()], "min_hit_probability": 0.5}, "min_hit_probability", "have nothing to hit"),
     ],
 )  # fmt: skip

@@ -189,7 +189,8 @@ def _tried_ticks(instance: Instance, found: KnotStates, solver: Solver) -> Itera
 def _sampled(instance: Instance, found: KnotStates, ticks: tuple[int, int]) -> Trajectory:
     """Returns the motion on whole ticks, exactly through the release state.
 
-    The remainder of a phase to whole ticks is spent at rest: before the launch, and after the brake.
+    The remainder of a phase to whole ticks is spent at rest: before the launch, and after the brake. A start in motion
+    has no rest to spend it in: there the correction onto ticks takes it up, or the solve for whole ticks.
 
     Args:
         instance: as it was solved.
@@ -206,7 +207,7 @@ def _sampled(instance: Instance, found: KnotStates, ticks: tuple[int, int]) -> T
     before = dt * np.arange(-ticks[0], 1, dtype=np.float64)
     acceleration = columns_at(before, since_release[: k + 1], found.qdd[: k + 1])
     state = (q, qd, zero if problem.ends_at_rest else found.qdd[k])
-    head = onto_grid((problem.start, zero, zero), state, acceleration, dt, jerk_max)
+    head = onto_grid(problem.start_state, state, acceleration, dt, jerk_max)
     if problem.ends_at_rest:
         return join(head, tuple(x[-1:] for x in head), 1.0 / dt)  # pyright: ignore[reportArgumentType]
     after = dt * np.arange(ticks[1] + 1, dtype=np.float64)

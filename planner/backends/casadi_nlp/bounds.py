@@ -149,12 +149,12 @@ class Bounds:
             self.g[0, rows] = np.where(positive, distance, -np.inf)
             self.g[1, rows] = np.where(positive, np.inf, -distance)
 
-    def fix_ends(self, start: Vector) -> None:
-        """Fixes the start at rest in `start` (6,) [rad], the end at rest, and the time of the release, which is 0."""
+    def fix_ends(self, q: Vector, qd: Vector, qdd: Vector) -> None:
+        """Fixes the start's state, each (6,) [rad, rad/s, rad/s^2], the end at rest, and the release's time, 0."""
         x = self.x
-        x[:, 0, Q] = start
-        x[:, 0, QD] = 0.0
-        x[:, 0, QDD] = 0.0
+        x[:, 0, Q] = q
+        x[:, 0, QD] = qd
+        x[:, 0, QDD] = qdd
         x[:, self.launch, TIME] = 0.0
         x[:, -1, QD] = 0.0
         x[:, -1, QDD] = 0.0

@@ -237,7 +237,7 @@ class Instance:
             if group in CLEARANCES:
                 bounds.ease_beside_given(group, self._given_clearances(group))
         bounds.free_flights_after_release(self.stages.window > 0)
-        bounds.fix_ends(problem.start)
+        bounds.fix_ends(*problem.start_state)
         bounds.limit_steps(self.steps)
         if "leaving" in self.stages.groups:
             bounds.follow_object(leaving_time(problem))

@@ -62,10 +62,8 @@ def least_times(problem: ThrowProblem, candidate: Candidate) -> Vector:
         SolverFailed: Ruckig refuses the states.
         BackendUnavailable: ruckig is not installed.
     """
-    zero = np.zeros(6)
-    start = (problem.start, zero, zero)
-    release = (candidate.q, candidate.qd, zero)
-    motion = library.fastest_motion(start, release, problem.limits, problem.dt, on_ticks=False)
+    release = (candidate.q, candidate.qd, np.zeros(6))
+    motion = library.fastest_motion(problem.start_state, release, problem.limits, problem.dt, on_ticks=False)
     return np.array(motion.independent_min_durations)
 
 
@@ -88,6 +86,7 @@ def earliest_arrival(problem: ThrowProblem, candidate: Candidate) -> Arrival:
         if times[i] <= time_s:
             break
         maxima = float(limits.qd_max[i]), float(limits.qdd_max[i]), float(limits.jerk_max[i])
+        joint.starts_with(float(problem.start_qd[i]), float(problem.start_qdd[i]))
         own, a = joint.earliest(float(candidate.q[i] - problem.start[i]), float(candidate.qd[i]), maxima)
         if own < times[i]:
             qdd[i] = a
@@ -96,14 +95,19 @@ def earliest_arrival(problem: ThrowProblem, candidate: Candidate) -> Arrival:
 
 
 class _Joint:
-    """One joint starting at rest; Ruckig's objects for it are made once."""
+    """One joint; Ruckig's objects for it are made once."""
 
     def __init__(self) -> None:
         self.ruckig: Any = library.ruckig_module()
         self.solver, self.motion = self.ruckig.Ruckig(1), self.ruckig.Trajectory(1)
         self.solved = (self.ruckig.Result.Working, self.ruckig.Result.Finished)
-        self.request = request = self.ruckig.InputParameter(1)
-        request.current_position = request.current_velocity = request.current_acceleration = [0.0]
+        self.request = self.ruckig.InputParameter(1)
+        self.request.current_position = [0.0]
+
+    def starts_with(self, velocity: float, acceleration: float) -> None:
+        """Sets the joint's velocity [rad/s] and acceleration [rad/s^2] at the start."""
+        self.request.current_velocity = [velocity]
+        self.request.current_acceleration = [acceleration]
 
     def earliest(self, distance: float, velocity: float, maxima: tuple[float, float, float]) -> tuple[float, float]:
         """Returns the least time [s] over `distance` [rad] to `velocity` [rad/s], and its final acceleration."""

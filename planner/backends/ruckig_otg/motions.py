@@ -47,24 +47,27 @@ def solve(problem: ThrowProblem, candidate: Candidate, variant: LaunchVariant = 
         BackendUnavailable: ruckig is not installed.
     """
     zero = np.zeros(6)
-    start = (problem.start, zero, zero)
+    start = problem.start_state
     qdd = zero
     if variant == "free":
         qdd = earliest_arrival(problem, candidate).qdd
+    limited = problem.limits
     if variant == "gentle":
-        problem = replace(problem, limits=_gentle(problem.limits, np.abs(candidate.qd), GENTLE))
+        limited = _gentle(limited, np.maximum(np.abs(candidate.qd), np.abs(problem.start_qd)), GENTLE)
     at_ticks = _independent if variant == "independent" else _synchronised
+    if variant == "independent" and not problem.starts_at_rest:
+        raise SolverFailed("a joint that is in motion cannot wait at the start")
 
     def launch(limits: Limits) -> tuple[State, Vector]:
         release = (candidate.q, candidate.qd, np.clip(qdd, -limits.qdd_max, limits.qdd_max))
         return release, at_ticks(start, release, limits, problem.dt)
 
-    head = _on_grid(problem, start, launch)
+    head = _on_grid(limited, problem.dt, start, launch)
     release = (candidate.q, candidate.qd, head[2][-1])
     if problem.ends_at_rest:
         tail = (candidate.q[None], candidate.qd[None], zero[None])
     else:
-        tail = _on_grid(problem, release, lambda limits: _brake(release, limits, problem.dt))
+        tail = _on_grid(limited, problem.dt, release, lambda limits: _brake(release, limits, problem.dt))
     return Solution(join(head, tail, 1.0 / problem.dt), variant)
 
 
@@ -83,14 +86,14 @@ def leg(problem: ThrowProblem, start: State, end: State | None, pace: float, lea
         BackendUnavailable: ruckig is not installed.
     """
     speeds = np.abs(start[1]) if end is None else np.maximum(np.abs(start[1]), np.abs(end[1]))
-    limited = replace(problem, limits=_gentle(problem.limits, speeds, pace)) if pace < 1.0 else problem
+    limited = _gentle(problem.limits, speeds, pace) if pace < 1.0 else problem.limits
 
     def phase(limits: Limits) -> tuple[State, Vector]:
         if end is None:
             return _brake(start, limits, problem.dt)
         return end, _synchronised(start, end, limits, problem.dt, least_s)
 
-    samples = _on_grid(limited, start, phase)
+    samples = _on_grid(limited, problem.dt, start, phase)
     if not fits(samples, problem.limits, problem.dt):
         raise SolverFailed("the motion exceeds a joint's limit on ticks")
     return samples
@@ -150,11 +153,10 @@ def initial_guess(problem: ThrowProblem, candidate: Candidate) -> RuckigMotion:
         SolverFailed: Ruckig refuses the states.
         BackendUnavailable: ruckig is not installed.
     """
-    zero = np.zeros(6)
     limits = problem.limits
     dt = problem.dt
     release = (candidate.q, candidate.qd, earliest_arrival(problem, candidate).qdd)
-    launch = fastest_motion((problem.start, zero, zero), release, limits, dt, on_ticks=False)
+    launch = fastest_motion(problem.start_state, release, limits, dt, on_ticks=False)
     if problem.ends_at_rest:
         return RuckigMotion(launch, None, launch.duration, launch.duration)
     brake = fastest_motion(release, None, limits, dt)
@@ -168,13 +170,13 @@ def _gentle(limits: Limits, speeds: Vector, pace: float) -> Limits:
     return replace(limits, qd_max=qd_max, qdd_max=pace * limits.qdd_max, jerk_max=pace * limits.jerk_max)
 
 
-def _on_grid(problem: ThrowProblem, start: State, phase: Callable[[Limits], tuple[State, Vector]]) -> State:
+def _on_grid(limits: Limits, dt: float, start: State, phase: Callable[[Limits], tuple[State, Vector]]) -> State:
     """Returns the samples of a phase on the tick grid, with the smallest reserve with which it keeps the limits."""
     samples = start
     for reserve in RESERVES:
-        end, qdd = phase(grid_limits(problem.limits, problem.dt, reserve))
-        samples = onto_grid(start, end, qdd, problem.dt, problem.limits.jerk_max)
-        if fits(samples, problem.limits, problem.dt):
+        end, qdd = phase(grid_limits(limits, dt, reserve))
+        samples = onto_grid(start, end, qdd, dt, limits.jerk_max)
+        if fits(samples, limits, dt):
             break
     return samples
 

@@ -553,6 +553,30 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/executions/{id}/replace": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Go on with another plan
+         * @description Replaces a running plan by one that begins on it, at the tick at which it does. **This moves the robot.**
+         *
+         *     The executor certifies it with its own cell file, and takes it if it joins in position, velocity and acceleration
+         *     and its tick can still be reached; otherwise the running plan goes on untouched, and `detail` says why. Not in
+         *     script mode.
+         */
+        post: operations["replace_plan"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/experiments": {
         parameters: {
             query?: never;
@@ -1574,6 +1598,11 @@ export interface components {
              * @description Reason of the outcome, in words.
              */
             reason: string | null;
+            /**
+             * Replacements
+             * @description The plans that were to replace the running one, in their order.
+             */
+            replacements: components["schemas"]["ReplacementAnswer"][];
             /**
              * Request Id
              * @description `X-Request-ID` of the request that queued it.
@@ -3878,6 +3907,37 @@ export interface components {
             velocities: number[];
         };
         /**
+         * ReplaceRequest
+         * @description The plan that a running execution is to go on with.
+         */
+        ReplaceRequest: {
+            /**
+             * Plan Id
+             * @description Id of a plan that begins on the running motion: its `start` names the execution, or has the state that it has at a tick. `latest` is the newest plan, on simulated cells only.
+             */
+            plan_id: string;
+        };
+        /**
+         * ReplacementAnswer
+         * @description What became of a request to go on with another plan.
+         */
+        ReplacementAnswer: {
+            /** Id */
+            id: string;
+            /**
+             * Joins S
+             * @description When that plan begins, on the execution's clock [s]; null: refused, the running plan went on.
+             */
+            joins_s: number | null;
+            /** Plan Id */
+            plan_id: string;
+            /**
+             * Reason
+             * @description Why it was refused; empty where it was not.
+             */
+            reason: string;
+        };
+        /**
          * RequestLimits
          * @description Tighter limits than the cell's; one number for all joints or one per joint.
          */
@@ -4272,19 +4332,39 @@ export interface components {
         };
         /**
          * StartRequest
-         * @description Start of the launch, at rest. Give one of the two.
+         * @description Start of the motion. Give positions, current, or execution with at_s.
          */
         StartRequest: {
             /**
+             * Accelerations
+             * @description Joint accelerations at the start [rad/s^2]; absent: zero.
+             */
+            accelerations?: number[] | null;
+            /**
+             * At S
+             * @description Time in that execution's motion at which this one begins, rounded to a tick [s].
+             */
+            at_s?: number | null;
+            /**
              * Current
-             * @description true: the current joint positions, as the cell's executor reports them.
+             * @description true: the current joint positions, as the cell's executor reports them, at rest.
              */
             current?: true | null;
+            /**
+             * Execution
+             * @description Id of a running execution, or `latest`: the motion begins on it, so that it can replace it.
+             */
+            execution?: string | null;
             /**
              * Positions
              * @description Joint positions, base to wrist 3 [rad].
              */
             positions?: number[] | null;
+            /**
+             * Velocities
+             * @description Joint velocities at the start [rad/s]; absent: zero.
+             */
+            velocities?: number[] | null;
         };
         /**
          * StateEvent
@@ -4852,6 +4932,8 @@ export type ProfileList = components['schemas']['ProfileList'];
 export type ProfileSummary = components['schemas']['ProfileSummary'];
 export type Readiness = components['schemas']['Readiness'];
 export type ReleaseState = components['schemas']['ReleaseState'];
+export type ReplaceRequest = components['schemas']['ReplaceRequest'];
+export type ReplacementAnswer = components['schemas']['ReplacementAnswer'];
 export type RequestLimits = components['schemas']['RequestLimits'];
 export type RestEndRequest = components['schemas']['RestEndRequest'];
 export type RobotActionAnswer = components['schemas']['RobotActionAnswer'];
@@ -7188,6 +7270,114 @@ export interface operations {
                 };
             };
             /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    replace_plan: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Id of the execution, or `latest`. */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["ReplaceRequest"];
+            };
+        };
+        responses: {
+            /** @description The plan joins the motion. */
+            202: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ExecutionAnswer"];
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `request-timeout` */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `robot-not-ready`, `plan-not-executable`, `cannot-join` */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `too-large` */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `unsupported-media-type` */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `shutting-down`, `not-ready` */
             503: {
                 headers: {
                     [name: string]: unknown;
