@@ -26,6 +26,7 @@ from planner.answer import aimed_problem, promised_tolerance
 from planner.approach import Approach, find_approach, jog_advice, obstacle_words
 from planner.certificate import Check, release_flight
 from planner.controller_program import NoProgram
+from planner.passages import passed_until
 from store import ExecutionRow, ProfileRow, new_id
 
 SAFETY_WAIT_S = 0.2  # [s] after a fault, for a state that is newer than the fault
@@ -182,7 +183,8 @@ class Execution:
         entered.append("approaching")
         if furthest == shm.STREAMING:
             entered.append("streaming")
-        last_s = self.trajectory.passed[-1] * self.trajectory.dt - run.job.first_clock_s
+        last = passed_until(self.problem.passages, self.trajectory)[-1]
+        last_s = last * self.trajectory.dt - run.job.first_clock_s
         if state in BRAKING or row_count > round(last_s / run.job.dt) + run.job.lag_ticks:
             entered.append("braking")
         return entered
