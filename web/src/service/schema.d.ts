@@ -2324,6 +2324,21 @@ export interface components {
             throws: number;
         };
         /**
+         * LineRequest
+         * @description A straight line of the tool at constant speed. From one orientation to the other it turns evenly, about one axis. It begins on a tick and goes straight on to the first tick that is not before its end.
+         */
+        LineRequest: {
+            /** @description Pose of the tool centre point at the start, in `frame`. */
+            from: components["schemas"]["Pose"];
+            /**
+             * Speed M S
+             * @description Speed of the tool centre point [m/s].
+             */
+            speed_m_s: number;
+            /** @description Pose at the end, in `frame`. */
+            to: components["schemas"]["Pose"];
+        };
+        /**
          * MapAnswer
          * @description One plane of a throwability map.
          */
@@ -2650,6 +2665,11 @@ export interface components {
              */
             level: boolean;
             /**
+             * Offset M
+             * @description Place on a line, from its start [m]: `offset_s` counts from when the tool is there.
+             */
+            offset_m?: number | null;
+            /**
              * Offset S
              * @description Time from the passage to the edge [s]; negative: before it.
              * @default 0
@@ -2682,6 +2702,11 @@ export interface components {
             /** Level */
             level: boolean;
             /**
+             * Offset M
+             * @description As in the request [m]; absent without a line.
+             */
+            offset_m?: number | null;
+            /**
              * Offset S
              * @description As in the request [s].
              */
@@ -2691,7 +2716,7 @@ export interface components {
         };
         /**
          * PassageAnswer
-         * @description A state that the motion passes; `command_time_s` is null where nothing is let go.
+         * @description A state that the motion passes, or that at a line's start; `command_time_s` is null where nothing is let go.
          */
         PassageAnswer: {
             /**
@@ -2706,7 +2731,7 @@ export interface components {
             command_time_s: number | null;
             /**
              * End Index
-             * @description Sample at which the passage ends: `index`, as a state is an instant.
+             * @description Sample at which the passage ends: that of a line's end; of a state, `index`.
              */
             end_index: number;
             /**
@@ -2743,7 +2768,7 @@ export interface components {
         };
         /**
          * PassageRequest
-         * @description A state to pass at speed, exactly on a tick.
+         * @description A state to pass at speed, exactly on a tick, or a line that begins on one.
          */
         PassageRequest: {
             /**
@@ -2751,6 +2776,8 @@ export interface components {
              * @description Time of the passage from the motion's start, rounded to a tick [s]; absent: as soon as possible.
              */
             at_s?: number | null;
+            /** @description The straight line. */
+            line?: components["schemas"]["LineRequest"] | null;
             /**
              * Name
              * @description Name of the passage, of its own in the motion.
@@ -2773,9 +2800,9 @@ export interface components {
             releases?: true | null;
             /**
              * State
-             * @description The state, of any kind of `release`.
+             * @description The state, of any kind of `release`. Give either a state or a line.
              */
-            state: components["schemas"]["PoseReleaseRequest"] | components["schemas"]["PointReleaseRequest"] | components["schemas"]["JointReleaseRequest"] | components["schemas"]["TargetReleaseRequest"];
+            state?: (components["schemas"]["PoseReleaseRequest"] | components["schemas"]["PointReleaseRequest"] | components["schemas"]["JointReleaseRequest"] | components["schemas"]["TargetReleaseRequest"]) | null;
         };
         /**
          * PlanAnswer
@@ -3047,7 +3074,7 @@ export interface components {
             min_hit_probability?: number | null;
             /**
              * Passages
-             * @description States to pass one after another, as fast as the limits allow, and the outputs about them.
+             * @description States and lines to pass one after another, as fast as the limits allow, and the outputs about them.
              */
             passages?: components["schemas"]["PassageRequest"][] | null;
             /**
@@ -4696,6 +4723,7 @@ export type LandingList = components['schemas']['LandingList'];
 export type LandingRequest = components['schemas']['LandingRequest'];
 export type LandingShift = components['schemas']['LandingShift'];
 export type LandingStatistics = components['schemas']['LandingStatistics'];
+export type LineRequest = components['schemas']['LineRequest'];
 export type MapAnswer = components['schemas']['MapAnswer'];
 export type MapBody = components['schemas']['MapBody'];
 export type MapHead = components['schemas']['MapHead'];
