@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -16,19 +16,17 @@ from planner.errors import SolverFailed
 from planner.geometry import tool_state
 from planner.problem import ThrowProblem
 from planner.search.record import PlanningSearch
-from planner.seeds import Candidate, InitialGuess, Seed
+from planner.seeds import Candidate, Seed
 from planner.trajectory import Trajectory
 
 ROUNDS = 4  # [-] solves from one initial guess, each after failed checks of the one before
 CERTIFIED = "certified"
-GENTLE_RAMP_S = 0.1  # [s] that an acceleration takes to its limit in a gentle initial guess
 
 
 def optimise(search: PlanningSearch, candidate: Candidate) -> bool:
     """Optimises from a candidate; returns whether a motion is certified, or known to be no sooner than the best.
 
-    The second initial guess has all rows from the beginning that the first one came to need: where it ended was far
-    from a motion that keeps them.
+    The initial guess is Ruckig's soonest motion; where Ruckig refuses the candidate, it is left to the optimiser.
 
     Args:
         search: updated in place.
@@ -36,20 +34,17 @@ def optimise(search: PlanningSearch, candidate: Candidate) -> bool:
     """
     search.begin_candidate()
     begun_s = time.perf_counter() + _load(search)
-    result = ""
-    is_settled = False
-    groups: frozenset[str] = frozenset()
-    for guess in _guesses(search.problem, candidate):
-        try:
-            result = _optimise_from(search, Seed(candidate, guess), groups)
-            is_settled = result == CERTIFIED
-        except casadi_nlp.SeedFailed as failure:
-            search.iterations += failure.iterations
-            result = str(failure)
-            is_settled = failure.is_late
-            groups = failure.groups
-        if is_settled:
-            break
+    try:
+        guess = ruckig_otg.initial_guess(search.problem, candidate)
+    except SolverFailed:
+        guess = None
+    try:
+        result = _optimise_from(search, Seed(candidate, guess))
+        is_settled = result == CERTIFIED
+    except casadi_nlp.SeedFailed as failure:
+        search.iterations += failure.iterations
+        result = str(failure)
+        is_settled = failure.is_late
     search.log_attempt("casadi", f"{candidate.label}: {result}", begun_s)
     return is_settled
 
@@ -63,30 +58,12 @@ def _load(search: PlanningSearch) -> float:
     return taken_s
 
 
-def _guesses(problem: ThrowProblem, candidate: Candidate) -> Iterator[InitialGuess | None]:
-    """Yields the initial guesses from a candidate: Ruckig's motion within the limits, then one with little jerk.
-
-    None leaves the motion to the optimiser, where Ruckig refuses the candidate.
-    """
-    limits = problem.limits
-    gentle = np.minimum(limits.jerk_max, limits.qdd_max / GENTLE_RAMP_S)
-    for jerk_max in (limits.jerk_max, gentle):
-        try:
-            guess = ruckig_otg.initial_guess(replace(problem, limits=replace(limits, jerk_max=jerk_max)), candidate)
-        except SolverFailed:
-            guess = None
-        yield guess
-        if guess is None or np.array_equal(gentle, limits.jerk_max):
-            return
-
-
-def _optimise_from(search: PlanningSearch, seed: Seed, groups: frozenset[str]) -> str:
+def _optimise_from(search: PlanningSearch, seed: Seed) -> str:
     """Optimises from an initial guess, after failed checks again from there with wider margins; returns how it ends.
 
     Args:
         search: updated in place.
         seed: a candidate and the initial guess.
-        groups: rows that are included from the beginning.
 
     Raises:
         SeedFailed: the optimiser came to no motion, or to none that is sooner than the best.
@@ -95,7 +72,6 @@ def _optimise_from(search: PlanningSearch, seed: Seed, groups: frozenset[str]) -
     # Of many, those near the motion in which one was met; rows for whichever is near at first end many a solve.
     few = len(problem.cell_with_bin.surroundings.keep_out) <= casadi_nlp.KEEP_OUT_SHAPES
     options = SolveOptions(
-        groups=groups,
         margins=casadi_nlp.Margins(heeds_shapes=few),
         deadline_s=search.deadline_s,
         latest_s=search.latest_useful_s,

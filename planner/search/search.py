@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -32,9 +31,6 @@ Solve = Callable[[ThrowProblem, Candidate], Solution]
 
 ENOUGH = 2  # [-] candidates that lead to a certified motion, or to none that is sooner: the best of them is kept
 CANDIDATES = 10  # [-] that a search starts from; of a pose most others are full turns away
-# given joint states to which Ruckig's soonest motions are tried: the soonest one, and the next, should that be blocked
-ARRIVALS = 2
-JERK_SHARES = (1.0, 0.5, 0.25, 0.125, 0.0625, 0.03125)  # [-] of the limit, of these motions in turn
 TICK_SLACK = 1e-6  # [ticks] for rounding
 
 # Every motion of the back ends that try them all on every candidate.
@@ -77,7 +73,7 @@ def search_candidates(search: PlanningSearch, found: Sequence[Candidate], at_mos
         return
     is_auto = problem.backend == "auto"
     if is_auto and problem.fixes_joints:
-        try_motions(search, "ruckig", found[:ARRIVALS], [partial(_soonest_motion, share) for share in JERK_SHARES])
+        try_motions(search, "ruckig", found[:1], [_soonest_motion])
     tried = 0
     settled = 0
     for candidate, least_s in _first(search, found):
@@ -120,11 +116,9 @@ def try_motions(search: PlanningSearch, backend: str, found: Sequence[Candidate]
     search.log_attempt(backend, f"{made} from {counted(len(found), 'candidate')}{failure}", begun_s)
 
 
-def _soonest_motion(jerk_share: float, problem: ThrowProblem, candidate: Candidate) -> Solution:
-    """Returns Ruckig's soonest motion to a candidate with a share of the jerk; it heeds nothing that couples joints."""
-    limits = problem.limits
-    gentler = replace(problem, limits=replace(limits, jerk_max=jerk_share * limits.jerk_max))
-    return ruckig_otg.solve(gentler, candidate, "free")
+def _soonest_motion(problem: ThrowProblem, candidate: Candidate) -> Solution:
+    """Returns Ruckig's soonest motion to a candidate; it heeds nothing that couples joints."""
+    return ruckig_otg.solve(problem, candidate, "free")
 
 
 def _first(search: PlanningSearch, found: Sequence[Candidate]) -> Iterator[tuple[Candidate, float]]:

@@ -41,7 +41,7 @@ EXAMPLES = [
     SolverFailed("iteration limit", 80, [{"backend": "casadi", "result": "iteration limit", "duration_s": 0.4}]),
     TooLate("would release after 0.3 s", 12),
     PlannerBug("KeyError: 'q'"),
-    SeedFailed("fatrop: gave up in 71 iterations", 71, is_late=True, groups=frozenset({"effort"})),
+    SeedFailed("fatrop: gave up in 71 iterations", 71, is_late=True),
     BackendUnavailable("toppra", "toppra"),
 ]
 

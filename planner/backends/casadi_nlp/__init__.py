@@ -54,13 +54,11 @@ class SeedFailed(SolverFailed):
 
     Attributes:
         is_late: whether a solution was found, or was to come, that releases too late.
-        groups: rows that were included in the end.
     """
 
-    def __init__(self, status: str, iterations: int, is_late: bool, groups: frozenset[str]) -> None:
+    def __init__(self, status: str, iterations: int, is_late: bool) -> None:
         super().__init__(status, iterations)
         self.is_late = is_late
-        self.groups = groups
 
 
 def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOptions()) -> Solution:
@@ -89,7 +87,7 @@ def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOption
         return answer(instance, solver)
     except SolverFailed as failure:
         is_late = isinstance(failure, TooLate)
-        raise SeedFailed(failure.status, solver.iterations, is_late, solver.groups) from None
+        raise SeedFailed(failure.status, solver.iterations, is_late) from None
 
 
 def load() -> None:

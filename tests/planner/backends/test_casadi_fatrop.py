@@ -352,7 +352,7 @@ def test_the_launch_takes_the_sizes_that_python_does() -> None:
 
 
 def test_a_solve_from_which_fatrop_does_not_return_is_left() -> None:
-    """Found by the audit: these are the arguments of that solve."""
+    """Found by the audit: these are the arguments of that solve, with the rows of today and a gripper that jitters."""
     stored = json.loads(Path(__file__).with_name("unreturned_launch.json").read_text(encoding="utf-8"))
     options = stored.pop("options")
     arguments = {name: np.array(values, float) for name, values in stored.items()}

@@ -18,7 +18,6 @@ from planner.planning import plan
 from planner.problem import JointRelease, TargetRelease, ThrowProblem
 from planner.request import problem_from_request
 from planner.search import PlanningSearch, search_candidates
-from planner.search.optimise import optimise
 from planner.search.search import CANDIDATES, MOTIONS
 from planner.seeds import aspects, candidates, first_rows, least_times_to_aspects
 from tests.planner.problems import cell, ideal_cell, joint_problem, pose_problem, steady_cell
@@ -170,7 +169,7 @@ def test_casadi_requested_by_name_uses_the_optimiser_alone():
 
 def test_ruckig_answers_where_the_optimiser_gives_nothing(monkeypatch):
     def fails(*_):
-        raise casadi_nlp.SeedFailed("made to fail", 1, False, frozenset())
+        raise casadi_nlp.SeedFailed("made to fail", 1, False)
 
     monkeypatch.setattr(casadi_nlp, "solve", fails)
     answer = plan(target_problem())
@@ -179,21 +178,8 @@ def test_ruckig_answers_where_the_optimiser_gives_nothing(monkeypatch):
     assert "made to fail" in {attempt.result.split(": ")[-1] for attempt in answer.attempts}
 
 
-def test_the_second_guess_has_the_rows_from_the_beginning_that_the_first_one_came_to_need(monkeypatch):
-    given = []
-
-    def fails(problem, seed, options):
-        given.append(options.groups)
-        raise casadi_nlp.SeedFailed("made to fail", 1, False, options.groups | {"effort", "standing"})
-
-    monkeypatch.setattr(casadi_nlp, "solve", fails)
-    problem = target_problem()
-    optimise(PlanningSearch(problem, math.inf), candidates(problem)[0])
-    assert given == [frozenset(), {"effort", "standing"}]
-
-
-def test_a_throw_to_a_place_beside_the_foot_is_found_by_the_optimiser():
-    """A first solution without the rows of foot and base flies through them; from there none with them is found."""
+def test_a_throw_to_a_place_beside_the_foot_is_answered():
+    """The optimiser's first solutions fly through foot and base, and it finds none from there: a stop before helps."""
     problem = joint_problem(
         "ur5-sim",
         start=np.array([-1.142766225, -0.862043666, 1.010899005, -0.375453395, -0.236162646, -1.170259227]),
@@ -201,11 +187,11 @@ def test_a_throw_to_a_place_beside_the_foot_is_found_by_the_optimiser():
         time_limit_s=60.0,
     )
     answer = plan(problem)
-    assert answer.backend == "casadi"
-    assert answer.trajectory.release_time_s < 0.7
+    assert answer.certificate.valid
+    assert answer.trajectory.release_time_s < 1.2
 
 
-def test_a_given_state_whose_soonest_arrival_is_not_certified_is_reached_with_less_jerk_or_optimised():
+def test_a_given_state_whose_soonest_arrival_is_not_certified_is_reached_all_the_same():
     """Tool speed couples the joints: Ruckig, which knows them one by one, breaks it."""
     limits = replace(cell().limits, tcp_speed_max=0.8)
     known = joint_problem().release
