@@ -27,8 +27,6 @@ __all__ = [
     "solve",
 ]
 
-ITERATION_BUDGET = 300  # [-] in all calls of a solve together: most take less than a third
-
 
 @dataclass(frozen=True)
 class SolveOptions:
@@ -37,14 +35,12 @@ class SolveOptions:
     Attributes:
         margins: on every limit; wider ones after a certificate's failed checks.
         groups: rows that are included from the beginning, as those of a failed motion; others as they are violated.
-        iteration_budget: no further solver call begins when the iterations of all calls reach it.
         deadline_s: on `time.perf_counter`; no further solver call begins after it. None for no deadline.
         latest_s: a motion that releases later than this is of no use; infinite for no such time.
     """
 
     margins: Margins = DEFAULT_MARGINS
     groups: frozenset[str] = frozenset()
-    iteration_budget: int = ITERATION_BUDGET
     deadline_s: float | None = None
     latest_s: float = math.inf
 
@@ -82,7 +78,7 @@ def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOption
     problem = with_room(problem)
     instance = Instance.of(problem, seed, options.margins)
     groups = options.groups | instance.first_groups
-    solver = Solver(options.iteration_budget, options.deadline_s, groups, options.latest_s)
+    solver = Solver(options.deadline_s, groups, options.latest_s)
     try:
         return answer(instance, solver)
     except SolverFailed as failure:

@@ -14,16 +14,12 @@ from typing import Protocol
 from planner.backends.casadi_nlp.layout import ARM_CAPSULES
 from planner.backends.casadi_nlp.tuning import (
     OPENING_RAD,
-    OVER,
     ROOM_M,
     USABLE,
 )
 
-SPARE_M = 0.001  # [m], [rad] beyond `OVER` times what is missing
+SPARE_M = 0.001  # [m], [rad] beyond what is missing
 SPARE_SHARE = 0.01  # [-] of a limit beyond what is missing
-MOST_M = 0.1  # [m], [rad] a wider distance is no remedy: the motion has to be another one
-LEAST_SHARE = 0.3  # [-] the same for a smaller share of a limit
-MOST_OPENING_RAD = 0.6  # [rad] missing angle beyond which a narrower opening is no remedy
 DIAGONAL = math.sqrt(2.0)  # the optimiser bounds a landing error in x and y, the certificate its norm
 
 # What each check's rows keep: a share of a limit, or a distance from it.
@@ -167,20 +163,18 @@ class Margins:
         return None
 
     def _with_share(self, name: str, share: float) -> Margins | None:
-        """Returns the margins with a share of a limit, a little less; None where hardly any is left."""
-        return replace(self, **{name: share - SPARE_SHARE}) if share > LEAST_SHARE else None
+        """Returns the margins with a share of a limit, a little less; None where none is left."""
+        return replace(self, **{name: share - SPARE_SHARE}) if share > SPARE_SHARE else None
 
-    def _with_more(self, missing: float, *names: str) -> Margins | None:
-        """Returns the margins with distances that are wider by what is missing, and more; None beyond reason."""
-        wider = {name: getattr(self, name) + OVER * missing + SPARE_M for name in names}
-        return replace(self, **wider) if max(wider.values()) < MOST_M else None
+    def _with_more(self, missing: float, *names: str) -> Margins:
+        """Returns the margins with distances that are wider by what is missing, and a little more."""
+        return replace(self, **{name: getattr(self, name) + missing + SPARE_M for name in names})
 
-    def _with_way_out(self, missing_rad: float) -> Margins | None:
+    def _with_way_out(self, missing_rad: float) -> Margins:
         """Returns the margins that follow the object's way out; once they do, with a narrower opening."""
         if not self.leaves:
             return replace(self, leaves=True)
-        narrower = self.opening_rad + OVER * missing_rad + OPENING_RAD
-        return replace(self, opening_rad=narrower) if missing_rad < MOST_OPENING_RAD else None
+        return replace(self, opening_rad=self.opening_rad + missing_rad + OPENING_RAD)
 
 
 DEFAULT_MARGINS = Margins()

@@ -19,7 +19,6 @@ from planner.geometry import tool_state
 from planner.problem import ThrowProblem
 from planner.releases import Opening
 
-WINDOW_STAGE_S = 0.005  # [s] least duration of one of them, or a tick
 ROUNDING = 1e-9  # [-] of a number of stages
 FALL_MIN = 0.05  # [m^2/s^2] least discriminant of a flight: below, the object only grazes the plane
 LARGEST_SLOPE_RAD = 1.57  # [rad] elevations beyond have hardly a finite tangent: they are no limits
@@ -51,7 +50,7 @@ def window_stages(problem: ThrowProblem) -> int:
         return 0
     if not aims(problem):
         return 1
-    fitting = math.floor(problem.release_window_s / max(WINDOW_STAGE_S, problem.dt) + ROUNDING)
+    fitting = math.floor(problem.release_window_s / problem.dt + ROUNDING)
     return max(1, min(WINDOW_STAGES, fitting))
 
 

@@ -44,18 +44,15 @@ class TooLate(SolverFailed):
 
 @dataclass(eq=False)
 class Solver:
-    """The solver calls of one solve, with their common budget.
+    """The solver calls of one solve.
 
     Attributes:
-        iteration_budget: no further call begins when the iterations of all calls reach it, but for the short ones with
-            times that are fixed.
         deadline_s: on `time.perf_counter`; no further call, and no iteration, begins after it. None for no deadline.
         groups: rows included so far: of `LAZY_GROUPS`, or `POSITIONS`.
         latest_s: a solution that releases later than this is of no use; infinite for no such time.
         iterations: spent so far.
     """
 
-    iteration_budget: int
     deadline_s: float | None
     groups: frozenset[str]
     latest_s: float
@@ -66,7 +63,7 @@ class Solver:
 
         Raises:
             TooLate: it would release after `latest_s`.
-            SolverFailed: the solver gave up, or the budget is spent.
+            SolverFailed: the solver gave up, or the time is spent.
         """
         arguments = instance.arguments
         while True:
@@ -91,8 +88,6 @@ class Solver:
         hardly changes the cost.
         """
         are_times_free = instance.fixed_times is None
-        if self.iterations >= self.iteration_budget and are_times_free:
-            raise SolverFailed(f"out of iterations: {self.iterations} of {self.iteration_budget}", self.iterations)
         seconds = math.inf if self.deadline_s is None else self.deadline_s - time.perf_counter()
         if seconds <= 0.0:
             raise SolverFailed(OUT_OF_TIME, self.iterations)

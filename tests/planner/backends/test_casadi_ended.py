@@ -52,7 +52,7 @@ def instance(request: pytest.FixtureRequest) -> Instance:
 
 
 def _calls(latest_s: float = math.inf) -> solver.Solver:
-    return solver.Solver(1000, None, frozenset(), latest_s)
+    return solver.Solver(None, frozenset(), latest_s)
 
 
 def _first(calls: solver.Solver, instance: Instance) -> Array:

@@ -77,7 +77,7 @@ def _is_solved_alike(instance: Instance, with_groups: bool, monkeypatch: pytest.
     found = []
     for launch in (fatrop.launch_of, CasadiLaunch):
         monkeypatch.setattr(solver, "launch_of", launch)
-        calls = solver.Solver(1000, None, groups, math.inf)
+        calls = solver.Solver(None, groups, math.inf)
         found.append((calls._with_groups(instance, instance.arguments).tobytes(), calls.iterations))
     assert found[0] == found[1]
     assert calls.iterations > 5
@@ -93,14 +93,14 @@ def test_variables_and_iterations_of_a_solve_that_is_given_up_are_those_too(
     for launch in (fatrop.launch_of, CasadiLaunch):
         monkeypatch.setattr(solver, "launch_of", launch)
         with pytest.raises(SolverFailed, match="gave up") as error:
-            solver.Solver(1000, None, frozenset(), math.inf)._with_groups(instance, instance.arguments)
+            solver.Solver(None, frozenset(), math.inf)._with_groups(instance, instance.arguments)
         found.append(error.value.iterations)
     assert found[:2] == found[2:]
 
 
 def test_a_call_is_ended_after_its_time_and_not_changed_by_it(instance: Instance) -> None:
     part = instance.stages.with_groups(frozenset())
-    reduced = solver.Solver(1000, None, frozenset(), math.inf)._reduced(instance, part, instance.arguments)
+    reduced = solver.Solver(None, frozenset(), math.inf)._reduced(instance, part, instance.arguments)
     launch = fatrop.launch_of(part)
     whole = launch.solve(reduced, solver.FATROP)
     in_time = launch.solve(reduced, solver.FATROP, math.inf, 1e3)
@@ -117,7 +117,7 @@ def test_a_solve_is_ended_in_the_middle_of_a_call(instance: Instance, monkeypatc
     looks = iter([0.0])
     monkeypatch.setattr(time, "perf_counter", lambda: next(looks))
     with pytest.raises(SolverFailed, match=solver.OUT_OF_TIME) as failure:
-        solver.Solver(1000, 1e-9, frozenset(), math.inf)._with_groups(instance, instance.arguments)
+        solver.Solver(1e-9, frozenset(), math.inf)._with_groups(instance, instance.arguments)
     assert failure.value.iterations == 1
 
 
@@ -125,7 +125,7 @@ def test_a_solve_is_ended_in_the_middle_of_a_call(instance: Instance, monkeypatc
 def test_where_fatrop_gives_up_what_breaks_no_row_is_a_solution(
     instance: Instance, off: float, is_solution: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    calls = solver.Solver(1000, None, frozenset(), math.inf)
+    calls = solver.Solver(None, frozenset(), math.inf)
     solve = fatrop.Launch.solve
     expected = calls._with_groups(instance, instance.arguments)
 
@@ -156,7 +156,7 @@ def test_only_an_optimum_says_that_a_release_is_too_late(
 
     monkeypatch.setattr(fatrop.Launch, "solve", ended)
     with pytest.raises(SolverFailed) as error:
-        solver.Solver(1000, None, frozenset(), 0.01).solve(instance)
+        solver.Solver(None, frozenset(), 0.01).solve(instance)
     assert isinstance(error.value, solver.TooLate) is is_late
 
 
