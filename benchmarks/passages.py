@@ -29,7 +29,7 @@ from planner.geometry import body_model, tool_state
 from planner.passages import Passage
 from planner.planning import SearchHints, plan
 from planner.problem import ThrowProblem
-from planner.releases import JointRelease, PointRelease, PoseRelease, Release, StraightLine
+from planner.releases import JointRelease, PointRelease, PoseRelease, Release, SteadyLine
 from planner.rotations import pose, rotation_vector_to_matrix
 from planner.search.tool_lines import line_motions
 from planner.trajectory import Trajectory
@@ -120,7 +120,7 @@ class Drawing:
         )  # fmt: skip
         return states[int(self.rng.integers(len(states)))], (q[None], qd[None], np.zeros((1, 6)))
 
-    def _line(self, q: Vector) -> tuple[StraightLine, State] | None:
+    def _line(self, q: Vector) -> tuple[SteadyLine, State] | None:
         X_WT, _ = tool_state(self.cell, q, np.zeros(6))
         way = self.rng.normal(size=3)
         length = self.rng.uniform(*LINE_M)
@@ -128,7 +128,7 @@ class Drawing:
         turn = self.rng.uniform(-1.0, 1.0, 3) * TURN_RAD / math.sqrt(3.0) * self.rng.integers(2)
         speed = float(self.rng.uniform(*LINE_M_S))
         X_WE = pose(X_WT[:3, 3] + way, rotation_vector_to_matrix(turn) @ X_WT[:3, :3])
-        line = StraightLine(X_WT, np.concatenate([way, turn]) * speed / length, X_WE, speed)
+        line = SteadyLine(X_WT, np.concatenate([way, turn]) * speed / length, X_WE, speed)
         try:
             (motion,) = line_motions(self._problem([Passage("", line)]), [q])
         except Infeasible:

@@ -14,7 +14,7 @@ from planner.cell import Cell
 from planner.errors import FieldError
 from planner.fields import Choice, Field, Flag, Kinds, Number, Record, RecordList, Text, Vector, Whole, Yes, required
 from planner.grippers import OUTPUTS
-from planner.releases import KINDS, POSE, JointRelease, PoseRelease, Release, StraightLine, release_document
+from planner.releases import KINDS, POSE, JointRelease, PoseRelease, Release, SteadyLine, release_document
 from planner.trajectory import Trajectory
 
 PASSAGES_MAX = 20
@@ -79,7 +79,7 @@ class Passage:
 
     def offset_s(self, switch: OutputSwitch) -> float:
         """Returns the time from its tick to the edge of one of its outputs [s]."""
-        if switch.offset_m is None or not isinstance(self.state, StraightLine):
+        if switch.offset_m is None or not isinstance(self.state, SteadyLine):
             return switch.offset_s
         return switch.offset_m / self.state.speed_m_s + switch.offset_s
 
@@ -144,7 +144,7 @@ PASSAGE = Record(
             Kinds({name: kind.record for name, kind in KINDS.items()}),
             "The state, of any kind of `release`. Give either a state or a line.",
         ),
-        "line": Field(StraightLine.record, "The straight line."),
+        "line": Field(SteadyLine.record, "The straight line."),
         "releases": Field(Yes(), "true: the object leaves the tool here; at one passage at most."),
         "outputs": Field(RecordList(SWITCH, 0, OUTPUTS_MAX), "What switches about it; absent: nothing."),
         "at_s": Field(
@@ -199,14 +199,14 @@ def passages_from_json(given: Sequence[Mapping[str, Any]], X_WR: Array) -> tuple
 def _state_from_json(given: Mapping[str, Any], X_WR: Array) -> Release:
     """Returns the state or the line of a passage in the world."""
     if "line" in given:
-        return StraightLine.from_json(given["line"], X_WR)
+        return SteadyLine.from_json(given["line"], X_WR)
     return KINDS[given["state"]["kind"]].from_json(given["state"], X_WR)
 
 
 def passage_document(passage: Passage) -> dict[str, Any]:
     """Returns a passage in the shape of `POST /plan`, in the world frame."""
     state = passage.state
-    stated = {"line": state.to_json()} if isinstance(state, StraightLine) else {"state": release_document(state)}
+    stated = {"line": state.to_json()} if isinstance(state, SteadyLine) else {"state": release_document(state)}
     document: dict[str, Any] = {"name": passage.name, **stated}
     if passage.releases:
         document["releases"] = True
@@ -292,7 +292,7 @@ def _output_errors(passage: Passage, path: str, cell: Cell) -> list[FieldError]:
     """Returns the outputs that do not exist, are the gripper's own, off the line, or are to switch twice at once."""
     errors = []
     outputs = passage.outputs
-    length = passage.state.length_m if isinstance(passage.state, StraightLine) else None
+    length = passage.state.length_m if isinstance(passage.state, SteadyLine) else None
     gripper = cell.gripper
     tick_s = 1.0 / cell.robot.sample_rate_hz
     own = [] if gripper.link is not None else [(gripper.output, gripper.index)]

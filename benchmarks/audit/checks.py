@@ -20,7 +20,7 @@ from benchmarks.audit.mujoco_model import inverse_dynamics
 from benchmarks.audit.pinocchio_arm import arm_model, dh_frames_in_urdf, poses_and_velocity
 from benchmarks.audit.safety import grip_faults, object_times, safety_faults
 from planner.problem import JointRelease, PointRelease, PoseRelease, Release, ThrowProblem
-from planner.releases import StraightLine
+from planner.releases import SteadyLine
 from planner.trajectory import Trajectory
 
 Vector = NDArray[np.float64]
@@ -151,14 +151,14 @@ def _passed(problem: ThrowProblem, motion: Trajectory) -> list[tuple[Release, fl
     states: list[tuple[Release, float]] = []
     for passage, k in zip(problem.passages, motion.passed, strict=True):
         at_s = k * motion.dt
-        if isinstance(passage.state, StraightLine):
+        if isinstance(passage.state, SteadyLine):
             states += [(state, at_s + t) for state, t in _on_line(passage.state)]
         else:
             states.append((passage.state, at_s))
     return states if problem.end is None else [*states, (problem.end, motion.duration_s)]
 
 
-def _on_line(line: StraightLine) -> list[tuple[Release, float]]:
+def _on_line(line: SteadyLine) -> list[tuple[Release, float]]:
     """Returns the states on a line, each with its time from the start [s]: both ends, and every millisecond or less."""
     R_0 = line.X_WT[:3, :3]
     way = line.X_WE[:3, 3] - line.X_WT[:3, 3]

@@ -19,7 +19,7 @@ from planner.certificate.release import (
 from planner.certificate.samples import MotionSamples
 from planner.passages import crowded_edges, output_edges, passed_until
 from planner.problem import ThrowProblem
-from planner.releases import Release, StraightLine
+from planner.releases import Release, SteadyLine
 from planner.trajectory import Trajectory
 
 LINE_STEP_S = 0.001  # [s] largest spacing of the instants at which a line is evaluated; bounds hold in between
@@ -51,7 +51,7 @@ def passage(motion: MotionSamples) -> Check | None:
 
 def _kept(motion: MotionSamples, name: str, state: Release, first: int, last: int) -> list[Check]:
     """Returns the checks of a state at a sample, or of a line from one to another."""
-    if isinstance(state, StraightLine):
+    if isinstance(state, SteadyLine):
         return _along_line(motion, name, state, first, last)
     checks = (position_at("passage", motion, state, first), velocity_at("passage", motion, state, first))
     return [replace(each, detail=f"{name}: {each.detail or each.unit}") for each in checks if each is not None]
@@ -86,7 +86,7 @@ def _crowded_outputs(problem: ThrowProblem, trajectory: Trajectory) -> Check | N
     return at_least("passage", apart_s, trajectory.dt, "s", other.edge_time_s, detail).provided(False)
 
 
-def _along_line(motion: MotionSamples, name: str, line: StraightLine, first: int, last: int) -> list[Check]:
+def _along_line(motion: MotionSamples, name: str, line: SteadyLine, first: int, last: int) -> list[Check]:
     """Returns the checks of a line from sample `first` to `last`: place, orientation and both velocities, at any time.
 
     Of a deviation e between two instants h apart, |e''| is at most that at one of them, and sup|e''''| h^2/8 more; |e'|

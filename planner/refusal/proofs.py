@@ -20,7 +20,7 @@ from planner.problem import ThrowProblem
 from planner.refusal.blocked_postures import blocked_postures
 from planner.refusal.released_flight import released_flight_blocked
 from planner.refusal.throw_range import SLACK, farthest_reach_from_shoulder, out_of_range, shoulder_position
-from planner.releases import StraightLine, Target
+from planner.releases import SteadyLine, Target
 
 RIM_POINTS = 2048  # [-] places on the rim of the arm's reach from which a target is aimed at
 RANGE_STEP_M = 0.01  # [m] to which the farthest distance of a target is found
@@ -50,7 +50,7 @@ def _of_passage(problem: ThrowProblem, number: int) -> list[Violation]:
     name = f"passage {passage.name!r}"
     alone = problem.through(passage.state, passage.releases, problem.is_thrown_before(number))
     found = [*_of_demands(alone), *filter(None, [released_flight_blocked(alone)])]
-    if isinstance(passage.state, StraightLine):
+    if isinstance(passage.state, SteadyLine):
         name += f", {'start' if found else 'end'} of the line"
         found = found or _of_demands(alone.through(passage.state.end_state, False, False))
     return [violation.within(name) for violation in found]

@@ -3,7 +3,7 @@
 from typing import Any
 
 from planner.releases.joint import JointRelease
-from planner.releases.line import StraightLine
+from planner.releases.line import SteadyLine
 from planner.releases.point import PointRelease
 from planner.releases.pose import POSE, PoseRelease
 from planner.releases.release import Bound, Opening, PointState, Release, ReleaseSample, Target
@@ -20,7 +20,7 @@ __all__ = [
     "PoseRelease",
     "Release",
     "ReleaseSample",
-    "StraightLine",
+    "SteadyLine",
     "Target",
     "TargetRelease",
     "release_document",

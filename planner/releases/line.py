@@ -36,7 +36,7 @@ def _check_line(given: dict[str, Any], path: str, errors: list[FieldError]) -> N
 
 
 @dataclass(frozen=True, eq=False)
-class StraightLine(PoseRelease):
+class SteadyLine(PoseRelease):
     """A straight line of the tool centre point at constant speed, while the tool turns evenly about one axis.
 
     Pose and twist are those at its start; the twist is the same all along.

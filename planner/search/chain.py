@@ -30,7 +30,7 @@ from planner.errors import TIME_LIMIT, Infeasible, SolverFailed, Violation, noth
 from planner.kinematics import inverse_velocity, jacobian, singularity_distances, tcp_acceleration
 from planner.passages import passed_until
 from planner.problem import ThrowProblem
-from planner.releases import StraightLine
+from planner.releases import SteadyLine
 from planner.search.record import PlanningSearch
 from planner.search.tool_lines import line_motions
 from planner.seeds import candidates
@@ -326,7 +326,7 @@ def _found(search: PlanningSearch, name: str, alone: ThrowProblem) -> list[Piece
     begun_s = time.perf_counter()
     try:
         found = candidates(alone, search.deadline_s)
-        if isinstance(alone.release, StraightLine):
+        if isinstance(alone.release, SteadyLine):
             return [*line_motions(alone, [each.q for each in found])]
     except Infeasible as refusal:
         search.log_attempt("candidates", f"no joint state of {name}", begun_s)

@@ -14,7 +14,7 @@ from planner.errors import Infeasible, Violation
 from planner.geometry import body_model
 from planner.kinematics import SINGULARITIES, inverse_branches, inverse_velocity, jacobian, signed_singularity_distances
 from planner.problem import ThrowProblem
-from planner.releases import StraightLine
+from planner.releases import SteadyLine
 from planner.rotations import invert_pose
 from planner.trajectory import interpolate
 
@@ -25,7 +25,7 @@ FULL_TURN = 2.0 * np.pi
 Motion = tuple[Array, Array, Array]  # q, qd, qdd (n, 6) at the ticks of a line
 
 
-class Obstacle(NamedTuple):
+class LineObstacle(NamedTuple):
     """What stands in the way along a line, and from which tick on."""
 
     tick: int
@@ -49,10 +49,10 @@ def line_motions(problem: ThrowProblem, starts: Sequence[Array]) -> list[Motion]
     for start in starts:
         branch, turns = branches.of_start(start)
         motion = made(branch)
-        if not isinstance(motion, Obstacle):
+        if not isinstance(motion, LineObstacle):
             q, qd, qdd = motion
             motion = branches.beyond_position(q + turns) or (q + turns, qd, qdd)
-        (obstacles if isinstance(motion, Obstacle) else found).append(motion)
+        (obstacles if isinstance(motion, LineObstacle) else found).append(motion)
     if not found:
         raise Infeasible([max(obstacles, key=lambda each: each.tick).violation])
     return found
@@ -70,7 +70,7 @@ class _Branches:
     """
 
     problem: ThrowProblem
-    line: StraightLine
+    line: SteadyLine
     q: Array
     excess: Array
 
@@ -78,7 +78,7 @@ class _Branches:
     def of(cls, problem: ThrowProblem) -> _Branches:
         """Returns the branches of a problem."""
         line = problem.release
-        assert isinstance(line, StraightLine)
+        assert isinstance(line, SteadyLine)
         cell = problem.cell
         t = problem.dt * np.arange(problem.passages[0].ticks(1.0 / problem.dt) + 1, dtype=np.float64)
         q, excess = inverse_branches(cell.robot, invert_pose(cell.X_WB) @ line.poses(t), cell.tool.X_FT)
@@ -90,7 +90,7 @@ class _Branches:
         branch = int(np.nanargmin(np.abs(self.q[0] + turns - start).max(axis=1)))
         return branch, turns[branch]
 
-    def along(self, branch: int) -> Motion | Obstacle:
+    def along(self, branch: int) -> Motion | LineObstacle:
         """Returns the motion on a branch, whatever full turns it makes; or what ends it."""
         obstacle = _first_of(self._beyond_reach(branch), self._near_singularity(branch))
         if obstacle is not None:
@@ -103,7 +103,7 @@ class _Branches:
         motion = interpolate(q, qd_first, qd_last, self.problem.dt)
         return self._beyond_rates(motion) or self._blocked(q) or motion
 
-    def _beyond_reach(self, branch: int) -> Obstacle | None:
+    def _beyond_reach(self, branch: int) -> LineObstacle | None:
         lost = np.isnan(self.q[:, branch]).any(axis=1)
         if not lost.any():
             return None
@@ -112,16 +112,16 @@ class _Branches:
         away = float(np.linalg.norm(self.line.poses(np.array([self.problem.dt * tick]))[0, :3, 3] - X_WB[:3, 3]))
         reach = away - float(self.excess[tick, branch])
         violation = Violation("reach", away, reach, "m", detail="distance from the arm's base")
-        return Obstacle(tick, self._at(tick, violation))
+        return LineObstacle(tick, self._at(tick, violation))
 
-    def _near_singularity(self, branch: int) -> Obstacle | None:
+    def _near_singularity(self, branch: int) -> LineObstacle | None:
         """Returns where a branch is too near to a singularity, or passes one between two ticks."""
         signed = signed_singularity_distances(self.problem.cell.robot, self.q[:, branch])
         distances = signed * np.sign(signed[0])
         limit = max(self.problem.limits.singularity_distance_min, REGULAR)
         return self._first("singularity_distance", -distances, np.full(3, -limit), "1", SINGULARITIES, -1.0)
 
-    def _beyond_rates(self, motion: Motion) -> Obstacle | None:
+    def _beyond_rates(self, motion: Motion) -> LineObstacle | None:
         limits = self.problem.limits
         names = self.problem.cell.robot.joint_names
         jerk = np.diff(motion[2], axis=0) / self.problem.dt
@@ -132,7 +132,7 @@ class _Branches:
         )
         return _first_of(*(self._first(name, np.abs(values), limit, unit, names) for name, values, limit, unit in rows))
 
-    def beyond_position(self, q: Array) -> Obstacle | None:
+    def beyond_position(self, q: Array) -> LineObstacle | None:
         """Returns where joint positions (n, 6) [rad] leave their limits."""
         limits = self.problem.limits
         names = self.problem.cell.robot.joint_names
@@ -140,7 +140,7 @@ class _Branches:
         below = self._first("joint_position", -q, -limits.q_lower, "rad", names, -1.0)
         return _first_of(above, below)
 
-    def _blocked(self, q: Array) -> Obstacle | None:
+    def _blocked(self, q: Array) -> LineObstacle | None:
         """Returns the first of the postures looked at that is not clear of everything."""
         body = body_model(self.problem.cell_with_bin)
         holds = self.problem.holds_object
@@ -152,11 +152,11 @@ class _Branches:
         tick = int(looked_at[hit[0]])
         violation = body.violations_at(q[tick], holds)[0]
         where = violation.detail.removesuffix("at the release").rstrip(", ")
-        return Obstacle(tick, self._at(tick, replace(violation, detail=where)))
+        return LineObstacle(tick, self._at(tick, replace(violation, detail=where)))
 
     def _first(
         self, name: str, values: Array, limits: Array, unit: str, names: Sequence[str], sign: float = 1.0
-    ) -> Obstacle | None:
+    ) -> LineObstacle | None:
         """Returns which of `values` (n, m) is above its limit (m,) first, and the largest of it; None where none is.
 
         Values and limits are told times `sign`.
@@ -170,7 +170,7 @@ class _Branches:
         violation = Violation(
             name, sign * float(values[worst, which]), sign * float(limits[which]), unit, detail=names[which]
         )
-        return Obstacle(int(ticks[which]), self._at(worst, violation))
+        return LineObstacle(int(ticks[which]), self._at(worst, violation))
 
     def _at(self, tick: int, violation: Violation) -> Violation:
         """Returns a violation with its place on the line."""
@@ -178,6 +178,6 @@ class _Branches:
         return replace(violation, detail=f"{violation.detail}, {along_m:.3f} m along the line")
 
 
-def _first_of(*found: Obstacle | None) -> Obstacle | None:
+def _first_of(*found: LineObstacle | None) -> LineObstacle | None:
     """Returns the obstacle that comes first."""
     return min(filter(None, found), key=lambda each: each.tick, default=None)

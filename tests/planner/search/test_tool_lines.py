@@ -18,7 +18,7 @@ from planner.errors import Infeasible
 from planner.geometry import tool_state
 from planner.passages import output_edges
 from planner.planning import Plan, plan
-from planner.releases import StraightLine
+from planner.releases import SteadyLine
 from planner.request import problem_from_request, request_document
 from planner.rotations import rotation_vector_to_matrix
 from planner.search import tool_lines
@@ -52,11 +52,11 @@ def planned(request: dict[str, Any], here: Cell | None = None) -> Plan:
     return found
 
 
-def only_line(found: Plan) -> tuple[StraightLine, int, int]:
+def only_line(found: Plan) -> tuple[SteadyLine, int, int]:
     """Returns a plan's one line, with the samples of its start and end."""
     (index,) = found.trajectory.passed
     (passage,) = found.problem.passages
-    assert isinstance(passage.state, StraightLine)
+    assert isinstance(passage.state, SteadyLine)
     return passage.state, index, index + passage.ticks(found.trajectory.sample_rate_hz)
 
 
@@ -115,7 +115,7 @@ def test_lines_are_in_the_frame_of_the_request() -> None:
     at, *_ = only_line(found)
     assert at.X_WE[:3, 3] == pytest.approx((here.X_WB @ [0.5, 0.2, 0.25, 1.0])[:3])
     again = problem_from_request(request_document(found.problem, found.problem.release), here).passages[0].state
-    assert isinstance(again, StraightLine)
+    assert isinstance(again, SteadyLine)
     assert np.abs(again.poses(np.array([0.3])) - at.poses(np.array([0.3]))).max() < 1e-12
 
 
