@@ -13,7 +13,7 @@ from planner.backends.casadi_nlp.layout import QD, QDD, TIME, Q, Vector
 from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS
 from planner.backends.casadi_nlp.release_state import State, corrected, is_close, refined_release
 from planner.backends.casadi_nlp.solver import Solver, TooLate
-from planner.backends.casadi_nlp.tuning import CORRECTIONS
+from planner.backends.casadi_nlp.tuning import CORRECTIONS, OVER
 from planner.backends.solution import Solution
 from planner.errors import SolverFailed
 from planner.flight import landing_points
@@ -26,7 +26,6 @@ States = Callable[[Vector], tuple[Vector, Vector, Vector]]
 
 LEAST_TICKS = 4  # [ticks] of a phase: three are needed to reach an end state
 EXTRA_TICKS = (0, 1, 2, 3)  # [ticks] given to launch and brake, in turn, until no limit is broken
-OVER = 1.5  # [-] times what is missing between two knots is asked of them: it is less there
 LIMIT_ROUNDING = 1e-8  # [-] share of a limit that floating point may exceed
 SAMPLES_PER_STAGE = 6  # [-] landings evaluated in each stage of the window, once the motion is on ticks
 USABLE_TOLERANCE = 0.99  # [-] of the landing tolerance: leaves the certificate something

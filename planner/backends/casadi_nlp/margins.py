@@ -14,11 +14,12 @@ from typing import Protocol
 from planner.backends.casadi_nlp.layout import ARM_CAPSULES
 from planner.backends.casadi_nlp.tuning import (
     OPENING_RAD,
+    OVER,
     ROOM_M,
     USABLE,
 )
 
-SPARE_M = 0.001  # [m], [rad] beyond what is missing
+SPARE_M = 0.001  # [m], [rad] beyond `OVER` times what is missing
 SPARE_SHARE = 0.01  # [-] of a limit beyond what is missing
 DIAGONAL = math.sqrt(2.0)  # the optimiser bounds a landing error in x and y, the certificate its norm
 
@@ -168,13 +169,13 @@ class Margins:
 
     def _with_more(self, missing: float, *names: str) -> Margins:
         """Returns the margins with distances that are wider by what is missing, and a little more."""
-        return replace(self, **{name: getattr(self, name) + missing + SPARE_M for name in names})
+        return replace(self, **{name: getattr(self, name) + OVER * missing + SPARE_M for name in names})
 
     def _with_way_out(self, missing_rad: float) -> Margins:
         """Returns the margins that follow the object's way out; once they do, with a narrower opening."""
         if not self.leaves:
             return replace(self, leaves=True)
-        return replace(self, opening_rad=self.opening_rad + missing_rad + OPENING_RAD)
+        return replace(self, opening_rad=self.opening_rad + OVER * missing_rad + OPENING_RAD)
 
 
 DEFAULT_MARGINS = Margins()

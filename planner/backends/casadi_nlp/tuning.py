@@ -29,6 +29,7 @@ OPENING_RAD = 0.03  # [rad] within the gripper's opening
 
 # Solutions after what the solution before them lacks, and what is made of the certificate's findings.
 CORRECTIONS = 3  # [-] further solutions at most for drag, for calibration, and for a window's landings
+OVER = 1.5  # [-] times what is missing between two rows is asked of them: it is less there, and another motion follows
 
 LEAVING = 2.0  # [-] times as long as in free fall an object may take out of the grip, as the tool falls, too
 MAX_ITERATIONS = 120  # [-] of one call of fatrop: what takes longer rarely comes to a solution
