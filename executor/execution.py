@@ -28,6 +28,7 @@ from planner.answer import aimed_problem
 from planner.approach import Approach, find_approach, jog_advice, obstacle_words
 from planner.certificate import Check, release_flight
 from planner.controller_program import NoProgram
+from planner.passages import passed_until
 from planner.problem import ThrowProblem
 from planner.trajectory import Trajectory
 from store import ExecutionRow, ProfileRow, new_id
@@ -241,7 +242,8 @@ class Execution:
         entered.append("approaching")
         if furthest == shm.STREAMING:
             entered.append("streaming")
-        last_s = self.trajectory.passed[-1] * self.trajectory.dt - run.job.first_clock_s
+        last = passed_until(self.problem.passages, self.trajectory)[-1]
+        last_s = last * self.trajectory.dt - run.job.first_clock_s
         if state in BRAKING or row_count > round(last_s / run.job.dt) + run.job.lag_ticks:
             entered.append("braking")
         return entered

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from fling.picture import plan_svg
     from fling.planning import plan, problem
     from fling.plans import Edge, Flight, Odds, Passed, Plan, Release
-    from fling.requests import Bin, Joint, Limits, Options, Output, Passage, Point, Pose, Target
+    from fling.requests import Bin, Joint, Limits, Line, Options, Output, Passage, Point, Pose, Target
     from fling.ros import as_joint_trajectory
     from planner import flight, kinematics, rotations, timing
     from planner.cell import Cell
@@ -65,6 +65,7 @@ __all__ = [
     "InvalidProblem",
     "Joint",
     "Limits",
+    "Line",
     "Odds",
     "Options",
     "Output",
@@ -112,7 +113,7 @@ _HOMES = {  # module: the public names that it holds
     "fling.picture": ("plan_svg",),
     "fling.planning": ("plan", "problem"),
     "fling.plans": ("Edge", "Flight", "Odds", "Passed", "Plan", "Release"),
-    "fling.requests": ("Bin", "Joint", "Limits", "Options", "Output", "Passage", "Point", "Pose", "Target"),
+    "fling.requests": ("Bin", "Joint", "Limits", "Line", "Options", "Output", "Passage", "Point", "Pose", "Target"),
     "fling.ros": ("as_joint_trajectory",),
     "planner": ("flight", "kinematics", "rotations", "timing"),
     "planner.cell": ("Cell",),

@@ -14,6 +14,7 @@ from planner.cell import Cell
 from planner.flight import path as flight_path
 from planner.geometry import tool_pose
 from planner.kinematics import link_poses
+from planner.passages import passed_until
 from planner.problem import Opening, ThrowProblem
 
 Vector = NDArray[np.float64]
@@ -33,6 +34,7 @@ STYLE = """
 .fling-plan .arm { stroke-width: 5; opacity: 0.75 }
 .fling-plan .start, .fling-plan .floor, .fling-plan .ruler { stroke: #9aa5b1 }
 .fling-plan .release, .fling-plan .launch { stroke: #0b7285 }
+.fling-plan .straight { stroke: #0b7285; stroke-width: 4 }
 .fling-plan .end, .fling-plan .brake { stroke: #c05621; stroke-dasharray: 4 3 }
 .fling-plan .flight { stroke: #2f9e44; stroke-dasharray: 2 4 }
 .fling-plan .bin { stroke: #7048e8 }
@@ -49,8 +51,8 @@ class PlanScene:
     Attributes:
         arms: Points (n, 3) along the arm at the start, the release and the end.
         path: Positions (N, 3) of the tool centre point.
-        release_index: Sample of the release in `path`.
-        passed: Samples of the passages; without any, that of the release.
+        turned_index: Sample of the release in `path`; without one, that at which the last passage ends.
+        passed: First and last sample of each passage, the same of a state; without any, that of the release.
         flight: Positions (n, 3) of the object in flight; empty for a move that ends at rest.
         target: Target (3,) of the throw, None for other releases.
         opening: Mouth of the bin around the target, None without one.
@@ -59,8 +61,8 @@ class PlanScene:
 
     arms: tuple[Vector, ...]
     path: Vector
-    release_index: int
-    passed: tuple[int, ...]
+    turned_index: int
+    passed: tuple[tuple[int, int], ...]
     flight: Vector
     target: Vector | None
     opening: Opening | None
@@ -88,14 +90,16 @@ def plan_svg(plan: Mapping[str, Any], cell: Cell) -> str:
 
 def _scene(plan: Mapping[str, Any], cell: Cell) -> PlanScene:
     problem, trajectory = plan_from_document(plan, cell)
-    k = trajectory.release_index
+    until = passed_until(problem.passages, trajectory)
+    k = trajectory.release_index if problem.throws else until[-1]
+    passed = tuple(zip(trajectory.passed, until, strict=True))
     X_WT = tool_pose(cell, trajectory.q)
     arms = tuple(_arm(cell, trajectory.q[i]) for i in (0, k, -1))
     target = problem.target
     place = None if target is None else target.p_W
     opening = None if target is None else target.opening
     floor = cell.surroundings.floor_z_m
-    return PlanScene(arms, X_WT[:, :3, 3], k, trajectory.passed, _flight(plan, problem), place, opening, floor)
+    return PlanScene(arms, X_WT[:, :3, 3], k, passed, _flight(plan, problem), place, opening, floor)
 
 
 def _arm(cell: Cell, q: Vector) -> Vector:
@@ -149,12 +153,13 @@ def _view(name: str, left: float, scene: PlanScene, project: Any, bin: list[Vect
     for style, arm in zip(ARM_STYLES, scene.arms, strict=True):
         parts.append(_line(to_pixels(project(arm)), style))
     path = project(scene.path)
-    parts.append(_line(to_pixels(path[: scene.release_index + 1]), "launch"))
-    parts.append(_line(to_pixels(path[scene.release_index :]), "brake"))
+    parts.append(_line(to_pixels(path[: scene.turned_index + 1]), "launch"))
+    parts.append(_line(to_pixels(path[scene.turned_index :]), "brake"))
+    parts += [_line(to_pixels(path[first : last + 1]), "straight") for first, last in scene.passed if last > first]
     if len(scene.flight):
         parts.append(_line(to_pixels(project(scene.flight)), "flight"))
         parts.append(_dot(to_pixels(project(scene.flight[-1:])), "landing", 4))
-    parts += [_dot(to_pixels(path[index][None]), "let-go", 4) for index in scene.passed]
+    parts += [_dot(to_pixels(path[index][None]), "let-go", 4) for span in scene.passed for index in sorted({*span})]
     parts += [_line(to_pixels(project(line)), "bin") for line in bin]
     if scene.target is not None:
         parts.append(_dot(to_pixels(project(scene.target[None])), "target", 8))

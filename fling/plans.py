@@ -62,7 +62,7 @@ class Edge:
     """An output that switches about a passage; times are on the plan's clock [s].
 
     Attributes:
-        output, index, level, offset_s: as in the request.
+        output, index, level, offset_s, offset_m: as in the request.
         command_time_s: when it is commanded.
         edge_time_s: when it changes.
     """
@@ -73,18 +73,21 @@ class Edge:
     offset_s: float
     command_time_s: float
     edge_time_s: float
+    offset_m: float | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Passed(Release):
-    """A passage of the motion; `command_time_s` is None where nothing is let go.
+    """A passage of the motion, of a line its start; `command_time_s` is None where nothing is let go.
 
     Attributes:
         name: as in the request.
+        end_index: sample at which it ends; that of a state itself.
         edges: its outputs, in the order of the request.
     """
 
     name: str
+    end_index: int
     edges: tuple[Edge, ...]
 
 
@@ -215,6 +218,7 @@ class Plan:
                 **_passed(found),
                 time_s=found["time_s"],
                 name=found["name"],
+                end_index=found["end_index"],
                 edges=tuple(Edge(**edge) for edge in found["outputs"]),
             )
             for found in self.document.get("passages", ())

@@ -155,6 +155,36 @@ Release = Joint | Pose | Point | Target
 
 
 @dataclass(frozen=True)
+class Line:
+    """Pass a straight line of the tool at constant speed. Give a rotation vector or a quaternion.
+
+    Attributes:
+        start: of the tool centre point (3,) [m].
+        end: (3,) [m].
+        speed_m_s: of the tool centre point [m/s].
+        rotation_vector: orientation (3,) [rad].
+        quaternion: orientation [x, y, z, w] (4,).
+        end_rotation_vector: orientation at the end, to which the tool turns evenly (3,) [rad]; None: the same.
+        end_quaternion: likewise (4,).
+    """
+
+    start: Numbers
+    end: Numbers
+    speed_m_s: float
+    rotation_vector: Numbers | None = None
+    quaternion: Numbers | None = None
+    end_rotation_vector: Numbers | None = None
+    end_quaternion: Numbers | None = None
+
+    def as_document(self) -> dict[str, Any]:
+        """Returns the line as JSON."""
+        first = _given({"rotation_vector": self.rotation_vector, "quaternion": self.quaternion})
+        last = _given({"rotation_vector": self.end_rotation_vector, "quaternion": self.end_quaternion})
+        poses = {"from": {"position": self.start, **first}, "to": {"position": self.end, **(last or first)}}
+        return plain_values({**poses, "speed_m_s": self.speed_m_s})
+
+
+@dataclass(frozen=True)
 class Output:
     """A digital output that switches about a passage.
 
@@ -163,21 +193,23 @@ class Output:
         index: number of the output.
         level: that it changes to.
         offset_s: from the passage to the edge [s]; negative before it.
+        offset_m: place on a line, from its start [m]: `offset_s` counts from when the tool is there.
     """
 
     output: str
     index: int
     level: bool = True
     offset_s: float = 0.0
+    offset_m: float | None = None
 
 
 @dataclass(frozen=True)
 class Passage:
-    """A state to pass, and what switches about it.
+    """A state or a line to pass, and what switches about it.
 
     Attributes:
         name: of its own in the motion.
-        state: to be passed.
+        state: to be passed, or the line.
         outputs: what switches about it.
         releases: whether the object leaves the tool there.
         at_s: time from the motion's start [s].
@@ -185,7 +217,7 @@ class Passage:
     """
 
     name: str
-    state: Release
+    state: Release | Line
     outputs: Sequence[Output] = ()
     releases: bool = False
     at_s: float | None = None
@@ -194,8 +226,9 @@ class Passage:
     def as_document(self) -> dict[str, Any]:
         """Returns the passage as JSON."""
         given = _given({"at_s": self.at_s, "not_before_s": self.not_before_s, "releases": self.releases or None})
-        outputs = [vars(output) for output in self.outputs]
-        return plain_values({"name": self.name, "state": self.state.as_document(), "outputs": outputs, **given})
+        outputs = [_given(vars(output)) for output in self.outputs]
+        what = "line" if isinstance(self.state, Line) else "state"
+        return plain_values({"name": self.name, what: self.state.as_document(), "outputs": outputs, **given})
 
 
 Request = Mapping[str, Any] | Release | Sequence[Passage]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -17,7 +17,7 @@ from planner.errors import CUT_SHORT, FieldError, InvalidProblem
 from planner.flight import Flight, landing_per_release_delay, path
 from planner.geometry import tool_state
 from planner.kinematics import tcp_acceleration
-from planner.passages import output_edges
+from planner.passages import output_edges, passed_until
 from planner.problem import ThrowProblem
 from planner.request import problem_from_request
 from planner.rotations import matrix_to_quaternion, matrix_to_rotation_vector
@@ -151,16 +151,17 @@ def _passed(problem: ThrowProblem, trajectory: Trajectory) -> dict[str, Any]:
 def _passages(problem: ThrowProblem, trajectory: Trajectory) -> list[dict[str, Any]]:
     """Returns the passages with their states and their outputs' times, in their order."""
     edges = output_edges(problem.cell, problem.passages, trajectory)
+    until = passed_until(problem.passages, trajectory)
     return [
         {
             "name": passage.name,
             **_state(problem, trajectory, index, passage.releases),
-            "end_index": index,  # a state is passed in an instant
+            "end_index": end_index,
             "time_s": index / trajectory.sample_rate_hz,
             "releases": passage.releases,
             "outputs": [
                 {
-                    **asdict(edge.switch),
+                    **edge.switch.as_document(),
                     "command_time_s": edge.command_time_s,
                     "edge_time_s": edge.edge_time_s,
                 }
@@ -169,7 +170,7 @@ def _passages(problem: ThrowProblem, trajectory: Trajectory) -> list[dict[str, A
                 if edge.switch is switch
             ],
         }
-        for passage, index in zip(problem.passages, trajectory.passed, strict=True)
+        for passage, index, end_index in zip(problem.passages, trajectory.passed, until, strict=True)
     ]
 
 

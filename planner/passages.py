@@ -1,4 +1,4 @@
-"""Passages: the states that a motion passes one after another, and the outputs that switch about each of them."""
+"""Passages: the states and lines that a motion passes one after another, and the outputs that switch about each."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from planner.cell import Cell
 from planner.errors import FieldError
 from planner.fields import Choice, Field, Flag, Kinds, Number, Record, RecordList, Text, Vector, Whole, Yes, required
 from planner.grippers import OUTPUTS
-from planner.releases import KINDS, POSE, JointRelease, PoseRelease, Release, release_document
+from planner.releases import KINDS, POSE, JointRelease, PoseRelease, Release, SteadyLine, release_document
 from planner.trajectory import Trajectory
 
 PASSAGES_MAX = 20
@@ -34,21 +34,27 @@ class OutputSwitch:
         output, index: kind and number of the output.
         level: that it changes to.
         offset_s: from the passage to the edge [s]; negative before it.
+        offset_m: place on a line from whose passing `offset_s` counts, from its start [m]; None: the start, or a state.
     """
 
     output: str
     index: int
     level: bool
     offset_s: float = 0.0
+    offset_m: float | None = None
+
+    def as_document(self) -> dict[str, Any]:
+        """Returns the fields in the shape of `POST /plan`."""
+        return {name: value for name, value in asdict(self).items() if value is not None}
 
 
 @dataclass(frozen=True, eq=False)
 class Passage:
-    """A state that a motion passes at a tick.
+    """A state that a motion passes at a tick, or a line that begins there.
 
     Attributes:
         name: that its request gives it.
-        state: what is required of the state, as of a release.
+        state: what is required of the state, as of a release; or the line.
         outputs: what switches about it.
         releases: whether the object leaves the tool there.
         not_before_s: earliest time from the motion's start [s].
@@ -66,6 +72,16 @@ class Passage:
     def is_timed(self) -> bool:
         """Whether it may be too soon."""
         return self.at_s is not None or self.not_before_s > 0.0
+
+    def ticks(self, rate_hz: float) -> int:
+        """Returns the number of ticks that it lasts: 0 of a state; a line goes on to a whole tick."""
+        return math.ceil(self.state.lasts_s * rate_hz - ROUNDING)
+
+    def offset_s(self, switch: OutputSwitch) -> float:
+        """Returns the time from its tick to the edge of one of its outputs [s]."""
+        if switch.offset_m is None or not isinstance(self.state, SteadyLine):
+            return switch.offset_s
+        return switch.offset_m / self.state.speed_m_s + switch.offset_s
 
     def first_tick(self, rate_hz: float) -> int:
         """Returns the first tick at which it may be passed."""
@@ -105,17 +121,30 @@ SWITCH = Record(
             "Time from the passage to the edge [s]; negative: before it.",
             default=0.0,
         ),
+        "offset_m": Field(
+            Number(0.0), "Place on a line, from its start [m]: `offset_s` counts from when the tool is there."
+        ),
     },
-    planned={"offset_m": f"{NOT_YET}: it is for lines; give offset_s"},
 )
+
+
+def _check_passage(given: dict[str, Any], path: str, errors: list[FieldError]) -> None:
+    if ("state" in given) == ("line" in given):
+        errors.append(FieldError(f"{path}.state", "give either state or line"))
+    elif "line" in given and "releases" in given:
+        errors.append(FieldError(f"{path}.releases", "a line lets nothing go: give a state"))
+
+
 PASSAGE = Record(
     "PassageRequest",
-    "A state to pass at speed, exactly on a tick.",
+    "A state to pass at speed, exactly on a tick, or a line that begins on one.",
     {
         "name": required(Text(NAME_MAX), "Name of the passage, of its own in the motion."),
-        "state": required(
-            Kinds({name: kind.record for name, kind in KINDS.items()}), "The state, of any kind of `release`."
+        "state": Field(
+            Kinds({name: kind.record for name, kind in KINDS.items()}),
+            "The state, of any kind of `release`. Give either a state or a line.",
         ),
+        "line": Field(SteadyLine.record, "The straight line."),
         "releases": Field(Yes(), "true: the object leaves the tool here; at one passage at most."),
         "outputs": Field(RecordList(SWITCH, 0, OUTPUTS_MAX), "What switches about it; absent: nothing."),
         "at_s": Field(
@@ -126,7 +155,7 @@ PASSAGE = Record(
             Number(above=0.0, most=TIME_MAX_S), "Earliest time of the passage from the motion's start [s]."
         ),
     },
-    planned={"line": f"{NOT_YET}: pass states"},
+    _check_passage,
 )
 PASSAGES = RecordList(PASSAGE, 1, PASSAGES_MAX)
 END = Kinds(
@@ -157,7 +186,7 @@ def passages_from_json(given: Sequence[Mapping[str, Any]], X_WR: Array) -> tuple
     return tuple(
         Passage(
             name=each["name"],
-            state=KINDS[each["state"]["kind"]].from_json(each["state"], X_WR),
+            state=_state_from_json(each, X_WR),
             outputs=tuple(OutputSwitch(**switch) for switch in each.get("outputs", ())),
             releases=each.get("releases", False),
             not_before_s=each.get("not_before_s", 0.0),
@@ -167,16 +196,25 @@ def passages_from_json(given: Sequence[Mapping[str, Any]], X_WR: Array) -> tuple
     )
 
 
+def _state_from_json(given: Mapping[str, Any], X_WR: Array) -> Release:
+    """Returns the state or the line of a passage in the world."""
+    if "line" in given:
+        return SteadyLine.from_json(given["line"], X_WR)
+    return KINDS[given["state"]["kind"]].from_json(given["state"], X_WR)
+
+
 def passage_document(passage: Passage) -> dict[str, Any]:
     """Returns a passage in the shape of `POST /plan`, in the world frame."""
-    document: dict[str, Any] = {"name": passage.name, "state": release_document(passage.state)}
+    state = passage.state
+    stated = {"line": state.to_json()} if isinstance(state, SteadyLine) else {"state": release_document(state)}
+    document: dict[str, Any] = {"name": passage.name, **stated}
     if passage.releases:
         document["releases"] = True
     if passage.at_s is not None:
         document["at_s"] = passage.at_s
     if passage.not_before_s > 0.0:
         document["not_before_s"] = passage.not_before_s
-    return {**document, "outputs": [asdict(switch) for switch in passage.outputs]}
+    return {**document, "outputs": [switch.as_document() for switch in passage.outputs]}
 
 
 def end_from_json(given: Mapping[str, Any], home: Array, X_WR: Array) -> Release | None:
@@ -215,6 +253,17 @@ def with_main_state(passages: Sequence[Passage], state: Release) -> tuple[Passag
     return tuple(replace(each, state=state) if each.state is was else each for each in passages)
 
 
+def passed_until(passages: Sequence[Passage], trajectory: Trajectory) -> list[int]:
+    """Returns the samples at which the passages of a motion end: those of their states, or the last of their lines.
+
+    Without passages that is its release.
+    """
+    rate_hz = trajectory.sample_rate_hz
+    if not passages:
+        return [trajectory.release_index]
+    return [index + each.ticks(rate_hz) for each, index in zip(passages, trajectory.passed, strict=True)]
+
+
 def passage_errors(passages: Sequence[Passage], cell: Cell) -> list[FieldError]:
     """Returns every field of a request's passages that contradicts another one or the cell."""
     errors = []
@@ -235,13 +284,15 @@ def passage_errors(passages: Sequence[Passage], cell: Cell) -> list[FieldError]:
             errors.append(FieldError(f"{path}.not_before_s", "give either at_s or not_before_s"))
         for error in each.state.errors(cell):
             errors.append(FieldError(error.field.replace("release.", f"{path}.state.", 1), error.reason))
-        errors += _output_errors(each.outputs, f"{path}.outputs", cell)
+        errors += _output_errors(each, f"{path}.outputs", cell)
     return errors
 
 
-def _output_errors(outputs: Sequence[OutputSwitch], path: str, cell: Cell) -> list[FieldError]:
-    """Returns the outputs that do not exist, are the gripper's own, or are to switch twice at once."""
+def _output_errors(passage: Passage, path: str, cell: Cell) -> list[FieldError]:
+    """Returns the outputs that do not exist, are the gripper's own, off the line, or are to switch twice at once."""
     errors = []
+    outputs = passage.outputs
+    length = passage.state.length_m if isinstance(passage.state, SteadyLine) else None
     gripper = cell.gripper
     tick_s = 1.0 / cell.robot.sample_rate_hz
     own = [] if gripper.link is not None else [(gripper.output, gripper.index)]
@@ -254,15 +305,20 @@ def _output_errors(outputs: Sequence[OutputSwitch], path: str, cell: Cell) -> li
             errors.append(FieldError(f"{path}[{i}].index", reason))
         if line in own:
             errors.append(FieldError(f"{path}[{i}]", "is the gripper's own output: give the passage `releases`"))
-        if any(line == (other.output, other.index) and is_closer(each, other, tick_s) for other in outputs[:i]):
-            reason = f"{each.offset_s:g} s is less than a tick of {1e3 * tick_s:g} ms from another edge of this output"
+        if each.offset_m is not None and (length is None or each.offset_m > length * (1.0 + ROUNDING)):
+            where = "a state has no length: give offset_s" if length is None else f"the line ends after {length:g} m"
+            errors.append(FieldError(f"{path}[{i}].offset_m", where))
+        same = [other for other in outputs[:i] if line == (other.output, other.index)]
+        offset_s = passage.offset_s(each)
+        if any(is_closer(offset_s, passage.offset_s(other), tick_s) for other in same):
+            reason = f"{offset_s:g} s is less than a tick of {1e3 * tick_s:g} ms from another edge of this output"
             errors.append(FieldError(f"{path}[{i}].offset_s", reason))
     return errors
 
 
-def is_closer(one: OutputSwitch, other: OutputSwitch, tick_s: float) -> bool:
-    """Returns whether two edges about one passage are less than a tick apart."""
-    return abs(one.offset_s - other.offset_s) < (1.0 - ROUNDING) * tick_s
+def is_closer(one_s: float, other_s: float, tick_s: float) -> bool:
+    """Returns whether two edges about one passage, at offsets from it [s], are less than a tick apart."""
+    return abs(one_s - other_s) < (1.0 - ROUNDING) * tick_s
 
 
 def crowded_edges(edges: Sequence[OutputEdge], tick_s: float) -> tuple[OutputEdge, OutputEdge] | None:
@@ -281,7 +337,7 @@ def output_edges(cell: Cell, passages: Sequence[Passage], trajectory: Trajectory
     edges = []
     for number, passage in enumerate(passages):
         for switch in passage.outputs:
-            edge_s = trajectory.passed[number] / trajectory.sample_rate_hz + switch.offset_s
+            edge_s = trajectory.passed[number] / trajectory.sample_rate_hz + passage.offset_s(switch)
             command_s = edge_s - cell.digital_output(switch.output, switch.index).delay_s - cell.timing.lag_s
             edges.append(OutputEdge(number, switch, command_s, edge_s))
     return sorted(edges, key=lambda edge: edge.command_time_s)

@@ -165,8 +165,9 @@ class ThrowProblem:
 
     @property
     def is_chain(self) -> bool:
-        """Whether the motion passes more than one state, passes one at a given time, or ends in a given one."""
-        return len(self.passages) > 1 or self.end is not None or any(each.is_timed for each in self.passages)
+        """Whether the motion passes more than one state, a line, one at a given time, or ends in a given one."""
+        has_more = any(each.is_timed or each.state.lasts_s > 0.0 for each in self.passages)
+        return len(self.passages) > 1 or self.end is not None or has_more
 
     def with_release(self, release: Release) -> ThrowProblem:
         """Returns the problem with another release."""

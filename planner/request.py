@@ -77,8 +77,8 @@ def _check_motion(given: dict[str, Any], path: str, errors: list[FieldError]) ->
         errors.append(FieldError(f"{prefix}release", "give either release or passages"))
         return
     asked = given.get("min_hit_probability", 0.0)
-    states = [given["release"]] if "release" in given else [each["state"] for each in given["passages"]]
-    if asked > 0.0 and not any(KINDS[state["kind"]].aims for state in states):
+    states = [given["release"]] if "release" in given else [each.get("state") for each in given["passages"]]
+    if asked > 0.0 and not any(KINDS[state["kind"]].aims for state in states if state):
         aiming = " or ".join(name for name, kind in KINDS.items() if kind.aims)
         reason = f"{asked:g} is for a release of kind {aiming}: the others have nothing to hit"
         errors.append(FieldError(f"{prefix}min_hit_probability", reason))
@@ -122,7 +122,8 @@ PLAN_REQUEST = Record(
             "either.",
         ),
         "passages": Field(
-            PASSAGES, "States to pass one after another, as fast as the limits allow, and the outputs about them."
+            PASSAGES,
+            "States and lines to pass one after another, as fast as the limits allow, and the outputs about them.",
         ),
         "end": Field(END, "Where a motion of passages comes to rest; absent: anywhere."),
         "frame": Field(

@@ -113,6 +113,29 @@ def integrate(q0: ArrayLike, qd0: ArrayLike, qdd0: ArrayLike, jerk: Array, dt: f
     return q, qd, qdd
 
 
+def interpolate(q: Array, qd_first: Array, qd_last: Array, dt: float) -> tuple[Array, Array, Array]:
+    """Returns q, qd, qdd (N+1, ...) of the motion of one jerk a tick through positions, with velocities at its ends.
+
+    That is the clamped cubic spline: its velocities solve a tridiagonal system, here by Thomas' algorithm.
+
+    Args:
+        q: positions (N+1, ...) [rad].
+        qd_first, qd_last: velocities at the ends (...) [rad/s].
+        dt: one tick [s].
+    """
+    slope = np.diff(q, axis=0) / dt
+    qd = np.concatenate([qd_first[None], 3.0 * (slope[:-1] + slope[1:]), qd_last[None]])
+    share = np.zeros(len(q))
+    for i in range(1, len(q) - 1):
+        share[i] = 1.0 / (4.0 - share[i - 1])
+        qd[i] = share[i] * (qd[i] - qd[i - 1])
+    for i in range(len(q) - 2, 0, -1):
+        qd[i] -= share[i] * qd[i + 1]
+    after = (6.0 * slope - 4.0 * qd[:-1] - 2.0 * qd[1:]) / dt
+    before = (2.0 * qd[-2:-1] + 4.0 * qd[-1:] - 6.0 * slope[-1:]) / dt
+    return q, qd, np.concatenate([after, before])
+
+
 def columns_at(t: Array, knots: Array, values: Array) -> Array:
     """Returns the columns of `values` (k, m) at times t (n,): linear between `knots` (k,), constant outside."""
     return np.stack([np.interp(t, knots, column) for column in values.T], axis=1)

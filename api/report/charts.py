@@ -27,6 +27,8 @@ def joint_charts(plan: Mapping[str, Any]) -> str:
     times = trajectory["time_from_start"]
     names = trajectory["joint_names"]
     passed = [(each["name"], each["time_s"]) for each in plan.get("passages", ())]
+    lines = [each for each in plan.get("passages", ()) if each["end_index"] > each["index"]]
+    passed += [(f"{each['name']} ends", each["end_index"] / plan["sample_rate_hz"]) for each in lines]
     marks = passed or [("release", plan["release_time_s"])]
     charts = (f"<h2>{title}</h2>{_chart(times, trajectory[name], names, marks)}" for name, title in CHARTS)
     return "".join(charts)

@@ -180,6 +180,21 @@ _MOVING = {
     **_TARGET,
 }
 
+_ENDS = [{"position": [0.5, y, 0.25], "rotation_vector": [3.141592653589793, 0.0, 0.0]} for y in (-0.2, 0.2)]
+_LINE = {
+    "passages": [
+        {
+            "name": "bead",
+            "line": {"from": _ENDS[0], "to": _ENDS[1], "speed_m_s": 0.4},
+            "outputs": [
+                {"output": "standard_digital", "index": 3, "level": True, "offset_m": 0.02},
+                {"output": "standard_digital", "index": 3, "level": False, "offset_m": 0.38},
+            ],
+        }
+    ],
+    "end": {"kind": "home"},
+}
+
 PLAN_EXAMPLES = {
     "target": {"summary": "Hit a point on the floor, whenever the gripper opens", "value": _TARGET},
     "soonest": {"summary": "Hit it as soon as possible", "value": _SOONEST},
@@ -189,6 +204,7 @@ PLAN_EXAMPLES = {
     "point": {"summary": "Release at a point with a velocity", "value": _POINT},
     "moving": {"summary": "Start in motion", "value": _MOVING},
     "passages": {"summary": "Trigger a camera over each of three parts in passing", "value": _PASSAGES},
+    "line": {"summary": "Lay a bead along a straight line", "value": _LINE},
 }
 EXECUTE_EXAMPLES = {"latest": {"summary": "Execute the newest plan (simulated cell)", "value": {"plan_id": "latest"}}}
 REPLACE_EXAMPLES = {"latest": {"summary": "Go on with the newest plan", "value": {"plan_id": "latest"}}}

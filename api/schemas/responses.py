@@ -46,15 +46,16 @@ class OutputTimes(BaseModel):
     index: int
     level: bool
     offset_s: float = Field(description="As in the request [s].")
+    offset_m: float | None = Field(None, description="As in the request [m]; absent without a line.")
     command_time_s: float = Field(description="When it is commanded: edge - delay of the output - arm lag [s].")
     edge_time_s: float = Field(description="When it changes [s].")
 
 
 class PassageAnswer(ReleaseState):
-    """A state that the motion passes; `command_time_s` is null where nothing is let go."""
+    """A state that the motion passes, or that at a line's start; `command_time_s` is null where nothing is let go."""
 
     name: str
-    end_index: int = Field(description="Sample at which the passage ends: `index`, as a state is an instant.")
+    end_index: int = Field(description="Sample at which the passage ends: that of a line's end; of a state, `index`.")
     time_s: float = Field(description="[s]")
     releases: bool = Field(description="Whether the object leaves the tool here.")
     outputs: list[OutputTimes]

@@ -20,6 +20,7 @@ from benchmarks.audit.mujoco_model import inverse_dynamics
 from benchmarks.audit.pinocchio_arm import arm_model, dh_frames_in_urdf, poses_and_velocity
 from benchmarks.audit.safety import grip_faults, object_times, safety_faults
 from planner.problem import JointRelease, PointRelease, PoseRelease, Release, ThrowProblem
+from planner.releases import SteadyLine
 from planner.trajectory import Trajectory
 
 Vector = NDArray[np.float64]
@@ -86,7 +87,7 @@ def find_faults(problem: ThrowProblem, motion: Trajectory, step_s: float = SPARS
     """
     found = motion_faults(problem, motion, step_s=step_s)
     found += [*safety_faults(problem, motion), *grip_faults(problem, motion), *flight_faults(problem, motion)]
-    return found + [fault for release, k in _passed(problem, motion) for fault in _state(problem, motion, release, k)]
+    return found + _passages(problem, motion)
 
 
 def motion_faults(
@@ -152,28 +153,52 @@ def _torques(problem: ThrowProblem, motion: Trajectory, dense: DenseSamples) -> 
 
 def _space(problem: ThrowProblem, motion: Trajectory, dense: DenseSamples, step_s: float) -> list[AuditFault]:
     rows = slice(None, None, dense.every(step_s))
-    moving = [k * motion.dt for release, k in _passed(problem, motion) if not release.is_at_rest]
+    moving = [t for release, t in _passed(problem, motion) if not release.is_at_rest]
     held_until_s = object_times(problem, motion)[1]
     return spatial_faults(problem, dense.q[rows], dense.qd[rows], dense.t[rows], held_until_s, np.array(moving))
 
 
-def _passed(problem: ThrowProblem, motion: Trajectory) -> list[tuple[Release, int]]:
-    """Returns the states that are asked for, each with its sample: of the release, or of all passages and the end."""
+def _passed(problem: ThrowProblem, motion: Trajectory) -> list[tuple[Release, float]]:
+    """Returns the states that are asked for, each with its time [s]: of the release, or of all passages and the end."""
     if not problem.passages:
-        return [(problem.release, motion.release_index)]
-    states = [(passage.state, k) for passage, k in zip(problem.passages, motion.passed, strict=True)]
-    return states if problem.end is None else [*states, (problem.end, len(motion.q) - 1)]
+        return [(problem.release, motion.release_time_s)]
+    states: list[tuple[Release, float]] = []
+    for passage, k in zip(problem.passages, motion.passed, strict=True):
+        at_s = k * motion.dt
+        if isinstance(passage.state, SteadyLine):
+            states += [(state, at_s + t) for state, t in _on_line(passage.state)]
+        else:
+            states.append((passage.state, at_s))
+    return states if problem.end is None else [*states, (problem.end, motion.duration_s)]
 
 
-def _state(problem: ThrowProblem, motion: Trajectory, release: Release, k: int) -> list[AuditFault]:
-    """Returns the faults of the state at a sample, where that of a release is asked for."""
+def _on_line(line: SteadyLine) -> list[tuple[Release, float]]:
+    """Returns the states on a line, each with its time from the start [s]: both ends, and every millisecond or less."""
+    R_0 = line.X_WT[:3, :3]
+    way = line.X_WE[:3, 3] - line.X_WT[:3, 3]
+    lasts_s = float(np.linalg.norm(way)) / line.speed_m_s
+    twist = np.concatenate([way, pin.log3(line.X_WE[:3, :3] @ R_0.T)]) / lasts_s
+    t = np.linspace(0.0, lasts_s, int(lasts_s / STEP_S) + 2)
+    poses = [pin.SE3(pin.exp3(s * twist[3:]) @ R_0, line.X_WT[:3, 3] + s * twist[:3]).homogeneous for s in t]
+    return [(PoseRelease(X, twist), float(s)) for X, s in zip(poses, t, strict=True)]
+
+
+def _passages(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
+    """Returns the faults of the states that are asked for."""
+    model = arm_model(problem.cell, True)
+    spline = CubicHermiteSpline(motion.t, motion.q, motion.qd)
+    states = [(release, spline(t), spline(t, 1)) for release, t in _passed(problem, motion)]
+    return [fault for state in states for fault in _state(problem, model, *state)]
+
+
+def _state(problem: ThrowProblem, model: pin.Model, release: Release, q: Vector, qd: Vector) -> list[AuditFault]:
+    """Returns the faults of a joint state (6,), (6,), where that of a release is asked for."""
     cell = problem.cell
-    model = arm_model(cell, True)
-    poses, v = poses_and_velocity(cell, model, model.createData(), motion.q[k], motion.qd[k])
+    poses, v = poses_and_velocity(cell, model, model.createData(), q, qd)
     p = poses[6].act(cell.tool.X_FT[:3, 3])
     found = []
     if isinstance(release, JointRelease):
-        off = max(np.abs(motion.q[k] - release.q).max(), np.abs(motion.qd[k] - release.qd).max())
+        off = max(np.abs(q - release.q).max(), np.abs(qd - release.qd).max())
         return over("release_velocity", "another joint state at the release", float(off), 0.0, SPEED_SLACK)
     if isinstance(release, PoseRelease | PointRelease):
         place = release.X_WT[:3, 3] if isinstance(release, PoseRelease) else release.p_WT
@@ -183,15 +208,15 @@ def _state(problem: ThrowProblem, motion: Trajectory, release: Release, k: int) 
         found += over("release_position", "another place of release", apart, 0.0, 2.0 * LENGTH_SLACK_M, "m")
         found += over("release_velocity", "another velocity of release", too_fast, 0.0, 2.0 * SPEED_SLACK, "m/s")
     if isinstance(release, PoseRelease):
-        found += _orientation(release, problem, motion, k, model)
+        found += _orientation(release, problem, model, q, qd)
     return found
 
 
 def _orientation(
-    release: PoseRelease, problem: ThrowProblem, motion: Trajectory, k: int, model: pin.Model
+    release: PoseRelease, problem: ThrowProblem, model: pin.Model, q: Vector, qd: Vector
 ) -> list[AuditFault]:
     data = model.createData()
-    pin.forwardKinematics(model, data, motion.q[k], motion.qd[k])
+    pin.forwardKinematics(model, data, q, qd)
     R_WT = (
         data.oMi[6].rotation @ dh_frames_in_urdf(problem.cell.robot.name)[5].rotation @ problem.cell.tool.X_FT[:3, :3]
     )

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
 
-from planner.certificate import clearance, grip, joints, release, safety_limits, stopping, tool, torque
+from planner.certificate import clearance, grip, joints, passages, release, safety_limits, stopping, tool, torque
 from planner.certificate.certificate import Certificate, Check, NotChecked
 from planner.certificate.flight import flight_clearance
 from planner.certificate.samples import MotionSamples
@@ -53,7 +53,7 @@ MOTION_CHECKS: tuple[CheckFunction, ...] = (
     release.landing_window,
     release.release_position,
     release.release_velocity,
-    release.passage,
+    passages.passage,
     release.landing,
     release.landing_axis,
     flight_clearance,

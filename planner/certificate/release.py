@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import lru_cache
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +17,6 @@ from planner.certificate.samples import ArmSamples, MotionSamples
 from planner.flight import Flight, LandingStates, fly, landing_states
 from planner.geometry import ToolState, tool_state
 from planner.kinematics import dot
-from planner.passages import crowded_edges, output_edges
 from planner.problem import ThrowProblem
 from planner.releases import Bound, Release, ReleaseSample
 from planner.rotations import pose
@@ -52,74 +49,23 @@ def release_position(motion: MotionSamples) -> Check | None:
     """Checks the place of the release; None where it is free, or where passages without a release are asked for."""
     if motion.problem.passages and not motion.problem.throws:
         return None
-    return _position("release_position", motion, motion.problem.release, motion.trajectory.release_index)
+    return position_at("release_position", motion, motion.problem.release, motion.trajectory.release_index)
 
 
 def release_velocity(motion: MotionSamples) -> Check | None:
     """Checks the velocity of the release; None where it is free, or where passages without a release are asked for."""
     if motion.problem.passages and not motion.problem.throws:
         return None
-    return _velocity("release_velocity", motion, motion.problem.release, motion.trajectory.release_index)
+    return velocity_at("release_velocity", motion, motion.problem.release, motion.trajectory.release_index)
 
 
-def passage(motion: MotionSamples) -> Check | None:
-    """Checks that every passage has its state, in time and after the one before, and the end what is asked for.
-
-    The detail names the one that is kept least; None where no passages are asked for.
-    """
-    problem = motion.problem
-    trajectory = motion.trajectory
-    if not problem.passages:
-        return None
-    wrong = _wrong_order(problem, trajectory) or _crowded_outputs(problem, trajectory)
-    if wrong is not None:
-        return wrong
-    states = [(each.name, each.state, index) for each, index in zip(problem.passages, trajectory.passed, strict=True)]
-    if problem.end is not None:
-        states.append(("end", problem.end, len(trajectory.q) - 1))
-    found = []
-    for name, state, index in states:
-        for each in (_position("passage", motion, state, index), _velocity("passage", motion, state, index)):
-            if each is not None:
-                found.append(replace(each, detail=f"{name}: {each.detail or each.unit}"))
-    return min(found, key=lambda check: (check.ok, check.margin), default=None)
-
-
-def _wrong_order(problem: ThrowProblem, trajectory: Trajectory) -> Check | None:
-    """Returns the failed check of passages that are not where or when they are asked for; None for those that are."""
-    passed = trajectory.passed
-    if len(passed) != len(problem.passages) or not all(a < b for a, b in pairwise((0, *passed))):
-        return at_most("passage", math.inf, 0.0, "1", None, "they are not passed one after another")
-    for each, index in zip(problem.passages, passed, strict=True):
-        at_s = index / trajectory.sample_rate_hz
-        if each.releases and index != trajectory.release_index:
-            return at_most("passage", math.inf, 0.0, "1", at_s, f"{each.name}: the object is let go elsewhere")
-        if not each.is_in_time(index, trajectory.sample_rate_hz):
-            limit = each.not_before_s if each.at_s is None else each.at_s
-            return at_most("passage", at_s, limit, "s", at_s, f"{each.name}: time").provided(False)
-    return None
-
-
-def _crowded_outputs(problem: ThrowProblem, trajectory: Trajectory) -> Check | None:
-    """Returns the failed check of an output that would switch twice within a tick; None where none does."""
-    edges = output_edges(problem.cell, problem.passages, trajectory)
-    crowded = crowded_edges(edges, trajectory.dt)
-    if crowded is None:
-        return None
-    one, other = crowded
-    names = " and ".join(dict.fromkeys(problem.passages[each.passage].name for each in crowded))
-    detail = f"{names}: between two edges of {other.switch.output} {other.switch.index}"
-    apart_s = other.edge_time_s - one.edge_time_s
-    return at_least("passage", apart_s, trajectory.dt, "s", other.edge_time_s, detail).provided(False)
-
-
-def _position(name: str, motion: MotionSamples, asked: Release, index: int) -> Check | None:
+def position_at(name: str, motion: MotionSamples, asked: Release, index: int) -> Check | None:
     """Returns the check of the place at a sample that is a knot; None where it is free."""
     bounds = asked.position_bounds(_sample(motion, index))
     return _tightest(name, bounds, RELEASE_POSITION_TOLERANCE, index / motion.trajectory.sample_rate_hz)
 
 
-def _velocity(name: str, motion: MotionSamples, asked: Release, index: int) -> Check | None:
+def velocity_at(name: str, motion: MotionSamples, asked: Release, index: int) -> Check | None:
     """Returns the check of the velocity at a sample that is a knot; None where it is free."""
     bounds = asked.velocity_bounds(_sample(motion, index))
     return _tightest(name, bounds, RELEASE_VELOCITY_TOLERANCE, index / motion.trajectory.sample_rate_hz)

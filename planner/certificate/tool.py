@@ -59,24 +59,28 @@ def _speed(motion: MotionSamples, point: WatchedPoint, lever: Array, limit: floa
 def singularity_distance(motion: MotionSamples) -> Check | None:
     """Checks the distance to all three singularities around the release, or around every passage at speed.
 
-    None for a move that ends at rest.
+    Around a line that is all along it. None for a move that ends at rest.
     """
     problem = motion.problem
     trajectory = motion.trajectory
-    found = [_singularity_distance(motion, trajectory.release_index)] if not problem.ends_at_rest else []
+    released = trajectory.release_index
+    spans = [] if problem.ends_at_rest else [(released, released)]
     if problem.passages:
         moving = zip(problem.passages, trajectory.passed, strict=False)
-        found = [_singularity_distance(motion, index) for each, index in moving if not each.state.is_at_rest]
+        rate_hz = trajectory.sample_rate_hz
+        spans = [(index, index + each.ticks(rate_hz)) for each, index in moving if not each.state.is_at_rest]
+    found = [_singularity_distance(motion, *span) for span in spans]
     return min(found, key=lambda check: (check.ok, check.margin), default=None)
 
 
-def _singularity_distance(motion: MotionSamples, index: int) -> Check:
-    """Returns the check of the distance to singularities around a sample."""
+def _singularity_distance(motion: MotionSamples, index: int, until: int) -> Check:
+    """Returns the check of the distance to singularities around a sample, or from one to another."""
     problem = motion.problem
     trajectory = motion.trajectory
     required = motion.limits.singularity_distance_min
     robot = problem.cell.robot
-    first, last = ticks_around(trajectory, index, SINGULARITY_WINDOW_S)
+    first, _ = ticks_around(trajectory, index, SINGULARITY_WINDOW_S)
+    _, last = ticks_around(trajectory, until, SINGULARITY_WINDOW_S)
     rows = motion.knots[(motion.knots > first) & (motion.knots < last)]
     rows = np.concatenate([[first], rows, [last]])
 

@@ -21,7 +21,7 @@ from planner.refusal.blocked_postures import blocked_postures
 from planner.refusal.released_flight import released_flight_blocked
 from planner.refusal.throw_range import SLACK, farthest_reach_from_shoulder, out_of_range, shoulder_position
 from planner.refusal.unstoppable import unstoppable
-from planner.releases import Target
+from planner.releases import SteadyLine, Target
 
 RIM_POINTS = 2048  # [-] places on the rim of the arm's reach from which a target is aimed at
 RANGE_STEP_M = 0.01  # [m] to which the farthest distance of a target is found
@@ -46,11 +46,15 @@ def proven_violations(problem: ThrowProblem) -> list[Violation]:
 
 
 def _of_passage(problem: ThrowProblem, number: int) -> list[Violation]:
-    """Returns what rules out a passage by itself; names it."""
+    """Returns what rules out a passage by itself, or the end of a line; names it."""
     passage = problem.passages[number]
+    name = f"passage {passage.name!r}"
     alone = problem.through(passage.state, passage.releases, problem.is_thrown_before(number))
     found = [*_of_demands(alone), *filter(None, [released_flight_blocked(alone)])]
-    return [violation.within(f"passage {passage.name!r}") for violation in found]
+    if isinstance(passage.state, SteadyLine):
+        name += f", {'start' if found else 'end'} of the line"
+        found = found or _of_demands(alone.through(passage.state.end_state, False, False))
+    return [violation.within(name) for violation in found]
 
 
 def _of_demands(problem: ThrowProblem) -> list[Violation]:

@@ -3,6 +3,7 @@
 from typing import Any
 
 from planner.releases.joint import JointRelease
+from planner.releases.line import SteadyLine
 from planner.releases.point import PointRelease
 from planner.releases.pose import POSE, PoseRelease
 from planner.releases.release import Bound, LandingAxis, Opening, PointState, Release, ReleaseSample, Target
@@ -20,6 +21,7 @@ __all__ = [
     "PoseRelease",
     "Release",
     "ReleaseSample",
+    "SteadyLine",
     "Target",
     "TargetRelease",
     "release_document",

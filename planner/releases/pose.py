@@ -40,13 +40,13 @@ def _check_orientation(given: dict[str, Any], path: str, errors: list[FieldError
     if vector is not None and (reason := beyond_full_turn(np.array(vector))):
         errors.append(FieldError(f"{path}.rotation_vector", reason))
         return
-    found = _orientations(given)
+    found = orientations(given)
     apart = angle_between(found[0], found[-1])
     if apart > AGREEMENT_RAD:
         errors.append(FieldError(path, f"quaternion and rotation_vector are {apart:.3g} rad apart"))
 
 
-def _orientations(given: Mapping[str, Any]) -> list[Array]:
+def orientations(given: Mapping[str, Any]) -> list[Array]:
     """Returns the rotation matrices that a pose gives: answers give both."""
     found = []
     if "quaternion" in given:
@@ -77,6 +77,11 @@ TWIST = Record(
         "angular": required(Vector(3), "Angular velocity [rad/s]."),
     },
 )
+
+
+def pose_document(X_WT: Array) -> dict[str, Any]:
+    """Returns a pose (4, 4) as JSON."""
+    return {"position": X_WT[:3, 3].tolist(), "quaternion": matrix_to_quaternion(X_WT[:3, :3]).tolist()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,16 +134,15 @@ class PoseRelease(Release):
     @classmethod
     def from_json(cls, given: Mapping[str, Any], X_WR: Array) -> Self:
         """Returns the release in the world."""
-        X_RT = pose(np.array(given["pose"]["position"]), _orientations(given["pose"])[0])
+        X_RT = pose(np.array(given["pose"]["position"]), orientations(given["pose"])[0])
         v_WT = turn(X_WR, given["twist"]["linear"])
         w_WT = turn(X_WR, given["twist"]["angular"])
         return cls(X_WR @ X_RT, np.concatenate([v_WT, w_WT]))
 
     def to_json(self) -> dict[str, Any]:
         """Returns pose and twist in the world."""
-        X = self.X_WT
         V = self.V_WT
         return {
-            "pose": {"position": X[:3, 3].tolist(), "quaternion": matrix_to_quaternion(X[:3, :3]).tolist()},
+            "pose": pose_document(self.X_WT),
             "twist": {"linear": V[:3].tolist(), "angular": V[3:].tolist()},
         }

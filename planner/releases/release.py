@@ -175,6 +175,11 @@ class Release:
         state = self.joint_state or self.tool_state or self.point_state
         return state is not None and bool(np.abs(state[1]).max() < REST_SPEED)
 
+    @property
+    def lasts_s(self) -> float:
+        """Time for which the demand goes on [s]: 0 of a state, that of a line."""
+        return 0.0
+
     def with_target(self, target: Target) -> Self:
         """Returns this release with another target; for kinds that have one."""
         raise NotImplementedError(f"a release of kind {self.name} has no target")

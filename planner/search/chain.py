@@ -6,8 +6,9 @@
       → Ruckig's motion along it → certificate
       → the leg in which a check fails is made gentler, or left out; and again
 
-A state is passed with zero acceleration, or with that at which the tool keeps its twist. Counts alone decide what is
-tried; the only clock is the request's time limit.
+A state is passed with zero acceleration, or with that at which the tool keeps its twist. A line is one node, too, which
+takes its time: its motion follows from the branch. Counts alone decide what is tried; the only clock is the request's
+time limit.
 """
 
 from __future__ import annotations
@@ -27,8 +28,11 @@ from planner.backends.solution import Solution
 from planner.certificate import SINGULARITY_WINDOW_S, Check
 from planner.errors import TIME_LIMIT, Infeasible, SolverFailed, Violation, nothing_found
 from planner.kinematics import inverse_velocity, jacobian, singularity_distances, tcp_acceleration
+from planner.passages import passed_until
 from planner.problem import ThrowProblem
+from planner.releases import SteadyLine
 from planner.search.record import PlanningSearch
+from planner.search.tool_lines import line_motions
 from planner.seeds import candidates
 from planner.trajectory import Trajectory
 
@@ -38,7 +42,8 @@ MOTIONS = 100  # [-] motions certified before a search gives up
 WAYS = 1000  # [-] ways looked at: most that do not come to a motion have a leg that Ruckig refuses
 ROUNDING = 1e-6  # [ticks] of a duration in floating point
 OF_RELEASE = ("flight_clearance", "landing", "landing_window", "opening_direction")  # checks that the release decides
-State = tuple[Array, Array, Array]
+State = tuple[Array, Array, Array]  # q, qd, qdd (6,) [rad, rad/s, rad/s^2]
+Piece = tuple[Array, Array, Array]  # the same at one tick or more (n, 6): of a state, a line or a leg
 
 
 def search_chain(search: PlanningSearch) -> None:
@@ -75,44 +80,57 @@ def _try(search: PlanningSearch, legs: _Legs, way: list[int]) -> None:
     Raises:
         Infeasible: the outputs contradict each other, which no other way mends.
     """
-    made = []
+    made = [legs.piece(0, way)]
+    passed = []
     tick = 0
     for number in range(len(way) - 1):
         try:
             made.append(legs.samples(number, way, tick))
-            tick += len(made[-1][0]) - 1
         except SolverFailed as failure:
             obstacle = next(iter(failure.violations), nothing_found("motion", str(failure)))
             legs.give_way(number, way, obstacle)
             return
-    motion = _joined(search.problem, made)
+        tick += len(made[-1][0]) - 1
+        passed.append(tick)
+        made.append(legs.piece(number + 1, way))
+        tick += legs.ticks(number + 1)
+    motion = _joined(search.problem, made, passed)
     found = search.certify("ruckig", Solution(motion, "leg by leg"))
     if found.is_valid:
         return
     blamed = set()
     for failed in found.examination.failures:
         violation = Violation(failed.name, failed.value, failed.limit, failed.unit, failed.at_s, failed.detail)
-        if failed.name == "passage":
+        if failed.name == "passage" and failed.unit == "s":
             raise Infeasible([violation])
-        leg = _leg_of(motion, failed)
+        leg, ends = _leg_of(search.problem, motion, failed)
         if leg not in blamed:
             blamed.add(leg)
-            legs.give_way(leg, way, violation, ends=failed.name in OF_RELEASE)
+            legs.give_way(leg, way, violation, ends)
 
 
-def _leg_of(motion: Trajectory, failed: Check) -> int:
-    """Returns the number of the leg in which a check fails; of the flight, that which leads to the release."""
+def _leg_of(problem: ThrowProblem, motion: Trajectory, failed: Check) -> tuple[int, bool]:
+    """Returns the number of the leg in which a check fails, or that leads to the line, or to the release of the flight.
+
+    With it, whether the passage at its end is to blame.
+    """
     if failed.name in OF_RELEASE:
-        return motion.passed.index(motion.release_index)
+        return motion.passed.index(motion.release_index), True
     at_s = math.inf if failed.at_s is None else failed.at_s
-    return int(np.searchsorted(np.array(motion.passed) * motion.dt, at_s))
+    leg = int(np.searchsorted(np.array(passed_until(problem.passages, motion)) * motion.dt, at_s))
+    return leg, leg < len(motion.passed) and at_s > motion.passed[leg] * motion.dt
 
 
-def _joined(problem: ThrowProblem, legs: Sequence[State]) -> Trajectory:
-    """Returns the motion of legs in a row; each begins in the last state of the one before."""
-    arrays = [np.concatenate([leg[k][int(i > 0) :] for i, leg in enumerate(legs)]) for k in range(3)]
-    ends = np.cumsum([len(leg[0]) - 1 for leg in legs]).tolist()
-    passed = tuple(ends[: len(problem.passages)])
+def _joined(problem: ThrowProblem, pieces: Sequence[Piece], begun: Sequence[int]) -> Trajectory:
+    """Returns the motion of pieces in a row, each of which begins in the last state of the one before.
+
+    Args:
+        problem: that it is for.
+        pieces: start, legs and passages.
+        begun: ticks at which passages begin, and perhaps the end.
+    """
+    arrays = [np.concatenate([piece[k][int(i > 0) :] for i, piece in enumerate(pieces)]) for k in range(3)]
+    passed = tuple(begun[: len(problem.passages)])
     releases = (index for each, index in zip(problem.passages, passed, strict=True) if each.releases)
     released = next(releases, passed[-1])
     return Trajectory(1.0 / problem.dt, *arrays, release_index=released, passage_indices=passed)
@@ -125,15 +143,15 @@ class _Legs:
     Attributes:
         problem: gives limits and tick.
         names: of start, passages and end, in words.
-        states: joint states of each; None: rest, anywhere.
-        times: of the fastest leg from every state of one to every state of the next (n, m) [s]; infinite for none.
+        states: samples of each from every joint state in which it may begin; None: rest, anywhere.
+        times: from every state of one to every state of the next by the fastest leg (n, m) [s]; infinite for none.
         paces: number of the pace of each leg (n, m).
         obstacles: what stood in the way of a leg last, by its number.
     """
 
     problem: ThrowProblem
     names: list[str]
-    states: list[list[State | None]]
+    states: list[list[Piece | None]]
     times: list[Array]
     paces: list[Array]
     obstacles: dict[int, Violation] = field(default_factory=dict)
@@ -170,7 +188,17 @@ class _Legs:
             self.obstacles[number] = late.within(self.leg_name(number))
         return np.where(arrivals > first_s, math.inf, in_time)
 
-    def samples(self, number: int, way: Sequence[int], begun: int | None = None) -> State:
+    def piece(self, number: int, way: Sequence[int]) -> Piece:
+        """Returns the samples of start, passage or end on a way; none of rest anywhere."""
+        none = np.empty((0, 6))
+        return self.states[number][way[number]] or (none, none, none)
+
+    def ticks(self, number: int) -> int:
+        """Returns the number of ticks that start, a passage or the end lasts."""
+        piece = self.states[number][0]
+        return 0 if piece is None else len(piece[0]) - 1
+
+    def samples(self, number: int, way: Sequence[int], begun: int | None = None) -> Piece:
         """Returns the samples of a leg of a way, at its present pace.
 
         Args:
@@ -182,13 +210,13 @@ class _Legs:
             SolverFailed: Ruckig refuses its states, it is passed too late, or it comes too near to a singularity beside
                 a passage.
         """
-        start = self.states[number][way[number]]
-        assert start is not None
+        start = _last(self.piece(number, way))
+        end = _first(self.states[number + 1][way[number + 1]])
         pace = PACES[int(self.paces[number][way[number], way[number + 1]])]
         problem = self.problem
         timed = None if begun is None or number >= len(problem.passages) else problem.passages[number]
         least_s = 0.0 if timed is None else (timed.first_tick(1.0 / problem.dt) - (begun or 0)) * problem.dt
-        made = ruckig_otg.leg(problem, start, self.states[number + 1][way[number + 1]], pace, least_s)
+        made = ruckig_otg.leg(problem, start, end, pace, least_s)
         self._check_singularities(number, made[0])
         tick = (begun or 0) + len(made[0]) - 1
         if timed is not None and not timed.is_in_time(tick, 1.0 / problem.dt):
@@ -226,14 +254,16 @@ class _Legs:
             ends: whether the state at its end does, whichever leg leads there.
         """
         at = (way[number], way[number + 1])
-        self.obstacles[number] = obstacle.within(self.leg_name(number))
+        is_within = ends and self.ticks(number + 1) > 0
+        self.obstacles[number] = obstacle.within(self.names[number + 1] if is_within else self.leg_name(number))
         if ends:
             self.times[number][:, at[1]] = math.inf
             return
         for pace in range(int(self.paces[number][at]) + 1, len(PACES)):
             self.paces[number][at] = pace
             with suppress(SolverFailed):
-                self.times[number][at] = self.problem.dt * (len(self.samples(number, way)[0]) - 1)
+                ticks = self.ticks(number) + len(self.samples(number, way)[0]) - 1
+                self.times[number][at] = self.problem.dt * ticks
                 return
         self.times[number][at] = math.inf
 
@@ -264,7 +294,8 @@ def _legs(search: PlanningSearch) -> _Legs:
     if problem.end is not None:
         asked.append(("the end", problem.end, False))
     names = ["the start"]
-    states: list[list[State | None]] = [[problem.start_state]]
+    q, qd, qdd = problem.start_state
+    states: list[list[Piece | None]] = [[(q[None], qd[None], qdd[None])]]
     for number, (name, state, releases) in enumerate(asked):
         alone = problem.through(state, releases, problem.is_thrown_before(number))
         states.append(_near(problem, states[-1], _found(search, name, alone)))
@@ -274,17 +305,29 @@ def _legs(search: PlanningSearch) -> _Legs:
         states.append([None])
     times = []
     for before, after in pairwise(states):
-        rows = [[ruckig_otg.least_leg_time(problem, a, b) for b in after] for a in before if a is not None]
-        times.append(problem.dt * np.ceil(np.array(rows) / problem.dt - ROUNDING))
+        starts = [piece for piece in before if piece is not None]
+        rows = [[ruckig_otg.least_leg_time(problem, _last(a), _first(b)) for b in after] for a in starts]
+        ticks = len(starts[0][0]) - 1 + np.ceil(np.array(rows) / problem.dt - ROUNDING)
+        times.append(problem.dt * ticks)
     return _Legs(problem, names, states, times, [np.zeros(each.shape, np.int64) for each in times])
 
 
-def _found(search: PlanningSearch, name: str, alone: ThrowProblem) -> list[State | None]:
-    """Returns the joint states in which a passage keeps every limit by itself."""
+def _first(piece: Piece | None) -> State | None:
+    return None if piece is None else (piece[0][0], piece[1][0], piece[2][0])
+
+
+def _last(piece: Piece) -> State:
+    return piece[0][-1], piece[1][-1], piece[2][-1]
+
+
+def _found(search: PlanningSearch, name: str, alone: ThrowProblem) -> list[Piece | None]:
+    """Returns the samples of a passage from the joint states in which it keeps every limit by itself."""
     problem = search.problem
     begun_s = time.perf_counter()
     try:
         found = candidates(alone, search.deadline_s)
+        if isinstance(alone.release, SteadyLine):
+            return [*line_motions(alone, [each.q for each in found])]
     except Infeasible as refusal:
         search.log_attempt("candidates", f"no joint state of {name}", begun_s)
         log = [attempt.__dict__ for attempt in search.attempts]
@@ -293,7 +336,8 @@ def _found(search: PlanningSearch, name: str, alone: ThrowProblem) -> list[State
     qd = np.array([each.qd for each in found])
     steady = _steady(problem, q, qd)
     usable = (np.abs(steady) <= problem.limits.qdd_max).all(axis=1) & steady.any(axis=1)
-    return [*zip(q, qd, np.zeros_like(q), strict=True), *zip(q[usable], qd[usable], steady[usable], strict=True)]
+    kinds = ((q, qd, np.zeros_like(q)), (q[usable], qd[usable], steady[usable]))
+    return [(a[None], b[None], c[None]) for arrays in kinds for a, b, c in zip(*arrays, strict=True)]
 
 
 def _steady(problem: ThrowProblem, q: Array, qd: Array) -> Array:
@@ -307,13 +351,13 @@ def _steady(problem: ThrowProblem, q: Array, qd: Array) -> Array:
     return qdd
 
 
-def _near(problem: ThrowProblem, before: Sequence[State | None], found: list[State | None]) -> list[State | None]:
+def _near(problem: ThrowProblem, before: Sequence[Piece | None], found: list[Piece | None]) -> list[Piece | None]:
     """Returns the states that are kept: half of them nearest to any before, the others the soonest from rest.
 
     Near is measured by the time that the joints need at their greatest speed. `found` begins with the soonest states.
     """
-    at = np.array([state[0] for state in before if state is not None])
-    q = np.array([state[0] for state in found if state is not None])
+    at = np.array([piece[0][-1] for piece in before if piece is not None])
+    q = np.array([piece[0][0] for piece in found if piece is not None])
     needed_s = (np.abs(q[:, None] - at) / problem.limits.qd_max).max(axis=2).min(axis=1)
     nearest = np.argsort(needed_s, kind="stable").tolist()
     kept = dict.fromkeys([*nearest[: STATES // 2], *range(STATES // 2), *nearest[STATES // 2 :]])

@@ -16,6 +16,7 @@ from api.schemas.responses import PlanAnswer
 from tests.api.conftest import RunningService
 
 ROW = PLAN_EXAMPLES["passages"]["value"]
+LINE = PLAN_EXAMPLES["line"]["value"]
 
 
 @pytest.fixture(scope="module")
@@ -41,6 +42,18 @@ def test_the_example_is_answered_as_the_schema_says(shared: RunningService, plan
     assert "flight_clearance" not in [curve["name"] for curve in curves.json()["curves"]]
 
 
+def test_a_line_is_answered_as_the_schema_says(shared: RunningService) -> None:
+    response = shared.client.post("/plan", json=LINE)
+    assert response.status_code == 201, response.text
+    plan = response.json()
+    PlanAnswer.model_validate(plan)
+    (bead,) = plan["passages"]
+    assert bead["end_index"] - bead["index"] == 500
+    assert bead["pose"]["position"] == pytest.approx([0.5, -0.2, 0.25])
+    assert [output["edge_time_s"] - bead["time_s"] for output in bead["outputs"]] == pytest.approx([0.05, 0.95])
+    assert [output["offset_m"] for output in bead["outputs"]] == [0.02, 0.38]
+
+
 def test_a_batch_takes_passages_and_a_grid_of_their_fields(shared: RunningService) -> None:
     grid = {"passages[1].state.twist.linear[1]": [0.6, 0.8, 0.2]}
     answer = shared.client.post("/batches", json={"template": ROW, "grid": grid})
@@ -51,7 +64,8 @@ def test_a_batch_takes_passages_and_a_grid_of_their_fields(shared: RunningServic
 @pytest.mark.parametrize(
     ("change", "field"),
     [
-        ({"passages": [{**ROW["passages"][0], "line": {}}]}, "passages[0].line"),
+        ({"passages": [{"name": "bead", "line": {}}]}, "passages[0].line.speed_m_s"),
+        ({"passages": [{**ROW["passages"][0], **LINE["passages"][0]}]}, "passages[0].state"),
         ({"release": ROW["passages"][0]["state"]}, "release"),
         ({"backend": "casadi"}, "backend"),
     ],

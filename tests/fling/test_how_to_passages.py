@@ -42,10 +42,24 @@ def test_each_part_of_the_row_has_its_flash_in_passing(plans: list[fling.Plan]) 
     assert "passages at" in repr(row.trajectory)
     assert row.trajectory.passage_indices == tuple(passed.index for passed in row.passages)
     assert "<svg" in row._repr_html_()
+    assert "straight" not in row._repr_html_().partition("<svg")[2]
+
+
+def test_the_bead_begins_and_ends_in_passing(plans: list[fling.Plan]) -> None:
+    bead = plans[1]
+    (passed,) = bead.passages
+    opens, closes = passed.edges
+    assert (opens.offset_m, closes.offset_m) == (0.02, 0.38)
+    assert closes.edge_time_s - opens.edge_time_s == pytest.approx(0.36 / 0.4)
+    assert opens.edge_time_s == pytest.approx(passed.time_s + 0.05)
+    assert passed.end_index - passed.index == 500
+    motion = bead.trajectory
+    assert motion.q.shape[0] > passed.end_index
+    assert "straight" in bead._repr_html_()
 
 
 def test_the_picture_is_taken_before_the_release(plans: list[fling.Plan]) -> None:
-    throw = plans[1]
+    throw = plans[2]
     assert throw.release is not None
     (passed,) = throw.passages
     assert passed.time_s == throw.release.time_s

@@ -48,8 +48,21 @@ def test_passages_state_what_the_service_takes():
     assert first["outputs"] == [{"output": "standard_digital", "index": 2, "level": False, "offset_s": -0.01}]
     assert (first["name"], first["at_s"], "releases" in first) == ("by", 1.5, False)
     assert (second["releases"], "at_s" in second) == (True, False)
-    assert {each.name for each in fields(throw)} == set(PASSAGE.fields)
+    assert {each.name for each in fields(throw)} | {"line"} == set(PASSAGE.fields)
     assert {each.name for each in fields(edge)} == set(SWITCH.fields)
+
+
+def test_lines_state_what_the_service_takes():
+    valve = fling.Output("standard_digital", 2, offset_m=0.1)
+    there = {"position": [0.5, 0.2, 0.3], "rotation_vector": [3.0, 0.0, 0.0]}
+    for given, end in (({}, there), ({"end_quaternion": (1.0, 0.0, 0.0, 0.0)}, {"quaternion": [1.0, 0.0, 0.0, 0.0]})):
+        line = fling.Line((0.5, -0.2, 0.3), (0.5, 0.2, 0.3), 0.4, rotation_vector=(3.0, 0.0, 0.0), **given)
+        (bead,) = read_request(request_of([fling.Passage("bead", line, [valve])], {}))["passages"]
+        assert bead["line"]["from"] == {**there, "position": [0.5, -0.2, 0.3]}
+        assert bead["line"]["to"] == {"position": [0.5, 0.2, 0.3], **end} | ({} if given else there)
+        assert bead["line"]["speed_m_s"] == 0.4
+        assert bead["outputs"][0]["offset_m"] == 0.1
+        assert "state" not in bead
 
 
 def test_the_options_are_those_of_the_service():

@@ -23,11 +23,18 @@ JOINT = {"kind": "joint", "positions": [0.25, -1.45, 1.45, -1.5, -1.45, 0.1],
          "velocities": [1.2, 0.6, -0.6, 0.3, 0.5, 0.2]}  # fmt: skip
 REST = {"kind": "joint", "positions": [0.25, -1.45, 1.45, -1.5, -1.45, 0.1], "velocities": [0.0] * 6}
 TARGET = {"kind": "target", "position": [1.2, 0.3, 0.0]}
+HERE = {"position": [0.5, -0.2, 0.3], "rotation_vector": [np.pi, 0.0, 0.0]}
+THERE = {"position": [0.5, 0.2, 0.3], "rotation_vector": [np.pi, 0.0, 0.0]}
+LINE = {"from": HERE, "to": THERE, "speed_m_s": 0.4}
 FLASH = {"output": "standard_digital", "index": 2, "level": True}
 
 
 def passage(name: str = "a", state: dict[str, Any] = JOINT, **fields: Any) -> dict[str, Any]:
     return {"name": name, "state": state, **fields}
+
+
+def along(line: dict[str, Any] = LINE, **fields: Any) -> dict[str, Any]:
+    return {"name": "a", "line": line, **fields}
 
 
 def refusals(request: dict[str, Any]) -> dict[str, str]:
@@ -50,7 +57,23 @@ def refusals(request: dict[str, Any]) -> dict[str, str]:
         ({"passages": [passage(), passage()]}, "passages[1].name", "'a' is the name of another passage"),
         ({"passages": [passage(at_s=1.0, not_before_s=0.5)]}, "passages[0].not_before_s", "give either"),
         ({"passages": [passage(at_s=61.0)]}, "passages[0].at_s", "must be at most 60"),
-        ({"passages": [{"name": "a", "line": {}}]}, "passages[0].line", "is not supported yet: pass states"),
+        ({"passages": [{"name": "a"}]}, "passages[0].state", "give either state or line"),
+        ({"passages": [passage(line=LINE)]}, "passages[0].state", "give either state or line"),
+        ({"passages": [along({"from": THERE})]}, "passages[0].line.to", "is missing"),
+        ({"passages": [along(LINE | {"speed_m_s": 0.0})]}, "passages[0].line.speed_m_s", "must be above 0"),
+        ({"passages": [along(LINE | {"to": {"position": [0.5, 0.0, 0.3]}})]}, "passages[0].line.to", "give quaternion"),
+        ({"passages": [along(LINE | {"to": HERE})]}, "passages[0].line.to", "a line is 0.001 m or more"),
+        ({"passages": [along(LINE | {"speed_m_s": 0.001})]}, "passages[0].line.speed_m_s", "would take 400 s"),
+        ({"passages": [along(LINE | {"to": THERE | {"rotation_vector": [0.0, 0.0, 0.0]}})]},
+         "passages[0].line.to", "is turned by 3.14 rad: which way round is open"),
+        ({"passages": [along(releases=True)]}, "passages[0].releases", "a line lets nothing go"),
+        ({"release": LINE | {"kind": "line"}}, "release.kind", "'line' is not one of"),
+        ({"passages": [along(outputs=[FLASH | {"offset_m": 0.41}])]},
+         "passages[0].outputs[0].offset_m", "the line ends after 0.4 m"),
+        ({"passages": [along(outputs=[FLASH | {"offset_m": -0.01}])]},
+         "passages[0].outputs[0].offset_m", "must be at least 0"),
+        ({"passages": [along(outputs=[FLASH | {"offset_s": 0.25}, FLASH | {"offset_m": 0.1, "level": False}])]},
+         "passages[0].outputs[1].offset_s", "0.25 s is less than a tick"),
         ({"passages": [passage(state=TARGET)]}, "passages[0].state.kind", "lets the object go"),
         ({"passages": [passage(state=REST, releases=True)]}, "passages[0].state", "nothing is thrown"),
         ({"passages": [passage("a", releases=True), passage("b", releases=True)]},
@@ -68,7 +91,7 @@ def refusals(request: dict[str, Any]) -> dict[str, str]:
         ({"passages": [passage(outputs=[FLASH, FLASH | {"level": False, "offset_s": 0.0009}])]},
          "passages[0].outputs[1].offset_s", "0.0009 s is less than a tick of 2 ms from another edge"),
         ({"passages": [passage(outputs=[FLASH | {"offset_m": 0.1}])]},
-         "passages[0].outputs[0].offset_m", "is not supported yet: it is for lines"),
+         "passages[0].outputs[0].offset_m", "a state has no length: give offset_s"),
         ({"passages": [passage(outputs=[FLASH | {"offset_s": 3.0}])]},
          "passages[0].outputs[0].offset_s", "must be at most 2"),
         ({"passages": [passage()], "end": {"kind": "line"}}, "end.kind", "is not one of rest, home, joint, pose"),

@@ -30,6 +30,16 @@ test("what happens in passing stands on the time line in its order", () => {
   ]);
 });
 
+test("a line has a flag at its end, too", () => {
+  const bead = { ...ROW.passages![1]!, name: "bead", end_index: 650 };
+  const plan = { ...ROW, sample_rate_hz: 500, passages: [bead] } as Plan;
+  expect(flagsOf(plan).map(({ at_s, text }) => [at_s, text])).toEqual([
+    [0.85, "standard digital 1 on"],
+    [0.9, "bead"],
+    [1.3, "bead ends"],
+  ]);
+});
+
 test("a release is the only flag of a throw, and a move to rest has none", () => {
   expect(flagsOf(THROW)).toEqual([{ at_s: 0.4, text: "release", level: null }]);
   expect(flagsOf({ ...THROW, flight: null })).toEqual([]);

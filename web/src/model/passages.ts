@@ -22,11 +22,17 @@ export function mainTime(plan: { readonly release_time_s: number | null; readonl
   return plan.release_time_s ?? plan.passages?.at(-1)?.time_s ?? 0;
 }
 
+/** The sample at which a state is passed, or a line ends. */
+export function endIndex(state: { readonly index: number; readonly end_index?: number }): number {
+  return state.end_index ?? state.index;
+}
+
 /** Returns what happens at an instant of a plan, in the order of the times. */
 export function flagsOf(plan: Plan): Flag[] {
   if (!plan.passages) return plan.flight ? [{ at_s: mainTime(plan), text: "release", level: null }] : [];
   const flags = plan.passages.flatMap((passage) => [
     { at_s: passage.time_s, text: passage.name, level: null },
+    ...(passage.end_index > passage.index ? [{ at_s: passage.end_index / plan.sample_rate_hz, text: `${passage.name} ends`, level: null }] : []),
     ...passage.outputs.map((edge) => ({ at_s: edge.edge_time_s, text: edgeWords(edge), level: edge.level })),
   ]);
   return flags.sort((a, b) => a.at_s - b.at_s);

@@ -5,7 +5,7 @@ import type { CellGeometry } from "../model/cell";
 import { toolPose, toolState } from "../model/chain";
 import { type Air, fly, path, sampledPath } from "../model/flight";
 import { plus, positionOf, scaled, type Vector } from "../model/poses";
-import { mainState, mainTime } from "../model/passages";
+import { endIndex, mainState, mainTime } from "../model/passages";
 import { durationOf, endOf, type JointState, type Samples, stateAt } from "../model/samples";
 import type { Plan } from "../service/types";
 import { polyline, thinned } from "./lines";
@@ -59,11 +59,17 @@ export class PlanMotion {
     return path(this.p, this.v, [Math.min(t - this.releaseTime, this.flightTime)], this.air)[0]!;
   }
 
-  /** Returns the way of the tool, cut at the release. */
+  /** Returns the way of the tool, cut at the release, or where the last passage ends. */
   toolPath(): [Vector[], Vector[]] {
     const points = this.samples.positions.map((q) => positionOf(toolPose(this.cell.chain, q)));
-    const k = mainState(this.plan).index;
+    const k = endIndex(mainState(this.plan));
     return [thinned(points.slice(0, k + 1), STEP_M), thinned(points.slice(k), STEP_M)];
+  }
+
+  /** Returns both ends of each straight line that the tool passes. */
+  lines(): Vector[][] {
+    const lines = this.plan.passages?.filter((passage) => endIndex(passage) > passage.index) ?? [];
+    return lines.map((line) => [line.index, endIndex(line)].map((k) => positionOf(toolPose(this.cell.chain, this.samples.positions[k]!))));
   }
 
   /** Returns the planned flight, empty for a move that ends at rest. */
@@ -105,6 +111,7 @@ export function planThings(motion: PlanMotion, palette: Palette, stale: boolean)
   const things: Object3D[] = [
     polyline(launch, { colour: tone.launch, width: 3.2, opacity }),
     polyline(brake, { colour: palette.brake, width: 1.8, opacity: 0.75 }),
+    ...motion.lines().map((points) => polyline(points, { colour: tone.launch, width: 7, opacity })),
   ];
   if (!motion.flies) return things;
   const { flight } = motion.plan;

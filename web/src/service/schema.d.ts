@@ -2414,6 +2414,21 @@ export interface components {
             jitter_std_s: number;
         };
         /**
+         * LineRequest
+         * @description A straight line of the tool at constant speed. From one orientation to the other it turns evenly, about one axis. It begins on a tick and goes straight on to the first tick that is not before its end.
+         */
+        LineRequest: {
+            /** @description Pose of the tool centre point at the start, in `frame`. */
+            from: components["schemas"]["Pose"];
+            /**
+             * Speed M S
+             * @description Speed of the tool centre point [m/s].
+             */
+            speed_m_s: number;
+            /** @description Pose at the end, in `frame`. */
+            to: components["schemas"]["Pose"];
+        };
+        /**
          * MapAnswer
          * @description One plane of a throwability map.
          */
@@ -2771,6 +2786,11 @@ export interface components {
              */
             level: boolean;
             /**
+             * Offset M
+             * @description Place on a line, from its start [m]: `offset_s` counts from when the tool is there.
+             */
+            offset_m?: number | null;
+            /**
              * Offset S
              * @description Time from the passage to the edge [s]; negative: before it.
              * @default 0
@@ -2803,6 +2823,11 @@ export interface components {
             /** Level */
             level: boolean;
             /**
+             * Offset M
+             * @description As in the request [m]; absent without a line.
+             */
+            offset_m?: number | null;
+            /**
              * Offset S
              * @description As in the request [s].
              */
@@ -2812,7 +2837,7 @@ export interface components {
         };
         /**
          * PassageAnswer
-         * @description A state that the motion passes; `command_time_s` is null where nothing is let go.
+         * @description A state that the motion passes, or that at a line's start; `command_time_s` is null where nothing is let go.
          */
         PassageAnswer: {
             /**
@@ -2827,7 +2852,7 @@ export interface components {
             command_time_s: number | null;
             /**
              * End Index
-             * @description Sample at which the passage ends: `index`, as a state is an instant.
+             * @description Sample at which the passage ends: that of a line's end; of a state, `index`.
              */
             end_index: number;
             /**
@@ -2864,7 +2889,7 @@ export interface components {
         };
         /**
          * PassageRequest
-         * @description A state to pass at speed, exactly on a tick.
+         * @description A state to pass at speed, exactly on a tick, or a line that begins on one.
          */
         PassageRequest: {
             /**
@@ -2872,6 +2897,8 @@ export interface components {
              * @description Time of the passage from the motion's start, rounded to a tick [s]; absent: as soon as possible.
              */
             at_s?: number | null;
+            /** @description The straight line. */
+            line?: components["schemas"]["LineRequest"] | null;
             /**
              * Name
              * @description Name of the passage, of its own in the motion.
@@ -2894,9 +2921,9 @@ export interface components {
             releases?: true | null;
             /**
              * State
-             * @description The state, of any kind of `release`.
+             * @description The state, of any kind of `release`. Give either a state or a line.
              */
-            state: components["schemas"]["PoseReleaseRequest"] | components["schemas"]["PointReleaseRequest"] | components["schemas"]["JointReleaseRequest"] | components["schemas"]["TargetReleaseRequest"];
+            state?: (components["schemas"]["PoseReleaseRequest"] | components["schemas"]["PointReleaseRequest"] | components["schemas"]["JointReleaseRequest"] | components["schemas"]["TargetReleaseRequest"]) | null;
         };
         /**
          * PlanAnswer
@@ -3168,7 +3195,7 @@ export interface components {
             min_hit_probability?: number | null;
             /**
              * Passages
-             * @description States to pass one after another, as fast as the limits allow, and the outputs about them.
+             * @description States and lines to pass one after another, as fast as the limits allow, and the outputs about them.
              */
             passages?: components["schemas"]["PassageRequest"][] | null;
             /**
@@ -4900,6 +4927,7 @@ export type LandingRequest = components['schemas']['LandingRequest'];
 export type LandingShift = components['schemas']['LandingShift'];
 export type LandingStatistics = components['schemas']['LandingStatistics'];
 export type LearntOutput = components['schemas']['LearntOutput'];
+export type LineRequest = components['schemas']['LineRequest'];
 export type MapAnswer = components['schemas']['MapAnswer'];
 export type MapBody = components['schemas']['MapBody'];
 export type MapHead = components['schemas']['MapHead'];
