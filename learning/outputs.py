@@ -50,14 +50,17 @@ def learnt_outputs(
 
 
 def _spans(run: Sequence[Mapping[str, Any]], line: tuple[str, int, int | None]) -> list[tuple[float, float]]:
-    """Returns between which times after its command each edge of one output happened in a run [s]."""
+    """Returns between which times after its command each edge of one output happened in a run [s].
+
+    What a stop switched, of no passage, counts only as what is near an edge: when it was sent is not exact.
+    """
     sent = [each for each in run if each["command_time_s"] is not None and line == _line(each)]
     times = np.array([each["command_time_s"] for each in sent])
     gaps = np.diff(times, prepend=-math.inf, append=math.inf)
     return [
         (max(each["edge_after_s"] - at_s, 0.0), each["edge_time_s"] - at_s)
         for each, at_s, gap in zip(sent, times.tolist(), np.minimum(gaps[:-1], gaps[1:]), strict=True)
-        if each["edge_time_s"] is not None and gap >= SEPARATE_S
+        if each["passage"] is not None and each["edge_time_s"] is not None and gap >= SEPARATE_S
     ]
 
 

@@ -28,7 +28,9 @@ DEFAULT_WITHIN_M = 3.0  # about twice the reach of a UR10e
     "--camera", nargs=6, type=float, default=(0.0,) * 6, help="Its pose in the world: x y z [m], rx ry rz [rad]."
 )
 @click.option("--intrinsics", nargs=4, type=float, help="fx fy cx cy [pixel] of a depth picture's camera.")
-@click.option("--scale", type=float, help="Metres of a unit; default: 1, of depth pictures 0.001.")
+@click.option(
+    "--scale", type=click.FloatRange(1e-6, 1e3), help="Metres of a unit; default: 1, of depth pictures 0.001."
+)
 @click.option(
     "--cell-size",
     "cell_m",
@@ -67,6 +69,11 @@ def scan(
     from planner.rotations import rotation_vector_to_matrix
     from planner.scenes import MILLIMETRE, points_ply, read_points, scanned
 
+    if not np.isfinite(camera).all() or np.linalg.norm(camera[3:]) > 2.0 * np.pi:
+        turn = np.linalg.norm(camera[3:])
+        raise click.BadParameter(f"turns by {turn:.6g} rad, more than once around: degrees?", param_hint="--camera")
+    if intrinsics is not None and not (np.isfinite(intrinsics).all() and min(intrinsics[:2]) > 0.0):
+        raise click.BadParameter("focal lengths must be above 0", param_hint="--intrinsics")
     path, text, cell = cell_to_extend(name)
     unit = scale if scale is not None else (MILLIMETRE if file.suffix.lower() == ".png" else 1.0)
     turn = rotation_vector_to_matrix(np.array(camera[3:]))

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from planner.calibration import fixed_transforms
-from planner.cell import Cell, Solid, Surroundings, ThrownBody
+from planner.cell import Cell, Solid, Surroundings
 from planner.flight import drag_constant
 from planner.geometry import SELF_CLEARANCE_M, body_model
 
@@ -37,7 +35,7 @@ def cell_model(cell: Cell) -> dict[str, Any]:
         "limits": _limits(cell),
         "safety": dict(vars(cell.safety)),
         "surroundings": _surroundings(cell),
-        "object": _object(cell),
+        "object": {**vars(cell.object), "drag_per_m": _drag(cell)},
         "gripper": _gripper(cell),
         "lag_s": cell.timing.lag_s,
     }
@@ -98,18 +96,9 @@ def _corners(shape: Solid) -> dict[str, list[float]]:
     return {"lower_m": shape.lower.tolist(), "upper_m": shape.upper.tolist()}
 
 
-def _object(cell: Cell) -> dict[str, Any]:
+def _drag(cell: Cell) -> float:
     thing = cell.object
-    is_body = isinstance(thing, ThrownBody)
-    return {
-        "shape": thing.kind if is_body else "sphere",
-        "extent_m": thing.size_m.tolist() if is_body else [2.0 * thing.radius_m] * 3,
-        "axes_in_tool": (thing.R_TO if is_body else np.eye(3)).tolist(),
-        "mass_kg": thing.mass_kg,
-        "radius_m": thing.radius_m,
-        "drag_coefficient": thing.drag_coefficient,
-        "drag_per_m": float(drag_constant(thing.mass_kg, thing.drag_radius_m, thing.drag_coefficient)),
-    }
+    return float(drag_constant(thing.mass_kg, thing.radius_m, thing.drag_coefficient))
 
 
 def _gripper(cell: Cell) -> dict[str, Any]:

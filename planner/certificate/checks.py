@@ -55,7 +55,6 @@ MOTION_CHECKS: tuple[CheckFunction, ...] = (
     release.release_velocity,
     passages.passage,
     release.landing,
-    release.landing_axis,
     flight_clearance,
     grip.grip_acceleration,
     grip.opening_direction,

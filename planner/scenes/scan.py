@@ -140,8 +140,9 @@ def scanned(cell: Cell, points: Array, edge_m: float, within_m: float) -> Scan:
 def _within_clearance(cell: Cell, middles: Array, edge_m: float) -> Mask:
     """Returns which cells (k,) with middles (k, 3) are within the clearance of the arm, or of its tool, at home."""
     body = body_model(cell)
-    ends = body.end_points(body.link_poses(cell.home[None]))[..., 0]
-    required = body.radii + cell.surroundings.clearance_m
+    parts = slice(0, body.object)  # what it may hold is not there when a camera looks
+    ends = body.end_points(body.link_poses(cell.home[None]))[parts, ..., 0]
+    required = body.radii[parts] + cell.surroundings.clearance_m
     found = np.zeros(len(middles), np.bool_)
     for (p0, p1), radius in zip(ends, required, strict=True):
         close = point_segment_distance(middles, p0, p1) < radius + edge_m * np.sqrt(3.0)
