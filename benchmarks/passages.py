@@ -31,7 +31,7 @@ from planner.planning import SearchHints, plan
 from planner.problem import ThrowProblem
 from planner.releases import JointRelease, PointRelease, PoseRelease, Release, SteadyLine
 from planner.rotations import pose, rotation_vector_to_matrix
-from planner.search.tool_lines import line_motions
+from planner.search import line_motions
 from planner.trajectory import Trajectory
 
 Vector = NDArray[np.float64]
@@ -177,7 +177,7 @@ def measured(number: int, seed: int, is_audited: bool) -> dict[str, Any]:
         number, seed: of the motion.
         is_audited: whether there is an audit; otherwise the faults are None.
     """
-    from benchmarks.audit.checks import find_faults
+    from benchmarks.audit import find_faults
 
     drawing = Drawing(number, seed)
     problem, known, pace = drawing.motion()

@@ -70,8 +70,10 @@ def scan(
     from planner.scenes import MILLIMETRE, points_ply, read_points, scanned
 
     if not np.isfinite(camera).all() or np.linalg.norm(camera[3:]) > 2.0 * np.pi:
-        turn = np.linalg.norm(camera[3:])
-        raise click.BadParameter(f"turns by {turn:.6g} rad, more than once around: degrees?", param_hint="--camera")
+        reason = f"{camera} is no pose in metres and radians: degrees?"
+        raise click.BadParameter(reason, param_hint="--camera")
+    if scale is not None and not np.isfinite(scale):
+        raise click.BadParameter("must be a number", param_hint="--scale")
     if intrinsics is not None and not (np.isfinite(intrinsics).all() and min(intrinsics[:2]) > 0.0):
         raise click.BadParameter("focal lengths must be above 0", param_hint="--intrinsics")
     path, text, cell = cell_to_extend(name)

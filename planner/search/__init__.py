@@ -11,6 +11,7 @@ __all__ = [
     "best_with_way_home",
     "certified_brake",
     "find_way_home",
+    "line_motions",
     "load_libraries",
     "search_after_brake",
     "search_candidates",

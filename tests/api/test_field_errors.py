@@ -47,7 +47,7 @@ def detail_of(body: Any) -> str:
         ({"time_limit_s": True}, "time_limit_s: must be a number; it is true"),
         ({"time_limit_s": 1e13}, "time_limit_s: must be at most 120; it is 10000000000000.0"),
         ({"frame": "wrld"}, "frame: 'wrld' is not one of world, base; did you mean 'world'?"),
-        ({"start": {}}, "start: give either positions or current"),
+        ({"start": {}}, "start: give either positions, current or execution"),
         ({"cell": "x" * 70}, "cell: has 70 characters; it may have at most 64"),
     ],
 )

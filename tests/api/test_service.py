@@ -203,6 +203,7 @@ def test_every_call_of_the_contract_is_there(service: RunningService):
         "GET /executions/{id}/events",
         "GET /executions/{id}/recording",
         "POST /executions/{id}/abort",
+        "POST /executions/{id}/replace",
         "POST /cells/{name}/acknowledge",
         "POST /cells/{name}/robot",
         "GET /cells",
@@ -261,6 +262,9 @@ def test_every_example_runs(service: RunningService, executor: FakeExecutor, pla
         bodies = [example["value"] for example in content.get("examples", {}).values()] or [None]
         for body in bodies:
             response = service.client.request(method, path, json=body)
+            if path.endswith("/replace"):  # nothing runs here
+                problem_of(response, 409, "cannot-join")
+                continue
             assert response.status_code < 300, f"{method} {path}: {response.text}"
             if method.upper() == "POST" and path.endswith(("/map", "/batches")):  # hours of planning
                 made = path if path.endswith("/map") else response.headers["Location"]

@@ -57,7 +57,13 @@ def run(delays: np.ndarray, pulse_s: float = 0.25, index: int = 2, sense_input: 
     found = []
     for i, (after_s, seen_s) in enumerate(spans(delays)):
         at_s = i * pulse_s - 0.1
-        edge = {"output": "standard_digital", "index": index, "level": i % 2 == 0, "sense_input": sense_input}
+        edge = {
+            "passage": "valve",
+            "output": "standard_digital",
+            "index": index,
+            "level": i % 2 == 0,
+            "sense_input": sense_input,
+        }
         times = {"command_time_s": at_s, "edge_after_s": at_s + after_s, "edge_time_s": at_s + seen_s}
         found.append(edge | times)
     return found
@@ -70,8 +76,9 @@ def test_an_output_is_learnt_from_the_edges_of_its_input() -> None:
     unseen = [each | {"edge_time_s": None, "edge_after_s": None} for each in other]
     unsent = [each | {"command_time_s": None} for each in unseen]
     hasty = run(np.full(8, 0.06), pulse_s=0.04)
+    stopped = [each | {"passage": None} for each in run(np.full(8, 0.5), pulse_s=1.0)]
     elsewhere = run(np.full(8, 0.06), index=3) + run(np.full(8, 0.06), sense_input=6)
-    found = learnt_outputs(cell(), [*runs, unseen, unsent, hasty, elsewhere, []], lag_s=0.022)
+    found = learnt_outputs(cell(), [*runs, unseen, unsent, hasty, stopped, elsewhere, []], lag_s=0.022)
     assert set(found) == {"valve"}
     assert found["valve"]["edges"] == 80
     assert found["valve"]["delay_s"] == pytest.approx(0.0313 - 0.022, abs=0.0004)

@@ -51,6 +51,25 @@ def test_a_depth_picture_becomes_boxes_where_its_points_are(cell: Path) -> None:
     assert all(np.linalg.norm(x - corner, axis=1).min() < told["beyond_m"] for corner in corners)
 
 
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        (("--camera", 0, 0, 0, 0, 0, 180), "degrees?"),
+        (("--camera", 0, 0, "nan", 0, 0, 0), "--camera"),
+        (("--scale", -1), "--scale"),
+        (("--scale", "nan"), "--scale"),
+        (("--intrinsics", 0, 80, 40, 30), "focal lengths"),
+    ],
+)
+def test_a_camera_that_cannot_be_is_refused(cell: Path, options: tuple[object, ...], named: str) -> None:
+    (cell.parent / "cloud.ply").write_bytes(points_ply(np.array([[0.9, 0.4, 0.3]])))
+    before = cell.read_text()
+    done = scan(cell, "cloud.ply", *options)
+    assert done.exit_code == 64
+    assert named in done.output
+    assert cell.read_text() == before
+
+
 def test_a_second_scan_takes_the_place_of_the_first(cell: Path) -> None:
     (cell.parent / "table top.ply").write_bytes(points_ply(np.array([[0.9, 0.4, 0.3], [0.9, 0.4, 0.31]])))
     first = scan(cell, "table top.ply")
