@@ -4,6 +4,7 @@ from planner.search.chain import search_chain
 from planner.search.record import PlanningSearch
 from planner.search.search import load_libraries, search_candidates
 from planner.search.stops import certified_brake, search_after_brake, search_with_stop
+from planner.search.tool_lines import line_motions
 from planner.search.way_home import best_with_way_home, find_way_home
 
 __all__ = [
