@@ -44,6 +44,7 @@ def quaternions(count: int) -> Array:
 
 
 @cache
-def joint_offsets(count: int) -> Array:
-    """Returns evenly spread joint offsets (count, 6) [rad]."""
-    return read_only(SPREAD_RAD * (2.0 * _halton(count, 6) - 1.0))
+def joint_offsets(count: int, exponent: float) -> Array:
+    """Returns joint offsets (count, 6) [rad]: spread evenly for the exponent 1, denser near zero for larger ones."""
+    u = 2.0 * _halton(count, 6) - 1.0
+    return read_only(SPREAD_RAD * np.sign(u) * np.abs(u) ** exponent)

@@ -16,6 +16,7 @@ from planner.seeds.quasi_random import joint_offsets
 
 POSTURES = 512  # postures tried for a target
 MORE_POSTURES = 16384  # postures tried where those leave too few that are slow enough, or clear of walls
+EXPONENTS = {POSTURES: 1.5, MORE_POSTURES: 1.0}  # the soonest throws are close to the start; more are looked for evenly
 POSTURES_KEPT = 8  # draws cached: two for each start of late
 
 
@@ -54,7 +55,9 @@ class _PostureKey:
 def _throwing_postures(key: _PostureKey) -> tuple[Array, Array]:
     """Returns postures q (n, 6) clear of singularities, and their tool positions (n, 3) within the surroundings."""
     lower, upper = np.frombuffer(key.q_limits).reshape(2, 6)
-    q = np.clip(np.clip(np.frombuffer(key.start), lower, upper) + joint_offsets(key.count), lower, upper)
+    q = np.clip(
+        np.clip(np.frombuffer(key.start), lower, upper) + joint_offsets(key.count, EXPONENTS[key.count]), lower, upper
+    )
     p = tool_pose(key.cell, q)[:, :3, 3]
     allowed = throwing(key.cell, q, p, key.singularity_distance_min)
     return read_only(q[allowed]), read_only(p[allowed])

@@ -10,7 +10,7 @@ from learning.throws import Circumstances, Throws, table_times, throw_table
 from planner.flight import drag_constant, landing_points
 from planner.geometry import tool_state
 
-SAME_M = 3e-3  # [m] drag to first order, for a speed 3 % off; without drag it is a tenth
+SAME_M = 2e-3  # [m] drag to first order, for a speed 3 % off; without drag it is a tenth
 
 
 def exact(planned: PlannedThrow, late_s: float, factor: float, drag: float, dqd: np.ndarray) -> np.ndarray:

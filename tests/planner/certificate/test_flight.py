@@ -500,7 +500,7 @@ def test_no_flight_lands_beside_its_bin(on_floor):
     assert certify(replace(problem, cell=stands), trajectory).check("flight_clearance").ok
 
 
-@pytest.mark.parametrize("radius_m", [0.4, 0.6])
+@pytest.mark.parametrize("radius_m", [0.3, 0.6])
 def test_no_flight_comes_through_the_bottom_of_a_bin(radius_m):
     """From beside the bin and from below it: past the mouth's edge it would fall in all the same."""
     problem, trajectory = throw(cell("ur3e-sim"), [0.3, 0.1, 0.8], Opening(radius_m, 0.02))
