@@ -214,8 +214,8 @@ def second_client(host: str) -> Seen:
 
 def delayed(host: str) -> Seen:
     c = FaultClient(host)
-    c.fault("disturb_connection", role="receive", delay_s=0.4)  # on a busy machine the controller's clock slips
-    time.sleep(0.7)
+    c.fault("disturb_connection", role="receive", delay_s=1.0)  # on a busy machine the controller's clock slips
+    time.sleep(1.5)
     seen = c.receive.getTimestamp()
     late = c.ask("state")["t"] - seen
     c.fault("disturb_connection", role="receive", drop=0.5)

@@ -148,7 +148,7 @@ def test_two_control_clients_connect_but_only_one_program_runs(outcomes: Outcome
 
 
 def test_delayed_and_dropped_packages_arrive_late_and_not_at_all(outcomes: Outcomes):
-    assert outcomes["delayed"]["late"] > 0.05  # the controller's clock slips on a busy machine
+    assert outcomes["delayed"]["late"] > 0.15
     assert outcomes["delayed"]["seen"] < 0.8
 
 
