@@ -10,8 +10,6 @@ beaten. Rows stay on the disk; every plan is audited by foreign code.
 
 from __future__ import annotations
 
-import argparse
-import json
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.audit import find_faults
+from benchmarks.numbered import measured_rows, numbered_parser
 from planner.backends import ruckig_otg
 from planner.cell import Cell, parse_cell
 from planner.certificate import Examination
@@ -158,25 +157,9 @@ def _quantiles(ratios: Vector) -> str:
 
 def main() -> None:
     """Measures the problems that the rows lack, and prints the result."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=2000)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--rows", type=Path, default=ROWS)
-    parser.add_argument("--resume", action="store_true", help="continue after the rows that the file has")
+    parser = numbered_parser(__doc__, 2000, ROWS)
     given = parser.parse_args()
-    given.rows.parent.mkdir(parents=True, exist_ok=True)
-    if not given.resume:
-        given.rows.unlink(missing_ok=True)
-    lines = given.rows.read_text(encoding="utf-8").splitlines() if given.rows.exists() else []
-    rows = [json.loads(line) for line in lines]
-    done = {row["number"] for row in rows}
-    for number in range(given.first, given.first + given.count):
-        if number not in done:
-            rows.append(measured(number, given.seed))
-            with given.rows.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(rows[-1]) + "\n")
-    print(tally(rows))
+    print(tally(measured_rows(given, lambda number: measured(number, given.seed))))
 
 
 if __name__ == "__main__":

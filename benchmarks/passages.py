@@ -10,8 +10,6 @@ Rows stay on the disk; every plan, or one of so many, is audited by foreign code
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
 import time
 from collections import Counter
@@ -21,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.numbered import measured_rows, numbered_parser
 from planner.backends import ruckig_otg
 from planner.cell import Cell, load_cell
 from planner.certificate import Examination
@@ -232,26 +231,10 @@ def tally(rows: list[dict[str, Any]]) -> str:
 
 def main() -> None:
     """Measures the motions that the rows lack, and prints the result."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--count", type=int, default=300)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--rows", type=Path, default=ROWS)
+    parser = numbered_parser(__doc__, 300, ROWS)
     parser.add_argument("--audited", type=int, default=1, help="one plan of so many is audited")
-    parser.add_argument("--resume", action="store_true", help="continue after the rows that the file has")
     given = parser.parse_args()
-    given.rows.parent.mkdir(parents=True, exist_ok=True)
-    if not given.resume:
-        given.rows.unlink(missing_ok=True)
-    lines = given.rows.read_text(encoding="utf-8").splitlines() if given.rows.exists() else []
-    rows = [json.loads(line) for line in lines]
-    done = {row["number"] for row in rows}
-    for number in range(given.first, given.first + given.count):
-        if number not in done:
-            rows.append(measured(number, given.seed, number % given.audited == 0))
-            with given.rows.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(rows[-1]) + "\n")
-    print(tally(rows))
+    print(tally(measured_rows(given, lambda number: measured(number, given.seed, number % given.audited == 0))))
 
 
 if __name__ == "__main__":

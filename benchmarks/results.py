@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any
 
 PACKAGES = ("numpy", "casadi", "ruckig", "toppra", "drake", "pin", "mujoco")
 
@@ -64,6 +65,21 @@ class ResultRow:
         return self.task.split("/")[0]
 
 
+def kept_rows(path: Path, resume: bool) -> list[dict[str, Any]]:
+    """Returns the rows of a file, one JSON document a line: none without `resume`, which begins it anew."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if not resume:
+        path.unlink(missing_ok=True)
+    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    return [json.loads(line) for line in lines]
+
+
+def add_row(path: Path, row: Mapping[str, Any]) -> None:
+    """Appends a row to a file of them."""
+    with path.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(row) + "\n")
+
+
 class ResultFile:
     """Rows appended to a file, one JSON document per line; an interrupted run continues after them.
 
@@ -74,11 +90,7 @@ class ResultFile:
 
     def __init__(self, path: Path, resume: bool) -> None:
         self.path = path
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if not resume:
-            path.unlink(missing_ok=True)
-        lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
-        self.rows = [ResultRow(**json.loads(line)) for line in lines]
+        self.rows = [ResultRow(**row) for row in kept_rows(path, resume)]
         self._done = {(row.task, row.backend) for row in self.rows}
 
     def has(self, task: str, backend: str) -> bool:
@@ -89,8 +101,7 @@ class ResultFile:
         """Appends a row."""
         self.rows.append(row)
         self._done.add((row.task, row.backend))
-        with self.path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(asdict(row)) + "\n")
+        add_row(self.path, asdict(row))
 
 
 def machine() -> dict[str, str]:

@@ -66,11 +66,10 @@ def scan(
     """
     import numpy as np
 
-    from planner.rotations import rotation_vector_to_matrix
+    from planner.rotations import beyond_full_turn, rotation_vector_to_matrix
     from planner.scenes import MILLIMETRE, points_ply, read_points, scanned
 
-    if not np.isfinite(camera).all() or np.linalg.norm(camera[3:]) > 2.0 * np.pi:
-        reason = f"{camera} is no pose in metres and radians: degrees?"
+    if reason := beyond_full_turn(camera[3:]) if np.isfinite(camera).all() else "must be numbers":
         raise click.BadParameter(reason, param_hint="--camera")
     if scale is not None and not np.isfinite(scale):
         raise click.BadParameter("must be a number", param_hint="--scale")

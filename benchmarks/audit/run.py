@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
@@ -11,6 +10,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from benchmarks.problem_sets import ARMS, Task, build, cell, random_cell_tasks, varied_tasks
+from benchmarks.results import add_row, kept_rows
 from planner.errors import Infeasible, SolverFailed
 from planner.planning import plan
 
@@ -50,9 +50,7 @@ def run_audit(
         resume: Whether to continue after the rows that the file has.
         cells: Number of random cells that the problems are spread over; 0 for the problems of the named sets.
     """
-    rows.parent.mkdir(parents=True, exist_ok=True)
-    if not resume:
-        rows.unlink(missing_ok=True)
+    kept_rows(rows, resume)
     jobs = [(count, seed, cells, part, processes, rows) for part in range(processes)]
     if processes == 1:
         _run(*jobs[0])
@@ -102,9 +100,7 @@ def _run(count: int, seed: int, cells: int, part: int, of: int, rows: Path) -> N
     done = {name for name, _ in _read(rows)}
     for task in drawn_tasks(count, seed, cells)[part::of]:
         if task.name not in done:
-            line = json.dumps({"task": task.name, "backend": task.problem.backend, "faults": _faults(task)})
-            with rows.open("a", encoding="utf-8") as file:
-                file.write(line + "\n")
+            add_row(rows, {"task": task.name, "backend": task.problem.backend, "faults": _faults(task)})
 
 
 def _faults(task: Task) -> list[str] | None:
@@ -119,9 +115,7 @@ def _faults(task: Task) -> list[str] | None:
 
 
 def _read(rows: Path) -> Iterator[tuple[str, list[str] | None]]:
-    lines = rows.read_text(encoding="utf-8").splitlines() if rows.exists() else []
-    for line in lines:
-        row = json.loads(line)
+    for row in kept_rows(rows, True):
         yield row["task"], row["faults"]
 
 

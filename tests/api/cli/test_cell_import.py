@@ -18,16 +18,6 @@ from planner.cell import Solid, load_cell
 from planner.rotations import pose
 from planner.scenes import urdf_of
 
-ROOT = Path(__file__).parents[3]
-
-
-@pytest.fixture
-def cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    path = tmp_path / "lab.toml"
-    path.write_text((ROOT / "cells" / "ur5e-sim.toml").read_text())
-    return path
-
 
 def taken(cell: Path, name: str, text: str) -> tuple[dict[str, Solid], dict[str, object]]:
     """Shapes of the cell after an import, by name, and what the command told."""

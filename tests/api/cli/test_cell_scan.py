@@ -16,17 +16,8 @@ from planner.geometry import segment_shape_distance
 from planner.rotations import rotation_vector_to_matrix
 from planner.scenes import points_ply
 
-ROOT = Path(__file__).parents[3]
 CAMERA = (1.0, 0.0, 1.5, 2.6, 0.0, 0.0)  # looks down, and aside
 INTRINSICS = (80.0, 80.0, 39.5, 29.5)
-
-
-@pytest.fixture
-def cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    path = tmp_path / "lab.toml"
-    path.write_text((ROOT / "cells" / "ur5e-sim.toml").read_text())
-    return path
 
 
 def scan(cell: Path, name: str, *options: object) -> Result:
