@@ -15,7 +15,7 @@ from executor.replacement import CannotJoin, Certifier
 from executor.worker import Worker
 from store import PlanRow, Store
 
-ASKED_S = 0.01  # [s] between two looks for a request
+ASKED_S = 0.02  # [s] between two looks for a request, as for a queued execution
 
 
 class Replacer(Worker):
