@@ -5,15 +5,17 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from api.cli.support.options import json_option
+from api.cli.support.options import json_option, pose_option
 from api.cli.support.terminal import BAD, GOOD, say
 
 if TYPE_CHECKING:
+    from planner.arrays import Array
     from planner.cell import Cell
     from planner.scenes import ForeignScene, ForeignShape
 
@@ -23,16 +25,24 @@ SAME_PLACE = 1e-3  # [m, -] by which the bases of two arms may differ
 @click.command("import")
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--into", "name", required=True, metavar="CELL", help="Cell file, or name of a cell.")
+@click.option(
+    "--at",
+    "place",
+    nargs=6,
+    type=float,
+    default=(0.0,) * 6,
+    help="Pose of its frame in the cell's world: x y z [m], rx ry rz [rad]. Default: the same frame.",
+)
 @json_option
-def import_scene(file: Path, name: str, as_json: bool) -> None:
+def import_scene(file: Path, name: str, place: tuple[float, ...], as_json: bool) -> None:
     """Add the shapes of FILE to the cell CELL, and name what was left out.
 
-    FILE is a URDF, SDF or MJCF file, or a scene of MoveIt: its text (.scene), or a planning scene as YAML. Its frame is
-    taken as the cell's world. Meshes are copied beside the cell file.
+    FILE is a URDF, SDF or MJCF file, or a scene of MoveIt: its text (.scene), or a planning scene as YAML. A model that
+    has a frame of its own, as a table has, is put in its place with --at. Meshes are copied beside the cell file.
     """
     from planner.scenes import entries_of, with_entries
 
-    scene = _scene(file)
+    scene = _placed(_scene(file), pose_option(place, "--at"))
     path, text, cell = cell_to_extend(name)
     on_base = _notes_on_base(scene, cell)
     files, contents = mesh_files(path, scene.shapes)
@@ -115,6 +125,12 @@ def _scene(file: Path) -> ForeignScene:
     if file.suffix.lower() == ".srdf":
         raise click.ClickException(f"{file}: an SRDF has no shapes; the URDF that it goes with has them")
     return scene_of_urdf(file) if file.suffix.lower() == ".urdf" else read_scene(file)
+
+
+def _placed(scene: ForeignScene, X_WS: Array) -> ForeignScene:
+    """Returns a scene whose frame has a pose in the world (4, 4), in the world's frame."""
+    shapes = [replace(shape, X=X_WS @ shape.X) for shape in scene.shapes]
+    return replace(scene, shapes=shapes, X_WB=None if scene.X_WB is None else X_WS @ scene.X_WB)
 
 
 def _notes_on_base(scene: ForeignScene, cell: Cell) -> list[str]:

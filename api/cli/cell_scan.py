@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from api.cli.cell_import import cell_to_extend, extend
-from api.cli.support.options import json_option
+from api.cli.support.options import json_option, pose_option
 from api.cli.support.terminal import BAD, GOOD, say
 
 if TYPE_CHECKING:
@@ -66,19 +66,16 @@ def scan(
     """
     import numpy as np
 
-    from planner.rotations import beyond_full_turn, rotation_vector_to_matrix
     from planner.scenes import MILLIMETRE, points_ply, read_points, scanned
 
-    if reason := beyond_full_turn(camera[3:]) if np.isfinite(camera).all() else "must be numbers":
-        raise click.BadParameter(reason, param_hint="--camera")
+    X_WC = pose_option(camera, "--camera")
     if scale is not None and not np.isfinite(scale):
         raise click.BadParameter("must be a number", param_hint="--scale")
     if intrinsics is not None and not (np.isfinite(intrinsics).all() and min(intrinsics[:2]) > 0.0):
         raise click.BadParameter("focal lengths must be above 0", param_hint="--intrinsics")
     path, text, cell = cell_to_extend(name)
     unit = scale if scale is not None else (MILLIMETRE if file.suffix.lower() == ".png" else 1.0)
-    turn = rotation_vector_to_matrix(np.array(camera[3:]))
-    points = unit * read_points(file, intrinsics) @ turn.T + np.array(camera[:3])
+    points = unit * read_points(file, intrinsics) @ X_WC[:3, :3].T + X_WC[:3, 3]
     made = scanned(cell, points, cell_m, within_m)
     if not len(made.middles):
         raise click.ClickException(f"{file}: nothing is left of it: {'; '.join(made.left_out)}")

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import os
 from functools import wraps
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
+
+if TYPE_CHECKING:
+    from planner.arrays import Array
 
 JSON_FLAG = "--json"
 PORT = click.IntRange(0, 65535)
@@ -68,3 +71,18 @@ def cell_of_service(client: Any, cell: str | None) -> str:
     if default is None:
         raise click.ClickException("the service has no default cell: name one with --cell")
     return str(default)
+
+
+def pose_option(values: tuple[float, ...], option: str) -> Array:
+    """Returns the pose (4, 4) that an option gives as a position [m] and a rotation vector [rad].
+
+    Raises:
+        click.BadParameter: a value is no number, or the rotation is beyond a full turn.
+    """
+    import numpy as np
+
+    from planner.rotations import beyond_full_turn, pose, rotation_vector_to_matrix
+
+    if reason := beyond_full_turn(values[3:]) if np.isfinite(values).all() else "must be numbers":
+        raise click.BadParameter(reason, param_hint=option)
+    return pose(np.array(values[:3]), rotation_vector_to_matrix(np.array(values[3:])))

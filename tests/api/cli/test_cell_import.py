@@ -19,10 +19,11 @@ from planner.rotations import pose
 from planner.scenes import urdf_of
 
 
-def taken(cell: Path, name: str, text: str) -> tuple[dict[str, Solid], dict[str, object]]:
+def taken(cell: Path, name: str, text: str, *options: str) -> tuple[dict[str, Solid], dict[str, object]]:
     """Shapes of the cell after an import, by name, and what the command told."""
     (cell.parent / name).write_text(text)
-    done = CliRunner().invoke(main, ["cell", "import", str(cell.parent / name), "--into", str(cell), "--json"])
+    command = ["cell", "import", str(cell.parent / name), "--into", str(cell), "--json", *options]
+    done = CliRunner().invoke(main, command)
     assert done.exit_code == 0, done.output
     around = load_cell(cell).surroundings
     return dict(zip(around.keep_out_names, around.keep_out, strict=True)), json.loads(done.stdout)
@@ -103,6 +104,30 @@ DEFAULTS = """
 BIN = """<mujocoinclude>
   <geom name="side" euler="0 0 0.5"/><geom name="label" class="drawn"/><include file="parts/bin.xml"/>
 </mujocoinclude>"""
+
+
+def test_a_model_comes_in_where_its_frame_is_put(cell: Path) -> None:
+    """A shelf is drawn about its own foot, where the arm stands: MuJoCo has it in the place of a body of the world."""
+    shelf = '<geom name="board" type="box" size="0.3 0.2 0.02" pos="0.1 0 0.5" euler="10 0 20"/>'
+    placed = f'<mujoco><worldbody><body pos="1.3 0.2 0.1" axisangle="1 2 3 60">{shelf}</body></worldbody></mujoco>'
+    model = mujoco.MjModel.from_xml_string(placed)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    turn = np.array([1.0, 2.0, 3.0]) / np.sqrt(14.0) * np.pi / 3.0
+    at = ("--at", "1.3", "0.2", "0.1", *(repr(float(value)) for value in turn))
+    shapes, _ = taken(cell, "shelf.xml", f"<mujoco><worldbody>{shelf}</worldbody></mujoco>", *at)
+    np.testing.assert_allclose(shapes["board"].X_WC[:3, 3], data.geom("board").xpos, atol=1e-9)
+    np.testing.assert_allclose(shapes["board"].X_WC[:3, :3], data.geom("board").xmat.reshape(3, 3), atol=1e-6)
+
+
+def test_a_place_beyond_a_full_turn_is_refused(cell: Path) -> None:
+    before = cell.read_text()
+    (cell.parent / "a.scene").write_text("(a)\n* ball\n1\nsphere\n0.1\n1.5 0 0.5\n0 0 0 1\n0 0 0 0\n.\n")
+    at = ["--at", "0", "0", "0", "0", "0", "90"]
+    done = CliRunner().invoke(main, ["cell", "import", str(cell.parent / "a.scene"), "--into", str(cell), *at])
+    assert done.exit_code != 0
+    assert "--at" in done.output
+    assert cell.read_text() == before
 
 
 def test_included_files_come_in_with_their_defaults(cell: Path) -> None:
