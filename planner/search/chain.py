@@ -5,10 +5,12 @@
       → the shortest way through it, which chooses the branches of the inverse kinematics for the whole chain
       → Ruckig's motion along it → certificate
       → the leg in which a check fails is made gentler, or left out; and again
+      → where it holds, the accelerations at the passages are chosen → certificate, and the sooner of both is kept
 
-A state is passed with zero acceleration, or with that at which the tool keeps its twist. A line is one node, too, which
-takes its time: its motion follows from the branch. Counts alone decide what is tried; the only clock is the request's
-time limit.
+A state is passed with zero acceleration, or with that at which the tool keeps its twist; in the last step with what
+makes the legs beside it sooner. A point, whose orientation is free, is passed in postures near those of its neighbours,
+too. A line is one node, too, which takes its time: its motion follows from the branch. Counts alone decide what is
+tried; the only clock is the request's time limit.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ import math
 import time
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -31,14 +33,16 @@ from planner.kinematics import inverse_velocity, jacobian, singularity_distances
 from planner.passages import passed_until
 from planner.problem import ThrowProblem
 from planner.releases import SteadyLine
+from planner.search.passing import passing_accelerations
 from planner.search.record import PlanningSearch
 from planner.search.tool_lines import line_motions
-from planner.seeds import candidates
+from planner.seeds import Candidate, candidates, near_candidates
 from planner.trajectory import Trajectory
 
 PACES = (1.0, 0.5, 0.25)  # [-] of a leg, tried in turn: torques, tool speed and what is near may ask for a gentler one
 STATES = 24  # [-] joint states kept of a passage: a pose has eight branches, each with full turns and two accelerations
 MOTIONS = 100  # [-] motions certified before a search gives up
+BESIDE = 6  # [-] of these of each neighbour a point is passed in postures nearby
 WAYS = 1000  # [-] ways looked at: most that do not come to a motion have a leg that Ruckig refuses
 ROUNDING = 1e-6  # [ticks] of a duration in floating point
 OF_RELEASE = ("flight_clearance", "landing", "landing_window", "opening_direction")  # checks that the release decides
@@ -80,23 +84,14 @@ def _try(search: PlanningSearch, legs: _Legs, way: list[int]) -> None:
     Raises:
         Infeasible: the outputs contradict each other, which no other way mends.
     """
-    made = [legs.piece(0, way)]
-    passed = []
-    tick = 0
-    for number in range(len(way) - 1):
-        try:
-            made.append(legs.samples(number, way, tick))
-        except SolverFailed as failure:
-            obstacle = next(iter(failure.violations), nothing_found("motion", str(failure)))
-            legs.give_way(number, way, obstacle)
-            return
-        tick += len(made[-1][0]) - 1
-        passed.append(tick)
-        made.append(legs.piece(number + 1, way))
-        tick += legs.ticks(number + 1)
-    motion = _joined(search.problem, made, passed)
+    motion = _motion(legs, way)
+    if motion is None:
+        return
     found = search.certify("ruckig", Solution(motion, "leg by leg"))
     if found.is_valid:
+        sooner = _motion(_eased(legs, way), way)
+        if sooner is not None:
+            search.certify("ruckig", Solution(sooner, "leg by leg, accelerations free"))
         return
     blamed = set()
     for failed in found.examination.failures:
@@ -107,6 +102,38 @@ def _try(search: PlanningSearch, legs: _Legs, way: list[int]) -> None:
         if leg not in blamed:
             blamed.add(leg)
             legs.give_way(leg, way, violation, ends)
+
+
+def _motion(legs: _Legs, way: list[int]) -> Trajectory | None:
+    """Returns the motion along a way; None where a leg is refused, which is noted."""
+    made = [legs.piece(0, way)]
+    passed = []
+    tick = 0
+    for number in range(len(way) - 1):
+        try:
+            made.append(legs.samples(number, way, tick))
+        except SolverFailed as failure:
+            obstacle = next(iter(failure.violations), nothing_found("motion", str(failure)))
+            legs.give_way(number, way, obstacle)
+            return None
+        tick += len(made[-1][0]) - 1
+        passed.append(tick)
+        made.append(legs.piece(number + 1, way))
+        tick += legs.ticks(number + 1)
+    return _joined(legs.problem, made, passed)
+
+
+def _eased(legs: _Legs, way: Sequence[int]) -> _Legs:
+    """Returns the legs of one way, with the accelerations that make it sooner at every state where nothing leaves."""
+    passages = legs.problem.passages
+    ends = [(_last(legs.piece(i, way)), _first(legs.states[i + 1][way[i + 1]])) for i in range(len(way) - 1)]
+    free = [i < len(passages) and legs.ticks(i + 1) == 0 and not passages[i].releases for i in range(len(way) - 2)]
+    states = [list(each) for each in legs.states]
+    for i, qdd in enumerate(passing_accelerations(legs.problem, ends, free)):
+        if free[i]:
+            q, qd, _ = legs.piece(i + 1, way)
+            states[i + 1][way[i + 1]] = (q, qd, qdd[None])
+    return replace(legs, states=states, times=[each.copy() for each in legs.times], obstacles={})
 
 
 def _leg_of(problem: ThrowProblem, motion: Trajectory, failed: Check) -> tuple[int, bool]:
@@ -296,10 +323,13 @@ def _legs(search: PlanningSearch) -> _Legs:
     names = ["the start"]
     q, qd, qdd = problem.start_state
     states: list[list[Piece | None]] = [[(q[None], qd[None], qdd[None])]]
-    for number, (name, state, releases) in enumerate(asked):
-        alone = problem.through(state, releases, problem.is_thrown_before(number))
-        states.append(_near(problem, states[-1], _found(search, name, alone)))
-        names.append(name)
+    alone = [problem.through(each[1], each[2], problem.is_thrown_before(number)) for number, each in enumerate(asked)]
+    found = [_found(search, each[0], one) for each, one in zip(asked, alone, strict=True)]
+    for number, one in enumerate(alone):
+        after = found[number + 1] if number + 1 < len(found) else []
+        both = [*found[number], *_between(one, states[-1], after)]
+        states.append(_kept(problem, both, states[-1], after))
+        names.append(asked[number][0])
     if problem.end is None:
         names.append("rest")
         states.append([None])
@@ -332,12 +362,30 @@ def _found(search: PlanningSearch, name: str, alone: ThrowProblem) -> list[Piece
         search.log_attempt("candidates", f"no joint state of {name}", begun_s)
         log = [attempt.__dict__ for attempt in search.attempts]
         raise Infeasible([each.within(name) for each in refusal.violations], attempts=log) from None
+    return _samples(problem, found)
+
+
+def _samples(problem: ThrowProblem, found: Sequence[Candidate]) -> list[Piece | None]:
+    """Returns the samples of candidates, without acceleration, and with that at which the tool keeps its twist."""
+    if not found:
+        return []
     q = np.array([each.q for each in found])
     qd = np.array([each.qd for each in found])
     steady = _steady(problem, q, qd)
     usable = (np.abs(steady) <= problem.limits.qdd_max).all(axis=1) & steady.any(axis=1)
     kinds = ((q, qd, np.zeros_like(q)), (q[usable], qd[usable], steady[usable]))
     return [(a[None], b[None], c[None]) for arrays in kinds for a, b, c in zip(*arrays, strict=True)]
+
+
+def _between(alone: ThrowProblem, before: Sequence[Piece | None], after: Sequence[Piece | None]) -> list[Piece | None]:
+    """Returns the samples of passing a point in postures near those before and after, and in the middle of both."""
+    point = alone.release.point_state
+    if point is None:
+        return []
+    left = np.array([piece[0][-1] for piece in before[:BESIDE] if piece is not None])
+    right = np.array([piece[0][0] for piece in after[:BESIDE] if piece is not None]).reshape(-1, 6)
+    middle = ((left[:, None] + right) / 2.0).reshape(-1, 6)
+    return _samples(alone, near_candidates(alone, point, np.concatenate([left, right, middle])))
 
 
 def _steady(problem: ThrowProblem, q: Array, qd: Array) -> Array:
@@ -351,14 +399,20 @@ def _steady(problem: ThrowProblem, q: Array, qd: Array) -> Array:
     return qdd
 
 
-def _near(problem: ThrowProblem, before: Sequence[Piece | None], found: list[Piece | None]) -> list[Piece | None]:
-    """Returns the states that are kept: half of them nearest to any before, the others the soonest from rest.
+def _kept(
+    problem: ThrowProblem, found: list[Piece | None], before: Sequence[Piece | None], after: Sequence[Piece | None]
+) -> list[Piece | None]:
+    """Returns the states that are kept: half of them on the shortest way from any before to any after.
 
-    Near is measured by the time that the joints need at their greatest speed. `found` begins with the soonest states.
+    The others are the soonest from rest, with which `found` begins. The way is measured by the time that the joints
+    need at their greatest speed.
     """
-    at = np.array([piece[0][-1] for piece in before if piece is not None])
     q = np.array([piece[0][0] for piece in found if piece is not None])
-    needed_s = (np.abs(q[:, None] - at) / problem.limits.qd_max).max(axis=2).min(axis=1)
+    needed_s = np.zeros(len(q))
+    for row, neighbours in ((-1, before), (0, after)):
+        at = np.array([piece[0][row] for piece in neighbours if piece is not None])
+        if len(at):
+            needed_s += (np.abs(q[:, None] - at) / problem.limits.qd_max).max(axis=2).min(axis=1)
     nearest = np.argsort(needed_s, kind="stable").tolist()
     kept = dict.fromkeys([*nearest[: STATES // 2], *range(STATES // 2), *nearest[STATES // 2 :]])
     return [found[i] for i in list(kept)[:STATES] if i < len(found)]

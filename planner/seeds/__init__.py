@@ -2,6 +2,7 @@
 
 from planner.seeds.aspects import ASPECTS, aspects, first_rows, least_times_to_aspects
 from planner.seeds.candidates import Candidate, InitialGuess, NoCandidates, Seed, candidates
+from planner.seeds.nearby_postures import near_candidates
 from planner.seeds.neighbours import ReleaseState, neighbour_candidates
 from planner.seeds.quasi_random import SPREAD_RAD
 from planner.seeds.sampling import farthest_reach
@@ -25,6 +26,7 @@ __all__ = [
     "first_rows",
     "least_time",
     "least_times_to_aspects",
+    "near_candidates",
     "neighbour_candidates",
     "tool_jacobian",
 ]

@@ -53,11 +53,11 @@ def point_states(problem: ThrowProblem, point: PointState) -> tuple[Array, Array
         Infeasible: no posture reaches the point.
     """
     q = _postures(problem, point.p_WT)
-    qd = _with_velocity(problem, q, point.v_WT)
+    qd = with_velocity(problem, q, point.v_WT)
     return soonest(problem, q, qd)
 
 
-def _with_velocity(problem: ThrowProblem, q: Array, v_WT: Array) -> Array:
+def with_velocity(problem: ThrowProblem, q: Array, v_WT: Array) -> Array:
     """Returns the joint velocities (n, 6) with which the tool has the velocity `v_WT` (3,) in postures `q` (n, 6)."""
     v_B = problem.cell.X_WB[:3, :3].T @ v_WT
     return allocate_velocity(tool_jacobian(problem, q), v_B, problem.limits.qd_max)

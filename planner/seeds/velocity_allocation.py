@@ -36,7 +36,7 @@ def allocate_velocity(J: Array, v: Array, qd_max: Array) -> Array:
         qd_max: speed limits (6,) [rad/s].
     """
     v = np.zeros(J.shape[:-1]) + v
-    qd = _least_norm(J, v, qd_max)
+    qd = least_norm(J, v, qd_max)
     excess = largest_share(qd, qd_max)
     rows = np.flatnonzero((excess > 1.0) & (excess < REDUCIBLE_EXCESS))
     rows = np.unravel_index(rows[np.argsort(excess.ravel()[rows], kind="stable")][:REDUCED_MAX], excess.shape)
@@ -54,7 +54,7 @@ def balanced_velocity(J: Array, v: Array, qd_max: Array) -> Array:
         v: tool velocities.
         qd_max: what the shares are of (6,), speed limits for one [rad/s].
     """
-    qd = _least_norm(J, v, qd_max)
+    qd = least_norm(J, v, qd_max)
     rows = np.flatnonzero(np.isfinite(qd).all(axis=1))
     qd[rows] = _towards_maximum_norm(J[rows], v[rows], qd[rows], qd_max)
     return qd
@@ -80,7 +80,7 @@ def largest_share(qd: Array, qd_max: Array) -> Array:
     return loops.largest_shares(qd.reshape(-1, 6), qd_max).reshape(qd.shape[:-1])
 
 
-def _least_norm(J: Array, v: Array, qd_max: Array) -> Array:
+def least_norm(J: Array, v: Array, qd_max: Array) -> Array:
     """Returns the joint velocities (..., n, 6) of least norm, weighted with qd_max^2, for v (..., n, 3)."""
     qd = loops.least_norms(J, qd_max**2, np.ascontiguousarray(v).reshape(-1, 3), GRAM_FLOOR)
     return qd.reshape(*v.shape[:-1], 6)

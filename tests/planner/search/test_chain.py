@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
 
 from benchmarks.audit import find_faults
+from planner.backends import ruckig_otg
 from planner.cell import Cell
 from planner.certificate import certify
 from planner.errors import Infeasible, InvalidProblem, SolverFailed
@@ -254,3 +256,21 @@ def test_a_problem_of_passages_is_stated_as_the_request_that_it_answers() -> Non
     assert [each.outputs for each in again.passages] == [each.outputs for each in problem.passages]
     assert [each.name for each in again.passages] == [each.name for each in problem.passages]
     assert np.array_equal(again.end.q, cell().home)  # pyright: ignore[reportOptionalMemberAccess, reportAttributeAccessIssue]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_point_before_a_joint_state_is_passed_near_both(seed: int) -> None:
+    """As soon as the motion through a posture that is known, which the request does not tell."""
+    here = cell()
+    rng = np.random.default_rng(seed)
+    zero = np.zeros(6)
+    first = here.home + rng.uniform(-0.6, 0.6, 6)
+    last = first + rng.uniform(-0.6, 0.6, 6)
+    passages = [
+        {"name": "point", "state": stated(here, "point", first, 0.2 * here.limits.qd_max)},
+        {"name": "joints", "state": stated(here, "joint", last, 0.1 * here.limits.qd_max)},
+    ]
+    found = planned({"passages": passages}, here)
+    states = [(here.home, zero, zero), (first, 0.2 * here.limits.qd_max, zero), (last, 0.1 * here.limits.qd_max, zero)]
+    known_s = sum(ruckig_otg.least_leg_time(found.problem, a, b) for a, b in pairwise(states))
+    assert found.trajectory.passed[-1] * found.trajectory.dt < known_s
