@@ -331,7 +331,8 @@ def _found(search: PlanningSearch, name: str, alone: ThrowProblem) -> list[Piece
     except Infeasible as refusal:
         search.log_attempt("candidates", f"no joint state of {name}", begun_s)
         log = [attempt.__dict__ for attempt in search.attempts]
-        raise Infeasible([each.within(name) for each in refusal.violations], attempts=log) from None
+        violations = [each if alone.throws else each.in_passing() for each in refusal.violations]
+        raise Infeasible([each.within(name) for each in violations], attempts=log) from None
     q = np.array([each.q for each in found])
     qd = np.array([each.qd for each in found])
     steady = _steady(problem, q, qd)

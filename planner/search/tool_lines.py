@@ -150,9 +150,7 @@ class _Branches:
         if len(hit) == 0:
             return None
         tick = int(looked_at[hit[0]])
-        violation = body.violations_at(q[tick], holds)[0]
-        where = violation.detail.removesuffix("at the release").rstrip(", ")
-        return LineObstacle(tick, self._at(tick, replace(violation, detail=where)))
+        return LineObstacle(tick, self._at(tick, body.violations_at(q[tick], holds)[0].in_passing()))
 
     def _first(
         self, name: str, values: Array, limits: Array, unit: str, names: Sequence[str], sign: float = 1.0

@@ -217,6 +217,16 @@ def test_a_refusal_names_the_passage_that_is_out_of_reach() -> None:
     assert refused.value.violations[0].proven
 
 
+@pytest.mark.parametrize("state", [over(0.5, 0.0, 5.0), over(0.5, 0.0, z=0.03), over(0.42, 0.0, 3.3)])
+def test_a_refusal_of_what_lets_nothing_go_speaks_of_no_release(state: dict[str, Any]) -> None:
+    """The first is refused for its speed, the second for the floor, the third for its joints."""
+    for request in ({"passages": [{"name": "part 0", "state": state}]}, row(end={"kind": "home"})):
+        request["passages"][0]["state"] = state
+        with pytest.raises(Infeasible, match="passage 'part 0'") as refused:
+            plan(problem_from_request(request, cell()))
+        assert "release" not in str(refused.value)
+
+
 def test_a_refusal_names_the_leg_in_whose_way_something_stands() -> None:
     """The last passage moves towards a wall that is too near to stop before it."""
     here = cell().with_obstacles({"lower_m": [0.3, 0.106, 0.0], "upper_m": [0.8, 0.14, 0.8]})

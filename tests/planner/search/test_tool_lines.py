@@ -198,6 +198,7 @@ BOX = {"lower_m": [0.4, -0.05, 0.0], "upper_m": [0.6, 0.05, 0.3]}
         (line([0.4, -0.3, 0.3], [-0.4, -0.3, 0.3], 1.4), None, "joint_acceleration", "shoulder_pan_joint, 0.3", 15.0),
         (line([0.6, 0.0, 0.3], [0.82, 0.0, 0.3], 0.4), None, "singularity_distance", "elbow, 0.21", 0.4),
         (line([0.5, 0.0, 0.3], [0.5, 0.0, 0.02], 0.4), None, "floor", "end of the line", 0.02),
+        (line([0.5, 0.0, 0.3], [0.5, 0.2, 0.3], 5.0), None, "tcp_speed", "start of the line", 4.0),
     ],
 )
 def test_a_refusal_says_what_is_in_the_way_and_where(
@@ -211,6 +212,7 @@ def test_a_refusal_says_what_is_in_the_way_and_where(
     assert violation.constraint == constraint, violation
     assert reason in violation.detail, violation
     assert limit is None or violation.limit == pytest.approx(limit), violation
+    assert "release" not in violation.detail, violation
 
 
 def test_what_the_certificate_finds_on_a_line_is_told_of_the_line(monkeypatch: pytest.MonkeyPatch) -> None:
