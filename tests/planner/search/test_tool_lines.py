@@ -216,7 +216,9 @@ def test_a_refusal_says_what_is_in_the_way_and_where(
 
 
 @pytest.mark.parametrize(("goes_out", "what"), [(True, "fades, 0.182 m"), (False, "builds up, 0.000 m")])
-def test_a_line_at_whose_end_a_joint_cannot_stay_within_its_speed_is_refused_for_that(goes_out: bool, what: str) -> None:
+def test_a_line_at_whose_end_a_joint_cannot_stay_within_its_speed_is_refused_for_that(
+    goes_out: bool, what: str
+) -> None:
     """The elbow is within its speed all along, and stretches ever faster towards the end that is far out."""
     aslant = [-2.950774482, -0.387746186, -0.09831947]
     ends = [[0.6, 0.0, 0.3], [0.7824116989, 0.0027831146, 0.3]]
