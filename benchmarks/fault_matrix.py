@@ -21,6 +21,7 @@ from tests.system.fault_matrix import (
     PHASES,
     REST_S,
     ROBOTIQ,
+    STREAMED,
     THROWS,
     CellResult,
     Fault,
@@ -50,7 +51,8 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "benchmarks")
     given = parser.parse_args(argv)
     where = machine_words(machine())
-    phases = [phase for phase in PHASES if given.phases is None or phase.name in given.phases]
+    possible = [phase for phase in PHASES if given.mode != "script" or phase not in STREAMED]
+    phases = [phase for phase in possible if given.phases is None or phase.name in given.phases]
     throws = [phase for phase in phases if phase in THROWS and given.mode != "script"]
     names = given.cells or [*CELLS]
     results = []

@@ -147,7 +147,8 @@ class Execution:
         self.motions.append(found.motion)
         begins_s = found.motion.joins_s or 0.0
         if not run.offer(found.job):
-            late = "tick passed while the plan was certified" if run.state == shm.STREAMING else "the motion brakes"
+            why = {shm.STREAMING: "tick passed while the plan was certified", shm.BRAKING: "the motion brakes"}
+            late = why.get(run.state, "the motion has ended")
             raise CannotJoin(f"{late}: it would have begun at {begins_s:.3f} s")
         if self.session.cell.link.kind == "sim":
             self._announce()

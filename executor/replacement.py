@@ -24,7 +24,7 @@ from executor import realtime
 from executor.preflight import ExecutionRefused, verify_plan
 from executor.preparation import RunningRows, landing_of, prepare_job
 from executor.settings import ExecutorSettings
-from executor.shared_memory import OFFER_BYTES
+from executor.shared_memory import OFFER_BYTES, SWITCHES_MAX
 from executor.stream_job import ExpectedLanding, StreamJob
 from planner.cell import Cell
 from planner.certificate import START_TOLERANCE
@@ -237,6 +237,8 @@ def joined_job(
         raise CannotJoin(f"{early[0].output} {early[0].index} would have to be switched before the plan begins")
     if 0 <= made.output_row < begins:
         raise CannotJoin("the gripper would have to be told to open before the plan begins")
+    if len(made.switches) > SWITCHES_MAX:
+        raise CannotJoin(f"the whole motion would switch {len(made.switches)} outputs, and can {SWITCHES_MAX}")
     return replace(made, joins_row=begins)
 
 

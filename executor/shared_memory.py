@@ -18,6 +18,7 @@ HEADER_BYTES = 4096
 TEXT_AT = 1024  # [bytes] offset of the reason in the header
 TEXT_BYTES = 1024
 SWITCHED_AT = 2048  # [bytes] offset of when the outputs of passages were switched, to the header's end
+SWITCHES_MAX = (HEADER_BYTES - SWITCHED_AT) // 8  # outputs that one execution can switch; a plan's are 160 at most
 OFFER_BYTES = 3 << 20  # of a job that is offered: 24 s at 500 Hz
 PLACES = 2  # behind the rows, for such jobs: the stream may go by one while the next is offered
 

@@ -15,6 +15,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from reprlib import Repr
@@ -23,6 +24,8 @@ from typing import Any
 ERRORS_MAX = 20  # refused fields that are named: a person mends the first ones and asks again
 TIME_LIMIT = "time_limit"  # status of a search that the request's time limit ended
 CUT_SHORT = f"{TIME_LIMIT} ended the search"  # end of the status in the document of a plan whose search was ended so
+
+AT_RELEASE = re.compile(",? ?at the release")  # in the detail of a violation
 
 QUOTE = Repr()
 QUOTE.maxlevel = 3
@@ -162,6 +165,10 @@ class Violation:
     at_s: float | None = None
     detail: str = ""
     proven: bool = False
+
+    def in_passing(self) -> Violation:
+        """Returns the violation of a state that is passed, or ended in, without letting anything go."""
+        return replace(self, detail=AT_RELEASE.sub("", self.detail))
 
     def within(self, where: str) -> Violation:
         """Returns the violation with the part of a motion that it is about, in words."""

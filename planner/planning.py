@@ -74,6 +74,7 @@ def plan(problem: ThrowProblem, hints: SearchHints = ORDINARY) -> Plan:
             _search_release(search, hints.releases)
         best, way_home = best_with_way_home(search)
     except (Infeasible, SolverFailed) as refusal:
+        _tell_of_passage(refusal, problem)
         _tell_of_brake(refusal, problem)
         if hints.offers_nearest and not problem.is_chain:
             hints.meter.begin("nearest")
@@ -137,6 +138,15 @@ def _candidates(search: PlanningSearch, releases: Sequence[ReleaseState]) -> lis
         search.log_attempt("candidates", NO_RELEASE_STATE, begun_s)
         log = [attempt.__dict__ for attempt in search.attempts]
         raise SolverFailed(cut_short.status, attempts=log, violations=cut_short.violations) from None
+
+
+def _tell_of_passage(refusal: Infeasible | SolverFailed, problem: ThrowProblem) -> None:
+    """Leaves the release out of what stands in the way of a single passage that lets nothing go, and names it."""
+    if problem.passages and not (problem.is_chain or problem.throws):
+        where = f"passage {problem.passages[0].name!r}"
+        refusal.violations = tuple(each.in_passing().within(where) for each in refusal.violations)
+        status = [refusal.status] if isinstance(refusal, SolverFailed) else []
+        refusal.args = ("; ".join([*status, *map(str, refusal.violations)]),)
 
 
 def _tell_of_brake(refusal: Infeasible | SolverFailed, problem: ThrowProblem) -> None:

@@ -132,14 +132,17 @@ def controller_program(cell: Cell, rows: StreamRows, brakes: Brakes, thinned: bo
 
 
 def _one_a_row(switches: Sequence[SwitchRow]) -> tuple[SwitchRow, ...]:
-    """Returns switches in their order, with edges of one output that are a tick apart in rows of their own.
+    """Returns switches in the order of their rows, with edges of one output that are a tick apart in rows of their own.
 
-    Rounding brings two of them into one row where the ticks fall in the middle between rows.
+    Rounding brings two of them into one row where the ticks fall in the middle between rows. What follows the one that
+    is moved on is not before it: switches are made in their order.
     """
     last: dict[tuple[str, int], int] = {}
-    found = []
+    found: list[SwitchRow] = []
+    row = 0
     for each in switches:
         line = (each.output, each.index)
-        found.append(replace(each, row=max(each.row, last.get(line, -1) + 1)))
-        last[line] = found[-1].row
+        row = max(row, each.row, last.get(line, -1) + 1)
+        found.append(replace(each, row=row))
+        last[line] = row
     return tuple(found)

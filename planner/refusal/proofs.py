@@ -54,7 +54,7 @@ def _of_passage(problem: ThrowProblem, number: int) -> list[Violation]:
     if isinstance(passage.state, SteadyLine):
         name += f", {'start' if found else 'end'} of the line"
         found = found or _of_demands(alone.through(passage.state.end_state, False, False))
-    return [violation.within(name) for violation in found]
+    return [(each if alone.throws else each.in_passing()).within(name) for each in found]
 
 
 def _of_demands(problem: ThrowProblem) -> list[Violation]:

@@ -17,6 +17,7 @@ from planner.releases.pose import POSE, PoseRelease, orientations, pose_document
 from planner.rotations import angle_between, matrix_to_rotation_vector, pose, rotation_vector_to_matrix
 
 LENGTH_MIN_M = 1e-3  # [m] a shorter line is a state
+ROUNDING = 1e-9  # [-] of a length in floating point
 TURN_MAX_RAD = math.pi - 1e-3  # [rad] beyond it rounding would decide which way round the tool turns
 DURATION_MAX_S = 40.0  # [s] of a line; as long as a leg may take at 500 Hz
 
@@ -25,7 +26,7 @@ def _check_line(given: dict[str, Any], path: str, errors: list[FieldError]) -> N
     """Refuses a line without a direction, with an open sense of rotation, or that lasts too long."""
     length = math.dist(given["from"]["position"], given["to"]["position"])
     turn = angle_between(orientations(given["from"])[0], orientations(given["to"])[0])
-    if length < LENGTH_MIN_M:
+    if length < LENGTH_MIN_M * (1.0 - ROUNDING):
         errors.append(FieldError(f"{path}.to", f"is {length:g} m from the start; a line is {LENGTH_MIN_M:g} m or more"))
     elif length > DURATION_MAX_S * given["speed_m_s"]:
         lasts_s = length / given["speed_m_s"]

@@ -119,7 +119,7 @@ def _motion(legs: _Legs, way: list[int]) -> Trajectory | None:
         tick += len(made[-1][0]) - 1
         passed.append(tick)
         made.append(legs.piece(number + 1, way))
-        tick += legs.ticks(number + 1)
+        tick += legs.lasts(number + 1)
     return _joined(legs.problem, made, passed)
 
 
@@ -127,13 +127,13 @@ def _eased(legs: _Legs, way: Sequence[int]) -> _Legs:
     """Returns the legs of one way, with the accelerations that make it sooner at every state where nothing leaves."""
     passages = legs.problem.passages
     ends = [(_last(legs.piece(i, way)), _first(legs.states[i + 1][way[i + 1]])) for i in range(len(way) - 1)]
-    free = [i < len(passages) and legs.ticks(i + 1) == 0 and not passages[i].releases for i in range(len(way) - 2)]
+    free = [i < len(passages) and legs.lasts(i + 1) == 0 and not passages[i].releases for i in range(len(way) - 2)]
     states = [list(each) for each in legs.states]
     for i, qdd in enumerate(passing_accelerations(legs.problem, ends, free)):
         if free[i]:
             q, qd, _ = legs.piece(i + 1, way)
             states[i + 1][way[i + 1]] = (q, qd, qdd[None])
-    return replace(legs, states=states, times=[each.copy() for each in legs.times], obstacles={})
+    return replace(legs, states=states, ticks=[each.copy() for each in legs.ticks], obstacles={})
 
 
 def _leg_of(problem: ThrowProblem, motion: Trajectory, failed: Check) -> tuple[int, bool]:
@@ -171,7 +171,8 @@ class _Legs:
         problem: gives limits and tick.
         names: of start, passages and end, in words.
         states: samples of each from every joint state in which it may begin; None: rest, anywhere.
-        times: from every state of one to every state of the next by the fastest leg (n, m) [s]; infinite for none.
+        ticks: from every state of one to every state of the next by the fastest leg (n, m): whole numbers, whose sums
+            are exact; infinite for none.
         paces: number of the pace of each leg (n, m).
         obstacles: what stood in the way of a leg last, by its number.
     """
@@ -179,7 +180,7 @@ class _Legs:
     problem: ThrowProblem
     names: list[str]
     states: list[list[Piece | None]]
-    times: list[Array]
+    ticks: list[Array]
     paces: list[Array]
     obstacles: dict[int, Violation] = field(default_factory=dict)
 
@@ -187,8 +188,8 @@ class _Legs:
         """Returns the number of the state of each on the shortest way; None where there is none. Bellman, 1957."""
         cost = np.zeros(1)
         came_from = []
-        for number, times in enumerate(self.times):
-            total = cost[:, None] + times
+        for number, ticks in enumerate(self.ticks):
+            total = cost[:, None] + ticks
             came_from.append(total.argmin(axis=0))
             cost = self._in_time(number, total.min(axis=0))
         last = int(cost.argmin())
@@ -200,27 +201,31 @@ class _Legs:
         return way[::-1]
 
     def _in_time(self, number: int, arrivals: Array) -> Array:
-        """Returns when the states at the end of a leg are passed (m,) [s], at the soonest; infinite where too late."""
+        """Returns when the states at the end of a leg are passed (m,) [ticks], at the soonest; infinite where too late.
+
+        `arrivals` are the ticks at which the fastest legs lead there.
+        """
         if number >= len(self.problem.passages):
             return arrivals
         passage = self.problem.passages[number]
-        first_s = passage.first_tick(1.0 / self.problem.dt) * self.problem.dt
-        in_time = np.maximum(arrivals, first_s)
+        first = passage.first_tick(1.0 / self.problem.dt)
+        in_time = np.maximum(arrivals, float(first))
         if passage.at_s is None:
             return in_time
-        if arrivals.min() > first_s and math.isfinite(arrivals.min()):
+        soonest = float(arrivals.min())
+        if soonest > first and math.isfinite(soonest):
             late = Violation(
-                "passage", float(arrivals.min()), passage.at_s, "s", detail="the soonest that it is passed"
+                "passage", soonest * self.problem.dt, passage.at_s, "s", detail="the soonest that it is passed"
             )
             self.obstacles[number] = late.within(self.leg_name(number))
-        return np.where(arrivals > first_s, math.inf, in_time)
+        return np.where(arrivals > first, math.inf, in_time)
 
     def piece(self, number: int, way: Sequence[int]) -> Piece:
         """Returns the samples of start, passage or end on a way; none of rest anywhere."""
         none = np.empty((0, 6))
         return self.states[number][way[number]] or (none, none, none)
 
-    def ticks(self, number: int) -> int:
+    def lasts(self, number: int) -> int:
         """Returns the number of ticks that start, a passage or the end lasts."""
         piece = self.states[number][0]
         return 0 if piece is None else len(piece[0]) - 1
@@ -281,18 +286,17 @@ class _Legs:
             ends: whether the state at its end does, whichever leg leads there.
         """
         at = (way[number], way[number + 1])
-        is_within = ends and self.ticks(number + 1) > 0
+        is_within = ends and self.lasts(number + 1) > 0
         self.obstacles[number] = obstacle.within(self.names[number + 1] if is_within else self.leg_name(number))
         if ends:
-            self.times[number][:, at[1]] = math.inf
+            self.ticks[number][:, at[1]] = math.inf
             return
         for pace in range(int(self.paces[number][at]) + 1, len(PACES)):
             self.paces[number][at] = pace
             with suppress(SolverFailed):
-                ticks = self.ticks(number) + len(self.samples(number, way)[0]) - 1
-                self.times[number][at] = self.problem.dt * ticks
+                self.ticks[number][at] = self.lasts(number) + len(self.samples(number, way)[0]) - 1
                 return
-        self.times[number][at] = math.inf
+        self.ticks[number][at] = math.inf
 
     def leg_name(self, number: int) -> str:
         """Returns a leg in words."""
@@ -300,8 +304,8 @@ class _Legs:
 
     def obstacle(self) -> Violation:
         """Returns what stands in the way of every motion: of the leg that no state is left for, else of the last."""
-        for number, times in enumerate(self.times):
-            if not np.isfinite(times).any():
+        for number, ticks in enumerate(self.ticks):
+            if not np.isfinite(ticks).any():
                 refused = nothing_found("motion", "no joint motion within the limits leads there")
                 return self.obstacles.get(number, refused.within(self.leg_name(number)))
         if not self.obstacles:
@@ -310,7 +314,7 @@ class _Legs:
 
 
 def _legs(search: PlanningSearch) -> _Legs:
-    """Returns the legs of a problem, with the times of their fastest motions.
+    """Returns the legs of a problem, with the ticks of their fastest motions.
 
     Raises:
         Infeasible: a passage or the end has no joint state; names it.
@@ -333,13 +337,12 @@ def _legs(search: PlanningSearch) -> _Legs:
     if problem.end is None:
         names.append("rest")
         states.append([None])
-    times = []
+    ticks = []
     for before, after in pairwise(states):
         starts = [piece for piece in before if piece is not None]
         rows = [[ruckig_otg.least_leg_time(problem, _last(a), _first(b)) for b in after] for a in starts]
-        ticks = len(starts[0][0]) - 1 + np.ceil(np.array(rows) / problem.dt - ROUNDING)
-        times.append(problem.dt * ticks)
-    return _Legs(problem, names, states, times, [np.zeros(each.shape, np.int64) for each in times])
+        ticks.append(len(starts[0][0]) - 1 + np.ceil(np.array(rows) / problem.dt - ROUNDING))
+    return _Legs(problem, names, states, ticks, [np.zeros(each.shape, np.int64) for each in ticks])
 
 
 def _first(piece: Piece | None) -> State | None:
@@ -361,7 +364,8 @@ def _found(search: PlanningSearch, name: str, alone: ThrowProblem) -> list[Piece
     except Infeasible as refusal:
         search.log_attempt("candidates", f"no joint state of {name}", begun_s)
         log = [attempt.__dict__ for attempt in search.attempts]
-        raise Infeasible([each.within(name) for each in refusal.violations], attempts=log) from None
+        violations = [each if alone.throws else each.in_passing() for each in refusal.violations]
+        raise Infeasible([each.within(name) for each in violations], attempts=log) from None
     return _samples(problem, found)
 
 

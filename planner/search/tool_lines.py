@@ -101,7 +101,7 @@ class _Branches:
         V_BT = np.concatenate([R_BW @ self.line.V_WT[:3], R_BW @ self.line.V_WT[3:]])
         qd_first, qd_last = inverse_velocity(jacobian(cell.robot, q[[0, -1]], cell.tool.X_FT), np.tile(V_BT, (2, 1)))
         motion = interpolate(q, qd_first, qd_last, self.problem.dt)
-        return self._beyond_rates(motion) or self._blocked(q) or motion
+        return self._beyond_rates(motion) or self._too_fast_beside(motion) or self._blocked(q) or motion
 
     def _beyond_reach(self, branch: int) -> LineObstacle | None:
         lost = np.isnan(self.q[:, branch]).any(axis=1)
@@ -132,6 +132,22 @@ class _Branches:
         )
         return _first_of(*(self._first(name, np.abs(values), limit, unit, names) for name, values, limit, unit in rows))
 
+    def _too_fast_beside(self, motion: Motion) -> LineObstacle | None:
+        """Returns the end of the line beside which a joint is too fast, whatever motion leads there or goes on.
+
+        An acceleration a takes |a| / j to build up or fade, in which the velocity changes by a^2 / 2j.
+        """
+        limits = self.problem.limits
+        _, qd, qdd = motion
+        change = qdd * np.abs(qdd) / (2.0 * limits.jerk_max)
+        found = []
+        for end, sign, what in ((0, -1.0, "as its acceleration builds up"), (-1, 1.0, "as its acceleration fades")):
+            speeds = np.zeros_like(qd)
+            speeds[end] = np.abs(qd[end] + sign * change[end])
+            names = [f"{joint} {what}" for joint in self.problem.cell.robot.joint_names]
+            found.append(self._first("joint_velocity", speeds, limits.qd_max, "rad/s", names))
+        return _first_of(*found)
+
     def beyond_position(self, q: Array) -> LineObstacle | None:
         """Returns where joint positions (n, 6) [rad] leave their limits."""
         limits = self.problem.limits
@@ -150,9 +166,7 @@ class _Branches:
         if len(hit) == 0:
             return None
         tick = int(looked_at[hit[0]])
-        violation = body.violations_at(q[tick], holds)[0]
-        where = violation.detail.removesuffix("at the release").rstrip(", ")
-        return LineObstacle(tick, self._at(tick, replace(violation, detail=where)))
+        return LineObstacle(tick, self._at(tick, body.violations_at(q[tick], holds)[0].in_passing()))
 
     def _first(
         self, name: str, values: Array, limits: Array, unit: str, names: Sequence[str], sign: float = 1.0

@@ -159,6 +159,31 @@ def test_an_output_that_was_to_be_switched_back_must_be_taken_care_of() -> None:
     assert joined(motion, job, begin_at(motion, between, off), 10).joins_s is not None
 
 
+def test_a_whole_that_switches_more_outputs_than_can_be_noted_is_refused() -> None:
+    """Each of the plans may switch 160."""
+    motion, _ = running()
+    dt = motion.trajectory.dt
+    memory = SharedMemory.create(5)
+    most = len(memory.switched)
+    memory.close()
+
+    def flashes(name: str, side: float, count: int) -> Passage:
+        edges = [OutputSwitch("standard_digital", 1, k % 2 == 0, -dt * (count - k)) for k in range(count)]
+        return rest(name, side, *edges)
+
+    first = motion_of(to_and_fro(flashes("a", 1.0, 160), rest("b", -1.0)))
+    job = prepare_job(first.problem, first.trajectory, None, "speedj", False, SETTINGS)
+    tick = first.trajectory.passed[0] + 100
+    for count in (most - 160, most - 158):
+        new = begin_at(first, tick, flashes("on", 1.0, count))
+        whole = joined(first, job, new, 10)
+        if count + 160 <= most:
+            assert len(joined_job(whole, job, SETTINGS, None, 10).switches) == most
+            continue
+        with pytest.raises(CannotJoin, match=f"would switch {most + 2} outputs, and can {most}"):
+            joined_job(whole, job, SETTINGS, None, 10)
+
+
 def test_a_throw_replaces_a_throw_until_the_gripper_is_told_to_open() -> None:
     here = cell()
     throw = JointRelease(here.home + 0.5 * ASIDE, 0.6 * np.ones(6))

@@ -12,7 +12,7 @@ from planner.answer import plan_document, plan_from_document
 from planner.approach import find_brakes
 from planner.cell import cell_of_keys
 from planner.errors import CellError, InvalidProblem
-from planner.passages import output_edges
+from planner.passages import OutputEdge, OutputSwitch, output_edges
 from planner.planning import plan
 from planner.request import problem_from_request
 from planner.stream_rows import controller_program, sample_rows
@@ -211,6 +211,24 @@ def test_a_pulse_of_one_tick_has_two_rows(lag_s: float) -> None:
         _, on, off = sample_rows(here, motion, False, output_edges(here, problem.passages, motion)).switches
         assert (on.level, off.level) == (True, False)
         assert on.row < off.row <= on.row + 2
+
+
+def test_outputs_are_in_the_order_of_their_rows() -> None:
+    """An edge that is moved on to a row of its own does not end up behind what follows it."""
+    here = cell()
+    tick_s = 1.0 / here.robot.sample_rate_hz
+    moved = 0
+    for ticks in range(50):
+        at_s = [tick_s * (ticks + k) for k in (0.0, 1.5, 2.5, 2.5)]
+        lines = [(0, True), (1, True), (1, False), (2, True)]
+        edges = [
+            OutputEdge(0, OutputSwitch("standard_digital", index, level), t - here.timing.lag_s, t)
+            for t, (index, level) in zip(at_s, lines, strict=True)
+        ]
+        rows = [each.row for each in sample_rows(here, standing(100), False, edges).switches]
+        assert rows == sorted(rows)
+        moved += rows[2] == rows[1] + 1
+    assert moved > 0
 
 
 def test_a_program_of_the_controller_switches_outputs_at_their_rows_and_ends_that_in_a_stop() -> None:

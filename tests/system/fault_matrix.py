@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import orjson
 import psutil
 
 from executor import realtime
@@ -35,6 +36,10 @@ SWING_RAD = 0.25  # [rad] of a motion of `fling calibrate lag`
 APPROACHING_RAD_S = 1.5  # [rad/s] the rig approaches at up to 2 rad/s, twice the usual speed, which is harder to stop
 FASTEST_RAD_S = 2.5  # [rad/s] from which the promise holds; a stop takes 3 to 5 ms more for each 0.1 rad/s
 LAUNCHING_RAD_S = 2.35
+TURNING_RAD_S = 2.0  # [rad/s] of the base in a motion that is replaced
+TURN_RAD = 2.2  # [rad] to either side, from which and to which it turns: 2 s, enough to certify what replaces it
+JOINS_AT = 0.75  # [-] of that turn, where it is replaced
+ANSWERED_S = 10.0  # [s] longest wait for the answer to a replacement
 BRAKING_RAD_S = 1.5  # [rad/s] in the middle of the throw's brake
 THROW = {**LONG_LOB, "velocities": [0.92 * v for v in LONG_LOB["velocities"]]}
 PUBLISHED_S = 2.0  # [s] a heartbeat comes four times a second
@@ -100,6 +105,35 @@ def _swing(rig: Rig, amplitude_rad: float) -> dict[str, Any]:
     return {"kind": "joint", "positions": goal, "velocities": [0.0] * 6}
 
 
+def _begin_turn(rig: Rig, mode: str) -> str:
+    """Queues a turn of the base from the nearer side to the other, and plans what is to replace it."""
+    first = rig.plan_of(_turn(rig, math.copysign(TURN_RAD, rig.state()["q"][0])))
+    _replacement(rig, first)
+    return rig.queue_plan_when_ready(first, mode)
+
+
+def _turn(rig: Rig, begins: float) -> dict[str, Any]:
+    """Returns a request for a turn of the base from an angle to the other side, from rest to rest."""
+    start, goal = ([angle, *rig.cell.home[1:].tolist()] for angle in (begins, -begins))
+    passages = [{"name": "there", "state": {"kind": "joint", "positions": goal, "velocities": [0.0] * 6}}]
+    return {"start": {"positions": start}, "passages": passages, "limits": {"velocity": TURNING_RAD_S}}
+
+
+def _replacement(rig: Rig, first: str) -> tuple[str, float, float]:
+    """Returns the id of what replaces a turn, the base's angle there [rad], and towards which side it turns."""
+    row = rig.store.plan(first)
+    assert row is not None
+    motion = plan_from_document(orjson.loads(row.document), rig.cell)[1]
+    turned = np.abs(motion.q[:, 0] - motion.q[0, 0])
+    tick = int(np.searchsorted(turned, JOINS_AT * turned[-1]))
+    state = {"positions": motion.q, "velocities": motion.qd, "accelerations": motion.qdd}
+    goal = motion.q[-1] + 0.2 * np.array([-np.sign(motion.q[-1, 0]), 1.0, -1.0, 1.0, -1.0, 1.0])
+    passages = [{"name": "there", "state": {"kind": "joint", "positions": goal.tolist(), "velocities": [0.0] * 6}}]
+    start = {name: values[tick].tolist() for name, values in state.items()}
+    id = rig.plan_of({"start": start, "passages": passages, "limits": {"velocity": TURNING_RAD_S}})
+    return id, float(motion.q[tick, 0]), float(np.sign(motion.q[-1, 0]))
+
+
 def _approaching(rig: Rig, id: str) -> None:
     rig.until(lambda: rig.row(id).state == "approaching" and rig.speed() > APPROACHING_RAD_S, period=POLL_S)
 
@@ -146,6 +180,19 @@ def _braking(rig: Rig, id: str) -> None:
     rig.until(lambda: rig.speed() < BRAKING_RAD_S, period=POLL_S)
 
 
+def _replacing(rig: Rig, id: str) -> None:
+    """Waits for the tick at which another plan takes over, which was asked for as soon as the motion began."""
+    plan_id, joins_at, side = _replacement(rig, rig.row(id).plan_id)
+    rig.until(lambda: rig.row(id).state in ("streaming", "finished"), period=POLL_S)
+    asked = rig.store.request_replacement(id, plan_id, "test")
+    assert asked is not None, rig.row(id).reason
+    rig.until(lambda: rig.row(id).replacements, ANSWERED_S, POLL_S)
+    (found,) = rig.row(id).replacements or ()
+    assert found["joins_s"] is not None, found["reason"]
+    assert side * rig.state()["target_q"][0] < side * joins_at, "the plan took over before it was said"
+    rig.until(lambda: side * (rig.state()["target_q"][0] - joins_at) >= 0.0, period=POLL_S)
+
+
 PHASES = (
     Phase("approach", _begin_far, _approaching),
     Phase("launch", _begin_throw, _launching),
@@ -155,6 +202,7 @@ PHASES = (
     Phase("brake", _begin_throw, _braking, holds=False),
     Phase("way home", _begin_way_home, _approaching),
     Phase("calibration", _begin_calibration, _swinging),
+    Phase("replacing", _begin_turn, _replacing),
 )
 
 
@@ -369,6 +417,7 @@ GRIPPER_FAULTS = (  # of a gripper on a network, in the phases of a throw; with 
     Fault("object lost by the gripper", _told("object_lost"), GRIPPER, True, SEEN_S, lets_go=True, unseen=COMMANDED),
     Fault("networked gripper opened", _gripper_told("SET POS 0 GTO 1\n"), GRIPPER, True, SEEN_S, lets_go=True),
 )
+STREAMED = tuple(phase for phase in PHASES if phase.await_moment is _replacing)  # a script cannot be replaced
 THROWS = tuple(phase for phase in PHASES if phase.begin is _begin_throw)
 PHASE = {phase.name: phase for phase in PHASES}
 FAULT = {fault.name: fault for fault in (*FAULTS, *GRIPPER_FAULTS)}

@@ -162,11 +162,14 @@ class Rig:
     # executions
 
     def plan(self, release: Mapping[str, Any], **fields: Any) -> str:
-        """Plans the soonest release and stores it; returns the id. The same request is planned once."""
-        key = repr((release, fields))
+        """Plans the soonest release and stores it; returns the id."""
+        return self.plan_of({"release": dict(release), "release_window_s": 0.0, **fields})
+
+    def plan_of(self, request: Mapping[str, Any]) -> str:
+        """Plans a request and stores it; returns the id. The same request is planned once."""
+        key = repr(request)
         if key not in self._plans:
-            own = {"backend": "ruckig", "release_window_s": 0.0, "time_limit_s": 30.0}
-            request = {"cell": "rig", "release": dict(release), **own, **fields}
+            request = {"cell": "rig", "backend": "ruckig", "time_limit_s": 30.0, **request}
             answer = plan(problem_from_request(request, self.cell))
             document = plan_document(answer, request, new_id(), "2026-01-01T00:00:00Z")
             self.add_plan(document)

@@ -22,11 +22,13 @@ AT_500_HZ = [
     ("brake", "power lost"),
     ("way home", "stream frozen 300 ms"),
     ("calibration", "speed slider at 50 %"),
+    ("replacing", "stream killed"),
 ]
 AT_125_HZ = [
     ("approach", "control connection stalled"),
     ("launch", "daemon frozen 300 ms"),
     ("after the command", "stream killed"),
+    ("replacing", "cable out"),
 ]
 
 

@@ -6,6 +6,7 @@ import signal
 from typing import Any
 
 import numpy as np
+import psutil
 import pytest
 
 from planner.answer import plan_document, plan_from_document
@@ -13,6 +14,7 @@ from planner.planning import plan
 from planner.request import problem_from_request
 from planner.trajectory import Trajectory
 from store import ExecutionRow, new_id
+from tests.processes import children_with
 from tests.system.rig import LOB, Rig, rows_of
 
 SWING_RAD = 0.35
@@ -150,6 +152,29 @@ def test_what_does_not_fit_is_refused_and_the_motion_goes_on(rig: Rig) -> None:
     assert answer(rig, id, throw)["joins_s"] is None
     assert "no such plan" in answer(rig, id, new_id())["reason"]
     follows(rig, rig.end(id), [(0.0, motion)])
+
+
+def test_a_certifying_process_that_is_killed_refuses_and_the_motion_goes_on(own_rig: Rig) -> None:
+    rig = own_rig
+    rig.start()
+    first, motion = stored(rig, swing(rig, "+-+-"))
+    second, _ = stored(rig, {**swing(rig, "+"), "start": start_on(motion, 1.9)})
+    id = streaming(rig, first, 0.4)
+    (killed,) = certifying(rig)
+    killed.kill()
+    found = answer(rig, id, second)
+    assert found["joins_s"] is None
+    assert "certifying process ended" in found["reason"]
+    follows(rig, rig.end(id), [(0.0, motion)])
+    assert certifying(rig) == []
+    rig.end(rig.queue_plan_when_ready(first))
+    assert len(certifying(rig)) == 1
+
+
+def certifying(rig: Rig) -> list[psutil.Process]:
+    """Returns the process of the executor that certifies what is to replace a running motion."""
+    assert rig.executor is not None
+    return children_with("spawn_main", rig.executor.pid)
 
 
 def test_a_process_killed_as_it_swaps_ends_in_the_usual_stop(own_rig: Rig) -> None:

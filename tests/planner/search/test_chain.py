@@ -147,6 +147,22 @@ def test_passages_are_at_their_times(times: dict[int, tuple[str, float]]) -> Non
     assert (failure.name, failure.detail) == ("passage", "part 0: time")
 
 
+def test_passages_at_the_soonest_times_are_in_time() -> None:
+    """The sum of their legs' times in floating point is beyond the last one's."""
+    here = cell()
+    rng = np.random.default_rng(0)
+    passages: list[dict[str, Any]] = []
+    for i in range(int(rng.integers(2, 7))):
+        q = here.home + rng.uniform(-0.3, 0.3, 6)
+        state = {"kind": "joint", "positions": q.tolist(), "velocities": rng.uniform(-0.3, 0.3, 6).tolist()}
+        passages.append({"name": str(i), "state": state})
+    request = {"passages": passages, "end": {"kind": "home"}}
+    passed = planned(request, here).trajectory.passed
+    for each, tick in zip(passages, passed, strict=True):
+        each["at_s"] = tick / here.robot.sample_rate_hz
+    assert planned(request, here).trajectory.passed == passed
+
+
 def test_a_passage_that_cannot_be_in_time_is_refused_with_the_soonest_time() -> None:
     request = row()
     request["passages"][2]["at_s"] = 1.0
@@ -217,6 +233,16 @@ def test_a_refusal_names_the_passage_that_is_out_of_reach() -> None:
         plan(problem_from_request(request, cell()))
     assert refused.value.violations[0].constraint == "reach"
     assert refused.value.violations[0].proven
+
+
+@pytest.mark.parametrize("state", [over(0.5, 0.0, 5.0), over(0.5, 0.0, z=0.03), over(0.42, 0.0, 3.3)])
+def test_a_refusal_of_what_lets_nothing_go_speaks_of_no_release(state: dict[str, Any]) -> None:
+    """The first is refused for its speed, the second for the floor, the third for its joints."""
+    for request in ({"passages": [{"name": "part 0", "state": state}]}, row(end={"kind": "home"})):
+        request["passages"][0]["state"] = state
+        with pytest.raises(Infeasible, match="passage 'part 0'") as refused:
+            plan(problem_from_request(request, cell()))
+        assert "release" not in str(refused.value)
 
 
 def test_a_refusal_names_the_leg_in_whose_way_something_stands() -> None:

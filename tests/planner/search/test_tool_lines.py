@@ -198,6 +198,7 @@ BOX = {"lower_m": [0.4, -0.05, 0.0], "upper_m": [0.6, 0.05, 0.3]}
         (line([0.4, -0.3, 0.3], [-0.4, -0.3, 0.3], 1.4), None, "joint_acceleration", "shoulder_pan_joint, 0.3", 15.0),
         (line([0.6, 0.0, 0.3], [0.82, 0.0, 0.3], 0.4), None, "singularity_distance", "elbow, 0.21", 0.4),
         (line([0.5, 0.0, 0.3], [0.5, 0.0, 0.02], 0.4), None, "floor", "end of the line", 0.02),
+        (line([0.5, 0.0, 0.3], [0.5, 0.2, 0.3], 5.0), None, "tcp_speed", "start of the line", 4.0),
     ],
 )
 def test_a_refusal_says_what_is_in_the_way_and_where(
@@ -211,6 +212,29 @@ def test_a_refusal_says_what_is_in_the_way_and_where(
     assert violation.constraint == constraint, violation
     assert reason in violation.detail, violation
     assert limit is None or violation.limit == pytest.approx(limit), violation
+    assert "release" not in violation.detail, violation
+
+
+@pytest.mark.parametrize(("goes_out", "what"), [(True, "fades, 0.182 m"), (False, "builds up, 0.000 m")])
+def test_a_line_at_whose_end_a_joint_cannot_stay_within_its_speed_is_refused_for_that(
+    goes_out: bool, what: str
+) -> None:
+    """The elbow is within its speed all along, and stretches ever faster towards the end that is far out."""
+    aslant = [-2.950774482, -0.387746186, -0.09831947]
+    ends = [[0.6, 0.0, 0.3], [0.7824116989, 0.0027831146, 0.3]]
+    asked = line(*(ends if goes_out else ends[::-1]), 0.46443221, aslant)
+    with pytest.raises(Infeasible, match=f"elbow_joint as its acceleration {what} along the line") as refused:
+        plan(problem_from_request({"passages": [{"name": "bead", "line": asked}]}, cell()))
+    (violation,) = refused.value.violations
+    assert violation.constraint == "joint_velocity"
+    assert 3.0 < (violation.value or 0.0) < 3.3
+
+
+def test_a_line_of_the_least_length_is_drawn_wherever_it_lies() -> None:
+    asked = line([0.5, -0.118, 0.3], [0.5, -0.117, 0.3], 0.1)  # which is 0.001 less a rounding
+    found = planned({"passages": [{"name": "dash", "line": asked}]})
+    _, first, last = only_line(found)
+    assert last - first == 5
 
 
 def test_what_the_certificate_finds_on_a_line_is_told_of_the_line(monkeypatch: pytest.MonkeyPatch) -> None:
