@@ -90,7 +90,7 @@ def _effect_of_drag(problem: ThrowProblem, p: Array, v: Array) -> Array:
     rows = np.arange(len(p))
     thing = problem.cell.object
     flown = rows[::DRAG_ROWS]
-    air = (0.0, drag_constant(thing.mass_kg, thing.radius_m, DRAG_STEP))
+    air = (0.0, drag_constant(thing.mass_kg, thing.drag_radius_m, DRAG_STEP))
     without, braked = (landing_points(p[flown], v[flown], problem.plane_z, problem.gravity, k)[:, :2] for k in air)
     effect = np.nan_to_num((braked - without) / DRAG_STEP)
     return np.column_stack([np.interp(rows, flown, axis) for axis in effect.T])

@@ -212,7 +212,7 @@ class ThrowProblem:
     def drag(self) -> float:
         """Drag constant of the object [1/m]."""
         thing = self.cell.object
-        return drag_constant(thing.mass_kg, thing.radius_m, thing.drag_coefficient)
+        return drag_constant(thing.mass_kg, thing.drag_radius_m, thing.drag_coefficient)
 
     @cached_property
     def surfaces(self) -> tuple[Surface, ...]:

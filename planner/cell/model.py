@@ -13,6 +13,7 @@ from planner.arrays import Array, read_only
 from planner.calibration import CalibrationFile
 from planner.cell.content import content_sha256
 from planner.cell.shapes import ROW, Box, Solid
+from planner.cell.thrown_object import ThrownObject
 from planner.errors import CellError
 from planner.grippers import GripperLink, SecondOutput
 from planner.robots import Robot, capsule_rows
@@ -24,7 +25,6 @@ PAYLOAD_ROUNDING = 1e-9  # [-] of the sum of two masses
 LIMIT_ROUNDING = 1e-9  # [-] of a limit that was written as text with twelve digits
 FLIGHT_CLEARANCE_MIN_M = 0.001  # [m] least flight clearance: meshes, calibration and flight are no better than that
 STANDING_RAD = 1e-3  # [rad] by which an arm may stand beyond its range; its controller lets it no farther, and back
-OUT_M = 0.01  # [m] least displacement at which an object is out of the grip
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,20 +164,6 @@ class Surroundings:
         """Least distance of the object in flight from each keep-out shape (b,) [m]."""
         own = (shape.clearance_m for shape in self.keep_out)
         return np.array([self.flight_clearance_m if m is None else max(m, FLIGHT_CLEARANCE_MIN_M) for m in own])
-
-
-@dataclass(frozen=True)
-class ThrownObject:
-    """The object, a sphere: mass [kg], radius [m], drag coefficient [-] (0: no drag)."""
-
-    mass_kg: float
-    radius_m: float
-    drag_coefficient: float
-
-    @property
-    def way_out_m(self) -> float:
-        """The displacement in the gripper by which it is out of the grip [m]: its radius, but no less than `OUT_M`."""
-        return max(self.radius_m, OUT_M)
 
 
 @dataclass(frozen=True, eq=False)

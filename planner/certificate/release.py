@@ -5,23 +5,28 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 from planner.arrays import Array, Index
-from planner.certificate.bounds import curvature_bound, joint_rates, prove_above
+from planner.cell import ThrownBody
+from planner.certificate.bounds import Rates, curvature_bound, joint_rates, prove_above, slope_bound
 from planner.certificate.certificate import ROUNDING, Check, at_least, at_most
 from planner.certificate.samples import ArmSamples, MotionSamples
 from planner.flight import Flight, LandingStates, fly, landing_states
 from planner.geometry import ToolState, tool_state
+from planner.kinematics import dot
 from planner.problem import ThrowProblem
 from planner.releases import Bound, Release, ReleaseSample
 from planner.rotations import pose
+from planner.spin import round_axis, turned
 from planner.trajectory import Trajectory
 
 RELEASE_POSITION_TOLERANCE = 1e-5  # [m, rad] less than a third of a UR's repeatability, 0.03 mm
 RELEASE_VELOCITY_TOLERANCE = 1e-4  # [m/s, rad/s] 0.1 mm of landing for a flight of one second
 GRAZES = "grazes the plane, so that nothing bounds the landings between those evaluated, of which this is the worst"
+STILL = 1e-9  # [rad/s] keeps a growth of no rotation from dividing by 0
 LANDING_TOLERANCE_M = 5e-4  # [m] of the nominal release; far below the scatter of a gripper
 
 
@@ -109,6 +114,85 @@ def landing(motion: MotionSamples) -> Check | None:
     return at_most("landing", miss, LANDING_TOLERANCE_M, "m", motion.trajectory.release_time_s)
 
 
+def landing_axis(motion: MotionSamples) -> Check | None:
+    """Checks how the object lies as its centre comes down on the target, after a release at any instant of the window.
+
+    None where any way will do. Between evaluated instants the axis turns no faster than `_axis_rate`.
+    """
+    problem = motion.problem
+    asked = None if problem.target is None else problem.target.orientation
+    released_s = motion.trajectory.release_time_s
+    if asked is None:
+        return None
+    arm = motion.in_window if problem.is_robust else motion.at(np.array([released_s]))
+
+    def room(arm: ArmSamples) -> Array:
+        return asked.tolerance_rad * (1.0 + ROUNDING) - asked.angles(landing_attitudes(problem, arm)[:, :, 2])
+
+    def evaluate(t: Array, item: Index) -> Array:
+        return room(motion.at(t))
+
+    name = "landing_axis"
+    rooms = room(arm)
+    worst = int(rooms.argmin())
+    if not problem.is_robust or not rooms[worst] >= 0.0:
+        angle = asked.tolerance_rad * (1.0 + ROUNDING) - float(rooms[worst])
+        return at_most(name, angle, asked.tolerance_rad, "rad", float(arm.t[worst]), "from the axis asked for")
+    rate = np.array([_axis_rate(motion, arm)])
+    proof = prove_above(evaluate, arm.t, rooms[None], rate, 0.0, slope_bound, motion.share_accuracy)
+    angle = asked.tolerance_rad * (1.0 + ROUNDING) - proof.value
+    check = at_most(name, angle, asked.tolerance_rad, "rad", proof.at_s, "from the axis asked for")
+    return check.provided(proof.proven)
+
+
+def landing_attitudes(problem: ThrowProblem, arm: ArmSamples) -> Array:
+    """Returns the object's axes in the world (k, 3, 3) as it lands after a release at each instant; NaN if never."""
+    thing = problem.cell.object
+    assert isinstance(thing, ThrownBody)
+    R_WO = arm.X_WL[:, 6, :3, :3] @ problem.cell.tool.X_FT[:3, :3] @ thing.R_TO
+    w_W = arm.links.angular_velocity[:, 5].T
+    time_s = _landed(problem, arm).time_s
+    found = turned(R_WO, w_W, thing.inertia_kg_m2, np.nan_to_num(time_s))
+    found[np.isnan(time_s)] = np.nan
+    return found
+
+
+def landing_attitude(problem: ThrowProblem, trajectory: Trajectory) -> Array | None:
+    """Returns the object's axes in the world (3, 3) as it lands after the nominal release; None of a ball."""
+    if not problem.throws or not isinstance(problem.cell.object, ThrownBody):
+        return None
+    arm = MotionSamples(problem, trajectory).at(np.array([trajectory.release_time_s]))
+    return landing_attitudes(problem, arm)[0]
+
+
+def _axis_rate(motion: MotionSamples, arm: ArmSamples) -> float:
+    """Returns how fast an axis of the object as it lands changes with the time of the release, at most [rad/s].
+
+    With bounds W and A on the tool's angular velocity and acceleration, V on the object's angular velocity in flight
+    and t1 on the change of the flight's time (`_landing_curvature`), a release dr later leaves a body at the same
+    instant turned by no more than dr (A + V^2) g, and its axis turns by V (1 + t1) dr until it lands. The growth g of a
+    deviation of the angular velocity in the time T of flight is T (max(1, k) + |1 - k|) for a round body, whose motion
+    is two rotations at constant rates, with the ratio k of its moments; of another one the rates of Euler's equations
+    change by no more than sqrt(2) V for a change of the velocity: (exp(sqrt(2) V T) - 1) / (sqrt(2) V).
+    """
+    thing = motion.problem.cell.object
+    assert isinstance(thing, ThrownBody)
+    bounds = _landing_bounds(motion, arm)
+    most, a, _ = _window_rates(motion).sums[:, -1, 0].tolist()
+    a += 0.5 * most * most
+    sampled = arm.links.angular_velocity[:, 5]
+    w = float(np.sqrt(dot(sampled, sampled).max())) + 0.5 * a * float(np.diff(arm.t).max())
+    moments = thing.inertia_kg_m2
+    if (axis := round_axis(moments)) is not None:
+        fastest = w
+        ratio = float(moments[axis] / np.delete(moments, axis)[0])
+        growth = bounds.time_s * (max(1.0, ratio) + abs(1.0 - ratio))
+    else:
+        fastest = w * math.sqrt(float(moments.max() / moments.min()))
+        growth = math.expm1(math.sqrt(2.0) * fastest * bounds.time_s) / max(math.sqrt(2.0) * fastest, STILL)
+    return (a + fastest**2) * growth + fastest * (1.0 + bounds.t1)
+
+
 def landing_window(motion: MotionSamples) -> Check | None:
     """Checks the landing after a release at any instant of the window; None where no window is requested.
 
@@ -189,30 +273,67 @@ def _landing_curvature(motion: MotionSamples, arm: ArmSamples) -> float:
         |L''| <= X + 2 A t1 + k W^2 t1^2 + V t2,
     because drag only slows the horizontal motion. T and w between samples: see `_between_landings`.
     """
-    problem = motion.problem
+    bounds = _landing_bounds(motion, arm)
+    if not bounds.w > 0.0:
+        return math.inf
+    (a, j, speed, fastest, time, w) = bounds
+    drag = motion.problem.drag
+    g = max(motion.problem.gravity, drag * fastest)
+    x = a + j * time + drag * (a * time) ** 2
+    t1 = bounds.t1
+    t2 = (x + 2.0 * a * t1 + g * t1**2) / w
+    return x + 2.0 * a * t1 + drag * fastest * t1**2 + speed * t2
+
+
+class LandingBounds(NamedTuple):
+    """Bounds over a release window.
+
+    Attributes:
+        a, j: acceleration and jerk of tool and object [m/s^2, m/s^3].
+        speed: at the release [m/s].
+        fastest: square of the speed at the landing [m^2/s^2].
+        time_s: of flight [s].
+        w: downward speed at the landing, from below [m/s]; 0 where there is no bound.
+    """
+
+    a: float
+    j: float
+    speed: float
+    fastest: float
+    time_s: float
+    w: float
+
+    @property
+    def t1(self) -> float:
+        """Change of the time of flight by that of the release [-]."""
+        return (self.speed + self.a * self.time_s) / self.w if self.w > 0.0 else math.inf
+
+
+def _window_rates(motion: MotionSamples) -> Rates:
+    """Returns the rate bounds of the joints over the release window, and a tick beyond."""
     trajectory = motion.trajectory
+    reach = math.ceil(motion.problem.release_window_s * trajectory.sample_rate_hz) + 1
+    k = trajectory.release_index
+    return joint_rates(trajectory, np.array([max(0, k - reach), min(len(trajectory.q) - 1, k + reach)]))
+
+
+def _landing_bounds(motion: MotionSamples, arm: ArmSamples) -> LandingBounds:
+    """Returns bounds over the window sampled by `arm`, also between its instants."""
+    problem = motion.problem
     gravity = problem.gravity
     drag = problem.drag
     landed = _landed(problem, arm)
-    if np.isnan(landed.time_s).any():
-        return math.inf
-    reach = math.ceil(problem.release_window_s * trajectory.sample_rate_hz) + 1
-    k = trajectory.release_index
-    rates = joint_rates(trajectory, np.array([max(0, k - reach), min(len(trajectory.q) - 1, k + reach)]))
     most = max(1.0, problem.release_speed_factor)  # of tool and object, whichever is faster
-    _, a, j, _ = (most * (motion.body.tool_lever @ rates.by_derivative)[:, 0]).tolist()
+    _, a, j, _ = (most * (motion.body.tool_lever @ _window_rates(motion).by_derivative)[:, 0]).tolist()
     half = float(np.diff(arm.t).max()) / 2.0
     speed = most * float(np.sqrt((arm.v_WT**2).sum(axis=0).max())) + a * half
     height = max(0.0, float(arm.p_WT[2].max()) + speed * half - problem.plane_z)
     fastest = speed**2 + 2.0 * gravity * height  # square of the landing speed without drag, which only slows
+    if np.isnan(landed.time_s).any():
+        return LandingBounds(a, j, speed, fastest, math.inf, 0.0)
     g = max(gravity, drag * fastest)
     time, w = _between_landings(landed, (a, speed, g), half)
-    if not w > 0.0:
-        return math.inf
-    t1 = (speed + a * time) / w
-    x = a + j * time + drag * (a * time) ** 2
-    t2 = (x + 2.0 * a * t1 + g * t1**2) / w
-    return x + 2.0 * a * t1 + drag * fastest * t1**2 + speed * t2
+    return LandingBounds(a, j, speed, fastest, time, w)
 
 
 def _between_landings(landed: LandingStates, bounds: tuple[float, float, float], half: float) -> tuple[float, float]:

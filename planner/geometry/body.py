@@ -91,8 +91,7 @@ class BodyModel:
     """
 
     def __init__(self, cell: Cell) -> None:
-        p_FT = cell.tool.X_FT[:3, 3]
-        held = Capsule(frame=6, p0=p_FT, p1=p_FT, radius_m=cell.object.radius_m, name="object")
+        held = held_object(cell)
         capsules = (*body_capsules(cell.robot, cell.tool.capsules), held)
         self.cell = cell
         self.names = tuple(c.name for c in capsules)
@@ -102,11 +101,11 @@ class BodyModel:
         self.levers = np.array([levers(cell.robot, c.frame, c.reach_m) for c in capsules])
         self.moving = np.flatnonzero(self.frames > 0)
         own = self_collision_pairs(cell.robot, cell.tool.capsules)
-        with_object = object_pairs(cell.robot, cell.tool.capsules, p_FT, cell.object.radius_m)
+        with_object = object_pairs(cell.robot, cell.tool.capsules, held)
         self.pairs = np.array([*own, *with_object], dtype=np.intp).reshape(-1, 2)
         self.beside_object = np.setdiff1d(np.arange(self.object), self.pairs[len(own) :, 0])
         self.pair_levers = np.array([self._pair_lever(capsules, *pair) for pair in self.pairs]).reshape(-1, 6)
-        self.tool_lever = self.levers[self.object]
+        self.tool_lever = self.levers[self.object]  # which is in the middle of it
 
     def _pair_lever(self, capsules: tuple[Capsule, ...], i: int, j: int) -> Array:
         near, far = sorted((i, j), key=lambda index: capsules[index].frame)
@@ -162,7 +161,7 @@ class BodyModel:
 
     def wall_distances(self, ends: Array) -> Array:
         """Returns how far inside each keep-in box the tool centre point is (b, n) [m]."""
-        p_WT = ends[self.object, 0].T
+        p_WT = 0.5 * (ends[self.object, 0] + ends[self.object, 1]).T
         boxes = self.cell.surroundings.keep_in
         inside = [box.depth(p_WT) for box in boxes]
         return np.array(inside).reshape(len(boxes), len(p_WT))
@@ -218,6 +217,14 @@ class BodyModel:
                 violations.append(Violation(name, float(distances.flat[least]), required, "m", detail=detail))
         broken = [violation for violation, margin in zip(violations, margins, strict=True) if margin < 0.0]
         return broken or [violations[int(np.argmin(margins))]]
+
+
+def held_object(cell: Cell) -> Capsule:
+    """Returns the capsule about the held object of a cell: its hull, at the tool centre point."""
+    p_FT = cell.tool.X_FT[:3, 3]
+    thing = cell.object
+    along = thing.reach_m * (cell.tool.X_FT[:3, :3] @ thing.hull_axis)
+    return Capsule(frame=6, p0=p_FT - along, p1=p_FT + along, radius_m=thing.radius_m, name="object")
 
 
 @lru_cache(maxsize=CELLS_KEPT)

@@ -1,19 +1,25 @@
 """The world around the arm: objects in flight and their landings; all releases and landings are recorded.
 
-An object is a sphere. It lands where its centre comes down through a plane: that of `sim.landing_height_m`, the floor,
-the bottom of a bin, or the level top of a keep-out shape that it touched. All else of shapes and bins stops it
-(`obstacles`).
+An object lands where its centre comes down through a plane: that of `sim.landing_height_m`, the floor, the bottom of a
+bin, or the level top of a keep-out shape that it touched. All else of shapes and bins stops it (`obstacles`). What is
+no ball turns free of torque as it flies, and touches with the balls of its hull.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
-from planner.cell import Cell
+import numpy as np
+
+from planner.arrays import Array
+from planner.cell import Cell, ThrownBody
 from planner.flight import drag_constant
 from planner.geometry import LEVEL_M
+from planner.rotations import matrix_to_quaternion
+from planner.spin import turned
 from simulator.physics.camera import ObservingCamera
 from simulator.physics.obstacles import BIN, Contact, Obstacle, Point, RoundBin, SolidShape
 from simulator.truth import Truth
@@ -37,13 +43,34 @@ class Plane:
     z_m: float
 
 
+class Attitude(NamedTuple):
+    """How an object leaves: pose of the tool in the world, and its angular velocity (3,) there [rad/s]."""
+
+    tool: Sequence[float]
+    spin: Sequence[float]
+
+
+UPRIGHT = Attitude((1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0))
+
+
 @dataclass
 class FlyingObject:
-    """One object in the air: of which throw, the number of its bounces so far, what it touched if it was caught."""
+    """One object in the air.
+
+    Attributes:
+        number, throw: its own, and that of its throw.
+        state: where it is and how it moves.
+        attitude: with which it left.
+        age_s: time since [s].
+        bounces: number of its bounces so far.
+        caught: what it touched, if it was caught.
+    """
 
     number: int
     state: State
+    attitude: Attitude
     throw: int = 0
+    age_s: float = 0.0
     bounces: int = 0
     caught: Contact | None = None
 
@@ -60,7 +87,8 @@ class World:
     def __init__(self, cell: Cell, restitution: float, truth: Truth) -> None:
         self.gravity = cell.surroundings.gravity_m_s2
         thrown = cell.object
-        self.drag = drag_constant(thrown.mass_kg, thrown.radius_m, truth.drag_coefficient)
+        self.thing = thrown
+        self.drag = drag_constant(truth.mass_kg, thrown.drag_radius_m, truth.drag_coefficient)
         self.camera = ObservingCamera(truth.camera, truth.seed)
         self.throw = 0
         self.observations: list[dict[str, Any]] = []
@@ -83,13 +111,14 @@ class World:
         self.throw += 1
         return self.throw
 
-    def release(self, number: int, at_s: float, state: State, now_s: float) -> None:
-        """Releases object `number` with `state` at `at_s` [s], and advances its flight to `now_s` [s]."""
+    def release(self, number: int, at_s: float, state: State, now_s: float, attitude: Attitude = UPRIGHT) -> None:
+        """Releases object `number` with state and attitude at `at_s` [s], and advances its flight to `now_s` [s]."""
         record = {"object": number, "throw": self.throw, "t": at_s}
         record |= {"position_m": list(state[:3]), "velocity_m_s": list(state[3:])}
+        flight = FlyingObject(number, state, attitude, self.throw)
+        record |= self._axis(flight)
         self.releases.append(record)
         del self.releases[:-RECORDS_MAX]
-        flight = FlyingObject(number, state, self.throw)
         self.flights.append(flight)
         self._fly(flight, at_s, now_s - at_s)
 
@@ -112,6 +141,7 @@ class World:
             passed = until if touched is None else touched[0]
             start += passed
             flight.state = self._after(flight, passed)
+            flight.age_s += passed
             if touched is not None:
                 self._touch(flight, touched[1].contact(flight.state[:3]), start)
             elif reached is not None:
@@ -165,16 +195,40 @@ class World:
         if not obstacles:
             return None
         fastest = math.hypot(*flight.state[3:]) + self.gravity * duration
+        fastest += self.thing.reach_m * math.hypot(*flight.attitude.spin)
         passed = 0.0
         while True:
             x, y, z = self._after(flight, passed)[:3]
-            p = (x, y, max(z, lies_on_z + self.radius_m))
-            gap, nearest = min(((o.gap(p, self.radius_m), o) for o in obstacles), key=lambda pair: pair[0])
+            lowest = lies_on_z + self.radius_m
+            balls = [(x + dx, y + dy, max(z + dz, lowest)) for dx, dy, dz in self._balls(flight, passed)]
+            gaps = ((o.gap(p, self.radius_m), o) for o in obstacles for p in balls)
+            gap, nearest = min(gaps, key=lambda pair: pair[0])
             if gap < CONTACT_M:
                 return passed, nearest
             passed += gap / fastest
             if passed >= duration:
                 return None
+
+    def _balls(self, flight: FlyingObject, later_s: float) -> list[Point]:
+        """Returns the places of the balls of an object's hull from its centre [m], `later_s` [s] from now."""
+        thing = self.thing
+        if not isinstance(thing, ThrownBody) or thing.reach_m == 0.0:
+            return [(0.0, 0.0, 0.0)]
+        along = self._axes(thing, flight, later_s) @ thing.R_TO.T @ thing.hull_axis
+        return [tuple((place * along).tolist()) for place in thing.balls_m]
+
+    def _axes(self, thing: ThrownBody, flight: FlyingObject, later_s: float = 0.0) -> Array:
+        """Returns the axes (3, 3) of a body in the world, `later_s` [s] from now."""
+        R_WO = np.reshape(flight.attitude.tool, (3, 4))[:, :3] @ thing.R_TO
+        since = np.array([flight.age_s + later_s])
+        return turned(R_WO[None], np.array([flight.attitude.spin]), thing.inertia_kg_m2, since)[0]
+
+    def _axis(self, flight: FlyingObject) -> dict[str, Any]:
+        """Returns what a record tells of how an object lies in the air: of a ball nothing."""
+        if not isinstance(self.thing, ThrownBody):
+            return {}
+        R_WO = self._axes(self.thing, flight)
+        return {"axis": R_WO[:, 2].tolist(), "quaternion": matrix_to_quaternion(R_WO).tolist()}
 
     def _obstacles(self, flight: FlyingObject) -> list[Obstacle]:
         """Returns what an object can touch: once it lies on something, what is higher, and a bin's wall outside it."""
@@ -224,6 +278,7 @@ class World:
             "velocity_m_s": list(flight.state[3:]),
             "surface": surface,
             "bounce": flight.bounces,
+            **self._axis(flight),
         }
         self.landings.append(record)
         del self.landings[:-RECORDS_MAX]

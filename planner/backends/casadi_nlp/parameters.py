@@ -10,7 +10,7 @@ from planner.backends.casadi_nlp import layout
 from planner.backends.casadi_nlp.layout import ARM, TOOL_CAPSULES, Vector
 from planner.backends.casadi_nlp.margins import Margins
 from planner.cell import Box, Cell, Limits
-from planner.geometry import SELF_CLEARANCE_M, arm_capsules, body_model, self_collision_pairs
+from planner.geometry import SELF_CLEARANCE_M, arm_capsules, body_model, held_object, self_collision_pairs
 
 CELLS_KEPT = 32  # cells whose parameters are cached
 UNBOUNDED = 1.0e3  # [m] coordinate of a missing keep-in face
@@ -170,8 +170,8 @@ def capsule_parameters(cell: Cell) -> Vector:
         table[slot] = [*c.p0, *c.p1, c.radius_m]
     for slot, (p0, p1, radius) in enumerate(wrapped_tool_capsules(cell), start=layout.FIRST_TOOL):
         table[slot] = [*p0, *p1, radius]
-    p = cell.tool.X_FT[:3, 3]
-    table[layout.OBJECT] = [*p, *p, cell.object.radius_m]
+    held = held_object(cell)
+    table[layout.OBJECT] = [*held.p0, *held.p1, held.radius_m]
     return table.ravel()
 
 

@@ -6,26 +6,39 @@ capsule's axis or of a bin's wall by its radius (and theirs), until it first tou
 floor or the level top of a shape; a flight that never rises as high until its centre passes the landing plane. In the
 air, where there is no surface, that is so for all. On a surface the object lies from its touch on, and keeps clear of
 the shapes that are higher until its centre would be at the target.
+
+A longer body is a row of such balls, at x + a u for places a along its axis u, which turns about its angular momentum
+(`planner.spin`). Each keeps clear until the centre has landed, or until it touches that surface itself. How the body
+lies is unknown: a ball about all of it then keeps clear.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 from planner.arrays import Array, Index, Mask
-from planner.cell import nearest_on_cores
+from planner.cell import ThrownBody, nearest_on_cores
 from planner.certificate.samples import MotionSamples
 from planner.flight import fly, paths, positions_after
 from planner.geometry import Surface
 from planner.kinematics import dot
 from planner.releases import Opening
+from planner.spin import precession
 
 # [m] of an object in flight: of a point the distance from a wall without thickness, or within a box, is never below 0
 LEAST_RADIUS_M = 1e-5
 TINY_M = 1e-12  # [m] a distance below which there is no direction
+
+
+class Spin(NamedTuple):
+    """How k bodies turn: their axis at the release and the rate about their momentum [rad/s], (3, k) each."""
+
+    axis: Array
+    rate: Array
 
 
 class Flights:
@@ -38,7 +51,9 @@ class Flights:
         motion: the motion.
         spread_s: largest deviation of the release time [s]: how early or late the gripper may open.
         released_s: time of the nominal release [s].
-        radius_m: of the object, at least `LEAST_RADIUS_M` [m].
+        radius_m: of the object or of each ball of its hull, at least `LEAST_RADIUS_M` [m].
+        balls_m: places of the balls along its axis [m]: of an object that is a ball its centre alone.
+        reach_m: distance of the outermost one from the centre [m].
         shapes: rows of the b shapes (20, b), see `Solid.row`.
         tops: heights of the b shapes (b,), without the radius about their cores [m].
         names: of the obstacles.
@@ -60,6 +75,8 @@ class Flights:
         heights = np.array([shape.upper[2] for shape in around])
         radius = max(problem.cell.object.radius_m, LEAST_RADIUS_M)
         self.radius_m = radius
+        self.balls_m = problem.cell.object.balls_m
+        self.reach_m = problem.cell.object.reach_m
         self.shapes = surroundings.keep_out_rows.T
         self.tops = heights - self.shapes[-1]
         capsules = slice(0, body.object)
@@ -79,9 +96,10 @@ class Flights:
         X_WL = self.motion.at_knots.X_WL[self.motion.release_knot : self.motion.release_knot + 1]
         ends = body.end_points(X_WL)[..., 0]
         beside = body.beside_object
-        near = nearest_on_segments(ends[body.object, 0][:, None], ends[beside, 0].T, ends[beside, 1].T)
-        apart = ends[body.object, 0][:, None] - near
-        gaps = np.sqrt(dot(apart, apart)) - body.radii[beside] - self.radius_m
+        p0, p1 = ends[body.object]
+        x = p0[:, None] + np.linspace(0.0, 1.0, len(self.balls_m)) * (p1 - p0)[:, None]
+        apart = x[..., None] - nearest_on_segments(x[..., None], ends[beside, 0].T[:, None], ends[beside, 1].T[:, None])
+        gaps = np.sqrt(dot(apart, apart)).min(axis=0) - body.radii[beside] - self.radius_m
         return beside[gaps < self.clearance_m]
 
     def required_of(self, obstacle: str) -> float:
@@ -197,16 +215,27 @@ class Flights:
         """
         return np.where(self.higher[item], self.motion.problem.plane_z, end)
 
-    def lying(self, x: Array, fallen: Mask) -> Array:
-        """Returns the centres (3, ...) [m], at their height where the object lies.
+    def lies(self, x: Array, fallen: Mask) -> Mask:
+        """Returns where the object lies (...), rather than flies.
 
         Args:
             x: centres of the flights (3, ...) [m].
             fallen: which of them are beyond the apex (...).
         """
-        if self.lies_at_m is None:
-            return x
-        return np.where(fallen & (x[2] < self.lowest_at([x])), self.lying_at(x), x)
+        return np.asarray(fallen & (self.lies_at_m is not None) & (x[2] < self.lowest_at([x])))
+
+    def touch_at(self, places: Sequence[Array], bend: Array | float = 0.0) -> Array:
+        """Returns the heights (...) [m] of a ball's centre at which it touches what the object lands on; -inf beside.
+
+        Args:
+            places: corners of patches of the ball's places, each (3, ...) [m].
+            bend: deviation of the ball from what is between the corners (...) [m].
+        """
+        highest = np.full(places[0].shape[1:], -np.inf)
+        for surface in self.motion.problem.surfaces:
+            within = np.min([self._depth_within(surface, y) for y in places], axis=0) > bend
+            highest = np.where(within, np.maximum(highest, surface.height_m + self.radius_m), highest)
+        return highest
 
     def lying_at(self, x: Array) -> Array:
         """Returns the centres (3, ...) [m] of an object that lies where a flight is at `x` (3, ...).
@@ -234,6 +263,33 @@ class Flights:
             distinct, where = np.unique(r, return_inverse=True)
             arm = self.motion.at(distinct)
         return arm.p_WT[:, where], self.leaving(arm.v_WT[:, where])
+
+    def spins(self, r: Array) -> Spin:
+        """Returns how the body turns after releases at `r` (k,) [s]."""
+        distinct, where = np.unique(r, return_inverse=True)
+        arm = self.motion.at(distinct)
+        cell = self.motion.problem.cell
+        thing = cell.object
+        if not isinstance(thing, ThrownBody):
+            raise TypeError("a ball has no axis")
+        u = (arm.X_WL[:, 6, :3, :3] @ (cell.tool.X_FT[:3, :3] @ thing.hull_axis))[where]
+        w = arm.links.angular_velocity[:, 5].T[where]
+        return Spin(u.T, precession(u, w, thing.spin_ratio).T)
+
+    def places(self, x: Array, r: Array, t: Array) -> list[Array]:
+        """Returns the centres (3, ...) [m] of the balls of objects whose own are at `x` (3, ...).
+
+        Args:
+            x: centres of the flights [m].
+            r: releases (...) [s].
+            t: times (...) [s].
+        """
+        if len(self.balls_m) == 1:
+            return [x]
+        r, t = np.broadcast_arrays(r, t)
+        spin = self.spins(r.ravel())
+        u = turned_axis(spin.axis, spin.rate, (t - r).ravel()).reshape(x.shape)
+        return [x + place * u for place in self.balls_m]
 
     def leaving(self, v_WT: Array) -> Array:
         """Returns the velocities (3, ...) [m/s] with which the object leaves a tool at `v_WT` (3, ...) [m/s]."""
@@ -329,18 +385,29 @@ class Flights:
         """Returns the gaps to every obstacle (items, n) [m] along one flight; infinite where they no longer count.
 
         Args:
-            x: successive centres (3, n) [m].
+            x: successive centres (3, n) [m] after the nominal release.
             t: their times (n,) [s].
         """
-        items = np.arange(len(self.names))
         falls = is_falling(x)
-        centres = np.repeat(x[:, None], len(items), axis=1)
-        centres[:, : self.count] = self.lying(x, falls)[:, None]
+        places = self.places(x, np.full(len(t), self.released_s), t)
+        return np.min([self._gaps_of_ball(x, y, falls, t) for y in places], axis=0)
+
+    def _gaps_of_ball(self, x: Array, y: Array, falls: Mask, t: Array) -> Array:
+        """Returns what `gaps_along` does for a ball at places `y` (3, n) of the body at `x` (3, n) [m]."""
+        items = np.arange(len(self.names))
+        lies = self.lies(x, falls)
+        centres = np.repeat(y[:, None], len(items), axis=1)
+        if lies.any():
+            centres[:, : self.count] = np.where(lies, self.lying_at(x), y)[:, None]
         every = np.repeat(items, len(t))
         times = np.tile(t, len(items))
         gaps = self.gaps_at(every, centres.reshape(3, -1), times).reshape(len(items), -1)
-        gaps[falls & (x[2] < self.over_below(items[:, None], self.lowest_at([x])) - TINY_M)] = np.inf
-        gaps[self.rim, self.in_bin(x)] = np.inf
+        gaps[: self.count] -= self.reach_m * lies
+        is_over = x[2] < self.over_below(items[:, None], self.lowest_at([x])) - TINY_M
+        if self.reach_m > 0.0:
+            is_over |= ~self.higher[:, None] & (y[2] < self.touch_at([y]))
+        gaps[falls & is_over] = np.inf
+        gaps[self.rim, self.in_bin(y)] = np.inf
         return gaps
 
     def gaps_at(self, item: Index, x: Array, t: Array) -> Array:
@@ -368,3 +435,12 @@ def nearest_on_segments(x: Array, start: Array, end: Array) -> Array:
     along = end - start
     share = dot(x - start, along) / np.maximum(dot(along, along), TINY_M**2)
     return start + np.minimum(np.maximum(share, 0.0), 1.0) * along
+
+
+def turned_axis(u: Array, rate: Array, s: Array) -> Array:
+    """Returns vectors `u` (3, k) turned at rates (3, k) [rad/s] for times `s` (k,) [s]. Source: Rodrigues' formula."""
+    size = np.sqrt(dot(rate, rate))
+    n = rate / np.maximum(size, TINY_M)
+    angle = size * s
+    across = np.cross(n, u, axis=0)
+    return u + np.sin(angle) * across + (1.0 - np.cos(angle)) * np.cross(n, across, axis=0)

@@ -16,23 +16,29 @@ With s = t - r, bounds A and J on the tool's acceleration and jerk over the rele
 
 where W and A_L are sums of |qd| and |qdd| of the joints that move the link, and l bounds the distance of the object
 from their axes. Source: repeated differentiation, as in `bounds`.
+
+A ball at the distance a from the centre of a body moves beside that by a u, where u_t = P x u and the rate P is
+constant in flight. With bounds W and A on the tool's angular velocity and acceleration, J on the rate of that, and k
+the largest moment of inertia over that across the axis, or 1: |u_tt| <= k W^2. By the time of the release P_r is the
+torque that the tool has on the body over its moment across, so |P_r| <= k (A + W^2) =: P1 and
+|P_rr| <= k (J + 4 A W + W^3) =: P2; as u and u_t at the release are the tool's, |u_rr| <= P1 + P2 s + (P1 s)^2.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from planner.arrays import Array, Index, Mask
-from planner.cell import nearest_on_cores
+from planner.cell import ThrownBody, nearest_on_cores
 from planner.certificate.bounds import joint_rates
 from planner.certificate.flight.flights import TINY_M, Flights
 from planner.certificate.flight.separation import mean
-from planner.certificate.flight.shapes import core_gaps
+from planner.certificate.flight.shapes import BallPatches, core_gaps
 from planner.kinematics import dot
 from planner.native import loops
 
@@ -94,6 +100,8 @@ class PatchBounds:
         first_speed: bound on the object's speed at the release [m/s].
         tool: bounds on acceleration and jerk of the tool over the releases, as they count [m/s^2, m/s^3].
         spacing_s: largest interval of release times [s].
+        spin: bounds on the rotation of a body.
+        away_m: distance of a ball of it from its centre [m].
     """
 
     flights: Flights
@@ -101,6 +109,12 @@ class PatchBounds:
     first_speed: float
     tool: tuple[float, float]
     spacing_s: float
+    spin: SpinBounds
+    away_m: float = 0.0
+
+    def of_ball(self, place_m: float) -> PatchBounds:
+        """Returns the bounds of a ball of the body at a place along its axis [m]."""
+        return replace(self, away_m=abs(place_m))
 
     @property
     def gravity(self) -> float:
@@ -114,11 +128,11 @@ class PatchBounds:
 
     def speed(self, s: Array) -> Array:
         """Returns bounds [m/s] on the object's speed up to `s` [s] before or after the release."""
-        return self.first_speed + (self.gravity + self.drag * self.first_speed**2) * s
+        return self.first_speed + (self.gravity + self.drag * self.first_speed**2) * s + self.away_m * self.spin.rate
 
     def time_bend(self, s: Array, h: Array) -> Array:
         """Returns bounds [m] on the deviation of a flight within `h` [s], up to `s` [s] from the release."""
-        return (self.gravity + self.drag * self.speed(s) ** 2) * (h * h / 8.0)
+        return (self.gravity + self.drag * self.speed(s) ** 2 + self.away_m * self.spin.bend) * (h * h / 8.0)
 
     def release_bend(self, s: Array, h: Array) -> Array:
         """Returns bounds [m] on the deviation of flights between releases `h` [s] apart, up to `s` [s] from them.
@@ -132,6 +146,8 @@ class PatchBounds:
             # Before the release a flight is a parabola whose acceleration depends on the release's velocity.
             v = self.speed(s)
             most = most + 2.0 * a + drag * (v * v + a * a * s * s + 4.0 * v * a * s + (a * a + v * j) * s * s)
+        if self.away_m > 0.0:
+            most = most + self.away_m * (self.spin.first + self.spin.second * s + (self.spin.first * s) ** 2)
         return most * (h * h / 8.0)
 
     def apexes(self, r: Array, v: Array) -> Array:
@@ -162,7 +178,7 @@ class PatchBounds:
     def evaluate(self, patches: Patches) -> Evaluated:
         """Returns bounds and samples of patches."""
         flights = self.flights
-        (item, r0, r1, t0, t1, *rates) = patches
+        (item, r0, r1, t0, t1, *_) = patches
         r = np.stack([r0, r0, r1, r1])
         t = np.stack([t0, t1, t0, t1])
         released = flights.releases(np.concatenate([r0, r1]))
@@ -174,25 +190,54 @@ class PatchBounds:
         h = t1 - t0
         across = self.release_bend(s, r1 - r0)
         bend = across + self.time_bend(s, h)
-        far = self.distance_from_base(corners).max(axis=0) + bend
-        turned = self.turn_bend(far, s, self.frames(item), (rates[0], rates[1]), h)
-        bound, sampled = self._distances(item, corners, t)
-        lower = bound - bend - np.where(self.is_capsule(item), turned, 0.0)
         fallen = t >= apexes
+        end = flights.over_below(item, flights.lowest_at(_corners(corners), bend))
+        over = falling & (corners[2, ::2].max(axis=0) + across < end)
+        ended = fallen & (corners[2] < flights.over_below(item, flights.lowest_at([corners])))
+        bounds = []
+        gaps = []
+        for place_m, y in zip(flights.balls_m, flights.places(corners, r, t), strict=True):
+            ball = self.of_ball(place_m)
+            ball_bend = bend if place_m == 0.0 else ball.release_bend(s, r1 - r0) + ball.time_bend(s, h)
+            seen = BallPatches(_corners(corners), bend, _corners(y), ball_bend, falling)
+            lower, sampled = ball._seen(patches, seen, np.stack([corners, y]), t, fallen)
+            is_over = over | ((item == flights.rim) & falling & self.all_in_bin(seen.places, ball_bend))
+            is_ended = ended | fallen & (item == flights.rim) & flights.in_bin(y)
+            if flights.reach_m > 0.0:
+                is_over |= ~flights.higher[item] & seen.touches(flights)
+                is_ended |= fallen & ~flights.higher[item] & (y[2] < flights.touch_at([y]))
+            bounds.append(np.where(is_over | (t1 <= r0), np.inf, lower))
+            gaps.append(np.where(is_ended | (t < r), np.inf, sampled - flights.thickness[item]))
+        return Evaluated(np.min(bounds, axis=0), np.min(gaps, axis=0), r, t)
+
+    def _seen(self, patches: Patches, seen: BallPatches, centres: Array, t: Array, fallen: Mask) -> tuple[Array, Array]:
+        """Returns lower bounds (k,) on the gaps of a ball over patches, and distances (4, k) of their corners.
+
+        Args:
+            patches: the patches.
+            seen: the same of the ball.
+            centres: of the object and of the ball at the corners (2, 3, 4, k) [m].
+            t: times of the corners (4, k) [s].
+            fallen: which of these are beyond the apex (4, k).
+        """
+        flights = self.flights
+        (item, r0, r1, t0, t1, *rates) = patches
+        corners, y = centres
+        s = np.maximum(t1 - r0, r1 - t0)
+        far = self.distance_from_base(y).max(axis=0) + seen.ball_bend
+        turned = self.turn_bend(far, s, self.frames(item), (rates[0], rates[1]), t1 - t0)
+        bound, sampled = self._distances(item, y, t)
+        lower = bound - seen.ball_bend - np.where(self.is_capsule(item), turned, 0.0)
         if (is_shape := item < flights.count).any():
             x = corners[:, :, is_shape]
             met = item[is_shape]
-            lower[is_shape] = core_gaps(flights, _corners(x), met, bend[is_shape], falling[is_shape])
-            x = flights.lying(x, fallen[:, is_shape])
-            sampled[:, is_shape] = _length(x - nearest_on_cores(x, flights.shapes[:, None, met]))
-        lower -= flights.thickness[item]
-        end = flights.over_below(item, flights.lowest_at(_corners(corners), bend))
-        over = falling & (corners[2, ::2].max(axis=0) + across < end)
-        over |= (item == flights.rim) & falling & self.all_in_bin(_corners(corners), bend)
-        ended = corners[2] < flights.over_below(item, flights.lowest_at([corners]))
-        ended = fallen & (ended | (item == flights.rim) & flights.in_bin(corners))
-        gaps = np.where(ended | (t < r), np.inf, sampled - flights.thickness[item])
-        return Evaluated(np.where(over | (t1 <= r0), np.inf, lower), gaps, r, t)
+            lower[is_shape] = core_gaps(flights, seen.at(is_shape), met)
+            lies = flights.lies(x, fallen[:, is_shape])
+            x = np.where(lies, flights.lying_at(x), y[:, :, is_shape]) if lies.any() else y[:, :, is_shape]
+            sampled[:, is_shape] = (
+                _length(x - nearest_on_cores(x, flights.shapes[:, None, met])) - flights.reach_m * lies
+            )
+        return lower - flights.thickness[item], sampled
 
     def is_capsule(self, item: Index) -> Mask:
         """Returns whether obstacles are capsules of arm or tool."""
@@ -265,6 +310,39 @@ class PatchBounds:
         return np.min(least, axis=0) / length
 
 
+class SpinBounds(NamedTuple):
+    """Bounds on how the axis of a body turns, see the module: of a ball none.
+
+    Attributes:
+        rate: of |u_t| [rad/s].
+        bend: of |u_tt| [rad/s^2].
+        first, second: P1 [rad/s^2] and P2 [rad/s^3].
+    """
+
+    rate: float = 0.0
+    bend: float = 0.0
+    first: float = 0.0
+    second: float = 0.0
+
+
+def spin_bounds(flights: Flights) -> SpinBounds:
+    """Returns bounds on the rotation after any release of the spread."""
+    motion = flights.motion
+    thing = motion.problem.cell.object
+    if flights.reach_m == 0.0 or not isinstance(thing, ThrownBody):
+        return SpinBounds()
+    last = len(motion.trajectory.q) - 1
+    rate = motion.trajectory.sample_rate_hz
+    first = min(round(motion.gone_from_s * rate), last - 1)
+    end = max(min(last, round(motion.held_until_s * rate)), first + 1)
+    w, a, j = joint_rates(motion.trajectory, np.array([first, end])).sums[:, -1, 0].tolist()
+    # Of the angular velocity's derivatives: each axis is turned by the joints before it.
+    jerk = j + 2.0 * a * w + w**3
+    a += 0.5 * w * w
+    k = max(1.0, thing.spin_ratio)
+    return SpinBounds(w, k * w * w, k * (a + w * w), k * (jerk + 4.0 * a * w + w**3))
+
+
 def patch_bounds(flights: Flights, height: float, spacing_s: float, v: Array) -> PatchBounds:
     """Returns the bounds of flights with release velocities `v` (3, m) at releases at most `spacing_s` apart."""
     motion = flights.motion
@@ -277,7 +355,7 @@ def patch_bounds(flights: Flights, height: float, spacing_s: float, v: Array) ->
         most = max(1.0, 2.0 * motion.problem.release_speed_factor - 1.0)  # no less than f and |1 - 2f|
         tool = most * a, most * j
     first = math.sqrt(float(dot(v, v).max())) + tool[1] * spacing_s**2 / 8.0
-    return PatchBounds(flights, height, first, tool, spacing_s)
+    return PatchBounds(flights, height, first, tool, spacing_s, spin_bounds(flights))
 
 
 def corners_on_grid(x: Array) -> list[Array]:
