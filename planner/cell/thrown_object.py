@@ -1,8 +1,8 @@
 """The thrown object: a ball, or a body with a shape, its inertia and how it lies in the gripper.
 
 Every clearance of a body is that of its hull, the capsule about its longest axis: while it is held, of the capsule;
-in flight, of balls along its axis, which move with it. A body that is not longer than thick, or does not spin about its
-longest axis as a round one does, has a single ball about all of it.
+in flight, of balls along its axis, which move with it. A body that is not longer than thick has a single ball about all
+of it. Where a body comes down is told by its own shape (`ThrownBody.below`).
 """
 
 from __future__ import annotations
@@ -26,8 +26,9 @@ SIZE_MAX_M = 1.0  # [m] no gripper throws more; most that is larger is in millim
 MASS_MIN_KG = 1e-6
 MASS_MAX_KG = 100.0
 DRAG_MAX = 10.0  # [-]
+INERTIA_MIN_KG_M2 = 1e-12  # of a milligram a millimetre across; 0 is no body's
 INERTIA_MAX_KG_M2 = 100.0
-ROUNDING = 1e-9  # [-] of moments of inertia that are equal, or add up to the third
+ROUNDING = 1e-6  # [-] of moments of inertia, as written, that add up to the third: those of a thin plate
 APART = 1.5  # [-] distance of a hull's balls over the radius of the body: they are a quarter thicker than it
 BALLS_MAX = 9  # [-] along one body; a thinner one has balls farther apart, and thicker
 OBJECT = {
@@ -58,6 +59,16 @@ class ThrownObject:
     @property
     def drag_radius_m(self) -> float:
         """Radius of the disc that air resists as it does the object [m]."""
+        return self.radius_m
+
+    @property
+    def inner_radius_m(self) -> float:
+        """Radius of the largest ball about its centre within it [m]."""
+        return self.radius_m
+
+    @property
+    def outer_radius_m(self) -> float:
+        """Distance of its farthest point from its centre [m]."""
         return self.radius_m
 
     @property
@@ -101,13 +112,36 @@ class ThrownBody(ThrownObject):
         return math.sqrt(_surface(self.kind, self.size_m) / (4.0 * math.pi))
 
     @property
-    def spin_ratio(self) -> float:
-        """Moment of inertia about the axis of the hull, over that across it [-]."""
-        return float(self.inertia_kg_m2[self._hull.axis] / np.delete(self.inertia_kg_m2, self._hull.axis)[0])
+    def inner_radius_m(self) -> float:
+        """Radius of the largest ball about its centre within it [m]."""
+        return 0.5 * float(self.size_m.min())
+
+    @property
+    def outer_radius_m(self) -> float:
+        """Distance of its farthest point from its centre [m]."""
+        return _outer_radius(self.kind, self.size_m)
+
+    def below(self, R_WO: Array) -> Array:
+        """Returns how far it reaches below its centre (...) [m] with its axes in the world (..., 3, 3).
+
+        Source: support functions of box, cylinder and capsule.
+        """
+        half = 0.5 * self.size_m
+        down = np.abs(R_WO[..., 2, :])
+        if self.kind == "box":
+            return np.asarray(down @ half)
+        if self.kind == "capsule":
+            return np.asarray((half[2] - half[0]) * down[..., 2] + half[0])
+        return half[2] * down[..., 2] + half[0] * np.hypot(R_WO[..., 2, 0], R_WO[..., 2, 1])
 
     @cached_property
     def _hull(self) -> Hull:
-        return _hull_of(self.kind, self.size_m, self.inertia_kg_m2)
+        return _hull_of(self.kind, self.size_m)
+
+    @property
+    def hull_axis_O(self) -> Array:
+        """Unit vector (3,) along the hull, in the body's own axes."""
+        return np.eye(3)[self._hull.axis]
 
     @property
     def balls_m(self) -> tuple[float, ...]:
@@ -134,17 +168,15 @@ class Hull(NamedTuple):
     balls_m: tuple[float, ...]
 
 
-def _hull_of(kind: str, size: Array, inertia: Array) -> Hull:
-    """Returns the hull of a body: several balls where it is long, and turns about its length as a round one does."""
+def _hull_of(kind: str, size: Array) -> Hull:
+    """Returns the hull of a body: several balls where it is long, which contain it between them."""
     half = 0.5 * size
     axis = int(half.argmax())
     across = np.delete(half, axis)
     is_flat = kind == "box"
     thick = float(np.linalg.norm(across)) if is_flat else float(across[0])
-    around = {"box": float(np.linalg.norm(half)), "cylinder": float(np.hypot(half[0], half[2])), "capsule": half[2]}
-    single = Hull(axis, float(around[kind]), (0.0,))
-    (one, other) = np.delete(inertia, axis)
-    if abs(one - other) > ROUNDING * one or (axis != 2 and not is_flat):
+    single = Hull(axis, _outer_radius(kind, size), (0.0,))
+    if axis != 2 and not is_flat:  # of a disc
         return single
     core = 2.0 * (float(half[axis]) - (thick if kind == "capsule" else 0.0))  # that balls of the body's radius sweep
     pieces = min(math.ceil(core / (APART * thick)), BALLS_MAX - 1)
@@ -154,6 +186,14 @@ def _hull_of(kind: str, size: Array, inertia: Array) -> Hull:
     apart = core / (count - 1 if kind == "capsule" else count)
     places = apart * np.arange(-(count // 2), count // 2 + 1)
     return Hull(axis, math.hypot(thick, 0.5 * apart), tuple(places.tolist()))
+
+
+def _outer_radius(kind: str, size: Array) -> float:
+    """Returns the distance of a body's farthest point from its centre [m]."""
+    half = 0.5 * size
+    if kind == "capsule":
+        return float(half[2])
+    return float(np.linalg.norm(half if kind == "box" else half[[0, 2]]))
 
 
 def _surface(kind: str, size: Array) -> float:
@@ -204,11 +244,13 @@ def object_of(table: dict[str, Any]) -> tuple[ThrownObject, Array]:
     size = _size(kind, table, where)
     inertia = _uniform_inertia(kind, mass, size)
     if table["inertia_kg_m2"] is not None:
-        inertia = vector(table, "inertia_kg_m2", where, 3, 0.0, INERTIA_MAX_KG_M2)
-        if not 0.0 < 2.0 * inertia.max() <= inertia.sum() * (1.0 + ROUNDING):
-            reason = "is no body's: each moment must be above 0, and the largest no more than the other two together"
-            raise CellError(f"{where}inertia_kg_m2", inertia.tolist(), reason)
-    radius = _hull_of(kind, size, inertia).radius_m
+        inertia = vector(table, "inertia_kg_m2", where, 3, INERTIA_MIN_KG_M2, INERTIA_MAX_KG_M2)
+        others = float(inertia.sum() - inertia.max())
+        if inertia.max() > others * (1.0 + ROUNDING):
+            worst = int(inertia.argmax())
+            reason = f"is more than the other two moments together, {others:g} kg m^2: no body has such an inertia"
+            raise CellError(f"{where}inertia_kg_m2[{worst}]", float(inertia[worst]), reason)
+    radius = _hull_of(kind, size).radius_m
     return ThrownBody(mass, radius, drag, kind, read_only(size), read_only(inertia), X_TO[:3, :3]), X_TO[:3, 3]
 
 

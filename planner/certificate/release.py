@@ -4,29 +4,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 
 from planner.arrays import Array, Index
-from planner.cell import ThrownBody
-from planner.certificate.bounds import Rates, curvature_bound, joint_rates, prove_above, slope_bound
+from planner.certificate.bounds import curvature_bound, joint_rates, prove_above
 from planner.certificate.certificate import ROUNDING, Check, at_least, at_most
 from planner.certificate.samples import ArmSamples, MotionSamples
+from planner.certificate.touchdown import Cells, prove, touchdowns_of
 from planner.flight import Flight, LandingStates, fly, landing_states
 from planner.geometry import ToolState, tool_state
-from planner.kinematics import dot
 from planner.problem import ThrowProblem
 from planner.releases import Bound, Release, ReleaseSample
 from planner.rotations import pose
-from planner.spin import round_axis, turned
 from planner.trajectory import Trajectory
 
 RELEASE_POSITION_TOLERANCE = 1e-5  # [m, rad] less than a third of a UR's repeatability, 0.03 mm
 RELEASE_VELOCITY_TOLERANCE = 1e-4  # [m/s, rad/s] 0.1 mm of landing for a flight of one second
 GRAZES = "grazes the plane, so that nothing bounds the landings between those evaluated, of which this is the worst"
-STILL = 1e-9  # [rad/s] keeps a growth of no rotation from dividing by 0
+RELEASED_IN_TIME = "released in time"
 LANDING_TOLERANCE_M = 5e-4  # [m] of the nominal release; far below the scatter of a gripper
 
 
@@ -36,11 +34,23 @@ def release_flight(problem: ThrowProblem, trajectory: Trajectory) -> Flight | No
         return None
     k = trajectory.release_index
     state = tool_state(problem.cell, trajectory.q[k], trajectory.qd[k])
-    return _flown(problem, state.p_WT, state.v_WT)
+    whole = _flown(problem, state.p_WT, state.v_WT)
+    if whole is None or problem.body is None:
+        return whole
+    released = MotionSamples(problem, trajectory).at(np.array([trajectory.release_time_s]))
+    landed = _landed(problem, released)
+    if np.isnan(landed.time_s[0]):
+        return None
+    return replace(
+        whole,
+        landing_point=landed.p[0],
+        landing_velocity=landed.v[0],
+        time_of_flight_s=float(landed.time_s[0]),
+    )
 
 
 def _flown(problem: ThrowProblem, p_WT: Array, v_WT: Array) -> Flight | None:
-    """Returns the flight from a state of the tool centre point, both (3,)."""
+    """Returns the flight of the centre from a state of the tool centre point, both (3,), to the landing plane."""
     leaves = problem.release_speed_factor * v_WT
     return fly(p_WT, leaves, problem.plane_z, problem.gravity, problem.drag)
 
@@ -107,6 +117,10 @@ def landing(motion: MotionSamples) -> Check | None:
     k = motion.release_knot
     if target is None:
         return None
+    if problem.body is not None:
+        landed = _landed(problem, motion.at(np.array([motion.trajectory.release_time_s])))
+        miss = float(np.nan_to_num(np.linalg.norm(landed.p[0] - target.p_W), nan=math.inf))
+        return at_most("landing", miss, LANDING_TOLERANCE_M, "m", motion.trajectory.release_time_s)
     p = motion.at_knots.p_WT[:, k]
     v = motion.at_knots.v_WT[:, k]
     flight = _flown(problem, p, v)
@@ -115,82 +129,59 @@ def landing(motion: MotionSamples) -> Check | None:
 
 
 def landing_axis(motion: MotionSamples) -> Check | None:
-    """Checks how the object lies as its centre comes down on the target, after a release at any instant of the window.
+    """Checks how the object lies as it lands on the target, after a release at any instant of the window.
 
-    None where any way will do. Between evaluated instants the axis turns no faster than `_axis_rate`.
+    None where any way will do. Between evaluated instants: see `planner.certificate.touchdown`.
     """
     problem = motion.problem
     asked = None if problem.target is None else problem.target.orientation
-    released_s = motion.trajectory.release_time_s
     if asked is None:
         return None
-    arm = motion.in_window if problem.is_robust else motion.at(np.array([released_s]))
+    limit = asked.tolerance_rad * (1.0 + ROUNDING)
 
-    def room(arm: ArmSamples) -> Array:
-        return asked.tolerance_rad * (1.0 + ROUNDING) - asked.angles(landing_attitudes(problem, arm)[:, :, 2])
+    def judge(cells: Cells) -> tuple[Array, Array]:
+        landings = cells.touchdowns
+        return limit - asked.angles(landings.axes_at(landings.time_s)[:, :, 2]), cells.turned_rad
 
-    def evaluate(t: Array, item: Index) -> Array:
-        return room(motion.at(t))
-
-    name = "landing_axis"
-    rooms = room(arm)
-    worst = int(rooms.argmin())
-    if not problem.is_robust or not rooms[worst] >= 0.0:
-        angle = asked.tolerance_rad * (1.0 + ROUNDING) - float(rooms[worst])
-        return at_most(name, angle, asked.tolerance_rad, "rad", float(arm.t[worst]), "from the axis asked for")
-    rate = np.array([_axis_rate(motion, arm)])
-    proof = prove_above(evaluate, arm.t, rooms[None], rate, 0.0, slope_bound, motion.share_accuracy)
-    angle = asked.tolerance_rad * (1.0 + ROUNDING) - proof.value
-    check = at_most(name, angle, asked.tolerance_rad, "rad", proof.at_s, "from the axis asked for")
+    proof, _ = prove(motion, problem.planned_window_s, judge, motion.share_accuracy)
+    angle = float(np.nan_to_num(limit - proof.value, nan=math.inf))
+    check = at_most("landing_axis", angle, asked.tolerance_rad, "rad", proof.at_s, "from the axis asked for")
     return check.provided(proof.proven)
-
-
-def landing_attitudes(problem: ThrowProblem, arm: ArmSamples) -> Array:
-    """Returns the object's axes in the world (k, 3, 3) as it lands after a release at each instant; NaN if never."""
-    thing = problem.cell.object
-    assert isinstance(thing, ThrownBody)
-    R_WO = arm.X_WL[:, 6, :3, :3] @ problem.cell.tool.X_FT[:3, :3] @ thing.R_TO
-    w_W = arm.links.angular_velocity[:, 5].T
-    time_s = _landed(problem, arm).time_s
-    found = turned(R_WO, w_W, thing.inertia_kg_m2, np.nan_to_num(time_s))
-    found[np.isnan(time_s)] = np.nan
-    return found
 
 
 def landing_attitude(problem: ThrowProblem, trajectory: Trajectory) -> Array | None:
     """Returns the object's axes in the world (3, 3) as it lands after the nominal release; None of a ball."""
-    if not problem.throws or not isinstance(problem.cell.object, ThrownBody):
+    if not problem.throws or problem.body is None:
         return None
     arm = MotionSamples(problem, trajectory).at(np.array([trajectory.release_time_s]))
-    return landing_attitudes(problem, arm)[0]
+    landings = touchdowns_of(problem, arm)
+    return None if np.isnan(landings.time_s[0]) else landings.axes_at(landings.time_s)[0]
 
 
-def _axis_rate(motion: MotionSamples, arm: ArmSamples) -> float:
-    """Returns how fast an axis of the object as it lands changes with the time of the release, at most [rad/s].
+def _body_window(motion: MotionSamples, goal: Array) -> Check:
+    """Returns the check of the landing of a body, see `landing_window`."""
+    problem = motion.problem
+    limit = problem.landing_tolerance_m * (1.0 + ROUNDING)
 
-    With bounds W and A on the tool's angular velocity and acceleration, V on the object's angular velocity in flight
-    and t1 on the change of the flight's time (`_landing_curvature`), a release dr later leaves a body at the same
-    instant turned by no more than dr (A + V^2) g, and its axis turns by V (1 + t1) dr until it lands. The growth g of a
-    deviation of the angular velocity in the time T of flight is T (max(1, k) + |1 - k|) for a round body, whose motion
-    is two rotations at constant rates, with the ratio k of its moments; of another one the rates of Euler's equations
-    change by no more than sqrt(2) V for a change of the velocity: (exp(sqrt(2) V T) - 1) / (sqrt(2) V).
-    """
-    thing = motion.problem.cell.object
-    assert isinstance(thing, ThrownBody)
-    bounds = _landing_bounds(motion, arm)
-    most, a, _ = _window_rates(motion).sums[:, -1, 0].tolist()
-    a += 0.5 * most * most
-    sampled = arm.links.angular_velocity[:, 5]
-    w = float(np.sqrt(dot(sampled, sampled).max())) + 0.5 * a * float(np.diff(arm.t).max())
-    moments = thing.inertia_kg_m2
-    if (axis := round_axis(moments)) is not None:
-        fastest = w
-        ratio = float(moments[axis] / np.delete(moments, axis)[0])
-        growth = bounds.time_s * (max(1.0, ratio) + abs(1.0 - ratio))
-    else:
-        fastest = w * math.sqrt(float(moments.max() / moments.min()))
-        growth = math.expm1(math.sqrt(2.0) * fastest * bounds.time_s) / max(math.sqrt(2.0) * fastest, STILL)
-    return (a + fastest**2) * growth + fastest * (1.0 + bounds.t1)
+    def judge(cells: Cells) -> tuple[Array, Array]:
+        landings = cells.touchdowns
+        off = landings.centres_at(landings.time_s)[:, :2] - goal[:2]
+        return limit - np.linalg.norm(off, axis=1), cells.aside_m
+
+    proof, _ = prove(motion, problem.release_window_s, judge, motion.distance_accuracy)
+    if math.isnan(proof.value):
+        return at_most("landing_window", math.inf, problem.landing_tolerance_m, "m", proof.at_s, "never lands")
+    delay_s = proof.at_s - motion.trajectory.release_time_s
+    check = at_most(
+        "landing_window", limit - proof.value, problem.landing_tolerance_m, "m", proof.at_s, _delayed(delay_s)
+    )
+    return check.provided(proof.proven)
+
+
+def _delayed(delay_s: float) -> str:
+    """Returns in words how late a release is [s]."""
+    delay_ms = 1e3 * delay_s
+    return f"released {abs(delay_ms):.3g} ms {'late' if delay_ms > 0.0 else 'early'}" if delay_ms else RELEASED_IN_TIME
 
 
 def landing_window(motion: MotionSamples) -> Check | None:
@@ -204,6 +195,8 @@ def landing_window(motion: MotionSamples) -> Check | None:
         return None
     tolerance = problem.landing_tolerance_m
     goal = _nominal_landing(problem, motion.trajectory)
+    if problem.body is not None:
+        return _body_window(motion, goal)
 
     def room(arm: ArmSamples) -> Array:
         return tolerance * (1.0 + ROUNDING) - np.linalg.norm(_landed(problem, arm).p - goal, axis=1)
@@ -224,10 +217,7 @@ def landing_window(motion: MotionSamples) -> Check | None:
         evaluate, arm.t, rooms[None], np.array([curvature]), 0.0, curvature_bound, motion.distance_accuracy
     )
     error = tolerance * (1.0 + ROUNDING) - proof.value
-    delay_ms = 1e3 * (proof.at_s - released)
-    detail = (
-        f"released {abs(delay_ms):.3g} ms {'late' if delay_ms > 0.0 else 'early'}" if delay_ms else "released in time"
-    )
+    detail = _delayed(proof.at_s - released)
     return at_most("landing_window", error, tolerance, "m", proof.at_s, detail).provided(proof.proven)
 
 
@@ -247,7 +237,18 @@ def window_landing_points(problem: ThrowProblem, trajectory: Trajectory, delays:
 
 @lru_cache(maxsize=1)  # of the window, for its landings and the bound between them
 def _landed(problem: ThrowProblem, arm: ArmSamples) -> LandingStates:
-    """Returns the landings (k,) after a release at each instant; NaN where the object never lands."""
+    """Returns the landings (k,) after a release at each instant; NaN where the object never lands.
+
+    That of a body is its centre's place at the touch, on the landing plane: see `planner.touchdown`.
+    """
+    if problem.body is not None:
+        landings = touchdowns_of(problem, arm)
+        time_s = landings.time_s
+        x = landings.centres_at(time_s)
+        x[:, 2] = np.where(np.isnan(time_s), np.nan, problem.plane_z)
+        step_s = 1e-6
+        v = (landings.centres_at(time_s + step_s) - landings.centres_at(time_s - step_s)) / (2.0 * step_s)
+        return LandingStates(x, v, time_s)
     leaves = problem.release_speed_factor * arm.v_WT.T
     return landing_states(arm.p_WT.T, leaves, problem.plane_z, problem.gravity, problem.drag)
 
@@ -273,67 +274,30 @@ def _landing_curvature(motion: MotionSamples, arm: ArmSamples) -> float:
         |L''| <= X + 2 A t1 + k W^2 t1^2 + V t2,
     because drag only slows the horizontal motion. T and w between samples: see `_between_landings`.
     """
-    bounds = _landing_bounds(motion, arm)
-    if not bounds.w > 0.0:
-        return math.inf
-    (a, j, speed, fastest, time, w) = bounds
-    drag = motion.problem.drag
-    g = max(motion.problem.gravity, drag * fastest)
-    x = a + j * time + drag * (a * time) ** 2
-    t1 = bounds.t1
-    t2 = (x + 2.0 * a * t1 + g * t1**2) / w
-    return x + 2.0 * a * t1 + drag * fastest * t1**2 + speed * t2
-
-
-class LandingBounds(NamedTuple):
-    """Bounds over a release window.
-
-    Attributes:
-        a, j: acceleration and jerk of tool and object [m/s^2, m/s^3].
-        speed: at the release [m/s].
-        fastest: square of the speed at the landing [m^2/s^2].
-        time_s: of flight [s].
-        w: downward speed at the landing, from below [m/s]; 0 where there is no bound.
-    """
-
-    a: float
-    j: float
-    speed: float
-    fastest: float
-    time_s: float
-    w: float
-
-    @property
-    def t1(self) -> float:
-        """Change of the time of flight by that of the release [-]."""
-        return (self.speed + self.a * self.time_s) / self.w if self.w > 0.0 else math.inf
-
-
-def _window_rates(motion: MotionSamples) -> Rates:
-    """Returns the rate bounds of the joints over the release window, and a tick beyond."""
-    trajectory = motion.trajectory
-    reach = math.ceil(motion.problem.release_window_s * trajectory.sample_rate_hz) + 1
-    k = trajectory.release_index
-    return joint_rates(trajectory, np.array([max(0, k - reach), min(len(trajectory.q) - 1, k + reach)]))
-
-
-def _landing_bounds(motion: MotionSamples, arm: ArmSamples) -> LandingBounds:
-    """Returns bounds over the window sampled by `arm`, also between its instants."""
     problem = motion.problem
+    trajectory = motion.trajectory
     gravity = problem.gravity
     drag = problem.drag
     landed = _landed(problem, arm)
+    if np.isnan(landed.time_s).any():
+        return math.inf
+    reach = math.ceil(problem.release_window_s * trajectory.sample_rate_hz) + 1
+    k = trajectory.release_index
+    rates = joint_rates(trajectory, np.array([max(0, k - reach), min(len(trajectory.q) - 1, k + reach)]))
     most = max(1.0, problem.release_speed_factor)  # of tool and object, whichever is faster
-    _, a, j, _ = (most * (motion.body.tool_lever @ _window_rates(motion).by_derivative)[:, 0]).tolist()
+    _, a, j, _ = (most * (motion.body.tool_lever @ rates.by_derivative)[:, 0]).tolist()
     half = float(np.diff(arm.t).max()) / 2.0
     speed = most * float(np.sqrt((arm.v_WT**2).sum(axis=0).max())) + a * half
     height = max(0.0, float(arm.p_WT[2].max()) + speed * half - problem.plane_z)
     fastest = speed**2 + 2.0 * gravity * height  # square of the landing speed without drag, which only slows
-    if np.isnan(landed.time_s).any():
-        return LandingBounds(a, j, speed, fastest, math.inf, 0.0)
     g = max(gravity, drag * fastest)
     time, w = _between_landings(landed, (a, speed, g), half)
-    return LandingBounds(a, j, speed, fastest, time, w)
+    if not w > 0.0:
+        return math.inf
+    t1 = (speed + a * time) / w
+    x = a + j * time + drag * (a * time) ** 2
+    t2 = (x + 2.0 * a * t1 + g * t1**2) / w
+    return x + 2.0 * a * t1 + drag * fastest * t1**2 + speed * t2
 
 
 def _between_landings(landed: LandingStates, bounds: tuple[float, float, float], half: float) -> tuple[float, float]:

@@ -88,8 +88,8 @@ class TargetRelease(Target, Release):
         found = []
         if self.min_elevation_rad > self.max_elevation_rad:
             found.append(FieldError("release.min_elevation_rad", "is above max_elevation_rad"))
-        if self.opening is not None and self.opening.radius_m <= cell.object.radius_m:
-            sizes = f"radius {self.opening.radius_m:g} m, object {cell.object.radius_m:g} m"
+        if self.opening is not None and self.opening.radius_m <= cell.object.inner_radius_m:
+            sizes = f"radius {self.opening.radius_m:g} m, object {cell.object.inner_radius_m:g} m"
             reason = f"the bin is too narrow for the object: {sizes}"
             found.append(FieldError("release.opening.radius_m", reason))
         if self.orientation is not None:

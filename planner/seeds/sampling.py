@@ -26,7 +26,7 @@ from planner.seeds.flight_filter import (
     least_room,
     no_clear_flight,
 )
-from planner.seeds.landing_axes import thrown_velocity
+from planner.seeds.landing_axes import aimed_at, thrown_velocity
 from planner.seeds.launches import (
     allowed_velocity,
     far_enough,
@@ -44,6 +44,7 @@ from planner.seeds.velocity_allocation import allocate_velocity, tool_jacobian, 
 ORIENTATIONS = 96  # tool orientations tried at a point
 MORE_ORIENTATIONS = 1024
 FEW = 6  # postures at a point, throws slow enough, or candidates behind obstacles: fewer call for more draws
+NO_TOUCH = "no joint state was found with which the object first touches what is at the target there"
 NO_SPIN = "no spin was found with which the object lands along that axis"
 CHECKED_MAX = 1536  # soonest of these states whose clearance is checked before they are compared: 40 ms
 
@@ -101,6 +102,7 @@ def target_states(problem: ThrowProblem, target: Target, thorough: bool = False)
     Raises:
         Infeasible: there are none.
     """
+    target = aimed_at(problem, target)
     q, qd = _thrown(problem, target, thorough)
     if thorough:
         q, qd = _clear_of_obstacles(problem, q, qd)
@@ -120,7 +122,7 @@ def _with_run_ups(problem: ThrowProblem, target: Target, q: Array, qd: Array) ->
     kept[kept] = clear_flights(problem, target, p[kept], v[kept])
     run_q = run_q[kept]
     run_qd = run_qd[kept]
-    if target.orientation is not None:
+    if problem.body is not None:
         J = tool_jacobian(problem, run_q)
         run_qd = thrown_velocity(problem, target, run_q, J, tool_velocity(J, run_qd))
         spun = np.isfinite(run_qd).all(axis=1)
@@ -186,10 +188,10 @@ def _has_enough(problem: ThrowProblem, target: Target, qd: Array) -> bool:
     """Returns whether some joint velocities (n, 6) keep their limits: a few, where elevations or landings are bounded.
 
     With bounds a posture's only flight is mostly one at an end of the range, and others release in a third of the time.
-    A spin leaves few that are slow enough, to which motions go as they are.
+    Motions go to the states of a body as they are, and few are slow enough with a spin.
     """
     is_bounded = target.min_elevation_rad > -np.pi / 2 or target.max_elevation_rad < np.pi / 2
-    is_bounded |= target.orientation is not None
+    is_bounded |= problem.body is not None
     return int(_is_slow(problem, qd).sum()) >= (FEW if is_bounded else 1)
 
 
@@ -242,8 +244,9 @@ def _flights(problem: ThrowProblem, target: Target, q: Array, p: Array) -> tuple
     v, allowed = launches(problem, target, p)
     if not allowed.any():
         raise Infeasible([no_flight(problem, target, p)])
-    if target.orientation is not None and clear_flights(problem, target, p, v)[allowed].any():
-        raise Infeasible([nothing_found("landing_axis", NO_SPIN)])
+    if problem.body is not None and clear_flights(problem, target, p, v)[allowed].any():
+        asks = target.orientation is not None
+        raise Infeasible([nothing_found("landing_axis", NO_SPIN) if asks else nothing_found("landing", NO_TOUCH)])
     p = np.broadcast_to(p, v.shape)[allowed]
     v = v[allowed]
     raise Infeasible([no_clear_flight(problem, target, p, v, len(p))])

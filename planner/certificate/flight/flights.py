@@ -7,38 +7,30 @@ floor or the level top of a shape; a flight that never rises as high until its c
 air, where there is no surface, that is so for all. On a surface the object lies from its touch on, and keeps clear of
 the shapes that are higher until its centre would be at the target.
 
-A longer body is a row of such balls, at x + a u for places a along its axis u, which turns about its angular momentum
-(`planner.spin`). Each keeps clear until the centre has landed, or until it touches that surface itself. How the body
-lies is unknown: a ball about all of it then keeps clear.
+A body is a row of such balls, at x + a u for places a along the axis u of its hull, which turns with it. Each keeps
+clear until the body has landed (`planner.touchdown`): of what it lands on until it may have, of all else until it has.
+What lies below its lowest point, it is clear of.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property, lru_cache
-from typing import NamedTuple
 
 import numpy as np
 
 from planner.arrays import Array, Index, Mask
-from planner.cell import ThrownBody, nearest_on_cores
+from planner.cell import nearest_on_cores
+from planner.certificate.flight.body import BodyLandings
 from planner.certificate.samples import MotionSamples
 from planner.flight import fly, paths, positions_after
 from planner.geometry import Surface
 from planner.kinematics import dot
 from planner.releases import Opening
-from planner.spin import precession
 
 # [m] of an object in flight: of a point the distance from a wall without thickness, or within a box, is never below 0
 LEAST_RADIUS_M = 1e-5
 TINY_M = 1e-12  # [m] a distance below which there is no direction
-
-
-class Spin(NamedTuple):
-    """How k bodies turn: their axis at the release and the rate about their momentum [rad/s], (3, k) each."""
-
-    axis: Array
-    rate: Array
 
 
 class Flights:
@@ -135,9 +127,16 @@ class Flights:
         return arm.p_WT[:, k], self.leaving(arm.v_WT[:, k])
 
     @cached_property
+    def landings_of_body(self) -> BodyLandings | None:
+        """When a body has landed; None of a ball."""
+        return None if self.motion.problem.body is None else BodyLandings(self.motion, self.spread_s)
+
+    @cached_property
     def end(self) -> tuple[float, float] | None:
         """Height of the centre below which nothing counts [m], time of the nominal end [s]; None: it never lands."""
         problem = self.motion.problem
+        if self.landings_of_body is not None:
+            return self.landings_of_body.end
         height = self.lowest if self.lies_at_m is None else problem.plane_z
         flight = fly(*self.nominal, height, problem.gravity, problem.drag)
         return None if flight is None else (height, self.released_s + flight.time_of_flight_s)
@@ -224,19 +223,6 @@ class Flights:
         """
         return np.asarray(fallen & (self.lies_at_m is not None) & (x[2] < self.lowest_at([x])))
 
-    def touch_at(self, places: Sequence[Array], bend: Array | float = 0.0) -> Array:
-        """Returns the heights (...) [m] of a ball's centre at which it touches what the object lands on; -inf beside.
-
-        Args:
-            places: corners of patches of the ball's places, each (3, ...) [m].
-            bend: deviation of the ball from what is between the corners (...) [m].
-        """
-        highest = np.full(places[0].shape[1:], -np.inf)
-        for surface in self.motion.problem.surfaces:
-            within = np.min([self._depth_within(surface, y) for y in places], axis=0) > bend
-            highest = np.where(within, np.maximum(highest, surface.height_m + self.radius_m), highest)
-        return highest
-
     def lying_at(self, x: Array) -> Array:
         """Returns the centres (3, ...) [m] of an object that lies where a flight is at `x` (3, ...).
 
@@ -264,32 +250,23 @@ class Flights:
             arm = self.motion.at(distinct)
         return arm.p_WT[:, where], self.leaving(arm.v_WT[:, where])
 
-    def spins(self, r: Array) -> Spin:
-        """Returns how the body turns after releases at `r` (k,) [s]."""
-        distinct, where = np.unique(r, return_inverse=True)
-        arm = self.motion.at(distinct)
-        cell = self.motion.problem.cell
-        thing = cell.object
-        if not isinstance(thing, ThrownBody):
-            raise TypeError("a ball has no axis")
-        u = (arm.X_WL[:, 6, :3, :3] @ (cell.tool.X_FT[:3, :3] @ thing.hull_axis))[where]
-        w = arm.links.angular_velocity[:, 5].T[where]
-        return Spin(u.T, precession(u, w, thing.spin_ratio).T)
+    def places(self, x: Array, r: Array, t: Array) -> tuple[list[Array], Array | None]:
+        """Returns the centres (3, ...) [m] of the balls of objects at `x` (3, ...), and their lowest points (...) [m].
 
-    def places(self, x: Array, r: Array, t: Array) -> list[Array]:
-        """Returns the centres (3, ...) [m] of the balls of objects whose own are at `x` (3, ...).
+        None instead of the lowest point of a ball.
 
         Args:
             x: centres of the flights [m].
             r: releases (...) [s].
             t: times (...) [s].
         """
-        if len(self.balls_m) == 1:
-            return [x]
+        if self.landings_of_body is None:
+            return [x], None
+        thing = self.landings_of_body.thing
         r, t = np.broadcast_arrays(r, t)
-        spin = self.spins(r.ravel())
-        u = turned_axis(spin.axis, spin.rate, (t - r).ravel()).reshape(x.shape)
-        return [x + place * u for place in self.balls_m]
+        R_WO = self.landings_of_body.axes(r.ravel(), t.ravel())
+        u = (R_WO @ thing.hull_axis_O).T.reshape(x.shape)
+        return [x + place * u for place in self.balls_m], x[2] - thing.below(R_WO).reshape(x.shape[1:])
 
     def leaving(self, v_WT: Array) -> Array:
         """Returns the velocities (3, ...) [m/s] with which the object leaves a tool at `v_WT` (3, ...) [m/s]."""
@@ -389,11 +366,17 @@ class Flights:
             t: their times (n,) [s].
         """
         falls = is_falling(x)
-        places = self.places(x, np.full(len(t), self.released_s), t)
-        return np.min([self._gaps_of_ball(x, y, falls, t) for y in places], axis=0)
+        places, lowest = self.places(x, np.full(len(t), self.released_s), t)
+        gaps = np.min([self._gaps_of_ball(x, y, falls, t) for y in places], axis=0)
+        if self.landings_of_body is None or lowest is None:
+            return gaps
+        above = lowest - (self.tops + self.shapes[-1])[:, None] - self.required[: self.count, None]
+        gaps[: self.count] = np.maximum(gaps[: self.count], above)
+        gaps[:, t >= self.landings_of_body.latest_s] = np.inf
+        return gaps
 
     def _gaps_of_ball(self, x: Array, y: Array, falls: Mask, t: Array) -> Array:
-        """Returns what `gaps_along` does for a ball at places `y` (3, n) of the body at `x` (3, n) [m]."""
+        """Returns what `gaps_along` does for a ball at places `y` (3, n) of the object at `x` (3, n) [m]."""
         items = np.arange(len(self.names))
         lies = self.lies(x, falls)
         centres = np.repeat(y[:, None], len(items), axis=1)
@@ -402,12 +385,9 @@ class Flights:
         every = np.repeat(items, len(t))
         times = np.tile(t, len(items))
         gaps = self.gaps_at(every, centres.reshape(3, -1), times).reshape(len(items), -1)
-        gaps[: self.count] -= self.reach_m * lies
-        is_over = x[2] < self.over_below(items[:, None], self.lowest_at([x])) - TINY_M
-        if self.reach_m > 0.0:
-            is_over |= ~self.higher[:, None] & (y[2] < self.touch_at([y]))
-        gaps[falls & is_over] = np.inf
-        gaps[self.rim, self.in_bin(y)] = np.inf
+        if self.landings_of_body is None:
+            gaps[falls & (x[2] < self.over_below(items[:, None], self.lowest_at([x])) - TINY_M)] = np.inf
+            gaps[self.rim, self.in_bin(y)] = np.inf
         return gaps
 
     def gaps_at(self, item: Index, x: Array, t: Array) -> Array:
@@ -435,12 +415,3 @@ def nearest_on_segments(x: Array, start: Array, end: Array) -> Array:
     along = end - start
     share = dot(x - start, along) / np.maximum(dot(along, along), TINY_M**2)
     return start + np.minimum(np.maximum(share, 0.0), 1.0) * along
-
-
-def turned_axis(u: Array, rate: Array, s: Array) -> Array:
-    """Returns vectors `u` (3, k) turned at rates (3, k) [rad/s] for times `s` (k,) [s]. Source: Rodrigues' formula."""
-    size = np.sqrt(dot(rate, rate))
-    n = rate / np.maximum(size, TINY_M)
-    angle = size * s
-    across = np.cross(n, u, axis=0)
-    return u + np.sin(angle) * across + (1.0 - np.cos(angle)) * np.cross(n, across, axis=0)

@@ -17,11 +17,13 @@ With s = t - r, bounds A and J on the tool's acceleration and jerk over the rele
 where W and A_L are sums of |qd| and |qdd| of the joints that move the link, and l bounds the distance of the object
 from their axes. Source: repeated differentiation, as in `bounds`.
 
-A ball at the distance a from the centre of a body moves beside that by a u, where u_t = P x u and the rate P is
-constant in flight. With bounds W and A on the tool's angular velocity and acceleration, J on the rate of that, and k
-the largest moment of inertia over that across the axis, or 1: |u_tt| <= k W^2. By the time of the release P_r is the
-torque that the tool has on the body over its moment across, so |P_r| <= k (A + W^2) =: P1 and
-|P_rr| <= k (J + 4 A W + W^3) =: P2; as u and u_t at the release are the tool's, |u_rr| <= P1 + P2 s + (P1 s)^2.
+A point at the distance a from the centre of a body moves beside that by a u. With bounds W and B on the tool's angular
+velocity and acceleration, F on the body's angular velocity in flight and g(s) of `planner.spin.growth`: |u_t| <= F,
+|u_tt| <= (1 + 1/sqrt(3)) F^2, as no coefficient of Euler's equations exceeds 1, and |u_r| <= (B + W^2) g(s), as in
+`planner.certificate.touchdown`. By that, u deviates from what is between two releases by at most |u_r| dr/2.
+Of a round body u turns about its momentum with a constant rate P, and with J bounding the rate of the tool's angular
+acceleration and k the largest moment over that across the axis, or 1, |P_r| <= k (B + W^2) =: P1 and |P_rr| <= k (J + 4
+B W + W^3) =: P2, so that |u_rr| <= P1 + P2 s + (P1 s)^2 for the body's axis: of the two bounds the least counts.
 """
 
 from __future__ import annotations
@@ -34,13 +36,14 @@ from typing import NamedTuple
 import numpy as np
 
 from planner.arrays import Array, Index, Mask
-from planner.cell import ThrownBody, nearest_on_cores
+from planner.cell import nearest_on_cores
 from planner.certificate.bounds import joint_rates
 from planner.certificate.flight.flights import TINY_M, Flights
 from planner.certificate.flight.separation import mean
 from planner.certificate.flight.shapes import BallPatches, core_gaps
 from planner.kinematics import dot
 from planner.native import loops
+from planner.spin import fastest_turn, growth, round_axis, spin_ratio
 
 
 class Patches(NamedTuple):
@@ -146,9 +149,12 @@ class PatchBounds:
             # Before the release a flight is a parabola whose acceleration depends on the release's velocity.
             v = self.speed(s)
             most = most + 2.0 * a + drag * (v * v + a * a * s * s + 4.0 * v * a * s + (a * a + v * j) * s * s)
-        if self.away_m > 0.0:
-            most = most + self.away_m * (self.spin.first + self.spin.second * s + (self.spin.first * s) ** 2)
-        return most * (h * h / 8.0)
+        if self.away_m == 0.0:
+            return most * (h * h / 8.0)
+        turned = self.spin.growing * self.spin.grown(np.asarray(s)) * (h / 2.0)
+        if self.away_m <= self.flights.reach_m:  # a ball of the hull, on the axis of a round body
+            turned = np.minimum(turned, self.spin.axis_bend(s) * (h * h / 8.0))
+        return most * (h * h / 8.0) + self.away_m * turned
 
     def apexes(self, r: Array, v: Array) -> Array:
         """Returns times [s] from which flights released at `r` with velocities `v` (3, ...) surely fall."""
@@ -196,33 +202,45 @@ class PatchBounds:
         ended = fallen & (corners[2] < flights.over_below(item, flights.lowest_at([corners])))
         bounds = []
         gaps = []
-        for place_m, y in zip(flights.balls_m, flights.places(corners, r, t), strict=True):
+        places, lowest = flights.places(corners, r, t)
+        below = None
+        landings = flights.landings_of_body
+        if landings is not None and lowest is not None:
+            farthest = self.of_ball(landings.thing.outer_radius_m)
+            below = lowest.min(axis=0) - farthest.release_bend(s, r1 - r0) - farthest.time_bend(s, h)
+            carries = flights.carriers[item]
+            over = landings.spans(r0, r1).is_over_each(carries, t0, t1)
+            ended = landings.spans(r.ravel(), r.ravel()).is_over_each(np.tile(carries, 4), t.ravel(), t.ravel())
+            ended = ended.reshape(t.shape)
+        for place_m, y in zip(flights.balls_m, places, strict=True):
             ball = self.of_ball(place_m)
             ball_bend = bend if place_m == 0.0 else ball.release_bend(s, r1 - r0) + ball.time_bend(s, h)
-            seen = BallPatches(_corners(corners), bend, _corners(y), ball_bend, falling)
-            lower, sampled = ball._seen(patches, seen, np.stack([corners, y]), t, fallen)
-            is_over = over | ((item == flights.rim) & falling & self.all_in_bin(seen.places, ball_bend))
-            is_ended = ended | fallen & (item == flights.rim) & flights.in_bin(y)
-            if flights.reach_m > 0.0:
-                is_over |= ~flights.higher[item] & seen.touches(flights)
-                is_ended |= fallen & ~flights.higher[item] & (y[2] < flights.touch_at([y]))
+            seen = BallPatches(_corners(corners), bend, _corners(y), ball_bend, falling, below)
+            lower, sampled = ball._seen(patches, seen, (corners, y, lowest), t, fallen)
+            is_over, is_ended = over, ended
+            if landings is None:
+                is_over = over | ((item == flights.rim) & falling & self.all_in_bin(seen.places, ball_bend))
+                is_ended = ended | fallen & (item == flights.rim) & flights.in_bin(y)
             bounds.append(np.where(is_over | (t1 <= r0), np.inf, lower))
             gaps.append(np.where(is_ended | (t < r), np.inf, sampled - flights.thickness[item]))
         return Evaluated(np.min(bounds, axis=0), np.min(gaps, axis=0), r, t)
 
-    def _seen(self, patches: Patches, seen: BallPatches, centres: Array, t: Array, fallen: Mask) -> tuple[Array, Array]:
+    def _seen(
+        self, patches: Patches, seen: BallPatches, centres: tuple[Array, Array, Array | None], t: Array, fallen: Mask
+    ) -> tuple[Array, Array]:
         """Returns lower bounds (k,) on the gaps of a ball over patches, and distances (4, k) of their corners.
 
         Args:
             patches: the patches.
             seen: the same of the ball.
-            centres: of the object and of the ball at the corners (2, 3, 4, k) [m].
+            centres: of the object and of the ball at the corners (3, 4, k), and heights of the lowest points of a body
+                there (4, k) [m].
             t: times of the corners (4, k) [s].
             fallen: which of these are beyond the apex (4, k).
         """
         flights = self.flights
         (item, r0, r1, t0, t1, *rates) = patches
-        corners, y = centres
+        corners, y, lowest = centres
         s = np.maximum(t1 - r0, r1 - t0)
         far = self.distance_from_base(y).max(axis=0) + seen.ball_bend
         turned = self.turn_bend(far, s, self.frames(item), (rates[0], rates[1]), t1 - t0)
@@ -234,9 +252,10 @@ class PatchBounds:
             lower[is_shape] = core_gaps(flights, seen.at(is_shape), met)
             lies = flights.lies(x, fallen[:, is_shape])
             x = np.where(lies, flights.lying_at(x), y[:, :, is_shape]) if lies.any() else y[:, :, is_shape]
-            sampled[:, is_shape] = (
-                _length(x - nearest_on_cores(x, flights.shapes[:, None, met])) - flights.reach_m * lies
-            )
+            sampled[:, is_shape] = _length(x - nearest_on_cores(x, flights.shapes[:, None, met]))
+            if lowest is not None:
+                above = lowest[:, is_shape] + flights.radius_m - flights.tops[met]
+                sampled[:, is_shape] = np.maximum(sampled[:, is_shape], above)
         return lower - flights.thickness[item], sampled
 
     def is_capsule(self, item: Index) -> Mask:
@@ -311,26 +330,41 @@ class PatchBounds:
 
 
 class SpinBounds(NamedTuple):
-    """Bounds on how the axis of a body turns, see the module: of a ball none.
+    """Bounds on how a body turns, see the module: of a ball none.
 
     Attributes:
+        inertia: its moments (3,) [kg m^2].
+        turning: bound W on the tool's angular velocity [rad/s].
         rate: of |u_t| [rad/s].
         bend: of |u_tt| [rad/s^2].
-        first, second: P1 [rad/s^2] and P2 [rad/s^3].
+        growing: B + W^2 [rad/s^2].
+        first, second: P1 [rad/s^2] and P2 [rad/s^3]; infinite where the hull is not along the axis of a round body.
     """
 
+    inertia: Array
+    turning: float = 0.0
     rate: float = 0.0
     bend: float = 0.0
-    first: float = 0.0
-    second: float = 0.0
+    growing: float = 0.0
+    first: float = math.inf
+    second: float = math.inf
+
+    def grown(self, s: Array) -> Array:
+        """Returns bounds (...) [s] on `planner.spin.growth` up to times (...) [s], which is convex, and 0 at first."""
+        most = float(s.max(initial=0.0))
+        return s * (growth(self.inertia, self.turning, most) / most) if most > 0.0 else np.zeros_like(s)
+
+    def axis_bend(self, s: Array) -> Array:
+        """Returns bounds (...) [rad/s^2] on |u_rr| of the axis of a round body up to times (...) [s]."""
+        return self.first + self.second * s + (self.first * s) ** 2
 
 
 def spin_bounds(flights: Flights) -> SpinBounds:
     """Returns bounds on the rotation after any release of the spread."""
     motion = flights.motion
-    thing = motion.problem.cell.object
-    if flights.reach_m == 0.0 or not isinstance(thing, ThrownBody):
-        return SpinBounds()
+    thing = motion.problem.body
+    if thing is None:
+        return SpinBounds(np.ones(3))
     last = len(motion.trajectory.q) - 1
     rate = motion.trajectory.sample_rate_hz
     first = min(round(motion.gone_from_s * rate), last - 1)
@@ -339,8 +373,15 @@ def spin_bounds(flights: Flights) -> SpinBounds:
     # Of the angular velocity's derivatives: each axis is turned by the joints before it.
     jerk = j + 2.0 * a * w + w**3
     a += 0.5 * w * w
-    k = max(1.0, thing.spin_ratio)
-    return SpinBounds(w, k * w * w, k * (a + w * w), k * (jerk + 4.0 * a * w + w**3))
+    inertia = thing.inertia_kg_m2
+    most = fastest_turn(inertia, w)
+    bend = (1.0 + 1.0 / math.sqrt(3.0)) * most**2
+    bounds = SpinBounds(inertia, w, most, bend, a + w * w)
+    axis = round_axis(inertia)
+    if axis is None or not thing.hull_axis_O[axis]:
+        return bounds
+    k = max(1.0, spin_ratio(inertia, axis))
+    return bounds._replace(bend=k * w * w, first=k * (a + w * w), second=k * (jerk + 4.0 * a * w + w**3))
 
 
 def patch_bounds(flights: Flights, height: float, spacing_s: float, v: Array) -> PatchBounds:

@@ -25,6 +25,7 @@ class BallPatches(NamedTuple):
         places: corners of the patches of the ball, the same for an object that is one [m].
         ball_bend: deviation of the ball (...) [m].
         falling: which patches surely fall (...).
+        lowest: height that no point of a body is below (...) [m]; None of an object that is a ball.
     """
 
     corners: list[Array]
@@ -32,16 +33,13 @@ class BallPatches(NamedTuple):
     places: list[Array]
     ball_bend: Array
     falling: Mask
+    lowest: Array | None = None
 
     def at(self, chosen: Mask) -> BallPatches:
         """Returns the `chosen` ones of patches (k,)."""
         corners, places = ([corner[:, chosen] for corner in each] for each in (self.corners, self.places))
-        return BallPatches(corners, self.bend[chosen], places, self.ball_bend[chosen], self.falling[chosen])
-
-    def touches(self, flights: Flights) -> Mask:
-        """Returns in which patches the ball, one of several, lies on what the object lands on (...)."""
-        highest = reduce(np.maximum, [place[2] for place in self.places]) + self.ball_bend
-        return self.falling & (highest < flights.touch_at(self.places, self.ball_bend))
+        lowest = None if self.lowest is None else self.lowest[chosen]
+        return BallPatches(corners, self.bend[chosen], places, self.ball_bend[chosen], self.falling[chosen], lowest)
 
 
 def core_gaps(flights: Flights, patches: BallPatches, item: Index) -> Array:
@@ -52,19 +50,20 @@ def core_gaps(flights: Flights, patches: BallPatches, item: Index) -> Array:
         patches: of a ball.
         item: numbers of the shapes (...).
     """
-    (corners, bend, places, ball_bend, falling) = patches
+    (corners, bend, places, ball_bend, falling, of_body) = patches
     shapes = flights.shapes[:, item]
     tops = flights.tops[item]
+    if of_body is not None:
+        return np.maximum(core_bound(places, shapes) - ball_bend, of_body + flights.radius_m - tops)
     lowest = reduce(np.minimum, [place[2] for place in places]) - ball_bend
     landed_at = flights.lowest_at(corners, bend)
-    touches_at = landed_at if flights.reach_m == 0.0 else flights.touch_at(places, ball_bend)
-    above = np.where(falling, np.maximum(lowest, touches_at), lowest) - tops
+    above = np.where(falling, np.maximum(lowest, landed_at), lowest) - tops
     in_air = np.maximum(core_bound(places, shapes) - ball_bend, above)
     heights = [corner[2] for corner in corners]
     touching = falling & (reduce(np.minimum, heights) - bend < flights.highest_end_at(corners, bend))
     if flights.lies_at_m is None or not touching.any():
         return in_air
-    lying = core_bound([flights.lying_at(corner) for corner in corners], shapes) - bend - flights.reach_m
+    lying = core_bound([flights.lying_at(corner) for corner in corners], shapes) - bend
     lying = np.where(flights.motion.problem.is_met_lying(tops + shapes[-1]), lying, np.inf)
     landed = falling & (reduce(np.maximum, heights) + bend < landed_at)
     return np.where(landed, lying, np.where(touching, np.minimum(in_air, lying), in_air))
@@ -83,7 +82,7 @@ def least_gaps(flights: Flights, patches: BallPatches) -> Array:
     everywhere = [(patches.places, patches.ball_bend)]
     if flights.lies_at_m is not None:
         lying = [flights.lying_at(corner) for corner in patches.corners]
-        everywhere.append((lying, patches.bend + flights.reach_m))
+        everywhere.append((lying, patches.bend))
     gaps = []
     for each, bend in everywhere:
         middle = mean(each)
