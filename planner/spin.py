@@ -22,7 +22,7 @@ from planner.arrays import Array, Index
 from planner.rotations import quaternion_to_matrix, rotation_vector_to_matrix
 
 EQUAL = 1e-9  # [-] moments of inertia that differ by less are those of a round body
-STEP_RAD = 0.05  # [rad] of one Runge-Kutta step: the axes are off by less than 1e-7 rad a turn (see the tests)
+STEP_RAD = 0.1  # [rad] of one Runge-Kutta step at most: the axes are off by less than 1e-7 rad a turn (see the tests)
 FASTEST = math.sqrt(5.0)  # [-] angular velocity of a body in flight over that at its release, see above
 SCALES = np.geomspace(1.0, 1e4, 25)  # [-] of one coordinate over another, tried for the bound of `growth`
 
@@ -49,7 +49,7 @@ class Rotation:
             most = FASTEST * float(np.sqrt((w * w).sum(axis=1)).max(initial=0.0))
             count = max(1, math.ceil(most * until_s / step_rad))
             self._h = max(until_s, 1e-3) / count
-            states = [np.concatenate([np.tile([0.0, 0.0, 0.0, 1.0], (len(w), 1)), w], axis=1)]
+            states = [np.concatenate([np.tile([[0.0], [0.0], [0.0], [1.0]], len(w)), w.T])]
             for _ in range(count):
                 states.append(_stepped(states[-1], self._h, inertia))
             self._states = np.array(states)
@@ -63,8 +63,8 @@ class Rotation:
         if self._axis is None:
             node = np.clip(np.floor(s / self._h), 0, len(self._states) - 1).astype(np.intp)
             rest = np.minimum(s - node * self._h, self._h)
-            state = _stepped(self._states[node, which], rest[:, None], self._inertia)
-            return R_WO @ quaternion_to_matrix(state[:, :4])
+            state = _stepped(self._states[node, :, which].T, rest, self._inertia)
+            return R_WO @ quaternion_to_matrix(state[:4].T)
         w_W = self._w_W[which]
         u = R_WO[:, :, self._axis]
         ratio = spin_ratio(self._inertia, self._axis)
@@ -142,7 +142,7 @@ def growth(inertia: Array, w: float, s: float) -> float:
 
 
 def _stepped(state: Array, h: Array | float, inertia: Array) -> Array:
-    """Returns the states (n, 7) one Runge-Kutta step of `h` [s] later."""
+    """Returns the states (7, n), quaternion and rates, one Runge-Kutta step of `h` [s] later."""
     k1 = _rates(state, inertia)
     k2 = _rates(state + 0.5 * h * k1, inertia)
     k3 = _rates(state + 0.5 * h * k2, inertia)
@@ -151,9 +151,15 @@ def _stepped(state: Array, h: Array | float, inertia: Array) -> Array:
 
 
 def _rates(state: Array, inertia: Array) -> Array:
-    """Returns the derivatives (n, 7) of quaternions from the first axes, and of rates in the body's axes."""
-    x, y, z, s = state[:, :4].T
-    w = state[:, 4:]
-    a, b, c = w.T
-    turn = [s * a + y * c - z * b, s * b + z * a - x * c, s * c + x * b - y * a, -x * a - y * b - z * c]
-    return np.column_stack([*(0.5 * each for each in turn), np.cross(inertia * w, w) / inertia])
+    """Returns the derivatives (7, n) of quaternions from the first axes, and of rates in the body's axes."""
+    x, y, z, s, a, b, c = state
+    i, j, k = inertia.tolist()
+    found = np.empty_like(state)
+    found[0] = 0.5 * (s * a + y * c - z * b)
+    found[1] = 0.5 * (s * b + z * a - x * c)
+    found[2] = 0.5 * (s * c + x * b - y * a)
+    found[3] = -0.5 * (x * a + y * b + z * c)
+    found[4] = (j - k) / i * b * c
+    found[5] = (k - i) / j * c * a
+    found[6] = (i - j) / k * a * b
+    return found

@@ -76,11 +76,6 @@ class Touchdowns:
         """Time after the release from which each falls (n,) [s]: the apex without drag, which is later than with it."""
         return np.maximum(self.leaving.v[:, 2], 0.0) / self.gravity
 
-    @property
-    def extent_m(self) -> float:
-        """How far the body reaches from what comes down to the height [m]."""
-        return 0.0 if self.is_in_air else self.thing.outer_radius_m
-
     def centres(self, which: Index, s: Array) -> Array:
         """Returns the centres (k, 3) [m] of flights (k,) at times (k,) [s] after their release."""
         p, v, *_ = self.leaving
@@ -88,21 +83,29 @@ class Touchdowns:
 
     def lowest(self, which: Index, s: Array) -> Array:
         """Returns the heights (k,) [m] of what is to touch: the lowest point of the body, in the air its centre."""
-        z = self.centres(which, s)[:, 2]
-        return z if self.is_in_air else z - self.thing.below(self.rotation.axes(which, s))
+        return self.centres(which, s)[:, 2] if self.is_in_air else self.lowest_point(which, s)
 
-    def first_below(self, height_m: Array, from_s: Array) -> Array:
+    def lowest_point(self, which: Index, s: Array) -> Array:
+        """Returns the heights (k,) [m] of the lowest point of the body, also of one that passes in the air."""
+        return self.centres(which, s)[:, 2] - self.thing.below(self.rotation.axes(which, s))
+
+    def first_below(self, height_m: Array, from_s: Array, of_body: bool = False) -> Array:
         """Returns until when the flights (n,) stay above heights (n,) [m] from times (n,) on [s].
 
         At once where one begins below, infinite where it does not come down while it is followed. Each step is no
         longer than the greatest speed takes to the height, so that none passes a touch; `has_touched` tells whether
         the steps sufficed.
+
+        Args:
+            height_m, from_s: as above.
+            of_body: whether the lowest point counts in any case, instead of what `lowest` tells.
         """
+        lowest = self.lowest_point if of_body else self.lowest
         speed, turning = self._speeds
         s = from_s.astype(np.float64)
         rows = np.arange(len(s))
         for _ in range(STEPS_MAX):
-            gap = self.lowest(rows, s[rows]) - height_m[rows]
+            gap = lowest(rows, s[rows]) - height_m[rows]
             rows, gap = rows[gap > TOUCH_M], gap[gap > TOUCH_M]
             if len(rows) == 0:
                 break
@@ -127,7 +130,7 @@ class Touchdowns:
         _, v, _, w_W = self.leaving
         inertia = self.thing.inertia_kg_m2
         spin = [fastest_turn(inertia, w) for w in np.linalg.norm(w_W, axis=1).tolist()]
-        return np.linalg.norm(v, axis=1), self.extent_m * np.array(spin)
+        return np.linalg.norm(v, axis=1), self.thing.outer_radius_m * np.array(spin)
 
     @cached_property
     def time_s(self) -> Array:

@@ -242,9 +242,10 @@ def _tool(table: Mapping[str, Any], p_TO: Array) -> Tool:
         ends = (vector(entry, end, where, 3, -TOOL_MAX_M, TOOL_MAX_M) for end in ("from_m", "to_m"))
         capsules.append(ToolCapsule(*ends, radius_m=number(entry, "radius_m", where, TOOL_RADIUS_MIN_M, 1.0)))
     X_FT = placement(table, "tcp_position_m", "tcp_rotation_vector_rad", "tool.", TOOL_MAX_M)
-    if p_TO.any():
-        X_FT = read_only(X_FT @ pose(p_TO, np.eye(3)))
-    return Tool(X_FT, number(table, "mass_kg", "tool.", 0.0), tuple(capsules))
+    mass_kg = number(table, "mass_kg", "tool.", 0.0)
+    if not p_TO.any():
+        return Tool(X_FT, mass_kg, tuple(capsules))
+    return Tool(read_only(X_FT @ pose(p_TO, np.eye(3))), mass_kg, tuple(capsules), p_FH=X_FT[:3, 3])
 
 
 def _limits(table: dict[str, Any], arm: Robot) -> Limits:

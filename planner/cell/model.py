@@ -13,7 +13,7 @@ from planner.arrays import Array, read_only
 from planner.calibration import CalibrationFile
 from planner.cell.content import content_sha256
 from planner.cell.shapes import ROW, Box, Solid
-from planner.cell.thrown_object import ThrownObject
+from planner.cell.thrown_object import ThrownBody, ThrownObject
 from planner.errors import CellError
 from planner.grippers import GripperLink, SecondOutput
 from planner.robots import Robot, capsule_rows
@@ -45,12 +45,20 @@ class Tool:
         mass_kg: mass without the object [kg].
         capsules: its shape, for collision checks.
         is_assumed: whether nobody gave the shape, and the cell assumes one, see `Cell`.
+        p_FH: where the hand ends (3,) in the flange frame: the tool centre point as the table `[tool]` gives it, which
+            `object.in_tool` moves away from it [m]; None: at the tool centre point.
     """
 
     X_FT: Array
     mass_kg: float
     capsules: tuple[ToolCapsule, ...]
     is_assumed: bool = False
+    p_FH: Array | None = None
+
+    @property
+    def end_F(self) -> Array:
+        """Where the hand ends (3,) in the flange frame [m]: its mass is half way there."""
+        return self.X_FT[:3, 3] if self.p_FH is None else self.p_FH
 
 
 class LimitBeyondArm(NamedTuple):
@@ -347,12 +355,16 @@ class Cell:
         return f"<Cell {self.name}: {self.robot.name} with a {tool}; sha256 {self.sha256[:12]}>"
 
     def _with_assumed_shape(self) -> Tool:
-        """Returns the tool with an assumed shape; without any where its centre point is on the flange."""
-        p_FT = self.tool.X_FT[:3, 3]
-        length = float(np.linalg.norm(p_FT))
+        """Returns the tool with an assumed shape; without any where the hand ends on the flange.
+
+        It reaches to the surface of a ball; of a body, which it may grip anywhere, all the way.
+        """
+        p_FH = self.tool.end_F
+        length = float(np.linalg.norm(p_FH))
         if length <= CONTACT_M:
             return replace(self.tool, capsules=(), is_assumed=False)
-        to_object = p_FT * max(0.0, 1.0 - self.object.radius_m / length)
+        short_m = 0.0 if isinstance(self.object, ThrownBody) else self.object.radius_m
+        to_object = p_FH * max(0.0, 1.0 - short_m / length)
         wrist_radius_m = capsule_rows(self.robot.shape.of)["wrist_3"]["radius_m"]
         assumed = ToolCapsule(read_only(np.zeros(3)), read_only(to_object), wrist_radius_m)
         return replace(self.tool, capsules=(assumed,), is_assumed=True)

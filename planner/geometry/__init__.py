@@ -19,6 +19,7 @@ from planner.geometry.self_collision import (
     never_clear,
     object_pairs,
     passable,
+    pierced,
     self_collision_pairs,
 )
 from planner.geometry.surfaces import LEVEL_M, Surface, footprint, landing_surfaces
@@ -47,6 +48,7 @@ __all__ = [
     "object_pairs",
     "pair_distances",
     "passable",
+    "pierced",
     "point_segment_distance",
     "segment_segment_distance",
     "segment_shape_distance",

@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from planner.arrays import Array, Index, Mask
-from planner.cell import Cell
+from planner.cell import Cell, ThrownBody
 from planner.errors import Violation
 from planner.geometry.capsules import Capsule, body_capsules, levers
 from planner.geometry.distances import pair_distances
-from planner.geometry.self_collision import SELF_CLEARANCE_M, object_pairs, self_collision_pairs
+from planner.geometry.self_collision import SELF_CLEARANCE_M, object_pairs, pierced, self_collision_pairs
 from planner.kinematics import forward, jacobian, link_poses
 from planner.native import loops
 
@@ -83,7 +83,8 @@ class BodyModel:
         radii: (k,) [m].
         levers: of each capsule's points about each joint (k, 6) [m]; see `levers`.
         moving: indices of the j capsules that the first joint moves (j,).
-        pairs: indices of the p pairs of arm, tool and object that can collide (p, 2); the object's come last.
+        pairs: indices of the p pairs of arm, tool and object that can collide (p, 2); the object's come last, with the
+            links that a body always pierces.
         beside_object: indices of the capsules beside which the object is gripped (g,): the tool's, and those of links
             that are always close to it, or never.
         pair_levers: of the outer capsule of each pair about the joints between the two (p, 6) [m].
@@ -104,6 +105,10 @@ class BodyModel:
         with_object = object_pairs(cell.robot, cell.tool.capsules, held)
         self.pairs = np.array([*own, *with_object], dtype=np.intp).reshape(-1, 2)
         self.beside_object = np.setdiff1d(np.arange(self.object), self.pairs[len(own) :, 0])
+        if isinstance(cell.object, ThrownBody):  # a ball in the hand is as near to the wrist as it is
+            touched = {each.names[0] for each in pierced(cell.robot, held)}
+            always = [(i, self.object) for i in self.beside_object.tolist() if self.names[i] in touched]
+            self.pairs = np.concatenate([self.pairs, np.array(always, dtype=np.intp).reshape(-1, 2)])
         self.pair_levers = np.array([self._pair_lever(capsules, *pair) for pair in self.pairs]).reshape(-1, 6)
         self.tool_lever = self.levers[self.object]  # which is in the middle of it
 

@@ -86,6 +86,29 @@ def object_pairs(robot: Robot, tool: Sequence[ToolCapsule], held: Capsule) -> tu
     return tuple((i, last) for i in _links_met(robot, (*held.p0.tolist(), *held.p1.tolist(), held.radius_m)))
 
 
+def pierced(robot: Robot, held: Capsule) -> list[NeverClear]:
+    """Returns the arm's links that the object is too close to in every posture, with the names of both.
+
+    The tool is not looked at: it holds the object.
+
+    Args:
+        robot: the arm.
+        held: the object, in the flange frame.
+    """
+    found = []
+    for link in arm_capsules(robot):
+        joints = _joints_between(link, held)
+        if len(joints) == 0:
+            distance = _distances(robot, link, held, np.zeros((1, 6)))
+        elif len(joints) in GRID_POINTS:
+            distance, _ = _distances_on_grid(robot, link, held, joints, GRID_POINTS[len(joints)][0])
+        else:
+            continue
+        if distance.max() < SELF_CLEARANCE_M:
+            found.append(NeverClear((link.name, held.name), float(distance.max())))
+    return found
+
+
 def barriers(robot: Robot, tool: Sequence[ToolCapsule]) -> tuple[Barrier, ...]:
     """Returns the barriers of an arm with a tool."""
     return _barriers(robot, _tool_key(tool))

@@ -30,7 +30,7 @@ SHARE = 0.5  # [-] of the tolerance that a release in time may take: what is lef
 STEP_RAD = 0.25  # [rad] of an integration: errors are below a thousandth of a radian
 FASTER = 1.2  # [-] share of a joint's limit: the least velocity changes a little with the height of the touch
 SHORTEST_S = 1e-3  # [s] of a flight: keeps one that ends at once from having no rate
-HIT_M = 1e-4  # [m] from the target at which a body is to touch: a fifth of what the certificate allows
+HIT_M = 2e-4  # [m] from the target at which a body is to touch: half of what the certificate allows
 TINY = 1e-12  # [-] sine below which two axes have no plane
 
 
@@ -131,7 +131,7 @@ class _Throws:
     def _velocity(self, w_W: Array) -> Array:
         """Returns the tool's velocities (n, 3) [m/s] with which bodies of spin w_W (n, 3) are down in their time."""
         problem = self._problem
-        R_WO = turned(self._R_WO, w_W, self._body.inertia_kg_m2, self._time_s)
+        R_WO = turned(self._R_WO, w_W, self._body.inertia_kg_m2, self._time_s, STEP_RAD)
         aim = np.broadcast_to(aimed_at(problem, self._target).p_W, w_W.shape).copy()
         if problem.surfaces or problem.is_in_bin:
             height_m = problem.plane_z if problem.is_in_bin else problem.carrier_z
