@@ -24,6 +24,7 @@ from planner.rotations import matrix_to_quaternion, matrix_to_rotation_vector
 from planner.trajectory import Trajectory
 
 PATH_STEP_S = 0.02  # [s] between the listed positions of the object in flight
+DRIFT_S = 1e-4  # [s] early and late: step of a body's central difference
 SHIFT_S = 0.01  # [s] early and late, for which every answer gives the shift of the landing point
 WINDOW_DELAYS_S = (-0.02, -0.01, 0.0, 0.01, 0.02)  # [s] release delays listed for a request without a window
 
@@ -254,6 +255,9 @@ def _object_path(problem: ThrowProblem, trajectory: Trajectory, flight: Flight) 
 
 
 def _landing_drift(problem: ThrowProblem, trajectory: Trajectory) -> Array:
+    if problem.body is not None:
+        before, after = window_landing_points(problem, trajectory, np.array([-DRIFT_S, DRIFT_S]))
+        return (after - before) / (2.0 * DRIFT_S)
     k = trajectory.release_index
     cell = problem.cell
     X_WT, V_WT = tool_state(problem.cell, trajectory.q[k], trajectory.qd[k])

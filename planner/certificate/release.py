@@ -221,6 +221,19 @@ def landing_window(motion: MotionSamples) -> Check | None:
     return at_most("landing_window", error, tolerance, "m", proof.at_s, detail).provided(proof.proven)
 
 
+def landing_height(problem: ThrowProblem, trajectory: Trajectory) -> float:
+    """Returns the height of the object's centre as it lands after the nominal release [m]: a ball's landing plane.
+
+    That of a body at its touch; its landing plane where it has none.
+    """
+    if problem.body is None or not problem.throws:
+        return problem.plane_z
+    arm = MotionSamples(problem, trajectory).at(np.array([trajectory.release_time_s]))
+    landings = touchdowns_of(problem, arm)
+    height = float(landings.centres_at(landings.time_s)[0, 2])
+    return problem.plane_z if math.isnan(height) else height
+
+
 def landing_errors(problem: ThrowProblem, trajectory: Trajectory, delays: Array) -> Array:
     """Returns the landing errors (k,) [m] of releases `delays` (k,) [s] after the nominal one.
 

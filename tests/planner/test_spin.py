@@ -6,7 +6,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from planner.rotations import quaternion_to_matrix
-from planner.spin import precession, round_axis, turned
+from planner.spin import FASTEST, STEP_RAD, Rotation, growth, precession, round_axis, turned
 
 BODIES = {
     "rod": [1.2, 1.2, 0.05],
@@ -77,3 +77,51 @@ def test_axis_of_a_round_body_turns_about_its_angular_momentum(name):
     assert precession(u, w_W, inertia[axis] / across) == pytest.approx(momentum / across)
     later = turned(R_WO, w_W, inertia, times)[:, :, axis]
     assert (later * momentum).sum(axis=1) == pytest.approx((u * momentum).sum(axis=1))
+
+
+ODD = {
+    "nearly a rod": [1.2, 1.2 * (1.0 + 1e-6), 0.05],
+    "nearly a needle": [1.0, 1.0 + 1e-8, 1e-8],
+    "a needle with a twist": [1.0, 1.0 + 9e-7, 1e-6],
+    "a plate": [1.0, 2.0, 3.0],
+    "nearly a ball": [1.0, 1.0 + 1e-7, 1.0 + 2e-7],
+}
+
+
+@pytest.mark.parametrize("name", [*BODIES, *ODD])
+def test_no_body_turns_much_faster_than_it_began_nor_takes_more_steps(name):
+    inertia = np.array((BODIES | ODD)[name])
+    R_WO, w_W, _ = _states(5, 12)
+    rotation = Rotation(R_WO, w_W, inertia, 1.0)
+    most = FASTEST * float(np.linalg.norm(w_W, axis=1).max())
+    if round_axis(inertia) is None:
+        rates = np.linalg.norm(rotation._states[:, 4:], axis=1)
+        assert (rates <= FASTEST * rates[0] + 1e-9).all()
+        assert len(rotation._states) <= most / STEP_RAD + 2
+
+
+@pytest.mark.parametrize("name", ["nearly a rod", "nearly a ball"])
+def test_nearly_round_bodies_turn_as_round_ones(name):
+    inertia = np.array(ODD[name])
+    even = np.array([inertia[0], inertia[0], inertia[2] if name == "nearly a rod" else inertia[0]])
+    R_WO, w_W, times = _states(6)
+    assert turned(R_WO, w_W, inertia, times) == pytest.approx(turned(R_WO, w_W, even, times), abs=1e-3)
+
+
+@pytest.mark.parametrize("name", [*BODIES, *ODD])
+def test_growth_bounds_what_a_change_of_spin_does(name):
+    inertia = np.array((BODIES | ODD)[name])
+    R_WO, w_W, _ = _states(8, 24)
+    times = np.full(24, 0.4)
+    rng = np.random.default_rng(9)
+    change = rng.normal(size=w_W.shape)
+    change *= 1e-6 / np.linalg.norm(change, axis=1, keepdims=True)
+    apart = turned(R_WO, w_W + change, inertia, times) - turned(R_WO, w_W, inertia, times)
+    angle = np.linalg.norm(apart, axis=(1, 2)) / np.sqrt(2.0)
+    most = float(np.linalg.norm(w_W, axis=1).max())
+    assert angle.max() <= 1e-6 * growth(inertia, most, 0.4) * (1.0 + 1e-3)
+
+
+def test_growth_of_nearly_round_bodies_is_nearly_theirs():
+    round_one = growth(np.array([1.2, 1.2, 0.05]), 8.0, 0.5)
+    assert growth(np.array(ODD["nearly a rod"]), 8.0, 0.5) < 12.0 * round_one

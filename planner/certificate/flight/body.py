@@ -94,7 +94,7 @@ class BodyLandings:
         if np.isnan(proof.value):
             return np.nan, proof.at_s, NEVER
         if proof.value < 0.0:
-            return proof.value, proof.at_s, EDGE if proof.value == self._least_inside(proof) else FLOOR
+            return proof.value, proof.at_s, EDGE if self._least_inside(proof) <= proof.value + TOUCH_M else FLOOR
         return None if proof.proven else (-TOUCH_M, proof.at_s, UNKNOWN)
 
     def _least_inside(self, proof: CellProof) -> float:
