@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from planner.cell import ThrownBody, ThrownObject, cell_of_keys
+from planner.cell_folder import home_faults
 from planner.errors import CellError
 from planner.geometry import body_model, held_object
 from planner.rotations import rotation_vector_to_matrix
@@ -147,3 +148,43 @@ def test_given_inertia_counts():
     assert isinstance(thing, ThrownBody)
     assert thing.inertia_kg_m2.tolist() == given
     assert replace(thing, drag_coefficient=0.4).inertia_kg_m2.tolist() == given
+
+
+def test_a_long_rod_does_not_shorten_an_assumed_gripper():
+    document = cell().document
+    bare = {**document, "tool": {**document["tool"], "capsules": []}}
+    ball, rod = (
+        cell_of_keys({**bare, "object": {"mass_kg": 0.2, **keys}})
+        for keys in ({"radius_m": 0.02}, {**BODIES["brick"], "size_m": [0.02, 0.3, 0.02]})
+    )
+    reach = float(np.linalg.norm(document["tool"]["tcp_position_m"]))
+    assert np.linalg.norm(ball.tool.capsules[0].to_m) == pytest.approx(reach - 0.02)
+    assert np.linalg.norm(rod.tool.capsules[0].to_m) == pytest.approx(reach)
+
+
+def test_a_place_in_the_hand_moves_neither_the_hand_nor_its_mass():
+    document = cell().document
+    bare = {**document, "tool": {**document["tool"], "capsules": []}}
+    there = {"in_tool": {"position_m": [0.0, 0.0, 0.05]}}
+    here = cell_of_keys({**bare, "object": {"mass_kg": 0.2, **BODIES["rod"], **there}})
+    assert here.tool.end_F == pytest.approx(document["tool"]["tcp_position_m"])
+    assert here.tool.capsules[0].to_m == pytest.approx(document["tool"]["tcp_position_m"])
+    assert here.tool.X_FT[2, 3] == pytest.approx(document["tool"]["tcp_position_m"][2] + 0.05)
+
+
+def test_a_rod_in_the_wrist_is_told():
+    along = {"shape": "cylinder", "radius_m": 0.01, "length_m": 0.6}
+    across = {**along, "in_tool": {"rotation_vector_rad": [0.0, 0.5 * np.pi, 0.0]}}
+    beyond = {**along, "in_tool": {"position_m": [0.0, 0.0, 0.3]}}
+    faults = home_faults(_cell(**along))
+    assert {fault.field for fault in faults} == {"object.in_tool"}
+    assert "wrist_3 in every posture" in str(faults[-1])
+    for clear in (across, beyond):
+        assert not any(fault.field == "object.in_tool" for fault in home_faults(_cell(**clear)))
+    here = _cell(**along)
+    body = body_model(here)
+    posture = here.home[None]
+    assert body.clearances(posture).self_collision[0] < -0.05
+    assert body.clearances(posture, with_object=False).self_collision[0] > 0.0
+    told = body.violations_at(here.home)
+    assert any("wrist_3, object" in violation.detail for violation in told)

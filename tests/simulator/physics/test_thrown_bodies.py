@@ -1,13 +1,15 @@
-"""Bodies in the simulated world: they turn free of torque, touch with their hull, and landings tell their axis."""
+"""Bodies in the simulated world: they turn free of torque, land as their shape touches, and landings tell the axis."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from planner.cell import Cell, cell_of_keys
+from planner.cell import Cell, ThrownBody, cell_of_keys
 from planner.flight import drag_constant
-from planner.rotations import rotation_vector_to_matrix
+from planner.rotations import quaternion_to_matrix, rotation_vector_to_matrix
+from planner.spin import turned
+from simulator.physics.turning import TurningBody
 from simulator.physics.world import Attitude, World
 from simulator.truth import truth_of
 from tests.simulator.conftest import make_cell
@@ -33,13 +35,53 @@ def _thrown(cell: Cell, state: tuple[float, ...], spin: list[float], until_s: fl
     return world
 
 
-def test_a_rod_lands_as_far_turned_as_the_flight_was_long() -> None:
+def test_a_rod_lands_as_it_touches() -> None:
     world = _thrown(_cell(), (0.5, 0.0, 0.8, 1.0, 0.0, 1.0), [0.0, 3.0, 0.0])
     landing = world.landings[0]
-    angle = 3.0 * landing["t"]
-    assert landing["axis"] == pytest.approx([np.cos(angle), 0.0, -np.sin(angle)], abs=1e-9)
+    t = landing["t"]
+    angle = 3.0 * t
+    assert landing["axis"] == pytest.approx([np.cos(angle), 0.0, -np.sin(angle)], abs=1e-7)
     assert world.observations[0]["axis"] == landing["axis"]
     assert world.releases[0]["axis"] == pytest.approx([1.0, 0.0, 0.0], abs=1e-12)
+    height = 0.8 + t - 0.5 * 9.81 * t**2
+    assert height == pytest.approx(0.1 * abs(np.sin(angle)) + 0.01 * abs(np.cos(angle)), abs=1e-4)
+    assert landing["position_m"] == pytest.approx([0.5 + t, 0.0, 0.0], abs=1e-6)
+    assert len(world.landings) == 1
+
+
+def test_a_rod_lands_on_a_table_with_its_end_and_stops_at_its_side() -> None:
+    table = {"name": "table", "lower_m": [0.8, -1.0, 0.0], "upper_m": [2.5, 1.0, 0.4]}
+    on = _thrown(_cell(table), (0.0, 0.0, 0.8, 2.0, 0.0, 2.0), [0.0, 3.0, 0.0]).landings[0]
+    angle = 3.0 * on["t"]
+    height = 0.8 + 2.0 * on["t"] - 0.5 * 9.81 * on["t"] ** 2
+    assert on["surface"] == "keep_out[0]"
+    assert on["position_m"][2] == pytest.approx(0.4)
+    assert height - 0.4 == pytest.approx(0.1 * abs(np.sin(angle)) + 0.01 * abs(np.cos(angle)), abs=3e-4)
+    side = _thrown(_cell(table), (0.0, 0.0, 0.35, 4.0, 0.0, 0.0), [0.0, 0.0, 0.0]).landings[0]
+    assert side["surface"] == "keep_out[0]"
+    assert side["position_m"][0] < 0.8
+
+
+@pytest.mark.parametrize("name", ["rod", "brick", "capsule"])
+def test_the_simulator_agrees_with_the_planner_on_shape_and_rotation(name: str) -> None:
+    keys = {
+        "rod": ROD,
+        "brick": {"shape": "box", "mass_kg": 0.1, "size_m": [0.03, 0.05, 0.08]},
+        "capsule": {"shape": "capsule", "mass_kg": 0.1, "radius_m": 0.02, "length_m": 0.1},
+    }[name]
+    turn = {"in_tool": {"rotation_vector_rad": [0.3, -0.2, 0.5]}}
+    thing = cell_of_keys({**make_cell().document, "object": {**keys, **turn}}).object
+    assert isinstance(thing, ThrownBody)
+    body = TurningBody(thing)
+    rng = np.random.default_rng(5)
+    R_WT = quaternion_to_matrix(rng.normal(size=(20, 4)))
+    w_W = 6.0 * rng.normal(size=(20, 3))
+    times = rng.uniform(0.0, 0.8, 20)
+    expected = turned(R_WT @ thing.R_TO, w_W, thing.inertia_kg_m2, times)
+    for row in range(20):
+        turning = body.after(body.leaving(R_WT[row], w_W[row].tolist()), float(times[row]))
+        assert body.axes(turning) == pytest.approx(expected[row], abs=1e-6)
+        assert body.below(turning) == pytest.approx(float(thing.below(expected[row])), abs=1e-5)
 
 
 def test_a_ball_has_no_axis() -> None:
