@@ -19,7 +19,7 @@ from executor.preflight import gripper_is_open
 from executor.records import RunResult
 from executor.robot import RATE_HZ, RobotState
 from planner.cell import Cell
-from planner.certificate import release_flight
+from planner.certificate import landing_height, release_flight
 from planner.flight import fly
 from planner.geometry import tool_state
 from planner.problem import ThrowProblem
@@ -99,7 +99,7 @@ def _landing(problem: ThrowProblem, trajectory: Trajectory, states: Sequence[Rob
     q, qd = _state_at(states, left)
     tool = tool_state(problem.cell, q, qd)
     leaves = problem.release_speed_factor * tool.v_WT
-    flight = fly(tool.p_WT, leaves, problem.plane_z, problem.gravity, problem.drag)
+    flight = fly(tool.p_WT, leaves, landing_height(problem, trajectory), problem.gravity, problem.drag)
     if flight is None:
         return "and does not come down where it was planned to land"
     x, y, z = flight.landing_point
@@ -107,7 +107,8 @@ def _landing(problem: ThrowProblem, trajectory: Trajectory, states: Sequence[Rob
     planned = release_flight(problem, trajectory)
     if planned is None:
         return place
-    return f"{place}, {np.linalg.norm(flight.landing_point - planned.landing_point):.2f} m from where it was planned"
+    off = (flight.landing_point - planned.landing_point)[:2]
+    return f"{place}, {np.linalg.norm(off):.2f} m from where it was planned"
 
 
 def _state_at(states: Sequence[RobotState], t: float) -> tuple[Vector, Vector]:

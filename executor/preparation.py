@@ -15,7 +15,7 @@ from executor.stream_job import ExpectedLanding, JobRows, StreamJob
 from learning import FEEDBACK_GAIN, FEEDBACK_MAX, CellKnowledge, knowledge_of
 from planner.answer import promised_tolerance
 from planner.approach import Approach, Brakes, find_brakes
-from planner.certificate import window_landing_points
+from planner.certificate import landing_height, window_landing_points
 from planner.controller_program import NUMBERS, Watch
 from planner.flight import landing_points
 from planner.geometry import tool_state
@@ -139,8 +139,9 @@ def expected_landing(
     k = trajectory.release_index
     q = trajectory.q[k]
     qd = trajectory.qd[k]
-    nominal = _landings(problem, q[None], qd[None])[0]
-    by_q, by_qd = _landing_derivatives(problem, q, qd)
+    height = landing_height(problem, trajectory)
+    nominal = _landings(problem, q[None], qd[None], height)[0]
+    by_q, by_qd = _landing_derivatives(problem, q, qd, height)
     shift = np.zeros(2)
     if known is not None:
         off_q, off_qd = known.release_deviation(trajectory, problem.cell.timing.lag_s)
@@ -168,22 +169,25 @@ def landing_of(
     return expected_landing(problem, trajectory, tolerance, known)
 
 
-def _landing_derivatives(problem: ThrowProblem, q: Vector, qd: Vector) -> tuple[Vector, Vector]:
-    """Returns the landing's derivatives (2, 6) by joint positions [m/rad] and joint velocities [m s/rad]."""
+def _landing_derivatives(problem: ThrowProblem, q: Vector, qd: Vector, height: float) -> tuple[Vector, Vector]:
+    """Returns the landing's derivatives (2, 6) by joint positions [m/rad] and joint velocities [m s/rad].
+
+    At a height [m], which a little more or less turn of a body changes by less than a learnt flight scatters.
+    """
     steps = DIFFERENCE * np.eye(6)
     n = np.zeros((6, 6))
     off_q = np.concatenate([steps, -steps, n, n])
     off_qd = np.concatenate([n, n, steps, -steps])
-    points = np.nan_to_num(_landings(problem, q + off_q, qd + off_qd)).reshape(4, 6, 2)
+    points = np.nan_to_num(_landings(problem, q + off_q, qd + off_qd, height)).reshape(4, 6, 2)
     scale = 0.5 / DIFFERENCE
     return scale * (points[0] - points[1]).T, scale * (points[2] - points[3]).T
 
 
-def _landings(problem: ThrowProblem, q: Vector, qd: Vector) -> Vector:
-    """Returns the landing points (n, 2) [m] of releases in joint states (n, 6); NaN where the object never lands."""
+def _landings(problem: ThrowProblem, q: Vector, qd: Vector, height: float) -> Vector:
+    """Returns where releases in joint states (n, 6) come down to a height [m] (n, 2) [m]; NaN where they never do."""
     state = tool_state(problem.cell, q, qd)
     leaves = problem.release_speed_factor * state.v_WT
-    return landing_points(state.p_WT, leaves, problem.plane_z, problem.gravity, problem.drag)[:, :2]
+    return landing_points(state.p_WT, leaves, height, problem.gravity, problem.drag)[:, :2]
 
 
 def _job_rows(

@@ -133,6 +133,7 @@ class Target:
         max_elevation_rad: largest elevation [rad].
         min_horizontal_distance_m: least horizontal distance from the release to the target [m].
         release_position: where to let go (3,) [m].
+        orientation: how an object that is no ball lands: `axis` (3,) and `tolerance_rad`.
     """
 
     kind: ClassVar[str] = "target"
@@ -143,6 +144,7 @@ class Target:
     max_elevation_rad: float | None = None
     min_horizontal_distance_m: float | None = None
     release_position: Numbers | None = None
+    orientation: Mapping[str, Any] | None = None
 
     def as_document(self) -> dict[str, Any]:
         """Returns the release as JSON."""

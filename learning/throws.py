@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from planner.arrays import Array, Index
+from planner.certificate import landing_height
 from planner.flight import drag_constant, landing_points
 from planner.geometry import tool_pose
 from planner.kinematics import jacobian
@@ -81,17 +82,23 @@ def throw_table(problem: ThrowProblem, trajectory: Trajectory, off: tuple[Array,
     p = tool_pose(cell, q)[:, :3, 3]
     J = cell.X_WB[:3, :3] @ jacobian(cell.robot, q, cell.tool.X_FT)[:, :3]
     v = (J @ qd[..., None])[..., 0]
-    by_drag = _effect_of_drag(problem, p, problem.release_speed_factor * v)
-    return ThrowTable(p, qd, J, by_drag, problem.plane_z, problem.gravity, cell.X_WB[:2, 3])
+    height = landing_height(problem, trajectory)
+    by_drag = _effect_of_drag(problem, p, problem.release_speed_factor * v, height)
+    return ThrowTable(p, qd, J, by_drag, height, problem.gravity, cell.X_WB[:2, 3])
 
 
-def _effect_of_drag(problem: ThrowProblem, p: Array, v: Array) -> Array:
-    """Returns the change of the landing point by the drag coefficient (m, 2) [m] of flights from p, v (m, 3)."""
+def _effect_of_drag(problem: ThrowProblem, p: Array, v: Array, height: float) -> Array:
+    """Returns the change of the landing point by the drag coefficient (m, 2) [m] of flights from p, v (m, 3).
+
+    Args:
+        problem, p, v: as given.
+        height: at which they land [m].
+    """
     rows = np.arange(len(p))
     thing = problem.cell.object
     flown = rows[::DRAG_ROWS]
-    air = (0.0, drag_constant(thing.mass_kg, thing.radius_m, DRAG_STEP))
-    without, braked = (landing_points(p[flown], v[flown], problem.plane_z, problem.gravity, k)[:, :2] for k in air)
+    air = (0.0, drag_constant(thing.mass_kg, thing.drag_radius_m, DRAG_STEP))
+    without, braked = (landing_points(p[flown], v[flown], height, problem.gravity, k)[:, :2] for k in air)
     effect = np.nan_to_num((braked - without) / DRAG_STEP)
     return np.column_stack([np.interp(rows, flown, axis) for axis in effect.T])
 

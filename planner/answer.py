@@ -12,7 +12,7 @@ import numpy as np
 from planner.approach import Approach
 from planner.arrays import Array
 from planner.cell import Cell
-from planner.certificate import Certificate, landing_errors, release_flight, window_landing_points
+from planner.certificate import Certificate, landing_attitude, landing_errors, release_flight, window_landing_points
 from planner.errors import CUT_SHORT, FieldError, InvalidProblem
 from planner.flight import Flight, landing_per_release_delay, path
 from planner.geometry import tool_state
@@ -24,6 +24,7 @@ from planner.rotations import matrix_to_quaternion, matrix_to_rotation_vector
 from planner.trajectory import Trajectory
 
 PATH_STEP_S = 0.02  # [s] between the listed positions of the object in flight
+DRIFT_S = 1e-4  # [s] early and late: step of a body's central difference
 SHIFT_S = 0.01  # [s] early and late, for which every answer gives the shift of the landing point
 WINDOW_DELAYS_S = (-0.02, -0.01, 0.0, 0.01, 0.02)  # [s] release delays listed for a request without a window
 
@@ -184,8 +185,7 @@ def _state(problem: ThrowProblem, trajectory: Trajectory, k: int, lets_go: bool)
         "accelerations": trajectory.qdd[k].tolist(),
         "pose": {
             "position": X_WT[:3, 3].tolist(),
-            "quaternion": matrix_to_quaternion(X_WT[:3, :3]).tolist(),
-            "rotation_vector": matrix_to_rotation_vector(X_WT[:3, :3]).tolist(),
+            **_orientation(X_WT[:3, :3]),
         },
         "twist": {"linear": V_WT[:3].tolist(), "angular": V_WT[3:].tolist()},
         "command_time_s": command_time(problem.cell, k / trajectory.sample_rate_hz) if lets_go else None,
@@ -203,6 +203,7 @@ def _flight(problem: ThrowProblem, trajectory: Trajectory) -> dict[str, Any] | N
     errors = landing_errors(problem, trajectory, delays)
     return {
         "landing_point": flight.landing_point.tolist(),
+        **_attitude(problem, trajectory),
         "time_of_flight_s": flight.time_of_flight_s,
         "apex_height_m": flight.apex_height_m,
         "speed_m_s": flight.speed_m_s,
@@ -219,6 +220,20 @@ def _flight(problem: ThrowProblem, trajectory: Trajectory) -> dict[str, Any] | N
             for d, e in zip(delays, errors, strict=True)
         ],
     }
+
+
+def _orientation(R: Array) -> dict[str, Any]:
+    """Returns an orientation (3, 3) as plans tell it."""
+    return {
+        "quaternion": matrix_to_quaternion(R).tolist(),
+        "rotation_vector": matrix_to_rotation_vector(R).tolist(),
+    }
+
+
+def _attitude(problem: ThrowProblem, trajectory: Trajectory) -> dict[str, Any]:
+    """Returns how an object that is no ball lies as its centre lands; nothing of a ball."""
+    R_WO = landing_attitude(problem, trajectory)
+    return {} if R_WO is None else {"landing_orientation": {**_orientation(R_WO), "axis": R_WO[:, 2].tolist()}}
 
 
 def _landing_shift(problem: ThrowProblem, trajectory: Trajectory, landing_point: Array) -> dict[str, float | None]:
@@ -240,6 +255,9 @@ def _object_path(problem: ThrowProblem, trajectory: Trajectory, flight: Flight) 
 
 
 def _landing_drift(problem: ThrowProblem, trajectory: Trajectory) -> Array:
+    if problem.body is not None:
+        before, after = window_landing_points(problem, trajectory, np.array([-DRIFT_S, DRIFT_S]))
+        return (after - before) / (2.0 * DRIFT_S)
     k = trajectory.release_index
     cell = problem.cell
     X_WT, V_WT = tool_state(problem.cell, trajectory.q[k], trajectory.qd[k])

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from planner.cell import Cell, load_cell, mended_cell, read_source
+from planner.cell import Cell, ThrownBody, load_cell, mended_cell, read_source
 from planner.certificate import Examination
 from planner.errors import CellError
-from planner.geometry import SELF_CLEARANCE_M, NeverClear, never_clear
+from planner.geometry import SELF_CLEARANCE_M, NeverClear, held_object, never_clear, pierced
 from planner.problem import JointRelease, ThrowProblem
 from planner.trajectory import Trajectory
 
@@ -69,6 +69,8 @@ def home_faults(cell: Cell) -> list[CellError]:
     """Returns what a standstill at home violates, a fault for each check; or how the tool is in the arm's way."""
     if in_the_way := never_clear(cell.robot, cell.tool.capsules):
         return [_in_the_way(cell, pair) for pair in in_the_way]
+    if isinstance(cell.object, ThrownBody) and (touched := pierced(cell.robot, held_object(cell))):
+        return [_held_in_the_way(cell, pair) for pair in touched]
     rest = np.tile(cell.home, (2, 1))
     zero = np.zeros((2, 6))
     problem = ThrowProblem(cell, cell.home, JointRelease(cell.home, np.zeros(6)), cell.limits)
@@ -90,6 +92,15 @@ def _in_the_way(cell: Cell, pair: NeverClear) -> CellError:
         f"{1e3 * SELF_CLEARANCE_M:g} mm; model a wide tool by several capsules that begin farther from the flange"
     )
     return CellError(f"tool.capsules[{number}].radius_m", cell.tool.capsules[number].radius_m, reason)
+
+
+def _held_in_the_way(cell: Cell, pair: NeverClear) -> CellError:
+    """Returns the fault of an object that lies in a link of the arm as it is held."""
+    reason = (
+        f"the object is too close to {pair.names[0]} in every posture: {1e3 * pair.most_m:.1f} mm at most against "
+        f"{1e3 * SELF_CLEARANCE_M:g} mm; say how it lies in the hand by position_m and rotation_vector_rad"
+    )
+    return CellError("object.in_tool", cell.document["object"]["in_tool"], reason)
 
 
 def file_faults(path: Path | str) -> list[CellError]:

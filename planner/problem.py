@@ -11,7 +11,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from planner.arrays import Array, Mask
-from planner.cell import STANDING_RAD, Box, Cell, Limits, Solid
+from planner.cell import STANDING_RAD, Box, Cell, Limits, Solid, ThrownBody
 from planner.errors import FieldError, InvalidProblem
 from planner.flight import drag_constant
 from planner.geometry import (
@@ -28,6 +28,7 @@ from planner.geometry import (
 from planner.passages import Passage, passage_errors, with_main_state
 from planner.releases import JointRelease, Opening, PointRelease, PoseRelease, Release, Target, TargetRelease
 from planner.rotations import unit_hint
+from planner.touchdown import Leaving, Touchdowns
 
 __all__ = [
     "BACKENDS",
@@ -192,8 +193,17 @@ class ThrowProblem:
 
     @property
     def fixes_joints(self) -> bool:
-        """Whether the joint states at the release are given: one, or of a pose one for each branch."""
-        return self.release.fixes_joints
+        """Whether the joint states at the release are given: one, or of a pose one for each branch.
+
+        So they are of a body that is to land somewhere: where it does depends on how it turns.
+        """
+        return self.release.fixes_joints or (self.target is not None and self.body is not None)
+
+    @property
+    def body(self) -> ThrownBody | None:
+        """The object, if it is no ball."""
+        thing = self.cell.object
+        return thing if isinstance(thing, ThrownBody) else None
 
     @property
     def target(self) -> Target | None:
@@ -212,7 +222,7 @@ class ThrowProblem:
     def drag(self) -> float:
         """Drag constant of the object [1/m]."""
         thing = self.cell.object
-        return drag_constant(thing.mass_kg, thing.radius_m, thing.drag_coefficient)
+        return drag_constant(thing.mass_kg, thing.drag_radius_m, thing.drag_coefficient)
 
     @cached_property
     def surfaces(self) -> tuple[Surface, ...]:
@@ -256,7 +266,7 @@ class ThrowProblem:
         centre = p + np.array([0.0, 0.0, self.landing_radius_m])
         stands = [float(segment_shape_distance(centre, centre, shape)) for shape in around.keep_out]
         carried = [float(point_segment_distance(centre, p0, p1)) - radius for p0, p1, radius in zip(*base, strict=True)]
-        spare = self.cell.object.radius_m + (self.landing_tolerance_m if self.is_robust else 0.0)
+        spare = self.cell.object.outer_radius_m + (self.landing_tolerance_m if self.is_robust else 0.0)
         beside = [0.5 * np.maximum(np.array(gaps) - spare, 0.0) for gaps in (stands, carried)]
         return np.where(self.carriers, 0.0, np.minimum(beside[0], own)), np.minimum(beside[1], usual)
 
@@ -264,15 +274,38 @@ class ThrowProblem:
     def landing_radius_m(self) -> float:
         """Height of the centre above the landing plane at which a flight to the target is over [m].
 
-        On the floor or a shape, which the object touches then, its radius; 0 in the air, where it flies on.
+        On the floor or a shape, which the object touches then, its radius, of a body the least that it can be; 0 in the
+        air, where it flies on.
         """
-        return self.carrier_z + self.cell.object.radius_m - self.plane_z if self.surfaces else 0.0
+        return self.carrier_z + self.cell.object.inner_radius_m - self.plane_z if self.surfaces else 0.0
 
     @cached_property
     def lies_z(self) -> float | None:
-        """Height of the centre of an object that has landed [m]; None in the air or in a bin."""
-        in_bin = self.target is not None and self.target.opening is not None
-        return self.carrier_z + self.cell.object.radius_m if self.surfaces and not in_bin else None
+        """Height of the centre of a ball that has landed [m]; None in the air or in a bin.
+
+        None of a body too: nobody knows how it comes to lie, and its flight is over (`planner.touchdown`).
+        """
+        lies = self.surfaces and not self.is_in_bin and self.body is None
+        return self.carrier_z + self.cell.object.radius_m if lies else None
+
+    @property
+    def is_in_bin(self) -> bool:
+        """Whether the target is the bottom of a bin."""
+        return self.target is not None and self.target.opening is not None
+
+    def touchdowns(self, p_WT: Array, v_WT: Array, R_WT: Array, w_WT: Array) -> Touchdowns:
+        """Returns the flights of a body that leaves the tool in n states.
+
+        Args:
+            p_WT, v_WT: place and velocity of the tool centre point (n, 3) [m, m/s].
+            R_WT, w_WT: axes (n, 3, 3) and angular velocity (n, 3) [rad/s] of the tool.
+        """
+        body = self.body
+        assert body is not None
+        leaving = Leaving(p_WT, self.release_speed_factor * v_WT, R_WT @ body.R_TO, w_WT)
+        height_m = self.plane_z if self.is_in_bin else self.carrier_z
+        is_in_air = not self.surfaces and not self.is_in_bin
+        return Touchdowns(body, leaving, height_m, is_in_air, self.gravity, self.drag)
 
     @cached_property
     def carrier_z(self) -> float:

@@ -160,7 +160,7 @@ def identity_of(cell: Cell, settings: SimulatorSettings) -> ControllerIdentity:
 
 def installation_of(cell: Cell) -> Installation:
     """Returns the installation that agrees with the cell: the controller's belief until a client changes it."""
-    cog_m = (0.5 * cell.tool.X_FT[:3, 3]).tolist()  # half way to the TCP: docs/conventions.md
+    cog_m = (0.5 * cell.tool.end_F).tolist()  # half way to the TCP: docs/conventions.md
     up_W = np.array([0.0, 0.0, cell.surroundings.gravity_m_s2])
     installation = Installation(cell.tool.mass_kg, cog_m, (cell.X_WB[:3, :3].T @ up_W).tolist())
     installation.set_tcp(kinematics.from_matrix(cell.tool.X_FT))

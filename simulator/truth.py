@@ -28,6 +28,7 @@ GAIN_MIN = 0.5
 GAIN_MAX = 1.5  # [-]
 OVERSHOOT_MAX = 0.5  # [-]
 DRAG_MAX = 10.0  # [-]
+MASS_RANGE_KG = 1e-6, 100.0  # [kg] as the cell file's object.mass_kg
 OFFSET_MAX_M = 1.0  # [m] joints 2 and 3 are almost parallel: calibrated arms have large opposite offsets there
 DH_ANGLE_MAX_RAD = 0.5  # [rad]
 DH_BOUNDS = {"a_m": OFFSET_MAX_M, "d_m": OFFSET_MAX_M, "alpha_rad": DH_ANGLE_MAX_RAD, "theta_rad": DH_ANGLE_MAX_RAD}
@@ -174,6 +175,7 @@ class Truth:
         timing, gripper, release, arm, camera: its parts.
         outputs: of the cell's `[outputs]`, by name.
         drag_coefficient: of the object [-].
+        mass_kg: of the object [kg].
         hidden: whether clients learn only what a real controller and a camera tell.
     """
 
@@ -182,6 +184,7 @@ class Truth:
     gripper: GripperOpening
     release: ReleaseSpeed
     drag_coefficient: float
+    mass_kg: float
     arm: ArmDeviation
     camera: CameraNoise
     outputs: Mapping[str, OutputTiming]
@@ -228,7 +231,7 @@ def _defaults(cell: Cell) -> dict[str, Any]:
             "drift_s_per_throw": 0.0,
         },
         "release": {"speed_factor": 1.0, "cling_share": 0.0, "cling_speed_factor": 1.0},
-        "object": {"drag_coefficient": cell.object.drag_coefficient},
+        "object": {"drag_coefficient": cell.object.drag_coefficient, "mass_kg": cell.object.mass_kg},
         "arm": {
             "disturbance": "none",
             "overshoot": list(NONE_OF_SIX),
@@ -254,6 +257,7 @@ def _truth(document: Mapping[str, Any], cell: Cell, hidden: bool) -> Truth:
         gripper=GripperOpening(**_numbers(gripper, "gripper.", GRIPPER_BOUNDS), jitter_shape=shape),
         release=ReleaseSpeed(**_numbers(document["release"], "release.", RELEASE_BOUNDS)),
         drag_coefficient=number(document["object"], "drag_coefficient", "object.", 0.0, DRAG_MAX),
+        mass_kg=number(document["object"], "mass_kg", "object.", *MASS_RANGE_KG),
         arm=_arm(document["arm"]),
         camera=CameraNoise(**_numbers(document["camera"], "camera.", CAMERA_BOUNDS)),
         outputs=_outputs(document["outputs"], cell, timing),

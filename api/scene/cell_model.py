@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from planner.calibration import fixed_transforms
-from planner.cell import Cell, Solid, Surroundings
+from planner.cell import Cell, Solid, Surroundings, ThrownBody
 from planner.flight import drag_constant
 from planner.geometry import SELF_CLEARANCE_M, body_model
 
@@ -35,7 +37,7 @@ def cell_model(cell: Cell) -> dict[str, Any]:
         "limits": _limits(cell),
         "safety": dict(vars(cell.safety)),
         "surroundings": _surroundings(cell),
-        "object": {**vars(cell.object), "drag_per_m": _drag(cell)},
+        "object": _object(cell),
         "gripper": _gripper(cell),
         "lag_s": cell.timing.lag_s,
     }
@@ -96,9 +98,18 @@ def _corners(shape: Solid) -> dict[str, list[float]]:
     return {"lower_m": shape.lower.tolist(), "upper_m": shape.upper.tolist()}
 
 
-def _drag(cell: Cell) -> float:
+def _object(cell: Cell) -> dict[str, Any]:
     thing = cell.object
-    return float(drag_constant(thing.mass_kg, thing.radius_m, thing.drag_coefficient))
+    is_body = isinstance(thing, ThrownBody)
+    return {
+        "shape": thing.kind if is_body else "sphere",
+        "extent_m": thing.size_m.tolist() if is_body else [2.0 * thing.radius_m] * 3,
+        "axes_in_tool": (thing.R_TO if is_body else np.eye(3)).tolist(),
+        "mass_kg": thing.mass_kg,
+        "radius_m": thing.radius_m,
+        "drag_coefficient": thing.drag_coefficient,
+        "drag_per_m": float(drag_constant(thing.mass_kg, thing.drag_radius_m, thing.drag_coefficient)),
+    }
 
 
 def _gripper(cell: Cell) -> dict[str, Any]:

@@ -75,10 +75,19 @@ class LandingShift(BaseModel):
     late: float | None
 
 
+class LandingOrientation(BaseModel):
+    """How an object that is no ball lies as its centre lands, in the world."""
+
+    quaternion: Quaternion = Field(description="Of its axes [x, y, z, w] [-].")
+    rotation_vector: Vector3 = Field(description="The same as a rotation vector [rad].")
+    axis: Vector3 = Field(description="Its z axis, a unit vector.")
+
+
 class FlightAnswer(BaseModel):
     """The object's path after the release."""
 
     landing_point: Vector3 = Field(description="In the world [m].")
+    landing_orientation: LandingOrientation | None = Field(None, description="Null of a ball.")
     time_of_flight_s: float = Field(description="[s]")
     apex_height_m: float = Field(description="Highest point of the flight, in the world [m].")
     speed_m_s: float = Field(description="The object's speed as it leaves [m/s]: the tool's, times the factor.")

@@ -75,10 +75,15 @@ class SurroundingsAnswer(BaseModel):
 
 
 class ObjectAnswer(BaseModel):
-    """The object, a sphere."""
+    """The object."""
 
+    shape: Literal["sphere", "box", "cylinder", "capsule"]
+    extent_m: Vector3 = Field(description="Its extent along its own axes [m].")
+    axes_in_tool: Annotated[list[Vector3], Field(min_length=3, max_length=3)] = Field(
+        description="Its axes in the tool, rows of a rotation matrix."
+    )
     mass_kg: float = Field(description="[kg]")
-    radius_m: float = Field(description="[m]")
+    radius_m: float = Field(description="Of a ball; otherwise of the balls that the clearances are taken from [m].")
     drag_coefficient: float = Field(description="[-]; 0: no drag.")
     drag_per_m: float = Field(description="k of the deceleration k v² in air [1/m].")
 

@@ -14,9 +14,10 @@ import pinocchio as pin
 import trimesh
 from numpy.typing import NDArray
 
+from benchmarks.audit.bodies import body_points, body_solid
 from benchmarks.audit.fault import AuditFault, over, under
-from benchmarks.audit.pinocchio_arm import arm_model, dh_frames_in_urdf, poses_and_velocity
-from planner.cell import Cell, Solid
+from benchmarks.audit.pinocchio_arm import arm_model, dh_frames_in_urdf, object_in_flange, poses_and_velocity
+from planner.cell import Cell, Solid, ThrownBody
 from planner.geometry import SELF_CLEARANCE_M, body_capsules
 from planner.problem import TargetRelease, ThrowProblem
 from planner.robots import Robot
@@ -187,12 +188,15 @@ def coal_mesh(mesh: trimesh.Trimesh) -> coal.BVHModelOBBRSS:
 
 
 class BodyShape(NamedTuple):
-    """A body: name, frame it is fixed in, placement there, coal's solid, radius [m], ends of its axis (2, 3) [m]."""
+    """A body: name, frame it is fixed in, placement there, coal's solid, radius [m], ends of its axis (2, 3) [m].
+
+    Of a held object that is no ball, points (n, 3) instead of the ends, which its shape is the hull of.
+    """
 
     name: str
     frame: int
     placement: pin.SE3
-    solid: coal.Capsule | coal.Sphere
+    solid: coal.ShapeBase
     radius_m: float
     ends: Vector
 
@@ -215,7 +219,13 @@ def shapes(cell: Cell) -> list[BodyShape]:
 def _all(cell: Cell) -> list[BodyShape]:
     """Returns the bodies of arm and tool, and the held object last."""
     p_FT = cell.tool.X_FT[:3, 3]
-    radius = cell.object.radius_m
+    thing = cell.object
+    radius = thing.radius_m
+    if isinstance(thing, ThrownBody):
+        lies = pin.SE3(object_in_flange(cell))
+        points, radius = body_points(thing)
+        ends = points @ lies.rotation.T + lies.translation
+        return [*shapes(cell), BodyShape("object", 6, lies, body_solid(thing), radius, ends)]
     held = BodyShape("object", 6, pin.SE3(np.eye(3), p_FT), coal.Sphere(radius), radius, np.array([p_FT, p_FT]))
     return [*shapes(cell), held]
 
@@ -223,7 +233,15 @@ def _all(cell: Cell) -> list[BodyShape]:
 @cache
 def _pairs(cell: Cell) -> tuple[tuple[int, int], ...]:
     """Returns the pairs of bodies, as indices into `_all`, that are judged."""
-    return _apart(cell.robot, tuple(_Solid(b.frame, _key(b.placement), b.radius_m, _length(b)) for b in _all(cell)))
+    every = [_Solid(b.frame, _key(b.placement), b.radius_m, _length(b)) for b in shapes(cell)]
+    thing = cell.object
+    held = _all(cell)[-1]
+    if not isinstance(thing, ThrownBody):
+        return _apart(cell.robot, (*every, _Solid(held.frame, _key(held.placement), held.radius_m, 0.0)))
+    # Every link counts against a body that is held, but those that it is apart from in every posture need no look.
+    own = _apart(cell.robot, tuple(every))
+    links = [i for i, body in enumerate(shapes(cell)) if not body.name.startswith("tool_")]
+    return (*own, *((i, len(every)) for i in links))
 
 
 class _Solid(NamedTuple):

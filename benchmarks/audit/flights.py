@@ -97,12 +97,12 @@ def flight_faults(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]
 
 def clearance_faults(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
     """Returns what the object touches, and how it leaves the gripper, for the first faulty release in the window."""
-    delays = _delays(problem)
-    arm = _Arm(problem, motion)
+    delays = window_delays(problem)
+    arm = MovingArm(problem, motion)
     paths = _paths(problem, motion, delays)
     in_grip = _paths(problem, motion, delays, factor=1.0)
     for i, delay in enumerate(delays):
-        faults = [*_obstacles(problem, arm, delay, paths, i), *_way_out(problem, arm, delay, in_grip.x[:, i])]
+        faults = [*_obstacles(problem, arm, delay, paths, i), *way_out(problem, arm, delay, in_grip.x[:, i])]
         if faults:
             return [replace(fault, text=f"released {delay:+.4f} s late, {fault.text}") for fault in faults]
     return []
@@ -119,23 +119,24 @@ def landing_errors(problem: ThrowProblem, motion: Trajectory, delays: Vector) ->
 
 def release_state(problem: ThrowProblem, motion: Trajectory) -> tuple[Vector, Vector]:
     """Returns position and velocity (3,) of the tool centre point at the release [m, m/s]."""
-    p, v = _Arm(problem, motion).tool(np.array([motion.release_time_s]))
+    p, v = MovingArm(problem, motion).tool(np.array([motion.release_time_s]))
     return p[0], v[0]
 
 
 def obstacles_of_path(problem: ThrowProblem, motion: Trajectory, paths: Paths) -> list[AuditFault]:
     """Returns what the first of some paths from the nominal release touches beside the moving arm."""
-    return _obstacles(problem, _Arm(problem, motion), 0.0, paths, 0)
+    return _obstacles(problem, MovingArm(problem, motion), 0.0, paths, 0)
 
 
-def _delays(problem: ThrowProblem) -> Vector:
+def window_delays(problem: ThrowProblem) -> Vector:
+    """Returns the delays of the release that are looked at (n,) [s]."""
     window = problem.release_window_s if problem.is_robust else 0.0
     return np.linspace(-window, window, DELAYS) if window > 0.0 else np.zeros(1)
 
 
 def _paths(problem: ThrowProblem, motion: Trajectory, delays: Vector, factor: float | None = None) -> Paths:
     """Returns the flights of an object that leaves `factor` times as fast as the tool; None: the learnt factor."""
-    p, v = _Arm(problem, motion).tool(motion.release_time_s + delays)
+    p, v = MovingArm(problem, motion).tool(motion.release_time_s + delays)
     v = (problem.cell.gripper.release_speed_factor if factor is None else factor) * v
     return integrate(p, v, problem.plane_z, problem.cell.object.radius_m, problem.gravity, drag_constant(problem))
 
@@ -144,14 +145,14 @@ def _landings(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
     if not isinstance(problem.release, TargetRelease):
         return []
     found = []
-    delays = _delays(problem)
+    delays = window_delays(problem)
     for delay, missed in zip(delays, landing_errors(problem, motion, delays), strict=True):
         rule, allowed = ("landing", 0.0) if delay == 0.0 else ("landing_window", problem.landing_tolerance_m)
         found += over(rule, f"released {delay:+.4f} s late, lands at a distance", missed, allowed, LANDING_SLACK_M, "m")
     return found[:1]
 
 
-def _obstacles(problem: ThrowProblem, arm: _Arm, delay: float, paths: Paths, i: int) -> list[AuditFault]:
+def _obstacles(problem: ThrowProblem, arm: MovingArm, delay: float, paths: Paths, i: int) -> list[AuditFault]:
     """Returns what the sphere of one path touches before it lands.
 
     That is where it touches the floor or a shape on which the target is, or where its centre passes the plane. From the
@@ -168,7 +169,7 @@ def _obstacles(problem: ThrowProblem, arm: _Arm, delay: float, paths: Paths, i: 
         path = np.concatenate([through, _lying(problem, passing[contact:], shape)])
         gaps.append((name, float(_from_shape(path, shape).min()) - radius))
     for name, frame, apart in arm.gaps(through, delay):
-        counted = _since_clear(apart - radius) if frame in GRIPPED_FRAMES else np.ones(len(apart), bool)
+        counted = since_clear(apart - radius) if frame in GRIPPED_FRAMES else np.ones(len(apart), bool)
         required = around.flight_clearance_m if frame in KEPT_OFF_FRAMES else 0.0
         gaps.append((name, float((apart[counted] - radius).min(initial=np.inf)) - required))
     slack = LENGTH_SLACK_M
@@ -181,7 +182,7 @@ def _lying(problem: ThrowProblem, x: Vector, shape: Solid) -> Vector:
 
     Nowhere where the target is in the air, or for a shape that is as high as what carries it, or lower.
     """
-    height = _height_below_target(problem)
+    height = height_below_target(problem, problem.cell.object.radius_m)
     if height is None or not isinstance(problem.release, TargetRelease) or shape.upper[2] <= height + LEVEL_M:
         return np.empty((0, 3))
     x = x if problem.release.opening is None else x[:0]  # nothing is followed within a bin
@@ -190,15 +191,15 @@ def _lying(problem: ThrowProblem, x: Vector, shape: Solid) -> Vector:
     return places
 
 
-def _height_below_target(problem: ThrowProblem) -> float | None:
+def height_below_target(problem: ThrowProblem, radius: float) -> float | None:
     """Returns the height of what the target is on [m], the highest less than the object's radius below; None in air."""
     around = problem.cell.surroundings
     release = problem.release
     plane_z = problem.plane_z
-    found = [min(around.floor_z_m, plane_z)] if plane_z - problem.cell.object.radius_m < around.floor_z_m else []
+    found = [min(around.floor_z_m, plane_z)] if plane_z - radius < around.floor_z_m else []
     if isinstance(release, TargetRelease):
-        tops = [float(shape.upper[2]) for shape in around.keep_out if _is_over(release.p_W[None], shape)[0]]
-        found += [top for top in tops if -problem.cell.object.radius_m < top - plane_z <= CARRIES_M]
+        tops = [float(shape.upper[2]) for shape in around.keep_out if is_over_top(release.p_W[None], shape)[0]]
+        found += [top for top in tops if -radius < top - plane_z <= CARRIES_M]
     return max(found, default=None)
 
 
@@ -210,11 +211,11 @@ def _first_contact(problem: ThrowProblem, x: Vector) -> int:
     around = problem.cell.surroundings
     landed = np.zeros(len(x), bool)
     radius = problem.cell.object.radius_m
-    height = _height_below_target(problem)
+    height = height_below_target(problem, radius)
     if height is None:
         return len(x)
     surfaces = [(height, np.full(len(x), height <= around.floor_z_m + CARRIES_M))]
-    surfaces += [(top, _is_over(x, b)) for b in around.keep_out if abs((top := b.upper[2]) - height) <= LEVEL_M]
+    surfaces += [(top, is_over_top(x, b)) for b in around.keep_out if abs((top := b.upper[2]) - height) <= LEVEL_M]
     falls = np.arange(len(x)) >= int(x[:, 2].argmax())
     for top, is_over in surfaces:
         landed |= falls & (x[:, 2].max() >= top + radius) & (x[:, 2] < top + radius) & is_over
@@ -223,7 +224,7 @@ def _first_contact(problem: ThrowProblem, x: Vector) -> int:
     return int(landed.argmax()) if landed.any() else len(x)
 
 
-def _is_over(x: Vector, shape: Solid) -> NDArray[np.bool_]:
+def is_over_top(x: Vector, shape: Solid) -> NDArray[np.bool_]:
     """Returns whether points (n, 3) are over a shape that an object can lie on, or within it."""
     upright = np.abs(shape.X_WC[2, :3]) > LEVEL_COSINE
     if shape.kind in ("sphere", "capsule") or not (upright[2] if shape.kind == "cylinder" else upright.any()):
@@ -246,7 +247,7 @@ def _from_shape(x: Vector, shape: Solid) -> Vector:
     return np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0)
 
 
-def _way_out(problem: ThrowProblem, arm: _Arm, delay: float, x: Vector) -> list[AuditFault]:
+def way_out(problem: ThrowProblem, arm: MovingArm, delay: float, x: Vector) -> list[AuditFault]:
     """Returns whether the way of the object in the tool leaves the gripper's opening cone before the object is out."""
     gripper = problem.cell.gripper
     out_m = max(problem.cell.object.radius_m, OUT_M)
@@ -265,9 +266,9 @@ def _way_out(problem: ThrowProblem, arm: _Arm, delay: float, x: Vector) -> list[
     return []
 
 
-def _since_clear(gaps: Vector) -> NDArray[np.bool_]:
+def since_clear(gaps: Vector, step_s: float = STEP_S) -> NDArray[np.bool_]:
     """Returns which instants (n,) count for a body that held the object: those after it was clear for `CLEAR_S`."""
-    steps = round(CLEAR_S / STEP_S)
+    steps = round(CLEAR_S / step_s)
     clear = np.convolve(gaps > 0.0, np.ones(steps), "full")[: len(gaps)] >= steps
     return np.maximum.accumulate(clear) if len(gaps) else clear
 
@@ -314,7 +315,7 @@ def _through_bottom(x: Vector, bottom: Vector, radius_m: float) -> list[AuditFau
     return [AuditFault("bin_mouth", text, float(x[k, 2]), float(bottom[2]), "m") for k in rises[:1]]
 
 
-class _Arm:
+class MovingArm:
     """Pinocchio's arm along a motion; after its end it rests."""
 
     def __init__(self, problem: ThrowProblem, motion: Trajectory) -> None:
@@ -330,6 +331,16 @@ class _Arm:
         q = self._spline(inside)
         qd = self._spline(inside, 1)
         return poses_and_velocity(self._cell, self._model, self._data, q, qd)
+
+    @property
+    def released_s(self) -> float:
+        """Time of the nominal release [s]."""
+        return self._motion.release_time_s
+
+    def hand(self, t: float) -> tuple[pin.SE3, Vector, Vector]:
+        """Returns the pose of the flange, and the tool's linear and angular velocity (3,) [m/s, rad/s], at a time."""
+        poses, v = self.at(t)
+        return poses[6], v, pin.getVelocity(self._model, self._data, 6, pin.LOCAL_WORLD_ALIGNED).angular
 
     def tool(self, t: Vector) -> tuple[Vector, Vector]:
         """Returns positions and velocities (m, 3) of the tool centre point at times (m,) [s]."""

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from planner.cell import Cell
+from planner.cell import Cell, ThrownBody
 from tests.planner.published_arms import pinocchio_arm
 
 Vector = NDArray[np.float64]
@@ -16,16 +16,31 @@ Vector = NDArray[np.float64]
 
 @cache
 def arm_model(cell: Cell, with_object: bool) -> pin.Model:
-    """Returns the Pinocchio model of a cell's arm, with tool and (optionally) object as point masses on the flange."""
+    """Returns the Pinocchio model of a cell's arm, with tool and (optionally) object on the flange.
+
+    The tool and a ball as point masses, an object that is no ball with its inertia.
+    """
     model = pinocchio_arm(cell.robot.name, exact=True).copy()
     base = pin.SE3(cell.X_WB)
     model.jointPlacements[1] = base * model.jointPlacements[1]
     model.gravity.linear = np.array([0.0, 0.0, -cell.surroundings.gravity_m_s2])
-    p_FT = cell.tool.X_FT[:3, 3]
-    masses = [(cell.tool.mass_kg, 0.5 * p_FT)] + ([(cell.object.mass_kg, p_FT)] if with_object else [])
-    for mass, place in masses:
-        model.appendBodyToJoint(6, pin.Inertia(mass, place, np.zeros((3, 3))), pin.SE3.Identity())
+    table = cell.document["tool"]
+    half_way = 0.5 * np.array(table["tcp_position_m"], float)
+    model.appendBodyToJoint(6, pin.Inertia(cell.tool.mass_kg, half_way, np.zeros((3, 3))), pin.SE3.Identity())
+    if with_object:
+        thing = cell.object
+        moments = np.diag(thing.inertia_kg_m2) if isinstance(thing, ThrownBody) else np.zeros((3, 3))
+        lies = pin.SE3(object_in_flange(cell))
+        model.appendBodyToJoint(6, lies.act(pin.Inertia(thing.mass_kg, np.zeros(3), moments)), pin.SE3.Identity())
     return model
+
+
+def object_in_flange(cell: Cell) -> Vector:
+    """Returns the pose (4, 4) of the held object's axes in the flange frame."""
+    X_FO = cell.tool.X_FT.copy()
+    if isinstance(cell.object, ThrownBody):
+        X_FO[:3, :3] = X_FO[:3, :3] @ cell.object.R_TO
+    return X_FO
 
 
 def poses_and_velocity(

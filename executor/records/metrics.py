@@ -13,7 +13,7 @@ from executor.records.outputs import output_warnings, switched_outputs
 from executor.records.telemetry import RunResult, Telemetry
 from executor.records.timing import path_error_m, tool_points
 from learning import CellKnowledge, lag_advice
-from planner.certificate import release_flight
+from planner.certificate import release_flight, window_landing_points
 from planner.flight import fly
 from planner.geometry import tool_state
 from planner.problem import ThrowProblem
@@ -139,6 +139,9 @@ def _landing_shift(problem: ThrowProblem, trajectory: Trajectory, late_s: float)
     nominal = release_flight(problem, trajectory)
     if ticks <= 0 or nominal is None:
         return 0.0
+    if problem.body is not None:
+        late = window_landing_points(problem, trajectory, np.array([ticks / trajectory.sample_rate_hz]))[0]
+        return float(np.nan_to_num(np.linalg.norm(late - nominal.landing_point), nan=math.inf))
     k = min(trajectory.release_index + ticks, len(trajectory.q) - 1)
     X_WT, V_WT = tool_state(problem.cell, trajectory.q[k], trajectory.qd[k])
     leaves = problem.release_speed_factor * V_WT[:3]

@@ -26,6 +26,7 @@ from planner.cell.model import (
 from planner.cell.point_cover import full_cells
 from planner.cell.shapes import Box, Solid, nearest_on_cores, shape_of
 from planner.cell.source import CellSource, calibration_path, mesh_paths, read_source, source_of
+from planner.cell.thrown_object import ThrownBody, ThrownObject
 
 __all__ = [
     "CELL_M",
@@ -45,6 +46,8 @@ __all__ = [
     "Safety",
     "Solid",
     "Surroundings",
+    "ThrownBody",
+    "ThrownObject",
     "ToolCapsule",
     "calibration_path",
     "cell_of",

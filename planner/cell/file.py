@@ -41,15 +41,16 @@ from planner.cell.model import (
     Safety,
     Sim,
     Surroundings,
-    ThrownObject,
     Timing,
     Tool,
     ToolCapsule,
 )
 from planner.cell.source import CellSource, calibration_name, read_source
+from planner.cell.thrown_object import OBJECT, object_of
 from planner.documents import NotToml, parse_toml
 from planner.errors import CellError
 from planner.robots import Robot
+from planner.rotations import pose
 
 NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")  # a cell's name is part of URLs and file names
 SERIAL_PATTERN = re.compile(r"[A-Za-z0-9]{1,64}")  # a robot's serial number, as its dashboard tells it
@@ -85,7 +86,7 @@ DEFAULTS: dict[str, Any] = {
         "keep_in": [],
         "keep_out": [],
     },
-    "object": {"mass_kg": 0.05, "radius_m": 0.02, "drag_coefficient": 0.0},
+    "object": OBJECT,
     "gripper": GRIPPER,
     "outputs": TablesByName(OUTPUT),
     "safety": {
@@ -194,7 +195,8 @@ def _cell(document: dict[str, Any], source: CellSource) -> Cell:
         if not limits.q_lower[i] <= home[i] <= limits.q_upper[i]:
             bounds = f"[{limits.q_lower[i]:.6g}, {limits.q_upper[i]:.6g}]"
             raise CellError(f"home_rad[{i}]", float(home[i]), f"is outside the joint's limits {bounds}")
-    tool = _tool(document["tool"])
+    (thing, p_TO) = object_of(document["object"])
+    tool = _tool(document["tool"], p_TO)
     controller = _link(document["link"])
     X_WB = placement(document["base_in_world"], "position_m", "rotation_vector_rad", "base_in_world.", FARTHEST_M)
     return Cell(
@@ -207,7 +209,7 @@ def _cell(document: dict[str, Any], source: CellSource) -> Cell:
         tool=tool,
         limits=limits,
         surroundings=_surroundings(document["surroundings"], X_WB[:3, 3], source.meshes),
-        object=_object(document["object"]),
+        object=thing,
         gripper=gripper_of(document["gripper"], controller),
         safety=safety,
         timing=Timing(number(document["timing"], "lag_s", "timing.", 0.0, 0.5)),
@@ -231,7 +233,8 @@ def _robot(document: Mapping[str, Any], calibration: bytes | None) -> tuple[Cali
     return parse_calibration(calibration, name, published)
 
 
-def _tool(table: Mapping[str, Any]) -> Tool:
+def _tool(table: Mapping[str, Any], p_TO: Array) -> Tool:
+    """Returns the tool; its centre point is where the object's centre lies, `p_TO` (3,) [m] from where it is given."""
     capsules = []
     for i, entry in enumerate(tables(table["capsules"], "tool.capsules")):
         where = f"tool.capsules[{i}]."
@@ -239,7 +242,10 @@ def _tool(table: Mapping[str, Any]) -> Tool:
         ends = (vector(entry, end, where, 3, -TOOL_MAX_M, TOOL_MAX_M) for end in ("from_m", "to_m"))
         capsules.append(ToolCapsule(*ends, radius_m=number(entry, "radius_m", where, TOOL_RADIUS_MIN_M, 1.0)))
     X_FT = placement(table, "tcp_position_m", "tcp_rotation_vector_rad", "tool.", TOOL_MAX_M)
-    return Tool(X_FT, number(table, "mass_kg", "tool.", 0.0), tuple(capsules))
+    mass_kg = number(table, "mass_kg", "tool.", 0.0)
+    if not p_TO.any():
+        return Tool(X_FT, mass_kg, tuple(capsules))
+    return Tool(read_only(X_FT @ pose(p_TO, np.eye(3))), mass_kg, tuple(capsules), p_FH=X_FT[:3, 3])
 
 
 def _limits(table: dict[str, Any], arm: Robot) -> Limits:
@@ -294,14 +300,6 @@ def _surroundings(table: dict[str, Any], base: Array, meshes: bytes | None) -> S
         gravity_m_s2=number(table, "gravity_m_s2", where, *GRAVITY_RANGE),
         keep_in=keep_in,
         keep_out=keep_out_shapes(table, meshes),
-    )
-
-
-def _object(table: Mapping[str, Any]) -> ThrownObject:
-    return ThrownObject(
-        mass_kg=number(table, "mass_kg", "object.", 1e-6, 100.0),
-        radius_m=number(table, "radius_m", "object.", 0.0, 1.0),
-        drag_coefficient=number(table, "drag_coefficient", "object.", 0.0, 10.0),
     )
 
 

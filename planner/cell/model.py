@@ -13,6 +13,7 @@ from planner.arrays import Array, read_only
 from planner.calibration import CalibrationFile
 from planner.cell.content import content_sha256
 from planner.cell.shapes import ROW, Box, Solid
+from planner.cell.thrown_object import ThrownBody, ThrownObject
 from planner.errors import CellError
 from planner.grippers import GripperLink, SecondOutput
 from planner.robots import Robot, capsule_rows
@@ -24,7 +25,6 @@ PAYLOAD_ROUNDING = 1e-9  # [-] of the sum of two masses
 LIMIT_ROUNDING = 1e-9  # [-] of a limit that was written as text with twelve digits
 FLIGHT_CLEARANCE_MIN_M = 0.001  # [m] least flight clearance: meshes, calibration and flight are no better than that
 STANDING_RAD = 1e-3  # [rad] by which an arm may stand beyond its range; its controller lets it no farther, and back
-OUT_M = 0.01  # [m] least displacement at which an object is out of the grip
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,12 +45,20 @@ class Tool:
         mass_kg: mass without the object [kg].
         capsules: its shape, for collision checks.
         is_assumed: whether nobody gave the shape, and the cell assumes one, see `Cell`.
+        p_FH: where the hand ends (3,) in the flange frame: the tool centre point as the table `[tool]` gives it, which
+            `object.in_tool` moves away from it [m]; None: at the tool centre point.
     """
 
     X_FT: Array
     mass_kg: float
     capsules: tuple[ToolCapsule, ...]
     is_assumed: bool = False
+    p_FH: Array | None = None
+
+    @property
+    def end_F(self) -> Array:
+        """Where the hand ends (3,) in the flange frame [m]: its mass is half way there."""
+        return self.X_FT[:3, 3] if self.p_FH is None else self.p_FH
 
 
 class LimitBeyondArm(NamedTuple):
@@ -164,20 +172,6 @@ class Surroundings:
         """Least distance of the object in flight from each keep-out shape (b,) [m]."""
         own = (shape.clearance_m for shape in self.keep_out)
         return np.array([self.flight_clearance_m if m is None else max(m, FLIGHT_CLEARANCE_MIN_M) for m in own])
-
-
-@dataclass(frozen=True)
-class ThrownObject:
-    """The object, a sphere: mass [kg], radius [m], drag coefficient [-] (0: no drag)."""
-
-    mass_kg: float
-    radius_m: float
-    drag_coefficient: float
-
-    @property
-    def way_out_m(self) -> float:
-        """The displacement in the gripper by which it is out of the grip [m]: its radius, but no less than `OUT_M`."""
-        return max(self.radius_m, OUT_M)
 
 
 @dataclass(frozen=True, eq=False)
@@ -361,12 +355,16 @@ class Cell:
         return f"<Cell {self.name}: {self.robot.name} with a {tool}; sha256 {self.sha256[:12]}>"
 
     def _with_assumed_shape(self) -> Tool:
-        """Returns the tool with an assumed shape; without any where its centre point is on the flange."""
-        p_FT = self.tool.X_FT[:3, 3]
-        length = float(np.linalg.norm(p_FT))
+        """Returns the tool with an assumed shape; without any where the hand ends on the flange.
+
+        It reaches to the surface of a ball; of a body, which it may grip anywhere, all the way.
+        """
+        p_FH = self.tool.end_F
+        length = float(np.linalg.norm(p_FH))
         if length <= CONTACT_M:
             return replace(self.tool, capsules=(), is_assumed=False)
-        to_object = p_FT * max(0.0, 1.0 - self.object.radius_m / length)
+        short_m = 0.0 if isinstance(self.object, ThrownBody) else self.object.radius_m
+        to_object = p_FH * max(0.0, 1.0 - short_m / length)
         wrist_radius_m = capsule_rows(self.robot.shape.of)["wrist_3"]["radius_m"]
         assumed = ToolCapsule(read_only(np.zeros(3)), read_only(to_object), wrist_radius_m)
         return replace(self.tool, capsules=(assumed,), is_assumed=True)

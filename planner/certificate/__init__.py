@@ -11,7 +11,13 @@ from planner.certificate.clearance import moving_heights, shape_gaps
 from planner.certificate.curves import Curve, Series, motion_curves
 from planner.certificate.grip import felt_sizes
 from planner.certificate.joints import START_TOLERANCE
-from planner.certificate.release import landing_errors, release_flight, window_landing_points
+from planner.certificate.release import (
+    landing_attitude,
+    landing_errors,
+    landing_height,
+    release_flight,
+    window_landing_points,
+)
 from planner.certificate.safety_limits import momentum_sizes, power_sizes
 from planner.certificate.samples import ArmSamples, MotionSamples, ticks_around_release
 from planner.certificate.stopping import stopping_distances, stopping_times
@@ -32,7 +38,9 @@ __all__ = [
     "certify",
     "curvature_bound",
     "felt_sizes",
+    "landing_attitude",
     "landing_errors",
+    "landing_height",
     "momentum_sizes",
     "motion_curves",
     "moving_heights",

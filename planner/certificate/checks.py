@@ -55,6 +55,7 @@ MOTION_CHECKS: tuple[CheckFunction, ...] = (
     release.release_velocity,
     passages.passage,
     release.landing,
+    release.landing_axis,
     flight_clearance,
     grip.grip_acceleration,
     grip.opening_direction,

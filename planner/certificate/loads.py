@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from planner.arrays import Array
-from planner.cell import Cell
+from planner.cell import Cell, ThrownBody
 from planner.certificate.bounds import Rates
 from planner.dynamics import WatchedPoint, elbow_points, payload_of, tool_points
 from planner.geometry import levers
@@ -46,11 +46,13 @@ def loads_of(cell: Cell) -> Loads:
     tool = payload_of(cell, with_object=False)
     reach = float(np.linalg.norm(cell.tool.X_FT[:3, 3]))
     object_kg = cell.object.mass_kg
+    turned_kg_m2 = float(cell.object.inertia_kg_m2.sum()) if isinstance(cell.object, ThrownBody) else 0.0
+    hand = 0.5 * float(np.linalg.norm(cell.tool.end_F))
     rows = [
         (link.mass, float(np.linalg.norm(link.com)), i, float(np.trace(link.inertia)))
         for i, link in enumerate(robot.links, start=1)
     ]
-    rows += [(tool.mass_kg, 0.5 * reach, 6, 0.0), (object_kg, reach, 6, 0.0)]
+    rows += [(tool.mass_kg, hand, 6, 0.0), (object_kg, reach, 6, turned_kg_m2)]
     lever = np.array([levers(robot, frame, com) for _, com, frame, _ in rows])
     turned = np.array([np.arange(6) < frame for _, _, frame, _ in rows])
     mass = np.array([row[0] for row in rows])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -12,6 +13,7 @@ from planner.arrays import Array, Index
 from planner.certificate.bounds import curvature_bound, joint_rates, prove_above
 from planner.certificate.certificate import ROUNDING, Check, at_least, at_most
 from planner.certificate.samples import ArmSamples, MotionSamples
+from planner.certificate.touchdown import Cells, prove, touchdowns_of
 from planner.flight import Flight, LandingStates, fly, landing_states
 from planner.geometry import ToolState, tool_state
 from planner.problem import ThrowProblem
@@ -22,6 +24,7 @@ from planner.trajectory import Trajectory
 RELEASE_POSITION_TOLERANCE = 1e-5  # [m, rad] less than a third of a UR's repeatability, 0.03 mm
 RELEASE_VELOCITY_TOLERANCE = 1e-4  # [m/s, rad/s] 0.1 mm of landing for a flight of one second
 GRAZES = "grazes the plane, so that nothing bounds the landings between those evaluated, of which this is the worst"
+RELEASED_IN_TIME = "released in time"
 LANDING_TOLERANCE_M = 5e-4  # [m] of the nominal release; far below the scatter of a gripper
 
 
@@ -31,11 +34,23 @@ def release_flight(problem: ThrowProblem, trajectory: Trajectory) -> Flight | No
         return None
     k = trajectory.release_index
     state = tool_state(problem.cell, trajectory.q[k], trajectory.qd[k])
-    return _flown(problem, state.p_WT, state.v_WT)
+    whole = _flown(problem, state.p_WT, state.v_WT)
+    if whole is None or problem.body is None:
+        return whole
+    released = MotionSamples(problem, trajectory).at(np.array([trajectory.release_time_s]))
+    landed = _landed(problem, released)
+    if np.isnan(landed.time_s[0]):
+        return None
+    return replace(
+        whole,
+        landing_point=landed.p[0],
+        landing_velocity=landed.v[0],
+        time_of_flight_s=float(landed.time_s[0]),
+    )
 
 
 def _flown(problem: ThrowProblem, p_WT: Array, v_WT: Array) -> Flight | None:
-    """Returns the flight from a state of the tool centre point, both (3,)."""
+    """Returns the flight of the centre from a state of the tool centre point, both (3,), to the landing plane."""
     leaves = problem.release_speed_factor * v_WT
     return fly(p_WT, leaves, problem.plane_z, problem.gravity, problem.drag)
 
@@ -102,11 +117,71 @@ def landing(motion: MotionSamples) -> Check | None:
     k = motion.release_knot
     if target is None:
         return None
+    if problem.body is not None:
+        landed = _landed(problem, motion.at(np.array([motion.trajectory.release_time_s])))
+        miss = float(np.nan_to_num(np.linalg.norm(landed.p[0] - target.p_W), nan=math.inf))
+        return at_most("landing", miss, LANDING_TOLERANCE_M, "m", motion.trajectory.release_time_s)
     p = motion.at_knots.p_WT[:, k]
     v = motion.at_knots.v_WT[:, k]
     flight = _flown(problem, p, v)
     miss = math.inf if flight is None else float(np.linalg.norm(flight.landing_point - target.p_W))
     return at_most("landing", miss, LANDING_TOLERANCE_M, "m", motion.trajectory.release_time_s)
+
+
+def landing_axis(motion: MotionSamples) -> Check | None:
+    """Checks how the object lies as it lands on the target, after a release at any instant of the window.
+
+    None where any way will do. Between evaluated instants: see `planner.certificate.touchdown`.
+    """
+    problem = motion.problem
+    asked = None if problem.target is None else problem.target.orientation
+    if asked is None:
+        return None
+    limit = asked.tolerance_rad * (1.0 + ROUNDING)
+
+    def judge(cells: Cells) -> tuple[Array, Array]:
+        landings = cells.touchdowns
+        return limit - asked.angles(landings.axes_at(landings.time_s)[:, :, 2]), cells.turned_rad
+
+    proof, _ = prove(motion, problem.planned_window_s, judge, motion.share_accuracy)
+    angle = float(np.nan_to_num(limit - proof.value, nan=math.inf))
+    check = at_most("landing_axis", angle, asked.tolerance_rad, "rad", proof.at_s, "from the axis asked for")
+    return check.provided(proof.proven)
+
+
+def landing_attitude(problem: ThrowProblem, trajectory: Trajectory) -> Array | None:
+    """Returns the object's axes in the world (3, 3) as it lands after the nominal release; None of a ball."""
+    if not problem.throws or problem.body is None:
+        return None
+    arm = MotionSamples(problem, trajectory).at(np.array([trajectory.release_time_s]))
+    landings = touchdowns_of(problem, arm)
+    return None if np.isnan(landings.time_s[0]) else landings.axes_at(landings.time_s)[0]
+
+
+def _body_window(motion: MotionSamples, goal: Array) -> Check:
+    """Returns the check of the landing of a body, see `landing_window`."""
+    problem = motion.problem
+    limit = problem.landing_tolerance_m * (1.0 + ROUNDING)
+
+    def judge(cells: Cells) -> tuple[Array, Array]:
+        landings = cells.touchdowns
+        off = landings.centres_at(landings.time_s)[:, :2] - goal[:2]
+        return limit - np.linalg.norm(off, axis=1), cells.aside_m
+
+    proof, _ = prove(motion, problem.release_window_s, judge, motion.distance_accuracy)
+    if math.isnan(proof.value):
+        return at_most("landing_window", math.inf, problem.landing_tolerance_m, "m", proof.at_s, "never lands")
+    delay_s = proof.at_s - motion.trajectory.release_time_s
+    check = at_most(
+        "landing_window", limit - proof.value, problem.landing_tolerance_m, "m", proof.at_s, _delayed(delay_s)
+    )
+    return check.provided(proof.proven)
+
+
+def _delayed(delay_s: float) -> str:
+    """Returns in words how late a release is [s]."""
+    delay_ms = 1e3 * delay_s
+    return f"released {abs(delay_ms):.3g} ms {'late' if delay_ms > 0.0 else 'early'}" if delay_ms else RELEASED_IN_TIME
 
 
 def landing_window(motion: MotionSamples) -> Check | None:
@@ -120,6 +195,8 @@ def landing_window(motion: MotionSamples) -> Check | None:
         return None
     tolerance = problem.landing_tolerance_m
     goal = _nominal_landing(problem, motion.trajectory)
+    if problem.body is not None:
+        return _body_window(motion, goal)
 
     def room(arm: ArmSamples) -> Array:
         return tolerance * (1.0 + ROUNDING) - np.linalg.norm(_landed(problem, arm).p - goal, axis=1)
@@ -140,11 +217,21 @@ def landing_window(motion: MotionSamples) -> Check | None:
         evaluate, arm.t, rooms[None], np.array([curvature]), 0.0, curvature_bound, motion.distance_accuracy
     )
     error = tolerance * (1.0 + ROUNDING) - proof.value
-    delay_ms = 1e3 * (proof.at_s - released)
-    detail = (
-        f"released {abs(delay_ms):.3g} ms {'late' if delay_ms > 0.0 else 'early'}" if delay_ms else "released in time"
-    )
+    detail = _delayed(proof.at_s - released)
     return at_most("landing_window", error, tolerance, "m", proof.at_s, detail).provided(proof.proven)
+
+
+def landing_height(problem: ThrowProblem, trajectory: Trajectory) -> float:
+    """Returns the height of the object's centre as it lands after the nominal release [m]: a ball's landing plane.
+
+    That of a body at its touch; its landing plane where it has none.
+    """
+    if problem.body is None or not problem.throws:
+        return problem.plane_z
+    arm = MotionSamples(problem, trajectory).at(np.array([trajectory.release_time_s]))
+    landings = touchdowns_of(problem, arm)
+    height = float(landings.centres_at(landings.time_s)[0, 2])
+    return problem.plane_z if math.isnan(height) else height
 
 
 def landing_errors(problem: ThrowProblem, trajectory: Trajectory, delays: Array) -> Array:
@@ -163,7 +250,18 @@ def window_landing_points(problem: ThrowProblem, trajectory: Trajectory, delays:
 
 @lru_cache(maxsize=1)  # of the window, for its landings and the bound between them
 def _landed(problem: ThrowProblem, arm: ArmSamples) -> LandingStates:
-    """Returns the landings (k,) after a release at each instant; NaN where the object never lands."""
+    """Returns the landings (k,) after a release at each instant; NaN where the object never lands.
+
+    That of a body is its centre's place at the touch, on the landing plane: see `planner.touchdown`.
+    """
+    if problem.body is not None:
+        landings = touchdowns_of(problem, arm)
+        time_s = landings.time_s
+        x = landings.centres_at(time_s)
+        x[:, 2] = np.where(np.isnan(time_s), np.nan, problem.plane_z)
+        step_s = 1e-6
+        v = (landings.centres_at(time_s + step_s) - landings.centres_at(time_s - step_s)) / (2.0 * step_s)
+        return LandingStates(x, v, time_s)
     leaves = problem.release_speed_factor * arm.v_WT.T
     return landing_states(arm.p_WT.T, leaves, problem.plane_z, problem.gravity, problem.drag)
 

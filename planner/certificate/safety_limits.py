@@ -70,7 +70,10 @@ def momentum_sizes(motion: MotionSamples, arm: ArmSamples) -> Array:
 def power_sizes(motion: MotionSamples, arm: ArmSamples) -> Array:
     """Returns the sizes of the mechanical power (k,) [W]; the larger one where the object may be held or gone."""
     empty, per_kilogram = ((tau * arm.links.qd.T).sum(axis=0) for tau in arm.torques.whole)
-    return motion.worse_of(arm.t, np.abs(empty + arm.cell.object.mass_kg * per_kilogram), np.abs(empty))
+    held = empty + arm.cell.object.mass_kg * per_kilogram
+    if motion.problem.body is not None:
+        held = (arm.loaded_torques.whole * arm.links.qd.T).sum(axis=0)
+    return motion.worse_of(arm.t, np.abs(held), np.abs(empty))
 
 
 def _prove(

@@ -9,10 +9,18 @@ from functools import cached_property
 import numpy as np
 
 from planner.arrays import Array, Index
-from planner.cell import Cell, Limits
+from planner.cell import Cell, Limits, ThrownBody
 from planner.certificate.bounds import Rates, joint_rates
 from planner.certificate.loads import LoadBounds, load_bounds, loads_of
-from planner.dynamics import TorqueTerms, elbow_points, empty_bodies, fastest, tool_points, torque_terms
+from planner.dynamics import (
+    TorqueTerms,
+    elbow_points,
+    empty_bodies,
+    fastest,
+    loaded_bodies,
+    tool_points,
+    torque_terms,
+)
 from planner.geometry import BodyModel, body_model
 from planner.kinematics import LinkMotion, dot
 from planner.problem import ThrowProblem
@@ -86,6 +94,16 @@ class ArmSamples:
         cell = self.cell
         falling = np.array([0.0, 0.0, -cell.surroundings.gravity_m_s2])
         return torque_terms(self.links, empty_bodies(cell), falling, cell.tool.X_FT[:3, 3])
+
+    @cached_property
+    def loaded_torques(self) -> TorqueTerms:
+        """Joint torques with the object held, and their terms (6, k): a ball as a point mass, a body with inertia."""
+        cell = self.cell
+        if not isinstance(cell.object, ThrownBody):
+            return TorqueTerms(*(empty + cell.object.mass_kg * per_kilogram for empty, per_kilogram in self.torques))
+        falling = np.array([0.0, 0.0, -cell.surroundings.gravity_m_s2])
+        whole, held, momentum = torque_terms(self.links, loaded_bodies(cell), falling, cell.tool.X_FT[:3, 3])
+        return TorqueTerms(whole[0], held[0], momentum[0])
 
 
 class MotionSamples:

@@ -114,10 +114,8 @@ def _prove(motion: MotionSamples, inverse_time: Callable[[ArmSamples], Array], b
 @lru_cache(maxsize=2)
 def _braking_terms(arm: ArmSamples) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """Returns h [N m] and b [N m s] (6, k) of the joints, with the object and without it."""
-    (h, h_kg) = arm.torques.held
-    (b, b_kg) = arm.torques.momentum
-    object_kg = arm.cell.object.mass_kg
-    return (h + object_kg * h_kg, b + object_kg * b_kg), (h, b)
+    loaded = arm.loaded_torques
+    return (loaded.held, loaded.momentum), (arm.torques.held[0], arm.torques.momentum[0])
 
 
 @lru_cache(maxsize=2)  # of the knots, for time and distance

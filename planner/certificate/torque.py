@@ -42,6 +42,4 @@ def payload(motion: MotionSamples) -> NotChecked | None:
 
 def torque_sizes(motion: MotionSamples, arm: ArmSamples) -> Array:
     """Returns the sizes of the joint torques (6, k) [N m]; the larger one where the object may be held or gone."""
-    empty, per_kilogram = arm.torques.whole
-    held = np.abs(empty + motion.problem.cell.object.mass_kg * per_kilogram)
-    return motion.worse_of(arm.t, held, np.abs(empty))
+    return motion.worse_of(arm.t, np.abs(arm.loaded_torques.whole), np.abs(arm.torques.whole[0]))

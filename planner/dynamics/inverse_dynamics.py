@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner.arrays import Array
-from planner.cell import Cell
+from planner.cell import Cell, ThrownBody
 from planner.kinematics import LinkMotion, link_poses
 from planner.native import loops
 from planner.robots import Link, Robot
@@ -31,16 +31,25 @@ class Payload:
 
 
 def payload_of(cell: Cell, with_object: bool) -> Payload:
-    """Returns the tool of a cell, its mass half way to the tool centre point, and the object at that point if held."""
+    """Returns the tool of a cell, its mass half way to the end of the hand, and the object with its inertia if held.
+
+    The object's centre is the tool centre point. A ball counts as a point.
+    """
     p_FT = cell.tool.X_FT[:3, 3]
+    beyond = p_FT - cell.tool.end_F  # of the object's centre from the end of the hand; none but for `object.in_tool`
     tool_kg = cell.tool.mass_kg
     object_kg = cell.object.mass_kg if with_object else 0.0
     mass = tool_kg + object_kg
     if mass == 0.0:
         return Payload(0.0, np.zeros(3), np.zeros((3, 3)))
-    com = (0.5 * tool_kg + object_kg) / mass * p_FT
-    apart = tool_kg * object_kg / mass * 0.25  # two points half of p_FT apart, about their common centre
-    return Payload(mass, com, apart * (p_FT @ p_FT * np.eye(3) - np.outer(p_FT, p_FT)))
+    com = (0.5 * tool_kg + object_kg) / mass * p_FT - 0.5 * tool_kg / mass * beyond
+    twice = p_FT + beyond  # from the tool's centre of mass to the object's
+    apart = tool_kg * object_kg / mass * 0.25  # two points half of that apart, about their common centre
+    inertia = apart * (twice @ twice * np.eye(3) - np.outer(twice, twice))
+    if with_object and isinstance(cell.object, ThrownBody):
+        R_FO = cell.tool.X_FT[:3, :3] @ cell.object.R_TO
+        inertia = inertia + R_FO * cell.object.inertia_kg_m2 @ R_FO.T
+    return Payload(mass, com, inertia)
 
 
 def gravity_in_base(cell: Cell) -> Array:

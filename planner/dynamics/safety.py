@@ -51,6 +51,12 @@ def empty_bodies(cell: Cell) -> Bodies:
     return bodies(cell.robot, payload_of(cell, with_object=False))
 
 
+@lru_cache(maxsize=CELLS_KEPT)
+def loaded_bodies(cell: Cell) -> Bodies:
+    """Returns the links of a cell's arm with its tool and the held object."""
+    return bodies(cell.robot, payload_of(cell, with_object=True))
+
+
 def point_velocity(chain: LinkMotion, point: WatchedPoint) -> Array:
     """Returns velocities (3, N) [m/s] of a point of the arm: those of the flange if no joint beyond it moved."""
     X = chain.X[:, point.frame, :3]

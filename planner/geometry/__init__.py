@@ -1,7 +1,7 @@
 """Geometry of arm, tool and object: state, capsules, distances, what can collide, flights, where an object fits."""
 
 from planner.geometry.arcs import Arcs
-from planner.geometry.body import BodyModel, ToolState, body_model, tool_pose, tool_state
+from planner.geometry.body import BodyModel, ToolState, body_model, held_object, tool_pose, tool_state
 from planner.geometry.capsules import arm_capsules, body_capsules, capsule_endpoints, levers
 from planner.geometry.distances import (
     POINT_M2,
@@ -19,6 +19,7 @@ from planner.geometry.self_collision import (
     never_clear,
     object_pairs,
     passable,
+    pierced,
     self_collision_pairs,
 )
 from planner.geometry.surfaces import LEVEL_M, Surface, footprint, landing_surfaces
@@ -39,6 +40,7 @@ __all__ = [
     "body_model",
     "capsule_endpoints",
     "footprint",
+    "held_object",
     "landing_surfaces",
     "levers",
     "misfit",
@@ -46,6 +48,7 @@ __all__ = [
     "object_pairs",
     "pair_distances",
     "passable",
+    "pierced",
     "point_segment_distance",
     "segment_segment_distance",
     "segment_shape_distance",

@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from planner.arrays import Array, Index, Mask
-from planner.cell import Cell
+from planner.cell import Cell, ThrownBody
 from planner.errors import Violation
 from planner.geometry.capsules import Capsule, body_capsules, levers
 from planner.geometry.distances import pair_distances
-from planner.geometry.self_collision import SELF_CLEARANCE_M, object_pairs, self_collision_pairs
+from planner.geometry.self_collision import SELF_CLEARANCE_M, object_pairs, pierced, self_collision_pairs
 from planner.kinematics import forward, jacobian, link_poses
 from planner.native import loops
 
@@ -83,7 +83,8 @@ class BodyModel:
         radii: (k,) [m].
         levers: of each capsule's points about each joint (k, 6) [m]; see `levers`.
         moving: indices of the j capsules that the first joint moves (j,).
-        pairs: indices of the p pairs of arm, tool and object that can collide (p, 2); the object's come last.
+        pairs: indices of the p pairs of arm, tool and object that can collide (p, 2); the object's come last, with the
+            links that a body always pierces.
         beside_object: indices of the capsules beside which the object is gripped (g,): the tool's, and those of links
             that are always close to it, or never.
         pair_levers: of the outer capsule of each pair about the joints between the two (p, 6) [m].
@@ -91,8 +92,7 @@ class BodyModel:
     """
 
     def __init__(self, cell: Cell) -> None:
-        p_FT = cell.tool.X_FT[:3, 3]
-        held = Capsule(frame=6, p0=p_FT, p1=p_FT, radius_m=cell.object.radius_m, name="object")
+        held = held_object(cell)
         capsules = (*body_capsules(cell.robot, cell.tool.capsules), held)
         self.cell = cell
         self.names = tuple(c.name for c in capsules)
@@ -102,11 +102,15 @@ class BodyModel:
         self.levers = np.array([levers(cell.robot, c.frame, c.reach_m) for c in capsules])
         self.moving = np.flatnonzero(self.frames > 0)
         own = self_collision_pairs(cell.robot, cell.tool.capsules)
-        with_object = object_pairs(cell.robot, cell.tool.capsules, p_FT, cell.object.radius_m)
+        with_object = object_pairs(cell.robot, cell.tool.capsules, held)
         self.pairs = np.array([*own, *with_object], dtype=np.intp).reshape(-1, 2)
         self.beside_object = np.setdiff1d(np.arange(self.object), self.pairs[len(own) :, 0])
+        if isinstance(cell.object, ThrownBody):  # a ball in the hand is as near to the wrist as it is
+            touched = {each.names[0] for each in pierced(cell.robot, held)}
+            always = [(i, self.object) for i in self.beside_object.tolist() if self.names[i] in touched]
+            self.pairs = np.concatenate([self.pairs, np.array(always, dtype=np.intp).reshape(-1, 2)])
         self.pair_levers = np.array([self._pair_lever(capsules, *pair) for pair in self.pairs]).reshape(-1, 6)
-        self.tool_lever = self.levers[self.object]
+        self.tool_lever = self.levers[self.object]  # which is in the middle of it
 
     def _pair_lever(self, capsules: tuple[Capsule, ...], i: int, j: int) -> Array:
         near, far = sorted((i, j), key=lambda index: capsules[index].frame)
@@ -162,7 +166,7 @@ class BodyModel:
 
     def wall_distances(self, ends: Array) -> Array:
         """Returns how far inside each keep-in box the tool centre point is (b, n) [m]."""
-        p_WT = ends[self.object, 0].T
+        p_WT = 0.5 * (ends[self.object, 0] + ends[self.object, 1]).T
         boxes = self.cell.surroundings.keep_in
         inside = [box.depth(p_WT) for box in boxes]
         return np.array(inside).reshape(len(boxes), len(p_WT))
@@ -218,6 +222,14 @@ class BodyModel:
                 violations.append(Violation(name, float(distances.flat[least]), required, "m", detail=detail))
         broken = [violation for violation, margin in zip(violations, margins, strict=True) if margin < 0.0]
         return broken or [violations[int(np.argmin(margins))]]
+
+
+def held_object(cell: Cell) -> Capsule:
+    """Returns the capsule about the held object of a cell: its hull, at the tool centre point."""
+    p_FT = cell.tool.X_FT[:3, 3]
+    thing = cell.object
+    along = thing.reach_m * (cell.tool.X_FT[:3, :3] @ thing.hull_axis)
+    return Capsule(frame=6, p0=p_FT - along, p1=p_FT + along, radius_m=thing.radius_m, name="object")
 
 
 @lru_cache(maxsize=CELLS_KEPT)

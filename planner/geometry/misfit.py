@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from planner.arrays import Array
-from planner.cell import CONTACT_M, Cell, Solid
+from planner.cell import CONTACT_M, Cell, Solid, ThrownBody
 from planner.geometry.body import body_model
 from planner.geometry.distances import point_segment_distance, segment_shape_distance
 from planner.geometry.surfaces import footprint, landing_surfaces
@@ -28,9 +28,10 @@ def misfit(cell: Cell, p: Array) -> Misfit | None:
     """Returns what leaves the cell's object the least room at a target `p` (3,), None where it fits.
 
     The object comes to lie on what the target is on, see `landing_surfaces`; in the air it passes it with its centre.
-    Of the arm's base, which the capsules exceed, the target itself counts alone where the object lies.
+    Of the arm's base, which the capsules exceed, the target itself counts alone where the object lies; of a body so
+    does it everywhere, as it may lie in any way.
     """
-    radius = cell.object.radius_m
+    radius = 0.0 if isinstance(cell.object, ThrownBody) else cell.object.radius_m
     floor = cell.surroundings.floor_z_m
     surfaces = landing_surfaces(cell, p)
     centre = p.copy()

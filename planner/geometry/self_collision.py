@@ -72,9 +72,7 @@ def self_collision_pairs(robot: Robot, tool: Sequence[ToolCapsule]) -> tuple[tup
     return _pairs(robot, _tool_key(tool))
 
 
-def object_pairs(
-    robot: Robot, tool: Sequence[ToolCapsule], p_FT: Array, radius_m: float
-) -> tuple[tuple[int, int], ...]:
+def object_pairs(robot: Robot, tool: Sequence[ToolCapsule], held: Capsule) -> tuple[tuple[int, int], ...]:
     """Returns pairs of indices of the links that the held object can meet, and of the object behind the tool.
 
     Left out are the tool, and the links beside which it is gripped: they are always as close to it, or never close.
@@ -82,11 +80,33 @@ def object_pairs(
     Args:
         robot: the arm.
         tool: its capsules.
-        p_FT: centre of the object in the flange frame (3,) [m].
-        radius_m: of the object [m].
+        held: the object, in the flange frame.
     """
     last = len(body_capsules(robot, tool))
-    return tuple((i, last) for i in _links_the_object_meets(robot, (*p_FT.tolist(),), radius_m))
+    return tuple((i, last) for i in _links_met(robot, (*held.p0.tolist(), *held.p1.tolist(), held.radius_m)))
+
+
+def pierced(robot: Robot, held: Capsule) -> list[NeverClear]:
+    """Returns the arm's links that the object is too close to in every posture, with the names of both.
+
+    The tool is not looked at: it holds the object.
+
+    Args:
+        robot: the arm.
+        held: the object, in the flange frame.
+    """
+    found = []
+    for link in arm_capsules(robot):
+        joints = _joints_between(link, held)
+        if len(joints) == 0:
+            distance = _distances(robot, link, held, np.zeros((1, 6)))
+        elif len(joints) in GRID_POINTS:
+            distance, _ = _distances_on_grid(robot, link, held, joints, GRID_POINTS[len(joints)][0])
+        else:
+            continue
+        if distance.max() < SELF_CLEARANCE_M:
+            found.append(NeverClear((link.name, held.name), float(distance.max())))
+    return found
 
 
 def barriers(robot: Robot, tool: Sequence[ToolCapsule]) -> tuple[Barrier, ...]:
@@ -143,9 +163,10 @@ def _pairs(robot: Robot, tool: ToolKey) -> tuple[tuple[int, int], ...]:
 
 
 @lru_cache(maxsize=256)
-def _links_the_object_meets(robot: Robot, p_FT: tuple[float, ...], radius_m: float) -> tuple[int, ...]:
-    held = Capsule(frame=6, p0=np.array(p_FT), p1=np.array(p_FT), radius_m=radius_m, name="object")
-    return tuple(i for i, link in enumerate(arm_capsules(robot)) if _can_collide(robot, link, held))
+def _links_met(robot: Robot, held: tuple[float, ...]) -> tuple[int, ...]:
+    """Returns the links that an object can meet, by the ends of its capsule in the flange frame and its radius."""
+    thing = Capsule(frame=6, p0=np.array(held[:3]), p1=np.array(held[3:6]), radius_m=held[6], name="object")
+    return tuple(i for i, link in enumerate(arm_capsules(robot)) if _can_collide(robot, link, thing))
 
 
 @lru_cache(maxsize=64)

@@ -57,12 +57,13 @@ def footprint(shape: Solid) -> Surface:
 def landing_surfaces(cell: Cell, p: Array) -> tuple[Surface, ...]:
     """Returns what the cell's object touches from above before its centre comes down to a place `p` (3,).
 
-    That is the highest surface over which the place is, at its height or no more than the object's radius below it.
+    That is the highest surface over which the place is, at its height or no more than the object's radius below it; of
+    a body, than that of the largest ball within it.
     The tops of boxes along the axes that are about as high and adjoin are one surface, and so is each rectangle within
     it. A turned or a round top is one by itself.
     """
     around = cell.surroundings
-    lowest = float(p[2]) - max(cell.object.radius_m, CONTACT_M) - ROUNDING_M
+    lowest = float(p[2]) - max(cell.object.inner_radius_m, CONTACT_M) - ROUNDING_M
     carriers = [shape for shape in around.keep_out if shape.has_level_top]
     tops = [footprint(shape) for shape in carriers if lowest < shape.upper[2] <= p[2] + CONTACT_M]
     under_m = max((top.height_m for top in tops if top.depth(p) >= 0.0), default=np.inf)

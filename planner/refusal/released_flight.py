@@ -64,7 +64,14 @@ def _release(problem: ThrowProblem) -> tuple[Array, Array]:
 
 
 def _times(problem: ThrowProblem, p: Array, v: Array) -> Array:
-    """Returns times (n,) [s] from the release until the centre passes the landing plane; none if too late or never."""
+    """Returns times (n,) [s] from the release until the centre passes the landing plane; none if too late or never.
+
+    Of a body, until it may touch: nothing is known of it after that.
+    """
+    if problem.body is not None:
+        reach = problem.body.outer_radius_m
+        touch_s = touchdown_s(p, v, problem.plane_z, reach, problem.gravity, problem.drag)
+        return np.zeros(0) if touch_s is None or touch_s > FLIGHT_MAX_S else np.arange(0.0, touch_s, STEP_S)
     flight = fly(p, v, problem.plane_z, problem.gravity, problem.drag)
     if flight is None or flight.time_of_flight_s > FLIGHT_MAX_S:
         return np.zeros(0)
@@ -73,6 +80,8 @@ def _times(problem: ThrowProblem, p: Array, v: Array) -> Array:
 
 def _centres(problem: ThrowProblem, p: Array, v: Array, t: Array) -> tuple[Array, Mask]:
     """Returns the centres (n, 3) [m] at times (n,) [s], and at which of them the object has touched and lies (n,)."""
+    if problem.body is not None:
+        return path(p, v, t, problem.gravity, problem.drag), np.zeros(len(t), np.bool_)
     touch_s = touchdown_s(p, v, problem.plane_z, problem.cell.object.radius_m, problem.gravity, problem.drag)
     assert touch_s is not None
     assert problem.lies_z is not None
@@ -95,10 +104,12 @@ def _is_far(problem: ThrowProblem, p: Array, v: Array, t: Array) -> bool:
 def _gaps(problem: ThrowProblem, x: Array, lies: Mask) -> dict[str, Array]:
     """Returns the distances (n,) [m] of the sphere at centres (n, 3) from every shape and every part of the base.
 
+    Of a body that of the largest ball within it, however it is turned.
+
     Where it `lies` (n,), as the certificate's it keeps clear of shapes alone.
     """
     cell, body = problem.cell, body_model(problem.cell)
-    radius = cell.object.radius_m
+    radius = cell.object.inner_radius_m
     stands = zip(cell.surroundings.keep_out_names, cell.surroundings.keep_out, strict=True)
     gaps = {name: segment_shape_distance(x, x, shape) - radius for name, shape in stands}
     for i, start, end, thick in zip(np.flatnonzero(body.frames == 0), *body.base_shapes, strict=True):

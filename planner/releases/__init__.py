@@ -6,7 +6,7 @@ from planner.releases.joint import JointRelease
 from planner.releases.line import SteadyLine
 from planner.releases.point import PointRelease
 from planner.releases.pose import POSE, PoseRelease
-from planner.releases.release import Bound, Opening, PointState, Release, ReleaseSample, Target
+from planner.releases.release import Bound, LandingAxis, Opening, PointState, Release, ReleaseSample, Target
 from planner.releases.target import TargetRelease
 
 __all__ = [
@@ -14,6 +14,7 @@ __all__ = [
     "POSE",
     "Bound",
     "JointRelease",
+    "LandingAxis",
     "Opening",
     "PointRelease",
     "PointState",

@@ -51,6 +51,24 @@ class Opening:
 
 
 @dataclass(frozen=True, eq=False)
+class LandingAxis:
+    """Which way the object's z axis lies as its centre comes down on the target; its two ends count alike.
+
+    Attributes:
+        axis_W: unit vector (3,) along it.
+        tolerance_rad: largest angle from it [rad].
+    """
+
+    axis_W: Array
+    tolerance_rad: float
+
+    def angles(self, axes: Array) -> Array:
+        """Returns the angles (...) [rad] of axes, unit vectors (..., 3), from it."""
+        across = np.linalg.norm(np.cross(axes, self.axis_W), axis=-1)
+        return np.arctan2(across, np.abs(axes @ self.axis_W))
+
+
+@dataclass(frozen=True, eq=False)
 class Target:
     """A point to hit by free flight, on the way down; the release state is free within these bounds.
 
@@ -61,6 +79,7 @@ class Target:
         min_horizontal_distance_m: least horizontal distance from release to target [m].
         release_position: point of release (3,) [m], None where it is free.
         opening: of the bin that stands around the target, None where there is none.
+        orientation: that the object is to land in; None: any.
     """
 
     p_W: Array
@@ -70,6 +89,7 @@ class Target:
     min_horizontal_distance_m: float = 0.0
     release_position: Array | None = None
     opening: Opening | None = None
+    orientation: LandingAxis | None = None
 
 
 class ReleaseSample(NamedTuple):
@@ -143,7 +163,10 @@ class Release:
 
     @property
     def fixes_joints(self) -> bool:
-        """Whether the joint states at the release are given: one, or of a pose one for each branch."""
+        """Whether a motion reaches one of the joint states at the release as it is, be it all or part of the demand.
+
+        Of a joint state there is one, of a pose one for each branch.
+        """
         return self.joint_state is not None or self.tool_state is not None
 
     @property

@@ -10,10 +10,10 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from planner.arrays import Array
-from planner.cell import Cell
+from planner.cell import Cell, ThrownBody
 from planner.errors import FieldError
 from planner.fields import Field, Number, Record, Vector, required
-from planner.releases.release import Bound, Opening, Release, ReleaseSample, Target, move
+from planner.releases.release import Bound, LandingAxis, Opening, Release, ReleaseSample, Target, move, turn
 
 SPEED_MIN_M_S = 1e-3  # [m/s] lowest bound on the release speed
 OPENING_MAX_M = 10.0  # [m] largest radius and rim height of a bin; catches typing errors
@@ -26,6 +26,14 @@ OPENING = Record(
             Number(above=0.0, most=OPENING_MAX_M), "Inner radius of the bin [m]; above the object's radius."
         ),
         "rim_height_m": required(Number(0.0, OPENING_MAX_M), "Height of the rim above the target [m]."),
+    },
+)
+ORIENTATION = Record(
+    "OrientationRequest",
+    "How an object that is no ball lands: its z axis lies along `axis`, either way round.",
+    {
+        "axis": required(Vector(3), "Direction of the object's z axis as it lands, of any length, in `frame`."),
+        "tolerance_rad": required(Number(above=0.0, most=pi / 2), "Largest angle from it [rad]."),
     },
 )
 
@@ -55,6 +63,9 @@ class TargetRelease(Target, Release):
             "opening": Field(
                 OPENING, "The bin around the target: the object enters through its mouth, clear of rim and wall."
             ),
+            "orientation": Field(
+                ORIENTATION, "How the object is to land; absent: anyhow. For a cell whose object is no ball."
+            ),
         },
     )
 
@@ -62,6 +73,11 @@ class TargetRelease(Target, Release):
     def target(self) -> Target:
         """The target."""
         return self
+
+    @property
+    def fixes_joints(self) -> bool:
+        """Whether joint states are reached as they are: their spin brings about how the object lands."""
+        return self.orientation is not None
 
     def with_target(self, target: Target) -> Self:
         """Returns this release with another target."""
@@ -72,10 +88,15 @@ class TargetRelease(Target, Release):
         found = []
         if self.min_elevation_rad > self.max_elevation_rad:
             found.append(FieldError("release.min_elevation_rad", "is above max_elevation_rad"))
-        if self.opening is not None and self.opening.radius_m <= cell.object.radius_m:
-            sizes = f"radius {self.opening.radius_m:g} m, object {cell.object.radius_m:g} m"
+        if self.opening is not None and self.opening.radius_m <= cell.object.inner_radius_m:
+            sizes = f"radius {self.opening.radius_m:g} m, object {cell.object.inner_radius_m:g} m"
             reason = f"the bin is too narrow for the object: {sizes}"
             found.append(FieldError("release.opening.radius_m", reason))
+        if self.orientation is not None:
+            if not isinstance(cell.object, ThrownBody):
+                found.append(FieldError("release.orientation", "the cell's object is a ball: it has no axis"))
+            if not np.isfinite(self.orientation.axis_W).all():
+                found.append(FieldError("release.orientation.axis", "has no direction"))
         return found
 
     def position_bounds(self, at: ReleaseSample) -> list[Bound]:
@@ -113,6 +134,7 @@ class TargetRelease(Target, Release):
             min_horizontal_distance_m=given.get("min_horizontal_distance_m", 0.0),
             release_position=move(X_WR, given["release_position"]) if "release_position" in given else None,
             opening=Opening(**given["opening"]) if "opening" in given else None,
+            orientation=_orientation(given["orientation"], X_WR) if "orientation" in given else None,
         )
 
     def to_json(self) -> dict[str, Any]:
@@ -129,4 +151,14 @@ class TargetRelease(Target, Release):
             document["release_position"] = self.release_position.tolist()
         if self.opening is not None:
             document["opening"] = asdict(self.opening)
+        if self.orientation is not None:
+            asked = self.orientation
+            document["orientation"] = {"axis": asked.axis_W.tolist(), "tolerance_rad": asked.tolerance_rad}
         return document
+
+
+def _orientation(given: Mapping[str, Any], X_WR: Array) -> LandingAxis:
+    """Returns the landing axis in the world; not a number where it has no direction."""
+    along = turn(X_WR, given["axis"])
+    length = float(np.linalg.norm(along))
+    return LandingAxis(along / length if length > 0.0 else np.full(3, np.nan), given["tolerance_rad"])

@@ -73,7 +73,7 @@ def _bodies(cell: Cell) -> list[ExportedBody]:
         inertia = R @ link.inertia @ R.T
         bodies.append(ExportedBody(link.name, before, i, link.mass, com, inertia, shapes(i + 1, False, X)))
         before = X
-    half_way = 0.5 * cell.tool.X_FT[:3, 3]  # as the planner takes it
+    half_way = 0.5 * cell.tool.end_F  # as the planner takes it
     inertia = POINT_INERTIA_KG_M2 * np.eye(3)
     bodies.append(ExportedBody(TOOL, before, None, cell.tool.mass_kg, half_way, inertia, shapes(6, True, np.eye(4))))
     return bodies

@@ -147,7 +147,8 @@ def _target_candidates(problem: ThrowProblem, target: Target, deadline_s: float)
     except Infeasible as error:
         found = []
         refusal = error
-    if len(found) < FEW and target.release_position is None and has_flight_obstacles(problem):
+    leaves_few = has_flight_obstacles(problem) or problem.body is not None
+    if len(found) < FEW and target.release_position is None and leaves_few:
         if time.perf_counter() >= deadline_s:
             if refusal is None:
                 return found

@@ -63,7 +63,7 @@ def _rooms(problem: ThrowProblem, target: Target, p: Array, v: Array) -> Iterato
     if not beside_base and not has_flight_obstacles(problem):
         return
     p = np.broadcast_to(p, v.shape)
-    arcs = Arcs.onto(p, v, problem.plane_z, problem.gravity_at_tool_speed, problem.cell.object.radius_m)
+    arcs = Arcs.onto(p, v, problem.plane_z, problem.gravity_at_tool_speed, problem.cell.object.inner_radius_m)
     whole = arcs.until_landed(problem.plane_z, problem.surfaces)
     required, _ = problem.flight_clearances
     lowest, highest = _bounds(problem, target, arcs, whole)
@@ -118,7 +118,7 @@ def _room_beside(problem: ThrowProblem, target: Target, shape: Solid, gap_m: flo
 def _spare_gap(problem: ThrowProblem, target: Target, shape: Solid, gap_m: float) -> float:
     """Returns the room [m] that flights keep from a shape beyond `gap_m`: no more than there is at the target."""
     centre = target.p_W + np.array([0.0, 0.0, problem.landing_radius_m])
-    there = float(segment_shape_distance(centre, centre, shape)) - problem.cell.object.radius_m
+    there = float(segment_shape_distance(centre, centre, shape)) - problem.cell.object.inner_radius_m
     return min(max(there - gap_m - CONTACT_M, 0.0), FLIGHT_GAP_M)
 
 
@@ -196,7 +196,7 @@ def _lands_beside_base(problem: ThrowProblem, target: Target) -> bool:
 
 def gap_to_base(problem: ThrowProblem, p: Array) -> float:
     """Returns the distance [m] of the object at a place (3,) from what the base carries, negative within it."""
-    return float(_gaps_to_base(problem, p).min()) - problem.cell.object.radius_m
+    return float(_gaps_to_base(problem, p).min()) - problem.cell.object.inner_radius_m
 
 
 def _room_beside_base(problem: ThrowProblem, arcs: Arcs) -> Array:
@@ -204,7 +204,7 @@ def _room_beside_base(problem: ThrowProblem, arcs: Arcs) -> Array:
     x = arcs.at((2.0 + INSTANTS.reshape(-1, *[1] * arcs.until_s.ndim)) / 3.0 * arcs.until_s)
     _, required = problem.flight_clearances
     gaps = _gaps_to_base(problem, x) - required.reshape(-1, *[1] * (x.ndim - 1))
-    return gaps.min(axis=(0, 1)) - problem.cell.object.radius_m
+    return gaps.min(axis=(0, 1)) - problem.cell.object.inner_radius_m
 
 
 def _gaps_to_base(problem: ThrowProblem, x: Array) -> Array:

@@ -11,6 +11,7 @@ from planner.flight import fly
 from planner.geometry import tool_state
 from planner.problem import ThrowProblem
 from planner.seeds.candidates import Candidate, usable_candidates
+from planner.seeds.landing_axes import aimed_at, thrown_velocity
 from planner.seeds.velocity_allocation import tool_jacobian
 
 ReleaseState = tuple[Sequence[float], Sequence[float]]  # q (6) [rad], qd (6) [rad/s]
@@ -40,9 +41,14 @@ def _redirected(problem: ThrowProblem, q: Array, qd: Array) -> Array | None:
     assert problem.target is not None
     state = tool_state(problem.cell, q, qd)
     R_WB = problem.cell.X_WB[:3, :3]
-    flight = fly(state.p_WT, state.v_WT, problem.plane_z, problem.gravity_at_tool_speed, problem.drag)
+    aim = aimed_at(problem, problem.target).p_W
+    flight = fly(state.p_WT, state.v_WT, float(aim[2]), problem.gravity_at_tool_speed, problem.drag)
     if flight is None:
         return None
-    change_W = (problem.target.p_W - flight.landing_point) / flight.time_of_flight_s
+    change_W = (aim - flight.landing_point) / flight.time_of_flight_s
     J_v_BT = tool_jacobian(problem, q[None])[0]
-    return qd + np.linalg.pinv(J_v_BT) @ (R_WB.T @ change_W)
+    moved = qd + np.linalg.pinv(J_v_BT) @ (R_WB.T @ change_W)
+    if problem.body is None:
+        return moved
+    thrown = thrown_velocity(problem, problem.target, q[None], J_v_BT[None], (J_v_BT @ moved)[None])[0]
+    return thrown if np.isfinite(thrown).all() else None

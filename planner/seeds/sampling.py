@@ -26,6 +26,7 @@ from planner.seeds.flight_filter import (
     least_room,
     no_clear_flight,
 )
+from planner.seeds.landing_axes import aimed_at, thrown_velocity
 from planner.seeds.launches import (
     allowed_velocity,
     far_enough,
@@ -43,6 +44,8 @@ from planner.seeds.velocity_allocation import allocate_velocity, tool_jacobian, 
 ORIENTATIONS = 96  # tool orientations tried at a point
 MORE_ORIENTATIONS = 1024
 FEW = 6  # postures at a point, throws slow enough, or candidates behind obstacles: fewer call for more draws
+NO_TOUCH = "no joint state was found with which the object first touches what is at the target there"
+NO_SPIN = "no spin was found with which the object lands along that axis"
 CHECKED_MAX = 1536  # soonest of these states whose clearance is checked before they are compared: 40 ms
 
 
@@ -99,6 +102,7 @@ def target_states(problem: ThrowProblem, target: Target, thorough: bool = False)
     Raises:
         Infeasible: there are none.
     """
+    target = aimed_at(problem, target)
     q, qd = _thrown(problem, target, thorough)
     if thorough:
         q, qd = _clear_of_obstacles(problem, q, qd)
@@ -116,7 +120,15 @@ def _with_run_ups(problem: ThrowProblem, target: Target, q: Array, qd: Array) ->
     kept = far_enough(target, p) & throwing(problem.cell, run_q, p, problem.limits.singularity_distance_min)
     kept &= allowed_velocity(problem, target, v)
     kept[kept] = clear_flights(problem, target, p[kept], v[kept])
-    return np.concatenate([run_q[kept], q]), np.concatenate([run_qd[kept], qd])
+    run_q = run_q[kept]
+    run_qd = run_qd[kept]
+    if problem.body is not None:
+        J = tool_jacobian(problem, run_q)
+        run_qd = thrown_velocity(problem, target, run_q, J, tool_velocity(J, run_qd))
+        spun = np.isfinite(run_qd).all(axis=1)
+        run_q = run_q[spun]
+        run_qd = run_qd[spun]
+    return np.concatenate([run_q, q]), np.concatenate([run_qd, qd])
 
 
 def _thrown(problem: ThrowProblem, target: Target, thorough: bool) -> tuple[Array, Array]:
@@ -173,11 +185,13 @@ def _with_more(
 
 
 def _has_enough(problem: ThrowProblem, target: Target, qd: Array) -> bool:
-    """Returns whether some joint velocities (n, 6) keep their limits: a few, where the elevations are bounded.
+    """Returns whether some joint velocities (n, 6) keep their limits: a few, where elevations or landings are bounded.
 
     With bounds a posture's only flight is mostly one at an end of the range, and others release in a third of the time.
+    Motions go to the states of a body as they are, and few are slow enough with a spin.
     """
     is_bounded = target.min_elevation_rad > -np.pi / 2 or target.max_elevation_rad < np.pi / 2
+    is_bounded |= problem.body is not None
     return int(_is_slow(problem, qd).sum()) >= (FEW if is_bounded else 1)
 
 
@@ -230,6 +244,9 @@ def _flights(problem: ThrowProblem, target: Target, q: Array, p: Array) -> tuple
     v, allowed = launches(problem, target, p)
     if not allowed.any():
         raise Infeasible([no_flight(problem, target, p)])
+    if problem.body is not None and clear_flights(problem, target, p, v)[allowed].any():
+        asks = target.orientation is not None
+        raise Infeasible([nothing_found("landing_axis", NO_SPIN) if asks else nothing_found("landing", NO_TOUCH)])
     p = np.broadcast_to(p, v.shape)[allowed]
     v = v[allowed]
     raise Infeasible([no_clear_flight(problem, target, p, v, len(p))])
@@ -249,7 +266,7 @@ def _best_flights(problem: ThrowProblem, target: Target, q: Array, p: Array) -> 
     of = np.nonzero(ok)[1]  # posture of every flight
     J = tool_jacobian(problem, q)
     R_BW = problem.cell.X_WB[:3, :3].T
-    qd = allocate_velocity(J[of], v[ok] @ R_BW.T, problem.limits.qd_max)
+    qd = thrown_velocity(problem, target, q[of], J[of], v[ok] @ R_BW.T)
     bound = np.full(ok.shape, np.inf)
     flight = np.zeros(ok.shape, dtype=np.intp)
     bound[ok] = penalised_bound(problem, q[of], qd)
@@ -297,7 +314,9 @@ def _with_drag(problem: ThrowProblem, target: Target, q: Array, qd: Array) -> tu
     t = time_of_flight(p[:, 2] - target.p_W[2], v[:, 2], problem.gravity_at_tool_speed)
     v = with_drag(problem, target, p, t)
     hits = np.isfinite(v).all(axis=1) & allowed_velocity(problem, target, v)
-    return q[hits], allocate_velocity(J[hits], v[hits] @ R_WB, problem.limits.qd_max)
+    qd = thrown_velocity(problem, target, q[hits], J[hits], v[hits] @ R_WB)
+    spun = np.isfinite(qd).all(axis=1)
+    return q[hits][spun], qd[spun]
 
 
 def _within_limits(limits: Limits, start: Array, q: Array) -> Array:

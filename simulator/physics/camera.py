@@ -17,11 +17,13 @@ class ObservingCamera:
         self.draw = random.Random(f"{seed} camera")
 
     def observe(self, landing: Mapping[str, Any]) -> dict[str, Any]:
-        """Returns the observation of a landing: object, what it landed on, position, its standard deviation."""
+        """Returns the observation of a landing: object, on what, position and its standard deviation, z axis."""
         x, y, z = landing["position_m"]
         dx, dy = self._error()
         position = [x + dx, y + dy, z]
+        seen = {"axis": landing["axis"]} if "axis" in landing else {}
         return {
+            **seen,
             "object": landing["object"],
             "surface": landing["surface"],
             "position_m": position,

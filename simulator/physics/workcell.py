@@ -14,7 +14,7 @@ from simulator.physics.kinematics import KinematicChain, Transform
 from simulator.physics.lag import Lag
 from simulator.physics.outputs import Outputs, SwitchedDevice
 from simulator.physics.overshoot import NO_SCATTER, Overshoot, Scatter
-from simulator.physics.world import World
+from simulator.physics.world import Attitude, State, World
 from simulator.settings import SimulatorSettings
 from simulator.truth import Truth
 
@@ -72,23 +72,26 @@ class Workcell:
         self.world.cycle(t, self.dt)
         left_at = self.gripper.take_release(t)
         if left_at is not None:
-            self.world.release(self.gripper.let_go(), left_at, self._object_state(t - left_at), t)
+            state, attitude = self._leaving(t - left_at)
+            self.world.release(self.gripper.let_go(), left_at, state, t, attitude)
         self.gripper.rearm(self.arm.stands)
 
     def lose_object(self, t: float) -> None:
         """Fault: the held object slips out of the gripper at `t` [s]."""
         number = self.gripper.lose()
         if number is not None:
-            self.world.release(number, t, self._object_state(0.0), t)
+            state, attitude = self._leaving(0.0)
+            self.world.release(number, t, state, t, attitude)
 
-    def _object_state(self, back_s: float) -> tuple[float, ...]:
-        """Returns position and velocity in the world with which the held object left, `back_s` [s] ago."""
+    def _leaving(self, back_s: float) -> tuple[State, Attitude]:
+        """Returns with which state and attitude in the world the held object left, `back_s` [s] ago."""
         pose, twist = self.arm.true_motion_before(min(back_s, self.dt), self.tool)
         b = self.base
         point = kinematics.product(b, pose)
         factor = self._speed_factor()
         velocity = [factor * (b[r] * twist[0] + b[r + 1] * twist[1] + b[r + 2] * twist[2]) for r in (0, 4, 8)]
-        return (point[3], point[7], point[11], *velocity)
+        spin = [b[r] * twist[3] + b[r + 1] * twist[4] + b[r + 2] * twist[5] for r in (0, 4, 8)]
+        return (point[3], point[7], point[11], *velocity), Attitude(point, spin)
 
     def _speed_factor(self) -> float:
         """Returns the speed of the leaving object over that of the tool centre point."""

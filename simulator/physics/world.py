@@ -1,21 +1,27 @@
 """The world around the arm: objects in flight and their landings; all releases and landings are recorded.
 
-An object is a sphere. It lands where its centre comes down through a plane: that of `sim.landing_height_m`, the floor,
-the bottom of a bin, or the level top of a keep-out shape that it touched. All else of shapes and bins stops it
-(`obstacles`).
+A ball lands where its centre comes down through a plane: that of `sim.landing_height_m`, the floor, the bottom of a
+bin, or the level top of a keep-out shape that it touched. A body that is no ball turns free of torque as it flies, and
+lands where its lowest point comes down to the floor, a bin's bottom or a level top, or its centre through the plane of
+`sim.landing_height_m`, where nothing is; it does not bounce. All else of shapes and bins stops both (`obstacles`), a
+body where the balls of its hull touch it.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
-from planner.cell import Cell
+import numpy as np
+
+from planner.cell import Cell, ThrownBody
 from planner.flight import drag_constant
 from planner.geometry import LEVEL_M
 from simulator.physics.camera import ObservingCamera
 from simulator.physics.obstacles import BIN, Contact, Obstacle, Point, RoundBin, SolidShape
+from simulator.physics.turning import Turning, TurningBody
 from simulator.truth import Truth
 
 BOUNCES_MAX = 20  # a bouncing object is at rest after this many
@@ -31,18 +37,38 @@ State = tuple[float, ...]  # x y z vx vy vz in the world [m, m/s]
 
 @dataclass(frozen=True)
 class Plane:
-    """A horizontal plane on which objects land."""
+    """A horizontal plane on which objects land; a body passes one where nothing is with its centre."""
 
     name: str
     z_m: float
+    is_solid: bool = True
+
+
+class Attitude(NamedTuple):
+    """How an object leaves: pose of the tool in the world, and its angular velocity (3,) there [rad/s]."""
+
+    tool: Sequence[float]
+    spin: Sequence[float]
+
+
+UPRIGHT = Attitude((1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0))
 
 
 @dataclass
 class FlyingObject:
-    """One object in the air: of which throw, the number of its bounces so far, what it touched if it was caught."""
+    """One object in the air.
+
+    Attributes:
+        number, throw: its own, and that of its throw.
+        state: where it is and how it moves.
+        turning: how it is turned, and turns; None of a ball.
+        bounces: number of its bounces so far.
+        caught: what it touched, if it was caught.
+    """
 
     number: int
     state: State
+    turning: Turning | None = None
     throw: int = 0
     bounces: int = 0
     caught: Contact | None = None
@@ -60,7 +86,9 @@ class World:
     def __init__(self, cell: Cell, restitution: float, truth: Truth) -> None:
         self.gravity = cell.surroundings.gravity_m_s2
         thrown = cell.object
-        self.drag = drag_constant(thrown.mass_kg, thrown.radius_m, truth.drag_coefficient)
+        self.hull = thrown
+        self.body = TurningBody(thrown) if isinstance(thrown, ThrownBody) else None
+        self.drag = drag_constant(truth.mass_kg, thrown.drag_radius_m, truth.drag_coefficient)
         self.camera = ObservingCamera(truth.camera, truth.seed)
         self.throw = 0
         self.observations: list[dict[str, Any]] = []
@@ -79,17 +107,21 @@ class World:
 
     def expect_throw(self, landing_z_m: float) -> int:
         """Returns the number of the throw that comes next; its objects land on the plane at `landing_z_m` [m]."""
-        self.planes = [Plane("floor", self.floor_z_m), Plane("landing plane", landing_z_m)]
+        self.planes = [Plane("floor", self.floor_z_m), Plane("landing plane", landing_z_m, is_solid=False)]
         self.throw += 1
         return self.throw
 
-    def release(self, number: int, at_s: float, state: State, now_s: float) -> None:
-        """Releases object `number` with `state` at `at_s` [s], and advances its flight to `now_s` [s]."""
+    def release(self, number: int, at_s: float, state: State, now_s: float, attitude: Attitude = UPRIGHT) -> None:
+        """Releases object `number` with state and attitude at `at_s` [s], and advances its flight to `now_s` [s]."""
         record = {"object": number, "throw": self.throw, "t": at_s}
         record |= {"position_m": list(state[:3]), "velocity_m_s": list(state[3:])}
+        turning = None
+        if self.body is not None:
+            turning = self.body.leaving(np.reshape(attitude.tool, (3, 4))[:, :3], attitude.spin)
+        flight = FlyingObject(number, state, turning, self.throw)
+        record |= self._axis(flight)
         self.releases.append(record)
         del self.releases[:-RECORDS_MAX]
-        flight = FlyingObject(number, state, self.throw)
         self.flights.append(flight)
         self._fly(flight, at_s, now_s - at_s)
 
@@ -111,9 +143,10 @@ class World:
             touched = self._first_contact(flight, until)
             passed = until if touched is None else touched[0]
             start += passed
+            flight.turning = self._turned(flight, passed)
             flight.state = self._after(flight, passed)
             if touched is not None:
-                self._touch(flight, touched[1].contact(flight.state[:3]), start)
+                self._touch(flight, self._contact(flight, touched[1]), start)
             elif reached is not None:
                 self._land(flight, reached[1], start)
             elif flight.state[2] < min(p.z_m for p in self.planes) - FALL_MAX_M:
@@ -123,12 +156,12 @@ class World:
         return step(flight.state, duration, self.gravity, self.drag)
 
     def _reached(self, flight: FlyingObject, duration: float) -> tuple[float, Plane] | None:
-        """Returns time [s] and plane of the first plane that the centre comes down through within `duration`."""
-        highest = flight.state[2]
-        lowest = self._after(flight, duration)[2]
-        met = [plane for plane in self._planes(flight) if highest >= plane.z_m >= lowest]
-        for plane in sorted(met, key=lambda plane: -plane.z_m):
-            passed = self._crossing(flight, duration, plane)
+        """Returns time [s] and plane of the first plane that an object comes down through within `duration`."""
+        met = []
+        for plane in self._planes(flight):
+            if self._height(flight, 0.0, plane) >= plane.z_m >= self._height(flight, duration, plane):
+                met.append((self._crossing(flight, duration, plane), plane))
+        for passed, plane in sorted(met, key=lambda each: (each[0], -each[1].z_m)):
             if self.bin is None or plane.name != BIN or self.bin.spans(self._after(flight, passed)):
                 return passed, plane
         return None
@@ -143,16 +176,28 @@ class World:
         return [bottom] if self.bin.encloses(flight.state) else [bottom, *self.planes]
 
     def _crossing(self, flight: FlyingObject, duration: float, plane: Plane) -> float:
-        """Returns the time until the centre comes down through the plane [s], by bisection."""
+        """Returns the time until an object comes down through the plane [s], by bisection."""
         low = 0.0
         high = duration
         for _ in range(BISECTIONS):
             middle = 0.5 * (low + high)
-            if self._after(flight, middle)[2] > plane.z_m:
+            if self._height(flight, middle, plane) > plane.z_m:
                 low = middle
             else:
                 high = middle
         return high
+
+    def _height(self, flight: FlyingObject, later_s: float, plane: Plane) -> float:
+        """Returns the height [m] of what comes down through a plane, `later_s` [s] from now."""
+        z = self._after(flight, later_s)[2]
+        turning = self._turned(flight, later_s) if plane.is_solid else None
+        return z if self.body is None or turning is None else z - self.body.below(turning)
+
+    def _turned(self, flight: FlyingObject, later_s: float) -> Turning | None:
+        """Returns how an object turns `later_s` [s] from now; None of a ball."""
+        if self.body is None or flight.turning is None:
+            return None
+        return self.body.after(flight.turning, later_s)
 
     def _first_contact(self, flight: FlyingObject, duration: float) -> tuple[float, Obstacle] | None:
         """Returns time [s] and obstacle of the first contact within `duration`, None where the way is free.
@@ -165,16 +210,66 @@ class World:
         if not obstacles:
             return None
         fastest = math.hypot(*flight.state[3:]) + self.gravity * duration
+        if self.body is not None and flight.turning is not None:
+            fastest += self.body.farthest_m * self.body.speed(flight.turning)
         passed = 0.0
         while True:
             x, y, z = self._after(flight, passed)[:3]
-            p = (x, y, max(z, lies_on_z + self.radius_m))
-            gap, nearest = min(((o.gap(p, self.radius_m), o) for o in obstacles), key=lambda pair: pair[0])
+            if self.body is None:
+                p = (x, y, max(z, lies_on_z + self.radius_m))
+                gaps = [(o.gap(p, self.radius_m), o) for o in obstacles]
+            else:
+                gaps = self._gaps_of_body(flight, obstacles, passed)
+            gap, nearest = min(gaps, key=lambda pair: pair[0])
             if gap < CONTACT_M:
                 return passed, nearest
             passed += gap / fastest
             if passed >= duration:
                 return None
+
+    def _gaps_of_body(
+        self, flight: FlyingObject, obstacles: list[Obstacle], later_s: float
+    ) -> list[tuple[float, Obstacle]]:
+        """Returns the gap of a body to each obstacle [m], `later_s` [s] from now, with the obstacle.
+
+        That of its hull; over a shape that of its lowest point, if that is larger.
+        """
+        assert self.body is not None
+        turning = self._turned(flight, later_s)
+        assert turning is not None
+        x, y, z = self._after(flight, later_s)[:3]
+        lowest = z - self.body.below(turning)
+        balls = [(x + dx, y + dy, z + dz) for dx, dy, dz in self._balls(turning)]
+        found: list[tuple[float, Obstacle]] = []
+        for obstacle in obstacles:
+            gap = min(obstacle.gap(p, self.radius_m) for p in balls)
+            if isinstance(obstacle, SolidShape):
+                gap = max(gap, lowest - obstacle.top_z)
+            found.append((gap, obstacle))
+        return found
+
+    def _contact(self, flight: FlyingObject, met: Obstacle) -> Contact:
+        """Returns what an object touches: a body comes down on a level top only with its lowest point."""
+        contact = met.contact(flight.state[:3])
+        if self.body is None or flight.turning is None or not isinstance(met, SolidShape):
+            return contact
+        lowest = flight.state[2] - self.body.below(flight.turning)
+        return contact if lowest >= met.top_z - CONTACT_M else Contact(contact.name)
+
+    def _balls(self, turning: Turning) -> list[Point]:
+        """Returns the places of the balls of a body's hull from its centre [m]."""
+        thing = self.hull
+        if self.body is None or not isinstance(thing, ThrownBody):
+            return [(0.0, 0.0, 0.0)]
+        along = self.body.axes(turning) @ thing.hull_axis_O
+        return [tuple((place * along).tolist()) for place in thing.balls_m]
+
+    def _axis(self, flight: FlyingObject) -> dict[str, Any]:
+        """Returns what a record tells of how an object lies in the air: of a ball nothing."""
+        if self.body is None or flight.turning is None:
+            return {}
+        w, x, y, z = flight.turning.q
+        return {"axis": self.body.axes(flight.turning)[:, 2].tolist(), "quaternion": [x, y, z, w]}
 
     def _obstacles(self, flight: FlyingObject) -> list[Obstacle]:
         """Returns what an object can touch: once it lies on something, what is higher, and a bin's wall outside it."""
@@ -199,6 +294,9 @@ class World:
             self._record(flight, contact.name, t)
             self.flights.remove(flight)
             return
+        if self.body is not None and contact.slides:
+            self._land(flight, Plane(contact.name, contact.lies_at_z_m), t)
+            return
         flight.caught = contact
         if not contact.slides:
             x, y, z, _, _, vz = flight.state
@@ -209,7 +307,7 @@ class World:
         flight.state = (x, y, plane.z_m, vx, vy, vz)
         self._record(flight, plane.name, t)
         up = -self.restitution * vz
-        if up < BOUNCE_SPEED_MIN or flight.bounces >= BOUNCES_MAX:
+        if self.body is not None or up < BOUNCE_SPEED_MIN or flight.bounces >= BOUNCES_MAX:
             self.flights.remove(flight)
             return
         flight.bounces += 1
@@ -224,6 +322,7 @@ class World:
             "velocity_m_s": list(flight.state[3:]),
             "surface": surface,
             "bounce": flight.bounces,
+            **self._axis(flight),
         }
         self.landings.append(record)
         del self.landings[:-RECORDS_MAX]

@@ -4,8 +4,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from planner.dynamics import Payload, joint_torques
+from planner.cell import ThrownBody, cell_of_keys
+from planner.certificate import ArmSamples
+from planner.dynamics import Payload, joint_torques, payload_of
+from planner.kinematics import LinkMotion, link_poses
 from planner.robots import ROBOT_NAMES, robot
+from planner.rotations import rotation_vector_to_matrix
+from tests.planner.problems import cell
 from tests.planner.published_arms import pinocchio_arm
 
 RNG = np.random.default_rng(9)
@@ -61,3 +66,37 @@ def test_one_sample_is_the_same_as_many():
     one = joint_torques(robot("ur20"), q[1, 2], qd[1, 2], qdd[1, 2], DOWN, PAYLOAD)
     np.testing.assert_allclose(many[1, 2], one, rtol=1e-12)
     assert joint_torques(robot("ur20"), q, np.zeros(6), np.zeros(6), DOWN).shape == (2, 3, 6)
+
+
+HELD = {
+    "shape": "box",
+    "mass_kg": 1.2,
+    "size_m": [0.05, 0.1, 0.2],
+    "in_tool": {"position_m": [0.02, -0.03, 0.08], "rotation_vector_rad": [0.4, -0.7, 0.2]},
+}
+
+
+def test_a_held_body_weighs_and_turns_where_it_is_and_the_hand_where_it_was():
+    document = cell().document
+    tool = {**document["tool"], "mass_kg": 1.7, "tcp_rotation_vector_rad": [0.3, 0.1, -0.5]}
+    here = cell_of_keys({**document, "tool": tool, "object": HELD})
+    thing = here.object
+    assert isinstance(thing, ThrownBody)
+    model = pinocchio_arm(here.robot.name, exact=True).copy()
+    X_FT = pin.SE3(rotation_vector_to_matrix(tool["tcp_rotation_vector_rad"]), np.array(tool["tcp_position_m"]))
+    held = pin.SE3(rotation_vector_to_matrix(HELD["in_tool"]["rotation_vector_rad"]), np.array([0.02, -0.03, 0.08]))
+    box = pin.Inertia.FromBox(1.2, 0.05, 0.1, 0.2)
+    hand = pin.Inertia(1.7, 0.5 * X_FT.translation, np.zeros((3, 3)))
+    model.appendBodyToJoint(6, hand, pin.SE3.Identity())
+    model.appendBodyToJoint(6, box, X_FT * held)
+    q, qd, qdd = motion(50)
+    expected = reference(model, DOWN, q, qd, qdd)
+    assert_agrees(joint_torques(here.robot, q, qd, qdd, DOWN, payload_of(here, with_object=True)), expected)
+    chain = LinkMotion(link_poses(here.robot, q, here.X_WB), qd, qdd)
+    terms = ArmSamples(here, np.zeros(50), chain.X, chain, chain.on_flange(here.tool.X_FT[:3, 3])).loaded_torques
+    base = reference(model, here.X_WB[:3, :3].T @ DOWN, q, qd, qdd)
+    assert_agrees(terms.whole.T, base)
+    bare = pinocchio_arm(here.robot.name, exact=True).copy()
+    bare.appendBodyToJoint(6, hand, pin.SE3.Identity())
+    gone = joint_torques(here.robot, q, qd, qdd, DOWN, payload_of(here, with_object=False))
+    assert_agrees(gone, reference(bare, DOWN, q, qd, qdd))

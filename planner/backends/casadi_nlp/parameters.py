@@ -9,8 +9,8 @@ import numpy as np
 from planner.backends.casadi_nlp import layout
 from planner.backends.casadi_nlp.layout import ARM, TOOL_CAPSULES, Vector
 from planner.backends.casadi_nlp.margins import Margins
-from planner.cell import Box, Cell, Limits
-from planner.geometry import SELF_CLEARANCE_M, arm_capsules, body_model, self_collision_pairs
+from planner.cell import Box, Cell, Limits, ThrownBody
+from planner.geometry import SELF_CLEARANCE_M, arm_capsules, body_model, held_object, self_collision_pairs
 
 CELLS_KEPT = 32  # cells whose parameters are cached
 UNBOUNDED = 1.0e3  # [m] coordinate of a missing keep-in face
@@ -151,9 +151,14 @@ def grip_parameters(cell: Cell) -> Vector:
 def link_parameters(cell: Cell) -> Vector:
     """Returns mass, first moment and inertia about the frame's origin of each link (60,), payload in the last."""
     rows = [_about_origin(link.mass, link.com, link.inertia) for link in cell.robot.links]
-    p_FT = cell.tool.X_FT[:3, 3]
-    rows[-1] = rows[-1] + _about_origin(cell.tool.mass_kg, p_FT / 2.0, np.zeros((3, 3)))
-    rows[-1] = rows[-1] + _about_origin(cell.object.mass_kg, p_FT, np.zeros((3, 3)))
+    X_FT = cell.tool.X_FT
+    thing = cell.object
+    inertia = np.zeros((3, 3))
+    if isinstance(thing, ThrownBody):
+        R_FO = X_FT[:3, :3] @ thing.R_TO
+        inertia = R_FO * thing.inertia_kg_m2 @ R_FO.T
+    rows[-1] = rows[-1] + _about_origin(cell.tool.mass_kg, cell.tool.end_F / 2.0, np.zeros((3, 3)))
+    rows[-1] = rows[-1] + _about_origin(thing.mass_kg, X_FT[:3, 3], inertia)
     return np.concatenate(rows)
 
 
@@ -170,8 +175,8 @@ def capsule_parameters(cell: Cell) -> Vector:
         table[slot] = [*c.p0, *c.p1, c.radius_m]
     for slot, (p0, p1, radius) in enumerate(wrapped_tool_capsules(cell), start=layout.FIRST_TOOL):
         table[slot] = [*p0, *p1, radius]
-    p = cell.tool.X_FT[:3, 3]
-    table[layout.OBJECT] = [*p, *p, cell.object.radius_m]
+    held = held_object(cell)
+    table[layout.OBJECT] = [*held.p0, *held.p1, held.radius_m]
     return table.ravel()
 
 

@@ -26,7 +26,7 @@ from planner.certificate.flight.patches import (
     corners_on_grid,
     patch_bounds,
 )
-from planner.certificate.flight.shapes import core_gaps, least_gaps
+from planner.certificate.flight.shapes import BallPatches, core_gaps, least_gaps
 from planner.certificate.samples import MotionSamples
 from planner.flight import time_of_flight
 from planner.kinematics import dot
@@ -52,6 +52,8 @@ class Grid:
         released: positions [m] and velocities [m/s] of the releases (2, 3, m + 1) or (2, 3, 1).
         t: the instants (n + 1,) [s].
         x: positions (3, m + 1, n + 1) or (3, 1, n + 1) [m].
+        places: those of each ball of the object [m].
+        lowest: heights of the lowest points of a body (m + 1, n + 1) or (1, n + 1) [m]; None of a ball.
         X_WL: poses of base and links at the instants (n + 1, 7, 4, 4).
         rates: sums of joint speeds and accelerations that move each frame (2, 7, n).
         bounds: on what is between the corners.
@@ -63,6 +65,8 @@ class Grid:
     released: Array
     t: Array
     x: Array
+    places: list[Array]
+    lowest: Array | None
     X_WL: Array
     rates: Array
     bounds: PatchBounds
@@ -86,7 +90,7 @@ def flight_clearance(motion: MotionSamples) -> Check | None:
         return at_least(name, math.nan, 0.0, "m", flights.released_s, "never lands")
     if problem.misfit is not None:
         return at_least(name, -problem.misfit.lacking_m, 0.0, "m", flights.end[1], problem.misfit.name)
-    found = _released_under_bin(flights) or _least_gap(flights)
+    found = _released_under_bin(flights) or _missed(flights) or _least_gap(flights)
     value = max(found.value, 0.0) if found.proven else found.value
     required = flights.required_of(found.obstacle)
     return at_least(name, required + value, required, "m", found.at_s, found.obstacle).provided(found.proven)
@@ -112,6 +116,15 @@ def _released_under_bin(flights: Flights) -> LeastGap | None:
     if room[worst] >= 0.0:
         return None
     return LeastGap(float(room[worst]) - flights.radius_m, float(t[worst]), "rim", proven=False)
+
+
+def _missed(flights: Flights) -> LeastGap | None:
+    """Returns by how much a body touches the floor, or the edge of what it is to land on; None where none does."""
+    landings = flights.landings_of_body
+    if landings is None or landings.missed is None:
+        return None
+    value, at_s, name = landings.missed
+    return LeastGap(value, at_s, name, proven=False)
 
 
 def _least_gap(flights: Flights) -> LeastGap:
@@ -158,7 +171,8 @@ def _begin(flights: Flights, closely: Sequence[tuple[float, float]]) -> Begun | 
         flights: the flights.
         closely: as for `_releases`.
     """
-    grid = next((grid for beyond in BEYOND_S if _covers(grid := _grid(flights, beyond, closely))), None)
+    covers = _covers if flights.landings_of_body is None else (lambda _: True)  # a body's grid ends as the last lands
+    grid = next((grid for beyond in BEYOND_S if covers(grid := _grid(flights, beyond, closely))), None)
     if grid is None:
         return None
     lower = _lower_bounds(flights, grid)
@@ -187,12 +201,16 @@ def _grid(flights: Flights, beyond_s: float, closely: Sequence[tuple[float, floa
     several = slice(min(1, len(r) - 1), None)
     bounds = patch_bounds(flights, end[0], spacing, v)
     apexes = bounds.apexes(r, v)
+    x = flights.flown_on_grid(p, v, t - r[:, None])
+    places, lowest = flights.places(x, r[:, None], t)
     return Grid(
         r0=r[: max(1, len(r) - 1)],
         r1=r[several],
         released=np.array([p, v]),
         t=t,
-        x=flights.flown_on_grid(p, v, t - r[:, None]),
+        x=x,
+        places=places,
+        lowest=lowest,
         X_WL=np.concatenate([poses, np.repeat(poses[-1:], resting, axis=0)]),
         rates=rates,
         bounds=bounds,
@@ -223,6 +241,8 @@ def _latest_end(flights: Flights, r: Array, p: Array, v: Array) -> float:
     assert flights.end is not None
     (height, nominal) = flights.end
     problem = flights.motion.problem
+    if flights.landings_of_body is not None:
+        return flights.landings_of_body.last_s
     if flights.spread_s == 0.0 or problem.drag > 0.0:
         return nominal + flights.spread_s
     times = time_of_flight(p[2] - height, v[2], problem.gravity)
@@ -243,33 +263,65 @@ def _lower_bounds(flights: Flights, grid: Grid) -> Array:
 
     The bin's wall is among the obstacles only where there is one. Shapes that are too far to decide have no bounds.
     """
+    places = zip(flights.balls_m, grid.places, strict=True)
+    lowest = None
+    if grid.lowest is not None and flights.landings_of_body is not None:
+        h = np.diff(grid.t)
+        s = np.maximum(grid.t[1:] - grid.r0[:, None], grid.r1[:, None] - grid.t[:-1])
+        farthest = grid.bounds.of_ball(flights.landings_of_body.thing.outer_radius_m)
+        bend = farthest.release_bend(s, (grid.r1 - grid.r0)[:, None]) + farthest.time_bend(s, h)
+        lowest = np.min(corners_on_grid(grid.lowest), axis=0) - bend
+    return np.min([_bounds_of_ball(flights, grid, *place, lowest) for place in places], axis=0)
+
+
+def _bounds_of_ball(flights: Flights, grid: Grid, place_m: float, y: Array, below: Array | None) -> Array:
+    """Returns the bounds of `_lower_bounds` for a ball of the object.
+
+    Args:
+        flights, grid: as given.
+        place_m: its place along the object's axis [m].
+        y: where it is [m].
+        below: heights that no point of a body is below over the patches (m, n) [m]; None of a ball.
+    """
     bounds = grid.bounds
+    ball = bounds.of_ball(place_m)
     x = corners_on_grid(grid.x)
     h = np.diff(grid.t)
     s = np.maximum(grid.t[1:] - grid.r0[:, None], grid.r1[:, None] - grid.t[:-1])
     across = bounds.release_bend(s, (grid.r1 - grid.r0)[:, None])
     bend = across + bounds.time_bend(s, h)
+    ball_bend = bend if place_m == 0.0 else ball.release_bend(s, (grid.r1 - grid.r0)[:, None]) + ball.time_bend(s, h)
     falling = grid.t[:-1] >= grid.apexes[:, None]
     highest = np.max([corner[2] for corner in x[::2]], axis=0) + across
     lowest = flights.lowest_at(x, bend)
+    patches = BallPatches(x, bend, corners_on_grid(y), ball_bend, falling, below)
+    landings = flights.landings_of_body
+    spans = None if landings is None else landings.spans(grid.r0, grid.r1)
 
     def in_flight(item: Index, gaps: Array) -> Array:
-        ends = flights.over_below(item[:, None, None], lowest)
-        over = (falling & (highest < ends)) | (grid.t[1:] <= grid.r0[:, None])
+        if spans is not None:
+            carries = flights.carriers[item, None, None]
+            over = spans.is_over(carries, grid.t[:-1], grid.t[1:]) | (grid.t[1:] <= grid.r0[:, None])
+        else:
+            ends = flights.over_below(item[:, None, None], lowest)
+            over = (falling & (highest < ends)) | (grid.t[1:] <= grid.r0[:, None])
         return np.where(over, np.inf, gaps - flights.thickness[item, None, None])
 
     def of_shapes(item: Index) -> Array:
-        corners = [corner[:, None] for corner in x]
-        return in_flight(item, core_gaps(flights, corners, item[:, None, None], bend, falling))
+        each = patches._replace(
+            corners=[corner[:, None] for corner in x], places=[corner[:, None] for corner in patches.places]
+        )
+        return in_flight(item, core_gaps(flights, each, item[:, None, None]))
 
     gaps = np.full((flights.count, *bend.shape), np.inf)
     if flights.count:
-        near = _near_shapes(flights, least_gaps(flights, x, bend), of_shapes)
+        near = _near_shapes(flights, least_gaps(flights, patches), of_shapes)
         gaps[near] = of_shapes(near)
-    others = [_capsule_distances(flights, grid, s, h) - bend]
+    others = [_capsule_distances(flights, grid, ball, y, s) - ball_bend]
     if flights.opening is not None:
-        rim = bounds.wall_bound(x) - bend
-        others.append(np.where(falling & bounds.all_in_bin(x, bend), np.inf, rim)[None])
+        rim = bounds.wall_bound(patches.places) - ball_bend
+        is_in = falling & bounds.all_in_bin(patches.places, ball_bend) & (landings is None)
+        others.append(np.where(is_in, np.inf, rim)[None])
     found = np.concatenate(others)
     return np.concatenate([gaps, in_flight(flights.count + np.arange(len(found)), found)])
 
@@ -291,13 +343,13 @@ def _near_shapes(flights: Flights, least: Array, gaps: Callable[[Index], Array])
     return np.flatnonzero(carries | ~(least > decisive_m))
 
 
-def _capsule_distances(flights: Flights, grid: Grid, s: Array, h: Array) -> Array:
-    """Returns lower bounds on the distances of the capsules (c, m, n) [m], but for the bend of the flights."""
+def _capsule_distances(flights: Flights, grid: Grid, bounds: PatchBounds, y: Array, s: Array) -> Array:
+    """Returns lower bounds on the distances of the capsules (c, m, n) [m] from a ball at `y`, but for its bend."""
     body = flights.motion.body
-    bounds = grid.bounds
+    h = np.diff(grid.t)
     capsules = body.frames[: body.object], body.ends[: body.object]
     moving = np.array([bounds.speed(s), bounds.time_bend(s, h)])
-    return loops.capsule_bounds((grid.x, grid.X_WL, h), capsules, grid.rates, bounds.reach, moving)
+    return loops.capsule_bounds((y, grid.X_WL, h), capsules, grid.rates, bounds.reach, moving)
 
 
 def _decided(flights: Flights, grid: Grid, lower: Array) -> tuple[Mask, Mask, Mask]:
@@ -345,8 +397,12 @@ def _starts_clear(flights: Flights, grid: Grid, held: Mask) -> Mask:
         X_WL = np.concatenate([X_WL, flights.motion.poses_at(r)])
     instant = np.where(is_later, column, len(grid.t) + release)
     start, end = np.moveaxis(body.end_points(X_WL)[body.beside_object][item, :, :, instant], (2, 3), (0, 1))
-    apart = x - nearest_on_segments(x, start, end)
-    starts[:, held] = np.sqrt(dot(apart, apart)) - flights.thickness[flights.gripped[item]] > CONTACT_M
+    thickness = flights.thickness[flights.gripped[item]]
+    is_clear = []
+    for y in flights.places(x, r[release], np.maximum(grid.t[column], r[release]))[0]:
+        apart = y - nearest_on_segments(y, start, end)
+        is_clear.append(np.sqrt(dot(apart, apart)) - thickness > CONTACT_M)
+    starts[:, held] = np.all(is_clear, axis=0)
     return starts
 
 

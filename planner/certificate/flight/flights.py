@@ -6,6 +6,10 @@ capsule's axis or of a bin's wall by its radius (and theirs), until it first tou
 floor or the level top of a shape; a flight that never rises as high until its centre passes the landing plane. In the
 air, where there is no surface, that is so for all. On a surface the object lies from its touch on, and keeps clear of
 the shapes that are higher until its centre would be at the target.
+
+A body is a row of such balls, at x + a u for places a along the axis u of its hull, which turns with it. Each keeps
+clear until the body has landed (`planner.touchdown`): of what it lands on until it may have, of all else until it has.
+What lies below its lowest point, it is clear of.
 """
 
 from __future__ import annotations
@@ -17,6 +21,7 @@ import numpy as np
 
 from planner.arrays import Array, Index, Mask
 from planner.cell import nearest_on_cores
+from planner.certificate.flight.body import BodyLandings
 from planner.certificate.samples import MotionSamples
 from planner.flight import fly, paths, positions_after
 from planner.geometry import Surface
@@ -38,7 +43,9 @@ class Flights:
         motion: the motion.
         spread_s: largest deviation of the release time [s]: how early or late the gripper may open.
         released_s: time of the nominal release [s].
-        radius_m: of the object, at least `LEAST_RADIUS_M` [m].
+        radius_m: of the object or of each ball of its hull, at least `LEAST_RADIUS_M` [m].
+        balls_m: places of the balls along its axis [m]: of an object that is a ball its centre alone.
+        reach_m: distance of the outermost one from the centre [m].
         shapes: rows of the b shapes (20, b), see `Solid.row`.
         tops: heights of the b shapes (b,), without the radius about their cores [m].
         names: of the obstacles.
@@ -60,6 +67,8 @@ class Flights:
         heights = np.array([shape.upper[2] for shape in around])
         radius = max(problem.cell.object.radius_m, LEAST_RADIUS_M)
         self.radius_m = radius
+        self.balls_m = problem.cell.object.balls_m
+        self.reach_m = problem.cell.object.reach_m
         self.shapes = surroundings.keep_out_rows.T
         self.tops = heights - self.shapes[-1]
         capsules = slice(0, body.object)
@@ -79,9 +88,10 @@ class Flights:
         X_WL = self.motion.at_knots.X_WL[self.motion.release_knot : self.motion.release_knot + 1]
         ends = body.end_points(X_WL)[..., 0]
         beside = body.beside_object
-        near = nearest_on_segments(ends[body.object, 0][:, None], ends[beside, 0].T, ends[beside, 1].T)
-        apart = ends[body.object, 0][:, None] - near
-        gaps = np.sqrt(dot(apart, apart)) - body.radii[beside] - self.radius_m
+        p0, p1 = ends[body.object]
+        x = p0[:, None] + np.linspace(0.0, 1.0, len(self.balls_m)) * (p1 - p0)[:, None]
+        apart = x[..., None] - nearest_on_segments(x[..., None], ends[beside, 0].T[:, None], ends[beside, 1].T[:, None])
+        gaps = np.sqrt(dot(apart, apart)).min(axis=0) - body.radii[beside] - self.radius_m
         return beside[gaps < self.clearance_m]
 
     def required_of(self, obstacle: str) -> float:
@@ -117,9 +127,16 @@ class Flights:
         return arm.p_WT[:, k], self.leaving(arm.v_WT[:, k])
 
     @cached_property
+    def landings_of_body(self) -> BodyLandings | None:
+        """When a body has landed; None of a ball."""
+        return None if self.motion.problem.body is None else BodyLandings(self.motion, self.spread_s)
+
+    @cached_property
     def end(self) -> tuple[float, float] | None:
         """Height of the centre below which nothing counts [m], time of the nominal end [s]; None: it never lands."""
         problem = self.motion.problem
+        if self.landings_of_body is not None:
+            return self.landings_of_body.end
         height = self.lowest if self.lies_at_m is None else problem.plane_z
         flight = fly(*self.nominal, height, problem.gravity, problem.drag)
         return None if flight is None else (height, self.released_s + flight.time_of_flight_s)
@@ -197,16 +214,14 @@ class Flights:
         """
         return np.where(self.higher[item], self.motion.problem.plane_z, end)
 
-    def lying(self, x: Array, fallen: Mask) -> Array:
-        """Returns the centres (3, ...) [m], at their height where the object lies.
+    def lies(self, x: Array, fallen: Mask) -> Mask:
+        """Returns where the object lies (...), rather than flies.
 
         Args:
             x: centres of the flights (3, ...) [m].
             fallen: which of them are beyond the apex (...).
         """
-        if self.lies_at_m is None:
-            return x
-        return np.where(fallen & (x[2] < self.lowest_at([x])), self.lying_at(x), x)
+        return np.asarray(fallen & (self.lies_at_m is not None) & (x[2] < self.lowest_at([x])))
 
     def lying_at(self, x: Array) -> Array:
         """Returns the centres (3, ...) [m] of an object that lies where a flight is at `x` (3, ...).
@@ -234,6 +249,24 @@ class Flights:
             distinct, where = np.unique(r, return_inverse=True)
             arm = self.motion.at(distinct)
         return arm.p_WT[:, where], self.leaving(arm.v_WT[:, where])
+
+    def places(self, x: Array, r: Array, t: Array) -> tuple[list[Array], Array | None]:
+        """Returns the centres (3, ...) [m] of the balls of objects at `x` (3, ...), and their lowest points (...) [m].
+
+        None instead of the lowest point of a ball.
+
+        Args:
+            x: centres of the flights [m].
+            r: releases (...) [s].
+            t: times (...) [s].
+        """
+        if self.landings_of_body is None:
+            return [x], None
+        thing = self.landings_of_body.thing
+        r, t = np.broadcast_arrays(r, t)
+        R_WO = self.landings_of_body.axes(r.ravel(), t.ravel())
+        u = (R_WO @ thing.hull_axis_O).T.reshape(x.shape)
+        return [x + place * u for place in self.balls_m], x[2] - thing.below(R_WO).reshape(x.shape[1:])
 
     def leaving(self, v_WT: Array) -> Array:
         """Returns the velocities (3, ...) [m/s] with which the object leaves a tool at `v_WT` (3, ...) [m/s]."""
@@ -329,18 +362,32 @@ class Flights:
         """Returns the gaps to every obstacle (items, n) [m] along one flight; infinite where they no longer count.
 
         Args:
-            x: successive centres (3, n) [m].
+            x: successive centres (3, n) [m] after the nominal release.
             t: their times (n,) [s].
         """
-        items = np.arange(len(self.names))
         falls = is_falling(x)
-        centres = np.repeat(x[:, None], len(items), axis=1)
-        centres[:, : self.count] = self.lying(x, falls)[:, None]
+        places, lowest = self.places(x, np.full(len(t), self.released_s), t)
+        gaps = np.min([self._gaps_of_ball(x, y, falls, t) for y in places], axis=0)
+        if self.landings_of_body is None or lowest is None:
+            return gaps
+        above = lowest - (self.tops + self.shapes[-1])[:, None] - self.required[: self.count, None]
+        gaps[: self.count] = np.maximum(gaps[: self.count], above)
+        gaps[:, t >= self.landings_of_body.latest_s] = np.inf
+        return gaps
+
+    def _gaps_of_ball(self, x: Array, y: Array, falls: Mask, t: Array) -> Array:
+        """Returns what `gaps_along` does for a ball at places `y` (3, n) of the object at `x` (3, n) [m]."""
+        items = np.arange(len(self.names))
+        lies = self.lies(x, falls)
+        centres = np.repeat(y[:, None], len(items), axis=1)
+        if lies.any():
+            centres[:, : self.count] = np.where(lies, self.lying_at(x), y)[:, None]
         every = np.repeat(items, len(t))
         times = np.tile(t, len(items))
         gaps = self.gaps_at(every, centres.reshape(3, -1), times).reshape(len(items), -1)
-        gaps[falls & (x[2] < self.over_below(items[:, None], self.lowest_at([x])) - TINY_M)] = np.inf
-        gaps[self.rim, self.in_bin(x)] = np.inf
+        if self.landings_of_body is None:
+            gaps[falls & (x[2] < self.over_below(items[:, None], self.lowest_at([x])) - TINY_M)] = np.inf
+            gaps[self.rim, self.in_bin(y)] = np.inf
         return gaps
 
     def gaps_at(self, item: Index, x: Array, t: Array) -> Array:

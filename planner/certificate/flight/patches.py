@@ -16,12 +16,20 @@ With s = t - r, bounds A and J on the tool's acceleration and jerk over the rele
 
 where W and A_L are sums of |qd| and |qdd| of the joints that move the link, and l bounds the distance of the object
 from their axes. Source: repeated differentiation, as in `bounds`.
+
+A point at the distance a from the centre of a body moves beside that by a u. With bounds W and B on the tool's angular
+velocity and acceleration, F on the body's angular velocity in flight and g(s) of `planner.spin.growth`: |u_t| <= F,
+|u_tt| <= (1 + 1/sqrt(3)) F^2, as no coefficient of Euler's equations exceeds 1, and |u_r| <= (B + W^2) g(s), as in
+`planner.certificate.touchdown`. By that, u deviates from what is between two releases by at most |u_r| dr/2.
+Of a round body u turns about its momentum with a constant rate P, and with J bounding the rate of the tool's angular
+acceleration and k the largest moment over that across the axis, or 1, |P_r| <= k (B + W^2) =: P1 and |P_rr| <= k (J + 4
+B W + W^3) =: P2, so that |u_rr| <= P1 + P2 s + (P1 s)^2 for the body's axis: of the two bounds the least counts.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -32,9 +40,10 @@ from planner.cell import nearest_on_cores
 from planner.certificate.bounds import joint_rates
 from planner.certificate.flight.flights import TINY_M, Flights
 from planner.certificate.flight.separation import mean
-from planner.certificate.flight.shapes import core_gaps
+from planner.certificate.flight.shapes import BallPatches, core_gaps
 from planner.kinematics import dot
 from planner.native import loops
+from planner.spin import fastest_turn, growth, round_axis, spin_ratio
 
 
 class Patches(NamedTuple):
@@ -94,6 +103,8 @@ class PatchBounds:
         first_speed: bound on the object's speed at the release [m/s].
         tool: bounds on acceleration and jerk of the tool over the releases, as they count [m/s^2, m/s^3].
         spacing_s: largest interval of release times [s].
+        spin: bounds on the rotation of a body.
+        away_m: distance of a ball of it from its centre [m].
     """
 
     flights: Flights
@@ -101,6 +112,12 @@ class PatchBounds:
     first_speed: float
     tool: tuple[float, float]
     spacing_s: float
+    spin: SpinBounds
+    away_m: float = 0.0
+
+    def of_ball(self, place_m: float) -> PatchBounds:
+        """Returns the bounds of a ball of the body at a place along its axis [m]."""
+        return replace(self, away_m=abs(place_m))
 
     @property
     def gravity(self) -> float:
@@ -114,11 +131,11 @@ class PatchBounds:
 
     def speed(self, s: Array) -> Array:
         """Returns bounds [m/s] on the object's speed up to `s` [s] before or after the release."""
-        return self.first_speed + (self.gravity + self.drag * self.first_speed**2) * s
+        return self.first_speed + (self.gravity + self.drag * self.first_speed**2) * s + self.away_m * self.spin.rate
 
     def time_bend(self, s: Array, h: Array) -> Array:
         """Returns bounds [m] on the deviation of a flight within `h` [s], up to `s` [s] from the release."""
-        return (self.gravity + self.drag * self.speed(s) ** 2) * (h * h / 8.0)
+        return (self.gravity + self.drag * self.speed(s) ** 2 + self.away_m * self.spin.bend) * (h * h / 8.0)
 
     def release_bend(self, s: Array, h: Array) -> Array:
         """Returns bounds [m] on the deviation of flights between releases `h` [s] apart, up to `s` [s] from them.
@@ -132,7 +149,12 @@ class PatchBounds:
             # Before the release a flight is a parabola whose acceleration depends on the release's velocity.
             v = self.speed(s)
             most = most + 2.0 * a + drag * (v * v + a * a * s * s + 4.0 * v * a * s + (a * a + v * j) * s * s)
-        return most * (h * h / 8.0)
+        if self.away_m == 0.0:
+            return most * (h * h / 8.0)
+        turned = self.spin.growing * self.spin.grown(np.asarray(s)) * (h / 2.0)
+        if self.away_m <= self.flights.reach_m:  # a ball of the hull, on the axis of a round body
+            turned = np.minimum(turned, self.spin.axis_bend(s) * (h * h / 8.0))
+        return most * (h * h / 8.0) + self.away_m * turned
 
     def apexes(self, r: Array, v: Array) -> Array:
         """Returns times [s] from which flights released at `r` with velocities `v` (3, ...) surely fall."""
@@ -162,7 +184,7 @@ class PatchBounds:
     def evaluate(self, patches: Patches) -> Evaluated:
         """Returns bounds and samples of patches."""
         flights = self.flights
-        (item, r0, r1, t0, t1, *rates) = patches
+        (item, r0, r1, t0, t1, *_) = patches
         r = np.stack([r0, r0, r1, r1])
         t = np.stack([t0, t1, t0, t1])
         released = flights.releases(np.concatenate([r0, r1]))
@@ -174,25 +196,67 @@ class PatchBounds:
         h = t1 - t0
         across = self.release_bend(s, r1 - r0)
         bend = across + self.time_bend(s, h)
-        far = self.distance_from_base(corners).max(axis=0) + bend
-        turned = self.turn_bend(far, s, self.frames(item), (rates[0], rates[1]), h)
-        bound, sampled = self._distances(item, corners, t)
-        lower = bound - bend - np.where(self.is_capsule(item), turned, 0.0)
         fallen = t >= apexes
+        end = flights.over_below(item, flights.lowest_at(_corners(corners), bend))
+        over = falling & (corners[2, ::2].max(axis=0) + across < end)
+        ended = fallen & (corners[2] < flights.over_below(item, flights.lowest_at([corners])))
+        bounds = []
+        gaps = []
+        places, lowest = flights.places(corners, r, t)
+        below = None
+        landings = flights.landings_of_body
+        if landings is not None and lowest is not None:
+            farthest = self.of_ball(landings.thing.outer_radius_m)
+            below = lowest.min(axis=0) - farthest.release_bend(s, r1 - r0) - farthest.time_bend(s, h)
+            carries = flights.carriers[item]
+            over = landings.spans(r0, r1).is_over_each(carries, t0, t1)
+            ended = landings.spans(r.ravel(), r.ravel()).is_over_each(np.tile(carries, 4), t.ravel(), t.ravel())
+            ended = ended.reshape(t.shape)
+        for place_m, y in zip(flights.balls_m, places, strict=True):
+            ball = self.of_ball(place_m)
+            ball_bend = bend if place_m == 0.0 else ball.release_bend(s, r1 - r0) + ball.time_bend(s, h)
+            seen = BallPatches(_corners(corners), bend, _corners(y), ball_bend, falling, below)
+            lower, sampled = ball._seen(patches, seen, (corners, y, lowest), t, fallen)
+            is_over, is_ended = over, ended
+            if landings is None:
+                is_over = over | ((item == flights.rim) & falling & self.all_in_bin(seen.places, ball_bend))
+                is_ended = ended | fallen & (item == flights.rim) & flights.in_bin(y)
+            bounds.append(np.where(is_over | (t1 <= r0), np.inf, lower))
+            gaps.append(np.where(is_ended | (t < r), np.inf, sampled - flights.thickness[item]))
+        return Evaluated(np.min(bounds, axis=0), np.min(gaps, axis=0), r, t)
+
+    def _seen(
+        self, patches: Patches, seen: BallPatches, centres: tuple[Array, Array, Array | None], t: Array, fallen: Mask
+    ) -> tuple[Array, Array]:
+        """Returns lower bounds (k,) on the gaps of a ball over patches, and distances (4, k) of their corners.
+
+        Args:
+            patches: the patches.
+            seen: the same of the ball.
+            centres: of the object and of the ball at the corners (3, 4, k), and heights of the lowest points of a body
+                there (4, k) [m].
+            t: times of the corners (4, k) [s].
+            fallen: which of these are beyond the apex (4, k).
+        """
+        flights = self.flights
+        (item, r0, r1, t0, t1, *rates) = patches
+        corners, y, lowest = centres
+        s = np.maximum(t1 - r0, r1 - t0)
+        far = self.distance_from_base(y).max(axis=0) + seen.ball_bend
+        turned = self.turn_bend(far, s, self.frames(item), (rates[0], rates[1]), t1 - t0)
+        bound, sampled = self._distances(item, y, t)
+        lower = bound - seen.ball_bend - np.where(self.is_capsule(item), turned, 0.0)
         if (is_shape := item < flights.count).any():
             x = corners[:, :, is_shape]
             met = item[is_shape]
-            lower[is_shape] = core_gaps(flights, _corners(x), met, bend[is_shape], falling[is_shape])
-            x = flights.lying(x, fallen[:, is_shape])
+            lower[is_shape] = core_gaps(flights, seen.at(is_shape), met)
+            lies = flights.lies(x, fallen[:, is_shape])
+            x = np.where(lies, flights.lying_at(x), y[:, :, is_shape]) if lies.any() else y[:, :, is_shape]
             sampled[:, is_shape] = _length(x - nearest_on_cores(x, flights.shapes[:, None, met]))
-        lower -= flights.thickness[item]
-        end = flights.over_below(item, flights.lowest_at(_corners(corners), bend))
-        over = falling & (corners[2, ::2].max(axis=0) + across < end)
-        over |= (item == flights.rim) & falling & self.all_in_bin(_corners(corners), bend)
-        ended = corners[2] < flights.over_below(item, flights.lowest_at([corners]))
-        ended = fallen & (ended | (item == flights.rim) & flights.in_bin(corners))
-        gaps = np.where(ended | (t < r), np.inf, sampled - flights.thickness[item])
-        return Evaluated(np.where(over | (t1 <= r0), np.inf, lower), gaps, r, t)
+            if lowest is not None:
+                above = lowest[:, is_shape] + flights.radius_m - flights.tops[met]
+                sampled[:, is_shape] = np.maximum(sampled[:, is_shape], above)
+        return lower - flights.thickness[item], sampled
 
     def is_capsule(self, item: Index) -> Mask:
         """Returns whether obstacles are capsules of arm or tool."""
@@ -265,6 +329,61 @@ class PatchBounds:
         return np.min(least, axis=0) / length
 
 
+class SpinBounds(NamedTuple):
+    """Bounds on how a body turns, see the module: of a ball none.
+
+    Attributes:
+        inertia: its moments (3,) [kg m^2].
+        turning: bound W on the tool's angular velocity [rad/s].
+        rate: of |u_t| [rad/s].
+        bend: of |u_tt| [rad/s^2].
+        growing: B + W^2 [rad/s^2].
+        first, second: P1 [rad/s^2] and P2 [rad/s^3]; infinite where the hull is not along the axis of a round body.
+    """
+
+    inertia: Array
+    turning: float = 0.0
+    rate: float = 0.0
+    bend: float = 0.0
+    growing: float = 0.0
+    first: float = math.inf
+    second: float = math.inf
+
+    def grown(self, s: Array) -> Array:
+        """Returns bounds (...) [s] on `planner.spin.growth` up to times (...) [s], which is convex, and 0 at first."""
+        most = float(s.max(initial=0.0))
+        return s * (growth(self.inertia, self.turning, most) / most) if most > 0.0 else np.zeros_like(s)
+
+    def axis_bend(self, s: Array) -> Array:
+        """Returns bounds (...) [rad/s^2] on |u_rr| of the axis of a round body up to times (...) [s]."""
+        return self.first + self.second * s + (self.first * s) ** 2
+
+
+def spin_bounds(flights: Flights) -> SpinBounds:
+    """Returns bounds on the rotation after any release of the spread."""
+    motion = flights.motion
+    thing = motion.problem.body
+    if thing is None:
+        return SpinBounds(np.ones(3))
+    last = len(motion.trajectory.q) - 1
+    rate = motion.trajectory.sample_rate_hz
+    first = min(round(motion.gone_from_s * rate), last - 1)
+    end = max(min(last, round(motion.held_until_s * rate)), first + 1)
+    w, a, j = joint_rates(motion.trajectory, np.array([first, end])).sums[:, -1, 0].tolist()
+    # Of the angular velocity's derivatives: each axis is turned by the joints before it.
+    jerk = j + 2.0 * a * w + w**3
+    a += 0.5 * w * w
+    inertia = thing.inertia_kg_m2
+    most = fastest_turn(inertia, w)
+    bend = (1.0 + 1.0 / math.sqrt(3.0)) * most**2
+    bounds = SpinBounds(inertia, w, most, bend, a + w * w)
+    axis = round_axis(inertia)
+    if axis is None or not thing.hull_axis_O[axis]:
+        return bounds
+    k = max(1.0, spin_ratio(inertia, axis))
+    return bounds._replace(bend=k * w * w, first=k * (a + w * w), second=k * (jerk + 4.0 * a * w + w**3))
+
+
 def patch_bounds(flights: Flights, height: float, spacing_s: float, v: Array) -> PatchBounds:
     """Returns the bounds of flights with release velocities `v` (3, m) at releases at most `spacing_s` apart."""
     motion = flights.motion
@@ -277,7 +396,7 @@ def patch_bounds(flights: Flights, height: float, spacing_s: float, v: Array) ->
         most = max(1.0, 2.0 * motion.problem.release_speed_factor - 1.0)  # no less than f and |1 - 2f|
         tool = most * a, most * j
     first = math.sqrt(float(dot(v, v).max())) + tool[1] * spacing_s**2 / 8.0
-    return PatchBounds(flights, height, first, tool, spacing_s)
+    return PatchBounds(flights, height, first, tool, spacing_s, spin_bounds(flights))
 
 
 def corners_on_grid(x: Array) -> list[Array]:

@@ -7,6 +7,7 @@ the object lies on it: the centre goes on over the same places, at one height.
 from __future__ import annotations
 
 from functools import reduce
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,24 +16,51 @@ from planner.certificate.flight.flights import Flights
 from planner.certificate.flight.separation import core_bound, mean
 
 
-def core_gaps(flights: Flights, corners: list[Array], item: Index, bend: Array, falling: Mask) -> Array:
+class BallPatches(NamedTuple):
+    """Patches of flights, and of one ball of the object.
+
+    Attributes:
+        corners: of the patches of the centre, each (3, ...) [m].
+        bend: deviation of the centre from what is between them (...) [m].
+        places: corners of the patches of the ball, the same for an object that is one [m].
+        ball_bend: deviation of the ball (...) [m].
+        falling: which patches surely fall (...).
+        lowest: height that no point of a body is below (...) [m]; None of an object that is a ball.
+    """
+
+    corners: list[Array]
+    bend: Array
+    places: list[Array]
+    ball_bend: Array
+    falling: Mask
+    lowest: Array | None = None
+
+    def at(self, chosen: Mask) -> BallPatches:
+        """Returns the `chosen` ones of patches (k,)."""
+        corners, places = ([corner[:, chosen] for corner in each] for each in (self.corners, self.places))
+        lowest = None if self.lowest is None else self.lowest[chosen]
+        return BallPatches(corners, self.bend[chosen], places, self.ball_bend[chosen], self.falling[chosen], lowest)
+
+
+def core_gaps(flights: Flights, patches: BallPatches, item: Index) -> Array:
     """Returns lower bounds on the distances of patches from the cores of shapes (...) [m].
 
     Args:
         flights: the flights.
-        corners: of the patches, each (3, ...) [m].
+        patches: of a ball.
         item: numbers of the shapes (...).
-        bend: deviation of the flights from what is between the corners (...) [m].
-        falling: which patches surely fall (...).
     """
+    (corners, bend, places, ball_bend, falling, of_body) = patches
     shapes = flights.shapes[:, item]
     tops = flights.tops[item]
-    heights = [corner[2] for corner in corners]
-    lowest = reduce(np.minimum, heights) - bend
+    if of_body is not None:
+        return np.maximum(core_bound(places, shapes) - ball_bend, of_body + flights.radius_m - tops)
+    lowest = reduce(np.minimum, [place[2] for place in places]) - ball_bend
     landed_at = flights.lowest_at(corners, bend)
     above = np.where(falling, np.maximum(lowest, landed_at), lowest) - tops
-    in_air = np.maximum(core_bound(corners, shapes) - bend, above)
-    touching = falling & (lowest < flights.highest_end_at(corners, bend))
+    in_air = np.maximum(core_bound(places, shapes) - ball_bend, above)
+    heights = [corner[2] for corner in corners]
+    touching = falling & (reduce(np.minimum, heights) - bend < flights.highest_end_at(corners, bend))
     if flights.lies_at_m is None or not touching.any():
         return in_air
     lying = core_bound([flights.lying_at(corner) for corner in corners], shapes) - bend
@@ -41,7 +69,7 @@ def core_gaps(flights: Flights, corners: list[Array], item: Index, bend: Array, 
     return np.where(landed, lying, np.where(touching, np.minimum(in_air, lying), in_air))
 
 
-def least_gaps(flights: Flights, corners: list[Array], bend: Array) -> Array:
+def least_gaps(flights: Flights, patches: BallPatches) -> Array:
     """Returns gaps (b,) [m] that no bound of `core_gaps` on each shape is below, less what the two are thick.
 
     A bound on a patch is at least the distance of its middle, less how far its corners and the bend are from there.
@@ -49,12 +77,14 @@ def least_gaps(flights: Flights, corners: list[Array], bend: Array) -> Array:
 
     Args:
         flights: the flights.
-        corners: of the patches, each (3, m, n) [m].
-        bend: deviation of the flights from what is between the corners (m, n) [m].
+        patches: of a ball (m, n).
     """
-    places = [corners, *([] if flights.lies_at_m is None else [[flights.lying_at(corner) for corner in corners]])]
+    everywhere = [(patches.places, patches.ball_bend)]
+    if flights.lies_at_m is not None:
+        lying = [flights.lying_at(corner) for corner in patches.corners]
+        everywhere.append((lying, patches.bend))
     gaps = []
-    for each in places:
+    for each, bend in everywhere:
         middle = mean(each)
         around = np.max([np.sqrt(((corner - middle) ** 2).sum(axis=0)) for corner in each], axis=0) + bend
         lower, upper = (corner[..., None] for corner in flights.motion.problem.cell.surroundings.keep_out_bounds)

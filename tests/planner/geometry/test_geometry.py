@@ -20,6 +20,7 @@ from planner.geometry import (
     segment_shape_distance,
     self_collision_pairs,
 )
+from planner.geometry.capsules import Capsule
 from planner.kinematics import link_poses
 from planner.robots import ROBOT_NAMES, robot
 from planner.rotations import matrix_to_quaternion, pose, rotation_vector_to_matrix
@@ -187,7 +188,8 @@ def test_a_thick_tool_loses_no_pair_and_is_named(radius_m, is_ever_clear):
 def test_a_large_object_loses_no_pair():
     arm = robot("ur5e")
     p_FT = np.array([0.0, 0.0, 0.05])
-    links = [body_capsules(arm, TOOL)[i].name for i, _ in object_pairs(arm, TOOL, p_FT, 0.2)]
+    held = Capsule(6, p_FT, p_FT, 0.2, "object")
+    links = [body_capsules(arm, TOOL)[i].name for i, _ in object_pairs(arm, TOOL, held)]
     assert "wrist_1" in links
 
 

@@ -1986,6 +1986,8 @@ export interface components {
              * @description k of the deceleration k v² in air [1/m]; as above.
              */
             drag_per_m?: number | null;
+            /** @description Null of a ball. */
+            landing_orientation?: components["schemas"]["LandingOrientation"] | null;
             /**
              * Landing Per Release Delay M S
              * @description Shift of the landing point per delay of the release [m/s].
@@ -2269,6 +2271,27 @@ export interface components {
             execution_id: string;
             /** Landings */
             landings: components["schemas"]["LandingAnswer"][];
+        };
+        /**
+         * LandingOrientation
+         * @description How an object that is no ball lies as its centre lands, in the world.
+         */
+        LandingOrientation: {
+            /**
+             * Axis
+             * @description Its z axis, a unit vector.
+             */
+            axis: number[];
+            /**
+             * Quaternion
+             * @description Of its axes [x, y, z, w] [-].
+             */
+            quaternion: number[];
+            /**
+             * Rotation Vector
+             * @description The same as a rotation vector [rad].
+             */
+            rotation_vector: number[];
         };
         /**
          * LandingRequest
@@ -2676,9 +2699,14 @@ export interface components {
         };
         /**
          * ObjectAnswer
-         * @description The object, a sphere.
+         * @description The object.
          */
         ObjectAnswer: {
+            /**
+             * Axes In Tool
+             * @description Its axes in the tool, rows of a rotation matrix.
+             */
+            axes_in_tool: number[][];
             /**
              * Drag Coefficient
              * @description [-]; 0: no drag.
@@ -2690,15 +2718,25 @@ export interface components {
              */
             drag_per_m: number;
             /**
+             * Extent M
+             * @description Its extent along its own axes [m].
+             */
+            extent_m: number[];
+            /**
              * Mass Kg
              * @description [kg]
              */
             mass_kg: number;
             /**
              * Radius M
-             * @description [m]
+             * @description Of a ball; otherwise of the balls that the clearances are taken from [m].
              */
             radius_m: number;
+            /**
+             * Shape
+             * @enum {string}
+             */
+            shape: "sphere" | "box" | "cylinder" | "capsule";
         };
         /**
          * OpeningRequest
@@ -2715,6 +2753,22 @@ export interface components {
              * @description Height of the rim above the target [m].
              */
             rim_height_m: number;
+        };
+        /**
+         * OrientationRequest
+         * @description How an object that is no ball lands: its z axis lies along `axis`, either way round.
+         */
+        OrientationRequest: {
+            /**
+             * Axis
+             * @description Direction of the object's z axis as it lands, of any length, in `frame`.
+             */
+            axis: number[];
+            /**
+             * Tolerance Rad
+             * @description Largest angle from it [rad].
+             */
+            tolerance_rad: number;
         };
         /**
          * OutputSwitchRequest
@@ -4474,6 +4528,8 @@ export interface components {
             min_horizontal_distance_m?: number | null;
             /** @description The bin around the target: the object enters through its mouth, clear of rim and wall. */
             opening?: components["schemas"]["OpeningRequest"] | null;
+            /** @description How the object is to land; absent: anyhow. For a cell whose object is no ball. */
+            orientation?: components["schemas"]["OrientationRequest"] | null;
             /**
              * Position
              * @description The point to hit, in `frame` [m].
@@ -4866,6 +4922,7 @@ export type JointReleaseRequest = components['schemas']['JointReleaseRequest'];
 export type LandingAnswer = components['schemas']['LandingAnswer'];
 export type LandingEllipse = components['schemas']['LandingEllipse'];
 export type LandingList = components['schemas']['LandingList'];
+export type LandingOrientation = components['schemas']['LandingOrientation'];
 export type LandingRequest = components['schemas']['LandingRequest'];
 export type LandingShift = components['schemas']['LandingShift'];
 export type LandingStatistics = components['schemas']['LandingStatistics'];
@@ -4879,6 +4936,7 @@ export type MapReason = components['schemas']['MapReason'];
 export type MapValues = components['schemas']['MapValues'];
 export type ObjectAnswer = components['schemas']['ObjectAnswer'];
 export type OpeningRequest = components['schemas']['OpeningRequest'];
+export type OrientationRequest = components['schemas']['OrientationRequest'];
 export type OutputSwitchRequest = components['schemas']['OutputSwitchRequest'];
 export type OutputTimes = components['schemas']['OutputTimes'];
 export type PassageAnswer = components['schemas']['PassageAnswer'];

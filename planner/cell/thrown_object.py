@@ -1,0 +1,263 @@
+"""The thrown object: a ball, or a body with a shape, its inertia and how it lies in the gripper.
+
+Every clearance of a body is that of its hull, the capsule about its longest axis: while it is held, of the capsule;
+in flight, of balls along its axis, which move with it. A body that is not longer than thick has a single ball about all
+of it. Where a body comes down is told by its own shape (`ThrownBody.below`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from planner.arrays import Array, read_only
+from planner.cell.fields import choice, number, placement, vector
+from planner.cell.keep_out import SIZE_MIN_M, SIZES
+from planner.errors import CellError
+
+OUT_M = 0.01  # [m] least displacement at which an object is out of the grip
+RADIUS_M = 0.02  # [m] of a ball whose radius is not given
+SIZE_MAX_M = 1.0  # [m] no gripper throws more; most that is larger is in millimetres
+MASS_MIN_KG = 1e-6
+MASS_MAX_KG = 100.0
+DRAG_MAX = 10.0  # [-]
+INERTIA_MIN_KG_M2 = 1e-12  # of a milligram a millimetre across; 0 is no body's
+INERTIA_MAX_KG_M2 = 100.0
+ROUNDING = 1e-6  # [-] of moments of inertia, as written, that add up to the third: those of a thin plate
+APART = 1.5  # [-] distance of a hull's balls over the radius of the body: they are a quarter thicker than it
+BALLS_MAX = 9  # [-] along one body; a thinner one has balls farther apart, and thicker
+OBJECT = {
+    "shape": "sphere",
+    "mass_kg": 0.05,
+    "radius_m": None,
+    "length_m": None,
+    "size_m": None,
+    "inertia_kg_m2": None,
+    "drag_coefficient": 0.0,
+    "in_tool": {"position_m": [0.0, 0.0, 0.0], "rotation_vector_rad": [0.0, 0.0, 0.0]},
+}
+
+
+@dataclass(frozen=True)
+class ThrownObject:
+    """A ball: mass [kg], radius [m], drag coefficient [-] (0: no drag)."""
+
+    mass_kg: float
+    radius_m: float
+    drag_coefficient: float
+
+    @property
+    def way_out_m(self) -> float:
+        """The displacement in the gripper by which it is out of the grip [m]: its radius, but no less than `OUT_M`."""
+        return max(self.radius_m, OUT_M)
+
+    @property
+    def drag_radius_m(self) -> float:
+        """Radius of the disc that air resists as it does the object [m]."""
+        return self.radius_m
+
+    @property
+    def inner_radius_m(self) -> float:
+        """Radius of the largest ball about its centre within it [m]."""
+        return self.radius_m
+
+    @property
+    def outer_radius_m(self) -> float:
+        """Distance of its farthest point from its centre [m]."""
+        return self.radius_m
+
+    @property
+    def balls_m(self) -> tuple[float, ...]:
+        """Places of the hull's balls along its axis, from its centre [m]; a ball is one."""
+        return (0.0,)
+
+    @property
+    def reach_m(self) -> float:
+        """Distance of the outermost of them from the centre [m]."""
+        return self.balls_m[-1]
+
+    @property
+    def hull_axis(self) -> Array:
+        """Unit vector (3,) along the hull, in the axes of the tool; of a ball any."""
+        return np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class ThrownBody(ThrownObject):
+    """An object with a shape; its radius is that of its hull.
+
+    Attributes:
+        kind: box, cylinder or capsule.
+        size_m: its extent along its own axes (3,) [m]; that of a cylinder or a capsule is longest along z, or round.
+        inertia_kg_m2: about its own axes through its centre (3,) [kg m^2].
+        R_TO: its axes in the tool (3, 3).
+    """
+
+    kind: str
+    size_m: Array
+    inertia_kg_m2: Array
+    R_TO: Array
+
+    @property
+    def drag_radius_m(self) -> float:
+        """Radius of the disc as large as its shadow is in the mean [m]: a quarter of a convex body's surface.
+
+        Source: Cauchy's theorem on the mean projection of convex bodies.
+        """
+        return math.sqrt(_surface(self.kind, self.size_m) / (4.0 * math.pi))
+
+    @property
+    def inner_radius_m(self) -> float:
+        """Radius of the largest ball about its centre within it [m]."""
+        return 0.5 * float(self.size_m.min())
+
+    @property
+    def outer_radius_m(self) -> float:
+        """Distance of its farthest point from its centre [m]."""
+        return _outer_radius(self.kind, self.size_m)
+
+    def below(self, R_WO: Array) -> Array:
+        """Returns how far it reaches below its centre (...) [m] with its axes in the world (..., 3, 3).
+
+        Source: support functions of box, cylinder and capsule.
+        """
+        half = 0.5 * self.size_m
+        down = np.abs(R_WO[..., 2, :])
+        if self.kind == "box":
+            return np.asarray(down @ half)
+        if self.kind == "capsule":
+            return np.asarray((half[2] - half[0]) * down[..., 2] + half[0])
+        return half[2] * down[..., 2] + half[0] * np.hypot(R_WO[..., 2, 0], R_WO[..., 2, 1])
+
+    @cached_property
+    def _hull(self) -> Hull:
+        return _hull_of(self.kind, self.size_m)
+
+    @property
+    def hull_axis_O(self) -> Array:
+        """Unit vector (3,) along the hull, in the body's own axes."""
+        return np.eye(3)[self._hull.axis]
+
+    @property
+    def balls_m(self) -> tuple[float, ...]:
+        """Places of the hull's balls along its axis, from its centre [m]."""
+        return self._hull.balls_m
+
+    @property
+    def hull_axis(self) -> Array:
+        """Unit vector (3,) along the hull, in the axes of the tool."""
+        return self.R_TO[:, self._hull.axis]
+
+
+class Hull(NamedTuple):
+    """Balls of one radius along an axis that contain a body.
+
+    Attributes:
+        axis: of the body's own.
+        radius_m: of each [m].
+        balls_m: their places, from the centre [m].
+    """
+
+    axis: int
+    radius_m: float
+    balls_m: tuple[float, ...]
+
+
+def _hull_of(kind: str, size: Array) -> Hull:
+    """Returns the hull of a body: several balls where it is long, which contain it between them."""
+    half = 0.5 * size
+    axis = int(half.argmax())
+    across = np.delete(half, axis)
+    is_flat = kind == "box"
+    thick = float(np.linalg.norm(across)) if is_flat else float(across[0])
+    single = Hull(axis, _outer_radius(kind, size), (0.0,))
+    if axis != 2 and not is_flat:  # of a disc
+        return single
+    core = 2.0 * (float(half[axis]) - (thick if kind == "capsule" else 0.0))  # that balls of the body's radius sweep
+    pieces = min(math.ceil(core / (APART * thick)), BALLS_MAX - 1)
+    count = 2 * (pieces // 2) + 1  # one is in the middle
+    if count == 1:
+        return single
+    apart = core / (count - 1 if kind == "capsule" else count)
+    places = apart * np.arange(-(count // 2), count // 2 + 1)
+    return Hull(axis, math.hypot(thick, 0.5 * apart), tuple(places.tolist()))
+
+
+def _outer_radius(kind: str, size: Array) -> float:
+    """Returns the distance of a body's farthest point from its centre [m]."""
+    half = 0.5 * size
+    if kind == "capsule":
+        return float(half[2])
+    return float(np.linalg.norm(half if kind == "box" else half[[0, 2]]))
+
+
+def _surface(kind: str, size: Array) -> float:
+    """Returns the surface [m^2] of a body."""
+    (x, y, z) = size.tolist()
+    if kind == "box":
+        return 2.0 * (x * y + y * z + z * x)
+    return math.pi * x * (z if kind == "capsule" else z + 0.5 * x)
+
+
+def _uniform_inertia(kind: str, mass: float, size: Array) -> Array:
+    """Returns the moments of inertia (3,) [kg m^2] of a body of one density.
+
+    Source: solids of uniform density; a capsule is a cylinder and two half balls, each about its own centre.
+    """
+    squares = size * size
+    if kind == "box":
+        return mass / 12.0 * (squares.sum() - squares)
+    r = 0.5 * float(size[0])
+    length = float(size[2]) - (2.0 * r if kind == "capsule" else 0.0)
+    ends = mass * (4.0 * r / (4.0 * r + 3.0 * length) if kind == "capsule" else 0.0)
+    middle = mass - ends
+    across = middle * (3.0 * r * r + length**2) / 12.0 + ends * (0.4 * r * r + 0.25 * length**2 + 0.375 * length * r)
+    return np.array([across, across, 0.5 * middle * r * r + 0.4 * ends * r * r])
+
+
+def object_of(table: dict[str, Any]) -> tuple[ThrownObject, Array]:
+    """Returns the object of the table `[object]`, and where its centre lies in the tool (3,) [m].
+
+    Raises:
+        CellError: a field of it is refused, is missing for its shape, or is of another one.
+    """
+    where = "object."
+    kind = choice(table, "shape", where, SIZES)
+    for key in ("size_m", "radius_m", "length_m"):
+        if kind == "sphere" and key == "radius_m" and table[key] is None:
+            table[key] = RADIUS_M
+        if (table[key] is None) == (key in SIZES[kind]):
+            reason = "is missing" if table[key] is None else f"does not belong to a {kind}"
+            raise CellError(where + key, table[key], reason)
+    X_TO = placement(table["in_tool"], "position_m", "rotation_vector_rad", f"{where}in_tool.", SIZE_MAX_M)
+    mass = number(table, "mass_kg", where, MASS_MIN_KG, MASS_MAX_KG)
+    drag = number(table, "drag_coefficient", where, 0.0, DRAG_MAX)
+    if kind == "sphere":
+        if table["inertia_kg_m2"] is not None:
+            raise CellError(f"{where}inertia_kg_m2", table["inertia_kg_m2"], "does not belong to a sphere")
+        return ThrownObject(mass, number(table, "radius_m", where, 0.0, SIZE_MAX_M), drag), X_TO[:3, 3]
+    size = _size(kind, table, where)
+    inertia = _uniform_inertia(kind, mass, size)
+    if table["inertia_kg_m2"] is not None:
+        inertia = vector(table, "inertia_kg_m2", where, 3, INERTIA_MIN_KG_M2, INERTIA_MAX_KG_M2)
+        others = float(inertia.sum() - inertia.max())
+        if inertia.max() > others * (1.0 + ROUNDING):
+            worst = int(inertia.argmax())
+            reason = f"is more than the other two moments together, {others:g} kg m^2: no body has such an inertia"
+            raise CellError(f"{where}inertia_kg_m2[{worst}]", float(inertia[worst]), reason)
+    radius = _hull_of(kind, size).radius_m
+    return ThrownBody(mass, radius, drag, kind, read_only(size), read_only(inertia), X_TO[:3, :3]), X_TO[:3, 3]
+
+
+def _size(kind: str, table: Mapping[str, Any], where: str) -> Array:
+    """Returns the extent (3,) [m] of a body along its own axes."""
+    if kind == "box":
+        return vector(table, "size_m", where, 3, SIZE_MIN_M, SIZE_MAX_M)
+    wide = 2.0 * number(table, "radius_m", where, SIZE_MIN_M, SIZE_MAX_M)
+    long = number(table, "length_m", where, SIZE_MIN_M, SIZE_MAX_M)
+    return np.array([wide, wide, long + (wide if kind == "capsule" else 0.0)])

@@ -1,0 +1,58 @@
+"""The audit of bodies: it finds what is wrong with flights that are judged by another place, floor, shape or axis."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.audit import find_faults
+from benchmarks.audit.body_flights import body_flight_faults
+from planner.cell import Cell, cell_of_keys
+from planner.planning import Plan, plan
+from planner.request import problem_from_request
+from tests.planner.problems import cell
+
+ROD = {
+    "shape": "cylinder",
+    "mass_kg": 0.1,
+    "radius_m": 0.01,
+    "length_m": 0.3,
+    "in_tool": {"rotation_vector_rad": [0.0, 0.5 * np.pi, 0.0]},
+}
+PLACE = [1.1, 0.35, 0.0]
+
+
+def _cell(**surroundings) -> Cell:
+    document = cell().document
+    around = {**document["surroundings"], **surroundings}
+    return cell_of_keys({**document, "surroundings": around, "object": ROD})
+
+
+@pytest.fixture(scope="module")
+def made() -> Plan:
+    request = {"release": {"kind": "target", "position": PLACE}, "landing_tolerance_m": 0.05}
+    return plan(problem_from_request(request, _cell()))
+
+
+def _rules(made: Plan, **changed) -> set[str]:
+    return {fault.rule for fault in body_flight_faults(replace(made.problem, **changed), made.trajectory)}
+
+
+def test_a_certified_throw_is_faultless(made):
+    assert find_faults(made.problem, made.trajectory) == []
+
+
+def test_a_target_elsewhere_is_named(made):
+    beside = replace(made.problem.release, p_W=np.array([1.2, 0.35, 0.0]))
+    assert _rules(made, release=beside) == {"landing_window"}
+
+
+def test_a_height_at_which_the_centre_would_land_is_named(made):
+    """What was certified once: the centre passes a plane while the rod is far in the floor."""
+    up = replace(made.problem.release, p_W=np.array([1.1, 0.35, 0.012]))
+    assert "flight_clearance" in _rules(made, release=up)
+
+
+def test_a_shape_that_the_end_of_the_rod_meets_is_named(made):
+    post = {"shape": "cylinder", "radius_m": 0.01, "length_m": 0.1, "pose": {"position_m": [1.1, 0.35, 0.05]}}
+    assert "flight_clearance" in _rules(made, cell=_cell(keep_out=[post]))
