@@ -44,7 +44,7 @@ class SpatialExtremes:
         boxes: Smallest distance from keep-out shapes and bin, less what one requires beyond the cell's clearance [m].
         singular: Smallest singularity distance [1].
         speed: Largest tool speed [m/s].
-        outside: Largest distance of the tool centre point outside the keep-in boxes [m].
+        outside: Largest distance of the tool centre point outside the keep-in shapes, and their clearances [m].
     """
 
     floor: float = np.inf
@@ -66,7 +66,7 @@ class SpatialExtremes:
             *under("floor", "floor", self.floor, clearance, slack, "m"),
             *under("self_collision", "self-collision", self.self_gap, SELF_CLEARANCE_M, slack, "m"),
             *under("keep_out", "forbidden shape or bin", self.boxes, clearance, slack, "m"),
-            *over("keep_in", "outside a box by", self.outside, 0.0, slack, "m"),
+            *over("keep_in", "outside a keep-in shape by", self.outside, 0.0, slack, "m"),
             *under("singularity_distance", "singularity distance", self.singular, least, LIMIT_SLACK),
         ]
 
@@ -110,9 +110,26 @@ def spatial_faults(
 
 
 def _outside(cell: Cell, poses: list[pin.SE3]) -> float:
-    """Returns the distance of the tool centre point outside the keep-in boxes [m]; negative inside."""
+    """Returns how far the tool centre point is outside the keep-in shapes, or nearer to a wall than it may be [m].
+
+    Negative inside. Written from pose and extent alone: a capsule is a sphere swept along z, and what is straight is
+    between two planes.
+    """
     p = poses[6].act(cell.tool.X_FT[:3, 3])
-    return max((float(np.max([b.lower - p, p - b.upper])) for b in cell.surroundings.keep_in), default=-np.inf)
+    return max((_beyond(shape, p) + (shape.clearance_m or 0.0) for shape in cell.surroundings.keep_in), default=-np.inf)
+
+
+def _beyond(shape: Solid, p: Vector) -> float:
+    """Returns how far a point (3,) is beyond the walls of a shape [m]; negative inside."""
+    x, y, z = np.abs(pin.SE3(shape.X_WC[:3, :3], shape.X_WC[:3, 3]).actInv(p)).tolist()
+    wide, deep, long = (0.5 * shape.extent).tolist()
+    match shape.kind:
+        case "box":
+            return max(x - wide, y - deep, z - long)
+        case "cylinder":
+            return max(math.hypot(x, y) - wide, z - long)
+        case _:
+            return math.hypot(x, y, max(0.0, z - (long - wide))) - wide
 
 
 def _singularity_distance(data: pin.Data) -> float:

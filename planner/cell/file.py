@@ -31,7 +31,7 @@ from planner.cell.fields import (
     vector,
 )
 from planner.cell.gripper import GRIPPER, OUTPUT, gripper_of, outputs_of
-from planner.cell.keep_out import corners, keep_out_shapes
+from planner.cell.keep_out import keep_in_shapes, keep_out_shapes
 from planner.cell.model import (
     FARTHEST_M,
     FLIGHT_CLEARANCE_MIN_M,
@@ -275,15 +275,6 @@ def _limits(table: dict[str, Any], arm: Robot) -> Limits:
 
 def _surroundings(table: dict[str, Any], base: Array, meshes: bytes | None) -> Surroundings:
     where = "surroundings."
-    entries = tables(table["keep_in"], f"{where}keep_in")
-    keep_in = tuple(corners(entry, f"{where}keep_in[{i}].") for i, entry in enumerate(entries))
-    for i, box in enumerate(keep_in):
-        for side in ("lower", "upper"):
-            away_m = np.abs(getattr(box, side) - base)
-            if away_m.max() > FARTHEST_M:
-                field = f"{where}keep_in[{i}].{side}_m[{int(away_m.argmax())}]"
-                value = float(getattr(box, side)[away_m.argmax()])
-                raise CellError(field, value, f"is {away_m.max():.6g} m from the arm, more than {FARTHEST_M:g} m")
     clearance_m = number(table, "clearance_m", where, 0.0, 1.0)
     if table["flight_clearance_m"] is None:
         table["flight_clearance_m"] = max(clearance_m, FLIGHT_CLEARANCE_MIN_M)
@@ -292,7 +283,7 @@ def _surroundings(table: dict[str, Any], base: Array, meshes: bytes | None) -> S
         clearance_m=clearance_m,
         flight_clearance_m=number(table, "flight_clearance_m", where, FLIGHT_CLEARANCE_MIN_M, 1.0),
         gravity_m_s2=number(table, "gravity_m_s2", where, *GRAVITY_RANGE),
-        keep_in=keep_in,
+        keep_in=keep_in_shapes(table, base),
         keep_out=keep_out_shapes(table, meshes),
     )
 

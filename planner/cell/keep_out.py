@@ -1,4 +1,4 @@
-"""Reading what nothing enters: boxes by their corners, shapes by pose and size, meshes and points by their covers."""
+"""Reading shapes: boxes by their corners, others by pose and size, meshes and points by the boxes that cover them."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 from planner.arrays import Array
 from planner.cell.fields import choice, exactly, merge_defaults, number, placement, tables, vector
 from planner.cell.mesh_file import CELL_M, cover_in, cover_key
+from planner.cell.model import FARTHEST_M
 from planner.cell.shapes import Box, Solid, shape_of
 from planner.errors import CellError
 from planner.robots import capsule_rows
@@ -73,6 +74,45 @@ def keep_out_shapes(table: Mapping[str, Any], meshes: bytes | None = None) -> tu
     return tuple(found.values())
 
 
+def keep_in_shapes(table: Mapping[str, Any], base: Array) -> tuple[Solid, ...]:
+    """Returns the keep-in shapes of the table `[surroundings]`.
+
+    Args:
+        table: the table.
+        base: where the arm stands in the world (3,) [m].
+
+    Raises:
+        CellError: a field of one is refused, two have the same name, or one reaches far from the arm.
+    """
+    found: dict[str, Solid] = {}
+    for i, entry in enumerate(tables(table["keep_in"], "surroundings.keep_in")):
+        where = f"surroundings.keep_in[{i}]."
+        shape = _shape(entry, where, tuple(SIZES))
+        if shape.called(i) in found:
+            raise CellError(f"{where}name", shape.called(i), "is what another one is called")
+        _check_near(entry, where, shape, base)
+        found[shape.called(i)] = shape
+    return tuple(found.values())
+
+
+def _check_near(entry: Mapping[str, Any], where: str, shape: Solid, base: Array) -> None:
+    """Refuses a shape that reaches far from the arm.
+
+    Raises:
+        CellError: it does; by the first corner that is far away, or by its pose.
+    """
+    for side in ("lower", "upper"):
+        corner = getattr(shape, side)
+        away_m = np.abs(corner - base)
+        axis = int(away_m.argmax())
+        if away_m[axis] <= FARTHEST_M:
+            continue
+        reason = f"is {away_m[axis]:.6g} m from the arm, more than {FARTHEST_M:g} m"
+        if "lower_m" in entry:
+            raise CellError(f"{where}{side}_m[{axis}]", float(corner[axis]), reason)
+        raise CellError(f"{where}pose", entry["pose"], f"one end of the {shape.kind} {reason}")
+
+
 def _covered(entry: Mapping[str, Any], where: str, number_: int, meshes: bytes | None) -> list[Solid]:
     """Returns the boxes that cover a mesh or points, called like it, with numbers where there are several."""
     kind = entry["shape"]
@@ -115,12 +155,13 @@ def _pose(rest: Mapping[str, Any], where: str) -> Array:
     return placement(given, "position_m", "rotation_vector_rad", f"{where}pose.", SIZE_MAX_M)
 
 
-def _shape(entry: Mapping[str, Any], where: str) -> Solid:
+def _shape(entry: Mapping[str, Any], where: str, kinds: tuple[str, ...] = (*SIZES, *COVERED)) -> Solid:
+    """Returns the shape of a table that is no file's; `kinds` are what may stand there."""
     name, clearance_m, rest = _named(entry, where)
     if "shape" not in rest and "pose" not in rest:
         box = corners(rest, where)
         return Box(box.lower, box.upper, name, clearance_m)
-    kind = choice({"shape": "box", **rest}, "shape", where, (*SIZES, *COVERED))
+    kind = choice({"shape": "box", **rest}, "shape", where, kinds)
     rest = exactly({"shape": kind, **rest}, ("shape", "pose", *SIZES[kind]), where)
     X = _pose(rest, where)
     if kind == "box":

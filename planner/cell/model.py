@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from planner.arrays import Array, read_only
+from planner.arrays import Array, Index, read_only
 from planner.calibration import CalibrationFile
 from planner.cell.content import content_sha256
-from planner.cell.shapes import ROW, Box, Solid
+from planner.cell.shapes import ROW, Solid
 from planner.errors import CellError
 from planner.grippers import GripperLink, SecondOutput
 from planner.robots import Robot, capsule_rows
@@ -125,7 +125,7 @@ class Surroundings:
         clearance_m: least distance to the floor and to every keep-out shape without its own [m].
         flight_clearance_m: least distance of the object in flight to the arm and every such shape [m].
         gravity_m_s2: gravity along -z [m/s^2].
-        keep_in: boxes that contain the tool centre point at all times.
+        keep_in: shapes that contain the tool centre point at all times.
         keep_out: shapes that arm, tool and held object stay out of.
     """
 
@@ -133,8 +133,35 @@ class Surroundings:
     clearance_m: float
     flight_clearance_m: float
     gravity_m_s2: float
-    keep_in: tuple[Box, ...]
+    keep_in: tuple[Solid, ...]
     keep_out: tuple[Solid, ...]
+
+    @cached_property
+    def keep_in_names(self) -> tuple[str, ...]:
+        """What each keep-in shape is called: by its name, or by its kind and number."""
+        return tuple(shape.called(i) for i, shape in enumerate(self.keep_in))
+
+    @cached_property
+    def keep_in_clearances(self) -> Array:
+        """What the tool centre point keeps from the walls of each keep-in shape (r,) [m]; 0 without one of its own."""
+        return np.array([shape.clearance_m or 0.0 for shape in self.keep_in])
+
+    @cached_property
+    def rooms(self) -> Index:
+        """Numbers of the keep-in shapes that are more than a box along the axes: turned, round, named, or kept from.
+
+        The other ones are one box together, see `box_within`.
+        """
+        plain = (shape.core is None and not shape.name and not shape.clearance_m for shape in self.keep_in)
+        return np.flatnonzero(~np.fromiter(plain, np.bool_))
+
+    @cached_property
+    def box_within(self) -> tuple[Array, Array] | None:
+        """Corners (3,) of the box along the axes that is common to the keep-in shapes that are no `rooms`; [m]."""
+        boxes = [shape for i, shape in enumerate(self.keep_in) if i not in self.rooms]
+        if not boxes:
+            return None
+        return np.max([box.lower for box in boxes], axis=0), np.min([box.upper for box in boxes], axis=0)
 
     @cached_property
     def keep_out_names(self) -> tuple[str, ...]:

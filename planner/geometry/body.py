@@ -161,11 +161,11 @@ class BodyModel:
         return pair_distances(ends, self.pairs) - (self.radii[first] + self.radii[second])[:, None]
 
     def wall_distances(self, ends: Array) -> Array:
-        """Returns how far inside each keep-in box the tool centre point is (b, n) [m]."""
+        """Returns how far inside each keep-in shape the tool centre point is (r, n) [m]."""
         p_WT = ends[self.object, 0].T
-        boxes = self.cell.surroundings.keep_in
-        inside = [box.depth(p_WT) for box in boxes]
-        return np.array(inside).reshape(len(boxes), len(p_WT))
+        shapes = self.cell.surroundings.keep_in
+        inside = [shape.depth(p_WT) for shape in shapes]
+        return np.array(inside).reshape(len(shapes), len(p_WT))
 
     def clearances(self, q: Array, with_object: bool = True) -> Clearances:
         """Returns the clearances of postures `q` (n, 6) [rad], with the object in the tool or without.
@@ -177,11 +177,12 @@ class BodyModel:
         bodies = slice(None) if with_object else slice(-1)  # the object is the last of them
         pairs = slice(None) if with_object else (self.pairs != self.object).all(axis=1)
         further = self.cell.surroundings.further_clearances[:, None, None]
+        rooms = self.cell.surroundings.keep_in_clearances[:, None]
         above = self.heights(ends)[bodies] - clearance
         above[self.stays_level[bodies, None] & (above >= 0.0)] = np.inf
         return Clearances(
             floor=above.min(axis=0),
-            keep_in=self.wall_distances(ends).min(axis=0, initial=np.inf),
+            keep_in=(self.wall_distances(ends) - rooms).min(axis=0, initial=np.inf),
             keep_out=(self.shape_distances(ends)[:, bodies] - further).min(axis=(0, 1), initial=np.inf) - clearance,
             self_collision=self.pair_distances(ends)[pairs].min(axis=0, initial=np.inf) - SELF_CLEARANCE_M,
         )
@@ -198,11 +199,14 @@ class BodyModel:
         moving = [self.names[i] for i in self.moving[bodies]]
         pairs = [f"{self.names[i]}, {self.names[j]}" for i, j in self.pairs[of_pairs]]
         at_shapes = [f"{each}, {shape}" for shape in self.cell.surroundings.keep_out_names for each in moving]
-        tool = ["tool centre point"] * len(self.cell.surroundings.keep_in)
+        around = self.cell.surroundings
+        tool = [
+            "tool centre point" + (f", {n}" if i in around.rooms else "") for i, n in enumerate(around.keep_in_names)
+        ]
         further = np.repeat(self.cell.surroundings.further_clearances, len(moving))
         gaps = (
             ("floor", self.heights(ends)[bodies], moving, clearance, np.zeros(1)),
-            ("keep_in", self.wall_distances(ends), tool, 0.0, np.zeros(1)),
+            ("keep_in", self.wall_distances(ends), tool, 0.0, around.keep_in_clearances),
             ("keep_out", self.shape_distances(ends)[:, bodies], at_shapes, clearance, further),
             ("self_collision", self.pair_distances(ends)[of_pairs], pairs, SELF_CLEARANCE_M, np.zeros(1)),
         )

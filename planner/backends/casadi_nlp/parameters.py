@@ -15,6 +15,14 @@ from planner.geometry import SELF_CLEARANCE_M, arm_capsules, body_model, self_co
 CELLS_KEPT = 32  # cells whose parameters are cached
 UNBOUNDED = 1.0e3  # [m] coordinate of a missing keep-in face
 ABSENT_ROW = Box(np.full(3, layout.ABSENT_SHAPE), np.full(3, layout.ABSENT_SHAPE)).row
+ABSENT_ROOM = layout.SHAPE.pack(
+    {
+        **dict.fromkeys(layout.SHAPE.sizes, 0.0),
+        "rotation": np.eye(3),
+        **dict.fromkeys(("upper", "upper_faces", "reach", "radius"), layout.FAR),
+        **dict.fromkeys(("lower", "lower_faces"), -layout.FAR),
+    }
+)
 TIME_SHARE = 0.4  # [-] of the slowest joint's time to full speed: about 0.1 s, the length of two or three stages
 
 
@@ -56,9 +64,7 @@ def cell_parameters(cell: Cell) -> Vector:
     """
     robot = cell.robot.published
     R_WB = cell.X_WB[:3, :3]
-    boxes = cell.surroundings.keep_in
-    lower = np.max([box.lower for box in boxes], axis=0) if boxes else np.full(3, -UNBOUNDED)
-    upper = np.min([box.upper for box in boxes], axis=0) if boxes else np.full(3, UNBOUNDED)
+    lower, upper = cell.surroundings.box_within or (np.full(3, -UNBOUNDED), np.full(3, UNBOUNDED))
     return _read_only(
         layout.ARM.pack(
             {
@@ -108,6 +114,26 @@ def shape_parameters(cell: Cell, chosen: tuple[int, ...], margin_m: float = 0.0)
     slots = [_shape_slot(around.keep_out_rows[i], float(around.further_clearances[i])) for i in chosen]
     slots += [_shape_slot(ABSENT_ROW, 0.0)] * (layout.KEEP_OUT_SHAPES - len(slots))
     return _read_only(layout.SHAPES.pack({"shapes": np.array(slots), "clearance": around.clearance_m + margin_m}))
+
+
+def room_parameters(cell: Cell, q: Vector, margin_m: float) -> Vector:
+    """Returns the `ROOMS` vector: the keep-in shapes that are no plain boxes; of many those whose walls come nearest.
+
+    Args:
+        cell: the cell.
+        q: postures of the motion that the optimiser starts from (n, 6) [rad].
+        margin_m: added to the clearance from their walls [m].
+    """
+    around = cell.surroundings
+    chosen = around.rooms
+    if len(chosen) > layout.KEEP_IN_ROOMS:
+        body = body_model(cell)
+        left = body.wall_distances(body.end_points(body.link_poses(q))).min(axis=1) - around.keep_in_clearances
+        order = np.argsort(np.round(left[chosen], layout.DECIMALS), kind="stable")
+        chosen = np.sort(chosen[order[: layout.KEEP_IN_ROOMS]])
+    slots = [_shape_slot(around.keep_in[i].row, float(around.keep_in_clearances[i])) for i in chosen]
+    slots += [ABSENT_ROOM] * (layout.KEEP_IN_ROOMS - len(slots))
+    return layout.ROOMS.pack({"rooms": np.array(slots), "margin": margin_m})
 
 
 def _shape_slot(row: Vector, further_m: float) -> Vector:
