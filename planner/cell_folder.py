@@ -67,7 +67,7 @@ def check_home(cell: Cell) -> None:
 
 def home_faults(cell: Cell) -> list[CellError]:
     """Returns what a standstill at home violates, a fault for each check; or how the tool is in the arm's way."""
-    if in_the_way := never_clear(cell.robot, cell.tool.capsules):
+    if in_the_way := never_clear(cell.robot, cell.tool.capsules, cell.surroundings):
         return [_in_the_way(cell, pair) for pair in in_the_way]
     rest = np.tile(cell.home, (2, 1))
     zero = np.zeros((2, 6))

@@ -31,7 +31,7 @@ from planner.cell.fields import (
     vector,
 )
 from planner.cell.gripper import GRIPPER, OUTPUT, gripper_of, outputs_of
-from planner.cell.keep_out import keep_in_shapes, keep_out_shapes
+from planner.cell.keep_out import contacts, keep_in_shapes, keep_out_shapes
 from planner.cell.model import (
     FARTHEST_M,
     FLIGHT_CLEARANCE_MIN_M,
@@ -84,6 +84,7 @@ DEFAULTS: dict[str, Any] = {
         "gravity_m_s2": 9.81,
         "keep_in": [],
         "keep_out": [],
+        "may_touch": [],
     },
     "object": {"mass_kg": 0.05, "radius_m": 0.02, "drag_coefficient": 0.0},
     "gripper": GRIPPER,
@@ -206,7 +207,7 @@ def _cell(document: dict[str, Any], source: CellSource) -> Cell:
         X_WB=X_WB,
         tool=tool,
         limits=limits,
-        surroundings=_surroundings(document["surroundings"], X_WB[:3, 3], source.meshes),
+        surroundings=_surroundings(document["surroundings"], X_WB[:3, 3], source.meshes, arm, tool),
         object=_object(document["object"]),
         gripper=gripper_of(document["gripper"], controller),
         safety=safety,
@@ -273,18 +274,21 @@ def _limits(table: dict[str, Any], arm: Robot) -> Limits:
     )
 
 
-def _surroundings(table: dict[str, Any], base: Array, meshes: bytes | None) -> Surroundings:
+def _surroundings(table: dict[str, Any], base: Array, meshes: bytes | None, arm: Robot, tool: Tool) -> Surroundings:
     where = "surroundings."
     clearance_m = number(table, "clearance_m", where, 0.0, 1.0)
     if table["flight_clearance_m"] is None:
         table["flight_clearance_m"] = max(clearance_m, FLIGHT_CLEARANCE_MIN_M)
+    keep_in = keep_in_shapes(table, base)
+    keep_out, bodies = keep_out_shapes(table, meshes)
     return Surroundings(
         floor_z_m=number(table, "floor_z_m", where),
         clearance_m=clearance_m,
         flight_clearance_m=number(table, "flight_clearance_m", where, FLIGHT_CLEARANCE_MIN_M, 1.0),
         gravity_m_s2=number(table, "gravity_m_s2", where, *GRAVITY_RANGE),
-        keep_in=keep_in_shapes(table, base),
-        keep_out=keep_out_shapes(table, meshes),
+        keep_in=keep_in,
+        keep_out=keep_out,
+        may_touch=contacts(table, arm, max(1, len(tool.capsules)), bodies),
     )
 
 

@@ -1,9 +1,12 @@
-"""Reading shapes: boxes by their corners, others by pose and size, meshes and points by the boxes that cover them."""
+"""Reading shapes, of the surroundings and of the tool, and which of them may touch.
+
+Boxes are read by their corners, others by pose and size, meshes and points by the boxes that cover them.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,10 +15,11 @@ import numpy as np
 from planner.arrays import Array
 from planner.cell.fields import choice, exactly, merge_defaults, number, placement, tables, vector
 from planner.cell.mesh_file import CELL_M, cover_in, cover_key
-from planner.cell.model import FARTHEST_M
+from planner.cell.model import FARTHEST_M, Contact
 from planner.cell.shapes import Box, Solid, shape_of
 from planner.errors import CellError
-from planner.robots import capsule_rows
+from planner.fields import did_you_mean
+from planner.robots import Robot, capsule_rows
 from planner.rotations import pose
 
 SIZES = {  # keys of each shape beyond `shape`, `pose`, `name` and `clearance_m`
@@ -50,8 +54,12 @@ def corners(entry: Mapping[str, Any], where: str) -> Box:
     return box
 
 
-def keep_out_shapes(table: Mapping[str, Any], meshes: bytes | None = None) -> tuple[Solid, ...]:
+def keep_out_shapes(
+    table: Mapping[str, Any], meshes: bytes | None = None
+) -> tuple[tuple[Solid, ...], dict[str, tuple[str, ...]]]:
     """Returns the keep-out shapes of the table `[surroundings]`; a mesh, or points, are the boxes that cover them.
+
+    And, by the name of each entry, the names of the shapes that stand for it.
 
     Args:
         table: the table.
@@ -62,16 +70,23 @@ def keep_out_shapes(table: Mapping[str, Any], meshes: bytes | None = None) -> tu
     """
     where = "surroundings.keep_out"
     found: dict[str, Solid] = {}
+    bodies: dict[str, tuple[str, ...]] = {}
     for i, entry in enumerate(tables(table["keep_out"], where)):
         is_covered = str(entry.get("shape")) in COVERED
         shapes = _covered(entry, f"{where}[{i}].", i, meshes) if is_covered else [_shape(entry, f"{where}[{i}].")]
-        for shape in shapes:
-            name = shape.called(i)
+        names = tuple(shape.called(i) for shape in shapes)
+        bodies[_body_name(entry, names, i)] = names
+        for shape, name in zip(shapes, names, strict=True):
             if name in found:
                 raise CellError(f"{where}[{i}].name", name, "is what another one is called")
             # Behind a mesh a shape has another number than its table.
             found[name] = shape if shape.called(len(found)) == name else replace(shape, name=name)
-    return tuple(found.values())
+    return tuple(found.values()), bodies
+
+
+def _body_name(entry: Mapping[str, Any], names: tuple[str, ...], number_: int) -> str:
+    """Returns the name of an entry: that of its only shape, or of the mesh that several boxes cover."""
+    return names[0] if len(names) == 1 else str(entry.get("name") or f"{entry['shape']} {number_}")
 
 
 def keep_in_shapes(table: Mapping[str, Any], base: Array) -> tuple[Solid, ...]:
@@ -182,3 +197,46 @@ def _name(entry: Mapping[str, Any], where: str) -> str:
     if name and is_reserved(name):
         raise CellError(f"{where}name", name, "is what something else is called in a plan")
     return name
+
+
+def contacts(
+    table: Mapping[str, Any], robot: Robot, tool_capsules: int, bodies: Mapping[str, tuple[str, ...]]
+) -> tuple[Contact, ...]:
+    """Returns the pairs of the list `may_touch` of the table `[surroundings]`.
+
+    Args:
+        table: the table.
+        robot: the arm.
+        tool_capsules: number of the tool's capsules.
+        bodies: what is kept out, by name, each with the names of the shapes that stand for it.
+
+    Raises:
+        CellError: a name is unknown, or nothing moves one against the other.
+    """
+    rows = capsule_rows(robot.shape.of)
+    standing = {name for name, row in rows.items() if row["frame"] == 0}
+    parts = [*rows, Contact.TOOL, *(f"{TOOL}{i}" for i in range(tool_capsules)), Contact.OBJECT]
+    found = []
+    for i, entry in enumerate(tables(table["may_touch"], "surroundings.may_touch")):
+        where = f"surroundings.may_touch[{i}]."
+        exactly(entry, ("a", "b"), where)
+        for key in ("a", "b"):
+            _check_known(entry[key], f"{where}{key}", [*parts, *bodies])
+        a, b = sorted((entry["a"], entry["b"]), key=lambda name: name in bodies)
+        fixed = standing | set(bodies)
+        if a == b or {a, b} <= fixed:
+            raise CellError(
+                f"{where}b", entry["b"], f"does not move against {entry['a']!r}: one of both must be a part"
+            )
+        found.append(Contact(a, b, bodies.get(b, ())))
+    return tuple(found)
+
+
+def _check_known(name: Any, field: str, known: Sequence[str]) -> None:
+    """Refuses a name that nothing has.
+
+    Raises:
+        CellError: it is such, or no name.
+    """
+    if not isinstance(name, str) or name not in known:
+        raise CellError(field, name, f"must be one of {', '.join(known)}{did_you_mean(name, known)}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -116,6 +116,35 @@ class Limits:
         return found
 
 
+@dataclass(frozen=True)
+class Contact:
+    """Two things whose distance is not checked.
+
+    Attributes:
+        TOOL: name of all capsules of the tool together.
+        OBJECT: name of the held object.
+        a: a part of arm or tool, or the held object.
+        b: another one, or what is kept out.
+        shapes: names of the keep-out shapes that are b; none where b is a part.
+    """
+
+    TOOL: ClassVar[str] = "tool"
+    OBJECT: ClassVar[str] = "object"
+    a: str
+    b: str
+    shapes: tuple[str, ...] = ()
+
+    def is_of(self, one: str, other: str) -> bool:
+        """Returns whether it is that of a part with another part, or with a keep-out shape."""
+        if self.shapes:
+            return self._is(self.a, one) and other in self.shapes
+        return any(self._is(self.a, x) and self._is(self.b, y) for x, y in ((one, other), (other, one)))
+
+    @classmethod
+    def _is(cls, name: str, part: str) -> bool:
+        return part == name or (name == cls.TOOL and part.startswith("tool_"))
+
+
 @dataclass(frozen=True, eq=False)
 class Surroundings:
     """Obstacles and gravity, in the world frame.
@@ -127,6 +156,7 @@ class Surroundings:
         gravity_m_s2: gravity along -z [m/s^2].
         keep_in: shapes that contain the tool centre point at all times.
         keep_out: shapes that arm, tool and held object stay out of.
+        may_touch: pairs whose distance is not checked.
     """
 
     floor_z_m: float
@@ -135,6 +165,11 @@ class Surroundings:
     gravity_m_s2: float
     keep_in: tuple[Solid, ...]
     keep_out: tuple[Solid, ...]
+    may_touch: tuple[Contact, ...] = ()
+
+    def is_free_to_touch(self, one: str, other: str) -> bool:
+        """Returns whether two parts, or a part and a keep-out shape, may touch; both by their names."""
+        return any(contact.is_of(one, other) for contact in self.may_touch)
 
     @cached_property
     def keep_in_names(self) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from planner.certificate.certificate import Check, NotChecked, at_least
 from planner.certificate.samples import MotionSamples
 from planner.geometry import SELF_CLEARANCE_M, pair_distances, shape_distances
 
-FAR_M = 1e3  # [m] distance reported for an object that has been released
+FAR_M = 1e3  # [m] distance reported for an object that has been released, and for what may touch
 TOGETHER = 16  # [-] instants whose bounding boxes are taken together first
 
 
@@ -52,7 +52,7 @@ def keep_out(motion: MotionSamples) -> Check | None:
     if not around.keep_out:
         return None
     moving = body.moving
-    thick = body.radii[moving] + around.further_clearances[:, None]
+    thick = np.where(body.may_touch[:, moving], -FAR_M, body.radii[moving] + around.further_clearances[:, None])
     ends = motion.ends[moving][..., motion.sparse]
     rates = body.levers[moving] @ motion.sparse_speeds
     reach = float((rates * np.diff(t)).max())
@@ -195,6 +195,12 @@ def arm_shape(motion: MotionSamples) -> NotChecked | None:
 def tool_shape(motion: MotionSamples) -> NotChecked | None:
     """Says that the tool's shape is assumed; None where the cell gives it, or the tool has none."""
     return NotChecked("tool_shape") if motion.problem.cell.tool.is_assumed else None
+
+
+def may_touch(motion: MotionSamples) -> NotChecked | None:
+    """Names the pairs that the cell lets touch; None where it has none."""
+    pairs = [f"{contact.a} and {contact.b}" for contact in motion.problem.cell.surroundings.may_touch]
+    return NotChecked(f"may_touch ({', '.join(pairs)})") if pairs else None
 
 
 def clearance(motion: MotionSamples) -> NotChecked | None:

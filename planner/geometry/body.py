@@ -18,6 +18,7 @@ from planner.kinematics import forward, jacobian, link_poses
 from planner.native import loops
 
 CELLS_KEPT = 32  # cells whose models are cached
+FAR_M = 1e3  # [m] distance told of what may touch
 LEVEL_RAD = 1e-6  # [rad] rounding: the first axis of an upright arm is that near to vertical
 
 
@@ -83,7 +84,8 @@ class BodyModel:
         radii: (k,) [m].
         levers: of each capsule's points about each joint (k, 6) [m]; see `levers`.
         moving: indices of the j capsules that the first joint moves (j,).
-        pairs: indices of the p pairs of arm, tool and object that can collide (p, 2); the object's come last.
+        pairs: indices of the p pairs of arm, tool and object that can collide, and may not touch (p, 2); the object's
+            come last.
         beside_object: indices of the capsules beside which the object is gripped (g,): the tool's, and those of links
             that are always close to it, or never.
         pair_levers: of the outer capsule of each pair about the joints between the two (p, 6) [m].
@@ -103,8 +105,10 @@ class BodyModel:
         self.moving = np.flatnonzero(self.frames > 0)
         own = self_collision_pairs(cell.robot, cell.tool.capsules)
         with_object = object_pairs(cell.robot, cell.tool.capsules, p_FT, cell.object.radius_m)
-        self.pairs = np.array([*own, *with_object], dtype=np.intp).reshape(-1, 2)
-        self.beside_object = np.setdiff1d(np.arange(self.object), self.pairs[len(own) :, 0])
+        self.beside_object = np.setdiff1d(np.arange(self.object), [i for i, _ in with_object])
+        apart = cell.surroundings.is_free_to_touch
+        pairs = [(i, j) for i, j in (*own, *with_object) if not apart(self.names[i], self.names[j])]
+        self.pairs = np.array(pairs, dtype=np.intp).reshape(-1, 2)
         self.pair_levers = np.array([self._pair_lever(capsules, *pair) for pair in self.pairs]).reshape(-1, 6)
         self.tool_lever = self.levers[self.object]
 
@@ -123,6 +127,13 @@ class BodyModel:
     def stays_level(self) -> Mask:
         """Which of the moving capsules (j,) the first joint alone moves, about a vertical axis."""
         return (self.frames[self.moving] == 1) & bool(np.abs(self.cell.X_WB[:2, 2]).max() < LEVEL_RAD)
+
+    @cached_property
+    def may_touch(self) -> Mask:
+        """Which of the capsules (k,) may touch which of the keep-out shapes (b,): (b, k)."""
+        around = self.cell.surroundings
+        free = [[around.is_free_to_touch(name, shape) for name in self.names] for shape in around.keep_out_names]
+        return np.array(free, np.bool_).reshape(-1, len(self.names))
 
     @cached_property
     def base_shapes(self) -> tuple[Array, Array, Array]:
@@ -149,11 +160,13 @@ class BodyModel:
         return np.minimum(z[:, 0], z[:, 1]) - self.radii[self.moving, None] - self.cell.surroundings.floor_z_m
 
     def shape_distances(self, ends: Array) -> Array:
-        """Returns the distances from the b keep-out shapes (b, j, n) [m] of the moving capsules."""
+        """Returns the distances (b, j, n) [m] of moving capsules from keep-out shapes, `FAR_M` where they may touch."""
         p0, p1 = np.moveaxis(ends[self.moving], (1, 2), (0, -1))
         rows = self.cell.surroundings.keep_out_rows
         gaps = loops.all_shape_distances(p0.reshape(-1, 3), p1.reshape(-1, 3), rows)
-        return gaps.reshape(len(rows), *p0.shape[:2]) - self.radii[self.moving, None]
+        gaps = gaps.reshape(len(rows), *p0.shape[:2]) - self.radii[self.moving, None]
+        gaps[self.may_touch[:, self.moving]] = FAR_M
+        return gaps
 
     def pair_distances(self, ends: Array) -> Array:
         """Returns the distances (p, n) [m] of the pairs."""

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from planner.arrays import Array, Mask
-from planner.cell import ToolCapsule
+from planner.cell import Surroundings, ToolCapsule
 from planner.geometry.capsules import Capsule, arm_capsules, body_capsules, capsule_endpoints, levers
 from planner.geometry.distances import segment_segment_distance
 from planner.robots import Robot
@@ -89,16 +89,19 @@ def object_pairs(
     return tuple((i, last) for i in _links_the_object_meets(robot, (*p_FT.tolist(),), radius_m))
 
 
-def barriers(robot: Robot, tool: Sequence[ToolCapsule]) -> tuple[Barrier, ...]:
-    """Returns the barriers of an arm with a tool."""
-    return _barriers(robot, _tool_key(tool))
+def barriers(robot: Robot, tool: Sequence[ToolCapsule], around: Surroundings | None = None) -> tuple[Barrier, ...]:
+    """Returns the barriers of an arm with a tool; not of parts that may touch in the surroundings, where given."""
+    found = _barriers(robot, _tool_key(tool))
+    return found if around is None else tuple(each for each in found if not around.is_free_to_touch(*each.names))
 
 
-def never_clear(robot: Robot, tool: Sequence[ToolCapsule]) -> list[NeverClear]:
-    """Returns the pairs that a tool leaves no posture in which they keep the self clearance."""
+def never_clear(robot: Robot, tool: Sequence[ToolCapsule], around: Surroundings | None = None) -> list[NeverClear]:
+    """Returns the pairs that a tool leaves no posture in which they keep the self clearance, where they must."""
     capsules = body_capsules(robot, tool)
     found = []
     for i, j in self_collision_pairs(robot, tool):
+        if around is not None and around.is_free_to_touch(capsules[i].name, capsules[j].name):
+            continue
         near, far = sorted((capsules[i], capsules[j]), key=lambda c: c.frame)
         joints = _joints_between(near, far)
         if len(joints) in GRID_POINTS:
@@ -108,14 +111,16 @@ def never_clear(robot: Robot, tool: Sequence[ToolCapsule]) -> list[NeverClear]:
     return found
 
 
-def passable(robot: Robot, tool: Sequence[ToolCapsule], q: Array) -> tuple[Array, Array]:
+def passable(
+    robot: Robot, tool: Sequence[ToolCapsule], q: Array, around: Surroundings | None = None
+) -> tuple[Array, Array]:
     """Returns the first blocked joint positions below and above `q` (6,), each (6,) [rad]; infinite where none is.
 
     A barrier that blocks `q` itself is ignored.
     """
     lower = np.full(6, -np.inf)
     upper = np.full(6, np.inf)
-    for barrier in barriers(robot, tool):
+    for barrier in barriers(robot, tool, around):
         i = barrier.joint
         here = q[barrier.joint]
         below = barrier.q[barrier.q <= here].max(initial=-np.inf)

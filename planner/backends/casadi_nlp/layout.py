@@ -141,6 +141,7 @@ SHAPE = VectorLayout(
         "reach": 1,  # half the length of that segment [m]
         "radius": 1,  # [m]
         "further": 1,  # clearance beyond that of the cell [m]
+        "added": len(CAPSULE_FRAMES),  # to the distance of each capsule: 0, or `FAR` where the two may touch [m]
     }
 )
 SHAPES = VectorLayout({"shapes": SHAPE.size * KEEP_OUT_SHAPES, "clearance": 1})  # [m]

@@ -25,6 +25,7 @@ struct scene {
     count shapes;
     in shape; /* rows: of the shape (20), least distance from it */
     in bounds; /* least height, lower and upper corner of where the first end of the last capsule stays (7,) */
+    in touching; /* whether each shape and each capsule may touch (shapes, capsules) */
     count rooms;
     in room; /* rows: of the shapes that it stays in, too (20), least distance from their walls */
     in ends;   /* start and goal (2, 6), about which the margin grows from nothing */
@@ -179,7 +180,8 @@ static int list_items(struct scene *scene, double longest) {
     for (int i = 0; i < scene->capsules; i++) {
         in row = scene->capsule + CAPSULE * i;
         if (row[14] > 0.0) items[n++] = (struct item){FROM_FLOOR, i, 0};
-        for (int k = 0; k < scene->shapes && row[15] > 0.0; k++) items[n++] = (struct item){FROM_SHAPE, i, k};
+        for (int k = 0; k < scene->shapes && row[15] > 0.0; k++)
+            if (scene->touching[k * scene->capsules + i] == 0.0) items[n++] = (struct item){FROM_SHAPE, i, k};
     }
     for (int i = 0; i < scene->pairs; i++) items[n++] = (struct item){OF_PAIR, (int)scene->pair[PAIR * i], i};
     scene->items = n;
@@ -188,12 +190,12 @@ static int list_items(struct scene *scene, double longest) {
 
 /* The arguments of the functions below as a scene. */
 #define SCENE                                                                                                      \
-    {chain, capsules,   capsule,    pairs,      pair,       shapes,     shape, bounds, rooms,                      \
-     room,  ends,       numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], 0, 0, 0}
+    {chain, capsules, capsule,    pairs,      pair,       shapes,     shape,      bounds, touching,                \
+     rooms, room,     ends,       numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], 0, 0, 0}
 
 /* Whether straight pieces from postures (n, 6) to others are clear (n,): 1 or 0. */
 void pieces_clear(in chain, count capsules, in capsule, count pairs, in pair, count shapes, in shape, in bounds,
-                  count rooms, in room, in ends, in numbers, count n, in from, in to, double *out) {
+                  in touching, count rooms, in room, in ends, in numbers, count n, in from, in to, double *out) {
     struct scene scene = SCENE;
     double longest = 0.0;
     for (count i = 0; i < 6 * n; i++) longest = fmax(longest, fabs(to[i] - from[i]));
@@ -237,7 +239,8 @@ static count grow(struct scene *scene, struct tree *tree, in towards, double ste
    until they meet, or `budget` postures were evaluated.
    State (6,): sizes of both, whose turn it is; where they met in each, or -1; budget left. */
 void grow_trees(in chain, count capsules, in capsule, count pairs, in pair, count shapes, in shape, in bounds,
-                count rooms, in room, in ends, in numbers, count m, in random, double step, count most, double *q, count *parent, count *state) {
+                in touching, count rooms, in room, in ends, in numbers, count m, in random, double step, count most,
+                double *q, count *parent, count *state) {
     struct scene scene = SCENE;
     struct tree trees[2] = {{state[0], most, q, parent}, {state[1], most, q + 6 * most, parent + most}};
     count turn = state[2], budget = list_items(&scene, step) ? state[5] : 0;

@@ -22,8 +22,9 @@ from planner.backends.casadi_nlp.parameters import (
     variable_scales,
 )
 from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, LEAVING_ROWS, RELEASE_ROWS, passing
+from planner.backends.casadi_nlp.symbols.distances import WIDTH
 from planner.backends.casadi_nlp.symbols.rows import LEAVING_SHARES
-from planner.cell import Box, Cell, Solid, load_cell, shape_of
+from planner.cell import Box, Cell, Contact, Solid, load_cell, shape_of
 from planner.certificate.certificate import at_least
 from planner.dynamics import Payload, joint_torques
 from planner.geometry import (
@@ -446,6 +447,29 @@ def test_the_room_beside_a_shape_is_never_more_than_there_is(name: str) -> None:
         if 0.0 < room < 0.1:
             near += 1
             assert _rows("keep_out_1", np.concatenate([q, np.zeros(layout.NZ - 6)]), p) < room + 5e-4
+
+
+def test_what_may_touch_a_shape_has_no_part_in_its_row() -> None:
+    """The row of all parts is the soft minimum of those of each alone, without the ones that may touch."""
+    plain = load_cell(CELLS / "ur5e-sim.toml")
+    plain = replace(plain, surroundings=replace(plain.surroundings, keep_out=(NEAR_SHAPES["wall"],), clearance_m=0.0))
+    parts = [*(name for name in layout.ARM_CAPSULES if name != "base"), "tool_0", "object"]
+
+    def row(free: set[str], z: np.ndarray) -> float:
+        contacts = tuple(Contact(name, "box 0", ("box 0",)) for name in sorted(free))
+        cell = replace(plain, surroundings=replace(plain.surroundings, may_touch=contacts))
+        p = np.concatenate([arm_parameters(cell, cell.limits, NO_MARGINS), shape_parameters(cell, (0,))])
+        return float(_rows("keep_out_1", z, p)[0])
+
+    for seed in range(3):
+        *_, z = _state(seed)
+        alone = {name: row(set(parts) - {name}, z) for name in parts}
+        nearest = min(alone, key=lambda name: alone[name])
+        for free in (set(), {nearest}, {nearest, "object", "elbow"}):
+            kept = np.array([alone[name] for name in parts if name not in free])
+            least = float(kept.min())
+            soft = least - WIDTH * np.log(np.exp((least - kept) / WIDTH).sum())
+            assert row(free, z) == pytest.approx(soft, abs=1e-9)
 
 
 ROOM_SHAPES = (

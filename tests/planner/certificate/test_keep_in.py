@@ -130,10 +130,9 @@ def test_a_throw_is_planned_within_a_room_that_the_first_one_leaves(kind):
     home = tool_pose(problem.cell, problem.start[None])[0, :3, 3]
     wide = {"box": [3.0, 3.0, 3.0], "cylinder": [1.5, 3.0], "sphere": [1.5, 0.0], "capsule": [1.4, 0.3]}[kind]
     highest = p[p[:, 2].argmax()]
-    for down_m in np.arange(0.0, 2.0, 0.005):
-        shape = shape_of(kind, pose(home * [1.0, 1.0, 0.0] - down_m * tilt[:, 2], tilt), np.array(wide))
-        if shape.depth(highest) < -0.04:
-            break
+    places = (pose(home * [1.0, 1.0, 0.0] - down_m * tilt[:, 2], tilt) for down_m in np.arange(0.0, 2.0, 0.005))
+    shapes = (shape_of(kind, place, np.array(wide)) for place in places)
+    shape = next(shape for shape in shapes if shape.depth(highest) < -0.04)
     asked = within(problem, shape)
     assert not certify(asked, motion).check("keep_in").ok
     found = plan(asked)
@@ -175,6 +174,7 @@ def test_an_approach_stays_within_a_room_that_the_straight_one_leaves():
     approach, failures = find_approach(caged, start, goal)
     assert [check.detail for check in failures] == ["tool centre point, cage"]
     assert approach is not None
+    assert approach.trajectory is not None
     assert not approach.is_straight
     q, _, _ = approach.trajectory.at(np.linspace(0.0, approach.duration_s, 5000))
     assert shape.depth(tool_pose(here, q)[:, :3, 3]).min() > -1e-9

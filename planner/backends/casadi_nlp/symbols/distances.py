@@ -182,7 +182,7 @@ def shape_distances(in_s: CapsuleSlots, R_WS: SX, p_WS: SX, slots: SX, terms: Te
         body = capsules_in_world(in_s, R_CW @ R_WS, R_CW @ (p_WS - shape["origin"]))
         for i in range(1, len(CAPSULE_FRAMES)):
             point = _nearest(body.starts[i], body.ends[i], shape, terms)
-            gaps.append(_beyond_faces(point, shape, terms) - body.radii[i] - shape["further"])
+            gaps.append(_beyond_faces(point, shape, terms) - body.radii[i] - shape["further"] + shape["added"][i])
     return gaps
 
 

@@ -14,7 +14,7 @@ class Way:
     """Tells whether pieces are clear, and counts the postures; it looks at everything in each of them, or as C does."""
 
     def __init__(self, scene: Pinned, ends: Array, numbers: Array, skips: bool) -> None:
-        self.chain, self.capsules, self.pairs, self.shapes, self.bounds, self.rooms = scene.arrays
+        self.chain, self.capsules, self.pairs, self.shapes, self.bounds, self.touching, self.rooms = scene.arrays
         self.ends = ends
         self.margin, self.own, self.near, self.spacing, self.point = numbers
         self.skips = skips
@@ -29,7 +29,7 @@ class Way:
         thick = self.capsules[:, 7]
         levers = self.capsules[:, 8:14]
         body, shape = (each.ravel() for each in np.indices((len(ends), len(self.shapes))))
-        meets = self.capsules[body, 15] > 0.0
+        meets = (self.capsules[body, 15] > 0.0) & (self.touching[shape, body] == 0.0)
         to_shapes = (
             shape_distances(ends[body, 0], ends[body, 1], shape, self.shapes[:, :20])
             - thick[body]
