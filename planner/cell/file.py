@@ -31,7 +31,7 @@ from planner.cell.fields import (
     vector,
 )
 from planner.cell.gripper import GRIPPER, OUTPUT, gripper_of, outputs_of
-from planner.cell.keep_out import contacts, keep_in_shapes, keep_out_shapes
+from planner.cell.keep_out import contacts, keep_in_shapes, keep_out_shapes, tool_shapes
 from planner.cell.model import (
     FARTHEST_M,
     FLIGHT_CLEARANCE_MIN_M,
@@ -66,6 +66,7 @@ DEFAULTS: dict[str, Any] = {
         "tcp_rotation_vector_rad": [0.0, 0.0, 0.0],
         "mass_kg": 0.0,
         "capsules": [],
+        "shapes": [],
     },
     "limits": {
         "joint_position_lower_rad": None,
@@ -195,7 +196,7 @@ def _cell(document: dict[str, Any], source: CellSource) -> Cell:
         if not limits.q_lower[i] <= home[i] <= limits.q_upper[i]:
             bounds = f"[{limits.q_lower[i]:.6g}, {limits.q_upper[i]:.6g}]"
             raise CellError(f"home_rad[{i}]", float(home[i]), f"is outside the joint's limits {bounds}")
-    tool = _tool(document["tool"])
+    tool = _tool(document["tool"], source.meshes)
     controller = _link(document["link"])
     X_WB = placement(document["base_in_world"], "position_m", "rotation_vector_rad", "base_in_world.", FARTHEST_M)
     return Cell(
@@ -232,13 +233,19 @@ def _robot(document: Mapping[str, Any], calibration: bytes | None) -> tuple[Cali
     return parse_calibration(calibration, name, published)
 
 
-def _tool(table: Mapping[str, Any]) -> Tool:
+def _tool(table: Mapping[str, Any], meshes: bytes | None) -> Tool:
     capsules = []
     for i, entry in enumerate(tables(table["capsules"], "tool.capsules")):
         where = f"tool.capsules[{i}]."
         entry = exactly(entry, ("from_m", "to_m", "radius_m"), where)
         ends = (vector(entry, end, where, 3, -TOOL_MAX_M, TOOL_MAX_M) for end in ("from_m", "to_m"))
         capsules.append(ToolCapsule(*ends, radius_m=number(entry, "radius_m", where, TOOL_RADIUS_MIN_M, 1.0)))
+    for i, shape in enumerate(tool_shapes(table, meshes)):
+        reach_m = max(float(np.abs([c.from_m, c.to_m]).max()) for c in shape.capsules)
+        if reach_m > TOOL_MAX_M:
+            reason = f"the {shape.kind} is {reach_m:.6g} m from the flange, more than {TOOL_MAX_M:g} m"
+            raise CellError(f"tool.shapes[{i}].pose", table["shapes"][i].get("pose"), reason)
+        capsules += shape.capsules
     X_FT = placement(table, "tcp_position_m", "tcp_rotation_vector_rad", "tool.", TOOL_MAX_M)
     return Tool(X_FT, number(table, "mass_kg", "tool.", 0.0), tuple(capsules))
 

@@ -8,14 +8,15 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from planner.arrays import Array
-from planner.cell.fields import choice, exactly, merge_defaults, number, placement, tables, vector
+from planner.arrays import Array, read_only
+from planner.cell.capsule_cover import boxes_cover, cylinder_cover, round_cover
+from planner.cell.fields import UNKNOWN_KEY, choice, exactly, merge_defaults, number, placement, tables, vector
 from planner.cell.mesh_file import CELL_M, cover_in, cover_key
-from planner.cell.model import FARTHEST_M, Contact
+from planner.cell.model import FARTHEST_M, Contact, ToolCapsule
 from planner.cell.shapes import Box, Solid, shape_of
 from planner.errors import CellError
 from planner.fields import did_you_mean
@@ -126,6 +127,71 @@ def _check_near(entry: Mapping[str, Any], where: str, shape: Solid, base: Array)
         if "lower_m" in entry:
             raise CellError(f"{where}{side}_m[{axis}]", float(corner[axis]), reason)
         raise CellError(f"{where}pose", entry["pose"], f"one end of the {shape.kind} {reason}")
+
+
+class ToolShape(NamedTuple):
+    """A shape of the tool.
+
+    Attributes:
+        kind: box, cylinder, sphere, capsule or mesh.
+        capsules: that contain it.
+        beyond_m: how far they reach beyond it [m]; 0 where they are the shape itself.
+    """
+
+    kind: str
+    capsules: tuple[ToolCapsule, ...]
+    beyond_m: float
+
+
+def tool_shapes(table: Mapping[str, Any], meshes: bytes | None = None) -> list[ToolShape]:
+    """Returns the shapes of the table `[tool]`, which have the form of keep-out shapes, in the flange frame.
+
+    Args:
+        table: the table.
+        meshes: what became of the mesh files, see `covers_of`.
+
+    Raises:
+        CellError: a field of one is refused.
+    """
+    found = []
+    for i, entry in enumerate(tables(table["shapes"], "tool.shapes")):
+        where = f"tool.shapes[{i}]."
+        for key in ("name", "clearance_m"):
+            if key in entry:
+                raise CellError(f"{where}{key}", None, f"{UNKNOWN_KEY}: what stands for it is called tool_0, tool_1 …")
+        if entry.get("shape") == "mesh":
+            boxes = _covered(entry, where, i, meshes)
+            beyond_m = entry.get("scale", 1.0) * _mesh_beyond(entry, meshes)
+            found.append(_as_capsules("mesh", boxes, beyond_m))
+        else:
+            shape = _shape(entry, where, (*SIZES, "mesh"))
+            found.append(_as_capsules(shape.kind, [shape], 0.0))
+    return found
+
+
+def _mesh_beyond(entry: Mapping[str, Any], meshes: bytes | None) -> float:
+    """Returns how far the boxes of a mesh that was read reach beyond it, in the unit of its file."""
+    known = cover_in(meshes, cover_key(entry) or "")
+    return 0.0 if isinstance(known, str) else known[0].beyond
+
+
+def _as_capsules(kind: str, shapes: Sequence[Solid], beyond_m: float) -> ToolShape:
+    """Returns the capsules that contain a shape, or boxes along the same axes, which reach `beyond_m` beyond a mesh."""
+    X = shapes[0].X_WC
+    x, _, z = shapes[0].extent.tolist()
+    if kind == "cylinder":
+        cover = cylinder_cover(0.5 * x, z)
+    elif kind in ("sphere", "capsule"):
+        cover = round_cover(0.5 * x, z - x)
+    else:
+        middles = np.array([(shape.X_WC[:3, 3] - X[:3, 3]) @ X[:3, :3] for shape in shapes])
+        halves = 0.5 * np.array([shape.extent for shape in shapes])
+        cover = boxes_cover(middles - halves, middles + halves)
+    capsules = tuple(
+        ToolCapsule(*(read_only(X[:3, :3] @ end + X[:3, 3]) for end in (c.start, c.end)), c.radius_m)
+        for c in cover.capsules
+    )
+    return ToolShape(kind, capsules, cover.beyond_m + beyond_m)
 
 
 def _covered(entry: Mapping[str, Any], where: str, number_: int, meshes: bytes | None) -> list[Solid]:
