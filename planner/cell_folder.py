@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from planner.cell import Cell, ThrownBody, load_cell, mended_cell, read_source
+from planner.cell import Cell, ThrownBody, load_cell, mended_cell, read_source, tool_shapes
 from planner.certificate import Examination
 from planner.errors import CellError
 from planner.geometry import SELF_CLEARANCE_M, NeverClear, held_object, never_clear, pierced
@@ -67,9 +67,9 @@ def check_home(cell: Cell) -> None:
 
 def home_faults(cell: Cell) -> list[CellError]:
     """Returns what a standstill at home violates, a fault for each check; or how the tool is in the arm's way."""
-    if in_the_way := never_clear(cell.robot, cell.tool.capsules):
+    if in_the_way := never_clear(cell.robot, cell.tool.capsules, cell.surroundings):
         return [_in_the_way(cell, pair) for pair in in_the_way]
-    if isinstance(cell.object, ThrownBody) and (touched := pierced(cell.robot, held_object(cell))):
+    if isinstance(cell.object, ThrownBody) and (touched := pierced(cell.robot, held_object(cell), cell.surroundings)):
         return [_held_in_the_way(cell, pair) for pair in touched]
     rest = np.tile(cell.home, (2, 1))
     zero = np.zeros((2, 6))
@@ -87,10 +87,15 @@ def _in_the_way(cell: Cell, pair: NeverClear) -> CellError:
     """Returns the fault of a tool that leaves the arm no posture."""
     part, tool = pair.names
     number = int(tool.rpartition("_")[2])
+    own = len(cell.document["tool"]["capsules"])
     reason = (
         f"{tool} is too close to {part} in every posture: {1e3 * pair.most_m:.1f} mm at most against "
         f"{1e3 * SELF_CLEARANCE_M:g} mm; model a wide tool by several capsules that begin farther from the flange"
     )
+    if number >= own and cell.document["tool"]["shapes"]:
+        counts = [len(shape.capsules) for shape in tool_shapes(cell.document["tool"], cell.meshes)]
+        of = int(np.searchsorted(np.cumsum(counts), number - own, side="right"))
+        return CellError(f"tool.shapes[{of}]", cell.document["tool"]["shapes"][of].get("shape", "box"), reason)
     return CellError(f"tool.capsules[{number}].radius_m", cell.tool.capsules[number].radius_m, reason)
 
 

@@ -114,7 +114,7 @@ class ThrowProblem:
     @cached_property
     def reachable(self) -> Limits:
         """The limits, with joint positions that self-collision makes unreachable from the start excluded."""
-        lower, upper = passable(self.cell.robot, self.cell.tool.capsules, self.start)
+        lower, upper = passable(self.cell.robot, self.cell.tool.capsules, self.start, self.cell.surroundings)
         limits = self.limits
         return replace(limits, q_lower=np.maximum(limits.q_lower, lower), q_upper=np.minimum(limits.q_upper, upper))
 

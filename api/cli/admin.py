@@ -69,7 +69,7 @@ def check(files: tuple[Path, ...], as_json: bool) -> None:
 def _say_good(file: Path, cell: Cell) -> None:
     kind = "a simulated controller" if cell.link.kind == "sim" else "a REAL arm"
     say(f"{file}: good. {cell.robot.name}, {kind} at {cell.link.host}, sha256 {cell.sha256}", GOOD)
-    for line in (_kinematics_of(cell), *_meshes_of(cell)):
+    for line in (_kinematics_of(cell), *_tool_shapes_of(cell), *_meshes_of(cell)):
         click.echo(line)
     for warning in warnings_of(cell):
         say(warning, BAD)
@@ -77,7 +77,8 @@ def _say_good(file: Path, cell: Cell) -> None:
 
 def _cell_document(cell: Cell) -> dict[str, Any]:
     summary = {"cell": cell.name, "robot": cell.robot.name, "link": cell.link.kind, "host": cell.link.host}
-    notes = {"kinematics": _kinematics_of(cell), "meshes": _meshes_of(cell), "warnings": warnings_of(cell)}
+    shapes = {"tool_shapes": _tool_shapes_of(cell), "meshes": _meshes_of(cell)}
+    notes = {"kinematics": _kinematics_of(cell), **shapes, "warnings": warnings_of(cell)}
     return {**summary, "sha256": cell.sha256, **notes}
 
 
@@ -123,6 +124,21 @@ def _kinematics_of(cell: Cell) -> str:
     apart = chain_difference(cell.robot.published, cell.robot)
     named = f"{cell.calibration.name} ({cell.calibration.hash or 'no hash'})"
     return f"kinematics: {named}, {apart.words(2)} off the published table"
+
+
+def _tool_shapes_of(cell: Cell) -> list[str]:
+    """Returns as what each shape of a cell's tool is kept off, in words."""
+    from planner.cell import tool_shapes
+
+    first = len(cell.document["tool"]["capsules"])
+    found = []
+    for i, shape in enumerate(tool_shapes(cell.document["tool"], cell.meshes)):
+        last = first + len(shape.capsules) - 1
+        called = f"tool_{first}" if last == first else f"tool_{first} to tool_{last}"
+        beyond = f", up to {1e3 * shape.beyond_m:.3g} mm beyond it" if shape.beyond_m > 0.0 else ""
+        found.append(f"tool.shapes[{i}]: a {shape.kind}, as {called}{beyond}")
+        first = last + 1
+    return found
 
 
 def _meshes_of(cell: Cell) -> list[str]:

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -38,24 +38,29 @@ def import_scene(file: Path, name: str, place: tuple[float, ...], as_json: bool)
     """Add the shapes of FILE to the cell CELL, and name what was left out.
 
     FILE is a URDF, SDF or MJCF file, or a scene of MoveIt: its text (.scene), or a planning scene as YAML. A model that
-    has a frame of its own, as a table has, is put in its place with --at. Meshes are copied beside the cell file.
+    has a frame of its own, as a table has, is put in its place with --at. Meshes are copied beside the cell file. What
+    the cell has already is not added again.
     """
-    from planner.scenes import entries_of, with_entries
+    from planner.scenes import entries_of, not_there, with_entries
 
     scene = _placed(_scene(file), pose_option(place, "--at"))
     path, text, cell = cell_to_extend(name)
     on_base = _notes_on_base(scene, cell)
-    files, contents = mesh_files(path, scene.shapes)
-    entries = entries_of(scene.shapes, files, cell.surroundings.keep_out_names)
+    tables = cell.document["surroundings"]["keep_out"]
+    shapes, there = not_there(scene.shapes, tables, _meshes_beside(path, tables))
+    files, contents = mesh_files(path, shapes)
+    entries = entries_of(shapes, files, cell.surroundings.keep_out_names)
     extend(path, with_entries(text, entries, file.name) if entries else text, contents, file, on_base)
     notes = [*scene.notes, *on_base]
     left_out = list(dict.fromkeys(scene.left_out))
     if as_json:
         names = [json.loads(entry["name"]) for entry in entries]
-        click.echo(json.dumps({"cell": path.stem, "shapes": names, "left_out": left_out, "notes": notes}))
+        told = {"cell": path.stem, "shapes": names, "there_already": there, "left_out": left_out, "notes": notes}
+        click.echo(json.dumps(told))
         return
     say(f"{path}: {len(entries)} shapes of {file}", GOOD)
-    for line in [*(f"left out: {each}" for each in left_out), *notes]:
+    already = [f"there already, the same: {each}" for each in there]
+    for line in [*already, *(f"left out: {each}" for each in left_out), *notes]:
         say(line, BAD)
 
 
@@ -111,6 +116,12 @@ def extend(path: Path, text: str, contents: Mapping[Path, bytes], file: Path, no
     part = path.with_name(f".{path.name}.part")
     part.write_text(text)
     part.replace(path)
+
+
+def _meshes_beside(path: Path, tables: Sequence[Mapping[str, Any]]) -> dict[str, bytes]:
+    """Returns the contents of the files that shapes of a cell file name."""
+    names = {table["file"] for table in tables if "file" in table}
+    return {name: path.with_name(name).read_bytes() for name in names}
 
 
 def _scene(file: Path) -> ForeignScene:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from planner.arrays import Array
 from planner.calibration import fixed_transforms
-from planner.cell import Cell, Solid, Surroundings, ThrownBody
+from planner.cell import Cell, Solid, ThrownBody
 from planner.flight import drag_constant
 from planner.geometry import SELF_CLEARANCE_M, body_model
 
@@ -75,15 +77,20 @@ def _limits(cell: Cell) -> dict[str, Any]:
 def _surroundings(cell: Cell) -> dict[str, Any]:
     around = cell.surroundings
     heights = {"floor_z_m": around.floor_z_m, "clearance_m": around.clearance_m, "gravity_m_s2": around.gravity_m_s2}
-    return {**heights, "keep_in": [_corners(box) for box in around.keep_in], "keep_out": _shapes(around)}
+    clearances = around.clearance_m + around.further_clearances
+    return {
+        **heights,
+        "keep_in": _shapes(around.keep_in_names, around.keep_in, around.keep_in_clearances),
+        "keep_out": _shapes(around.keep_out_names, around.keep_out, clearances),
+    }
 
 
-def _shapes(around: Surroundings) -> list[dict[str, Any]]:
-    clearances = (around.clearance_m + around.further_clearances).tolist()
-    rows = zip(around.keep_out_names, around.keep_out, clearances, strict=True)
+def _shapes(names: Sequence[str], shapes: Sequence[Solid], clearances: Array) -> list[dict[str, Any]]:
+    rows = zip(names, shapes, clearances.tolist(), strict=True)
     return [
         {
-            **_corners(shape),
+            "lower_m": shape.lower.tolist(),
+            "upper_m": shape.upper.tolist(),
             "name": name,
             "shape": shape.kind,
             "pose": shape.X_WC.tolist(),
@@ -92,10 +99,6 @@ def _shapes(around: Surroundings) -> list[dict[str, Any]]:
         }
         for name, shape, clearance_m in rows
     ]
-
-
-def _corners(shape: Solid) -> dict[str, list[float]]:
-    return {"lower_m": shape.lower.tolist(), "upper_m": shape.upper.tolist()}
 
 
 def _object(cell: Cell) -> dict[str, Any]:

@@ -61,7 +61,7 @@ class ShapeAnswer(BoxAnswer):
     shape: Literal["box", "cylinder", "sphere", "capsule"]
     pose: Transform = Field(description="Pose of its centre and axes in the world; rows [m].")
     extent_m: Vector3 = Field(description="Its extent along its own axes, round ends included; z is a cylinder's [m].")
-    clearance_m: float = Field(description="Least distance to it [m].")
+    clearance_m: float = Field(description="Least distance to it, or to its walls from within [m].")
 
 
 class SurroundingsAnswer(BaseModel):
@@ -70,7 +70,7 @@ class SurroundingsAnswer(BaseModel):
     floor_z_m: float = Field(description="Height of the floor [m].")
     clearance_m: float = Field(description="Least distance to the floor, and to shapes without their own [m].")
     gravity_m_s2: float = Field(description="Along -z [m/s^2].")
-    keep_in: list[BoxAnswer] = Field(description="The tool centre point stays in every one.")
+    keep_in: list[ShapeAnswer] = Field(description="The tool centre point stays in every one.")
     keep_out: list[ShapeAnswer] = Field(description="Nothing of arm, tool and object enters one.")
 
 

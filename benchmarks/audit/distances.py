@@ -25,7 +25,7 @@ from tests.planner.published_arms import pinocchio_arm
 
 Vector = NDArray[np.float64]
 
-Obstacle = tuple[coal.ShapeBase, coal.Transform3s, float]
+Obstacle = tuple[coal.ShapeBase, coal.Transform3s, float, str]
 
 SPARSE_S = 0.008  # [s] grid of the distances
 LENGTH_SLACK_M = 1e-5  # [m] of distances and positions
@@ -45,7 +45,7 @@ class SpatialExtremes:
         boxes: Smallest distance from keep-out shapes and bin, less what one requires beyond the cell's clearance [m].
         singular: Smallest singularity distance [1].
         speed: Largest tool speed [m/s].
-        outside: Largest distance of the tool centre point outside the keep-in boxes [m].
+        outside: Largest distance of the tool centre point outside the keep-in shapes, and their clearances [m].
     """
 
     floor: float = np.inf
@@ -67,7 +67,7 @@ class SpatialExtremes:
             *under("floor", "floor", self.floor, clearance, slack, "m"),
             *under("self_collision", "self-collision", self.self_gap, SELF_CLEARANCE_M, slack, "m"),
             *under("keep_out", "forbidden shape or bin", self.boxes, clearance, slack, "m"),
-            *over("keep_in", "outside a box by", self.outside, 0.0, slack, "m"),
+            *over("keep_in", "outside a keep-in shape by", self.outside, 0.0, slack, "m"),
             *under("singularity_distance", "singularity distance", self.singular, least, LIMIT_SLACK),
         ]
 
@@ -90,7 +90,7 @@ def spatial_faults(
     model = arm_model(cell, False)
     obstacles = _obstacles(problem)
     bodies = _all(cell)
-    for solid in [*(body.solid for body in bodies), *(solid for solid, _, _ in obstacles)]:
+    for solid in [*(body.solid for body in bodies), *(solid for solid, _, _, _ in obstacles)]:
         solid.computeLocalAABB()
     data = model.createData()
     for i in range(len(t)):
@@ -99,7 +99,7 @@ def spatial_faults(
         held = bool(t[i] <= held_until_s)
         worst.speed = max(worst.speed, float(np.linalg.norm(v)))
         worst.floor = min(worst.floor, _height(cell, poses, held))
-        pairs = [pair for pair in _pairs(cell) if held or pair[1] < len(shapes(cell))]
+        pairs = [pair for pair in _judged_pairs(cell) if held or pair[1] < len(shapes(cell))]
         for first, second in pairs:
             solids = bodies[first].solid, places[first], bodies[second].solid, places[second]
             worst.self_gap = min(worst.self_gap, _distance(*solids, worst.self_gap))
@@ -111,9 +111,26 @@ def spatial_faults(
 
 
 def _outside(cell: Cell, poses: list[pin.SE3]) -> float:
-    """Returns the distance of the tool centre point outside the keep-in boxes [m]; negative inside."""
+    """Returns how far the tool centre point is outside the keep-in shapes, or nearer to a wall than it may be [m].
+
+    Negative inside. Written from pose and extent alone: a capsule is a sphere swept along z, and what is straight is
+    between two planes.
+    """
     p = poses[6].act(cell.tool.X_FT[:3, 3])
-    return max((float(np.max([b.lower - p, p - b.upper])) for b in cell.surroundings.keep_in), default=-np.inf)
+    return max((_beyond(shape, p) + (shape.clearance_m or 0.0) for shape in cell.surroundings.keep_in), default=-np.inf)
+
+
+def _beyond(shape: Solid, p: Vector) -> float:
+    """Returns how far a point (3,) is beyond the walls of a shape [m]; negative inside."""
+    x, y, z = np.abs(pin.SE3(shape.X_WC[:3, :3], shape.X_WC[:3, 3]).actInv(p)).tolist()
+    wide, deep, long = (0.5 * shape.extent).tolist()
+    match shape.kind:
+        case "box":
+            return max(x - wide, y - deep, z - long)
+        case "cylinder":
+            return max(math.hypot(x, y) - wide, z - long)
+        case _:
+            return math.hypot(x, y, max(0.0, z - (long - wide))) - wide
 
 
 def _singularity_distance(data: pin.Data) -> float:
@@ -136,8 +153,10 @@ def _box_gap(cell: Cell, obstacles: list[Obstacle], places: list[coal.Transform3
     """
     count = len(shapes(cell)) + held
     bodies = [(shape, own) for shape, own in list(zip(_all(cell), places, strict=True))[:count] if shape.frame > 0]
-    for solid, place, further_m in obstacles:
+    for solid, place, further_m, name in obstacles:
         for shape, own in bodies:
+            if _may_touch(cell, shape.name, name):
+                continue
             gap = _distance(shape.solid, own, solid, place, least + further_m)
             least = min(least, gap - further_m)
     return least
@@ -146,19 +165,19 @@ def _box_gap(cell: Cell, obstacles: list[Obstacle], places: list[coal.Transform3
 def _obstacles(problem: ThrowProblem) -> list[Obstacle]:
     """Returns the keep-out shapes, and the bin as a solid cylinder: no part of the arm has business in it.
 
-    With each what it is to be kept from beyond the cell's clearance [m].
+    With each what it is to be kept from beyond the cell's clearance [m], and its name.
     """
     around = problem.cell.surroundings
     found: list[Obstacle] = []
-    for shape in around.keep_out:
+    for name, shape in zip(around.keep_out_names, around.keep_out, strict=True):
         own = around.clearance_m if shape.clearance_m is None else shape.clearance_m
         place = coal.Transform3s(shape.X_WC[:3, :3], shape.X_WC[:3, 3])
-        found.append((coal_solid(shape), place, own - around.clearance_m))
+        found.append((coal_solid(shape), place, own - around.clearance_m, name))
     release = problem.release
     if isinstance(release, TargetRelease) and release.opening is not None:
         height = release.opening.rim_height_m
         middle = release.p_W + np.array([0.0, 0.0, 0.5 * height])
-        found.append((coal.Cylinder(release.opening.radius_m, height), coal.Transform3s(np.eye(3), middle), 0.0))
+        found.append((coal.Cylinder(release.opening.radius_m, height), coal.Transform3s(np.eye(3), middle), 0.0, "bin"))
     return found
 
 
@@ -242,6 +261,25 @@ def _pairs(cell: Cell) -> tuple[tuple[int, int], ...]:
     own = _apart(cell.robot, tuple(every))
     links = [i for i, body in enumerate(shapes(cell)) if not body.name.startswith("tool_")]
     return (*own, *((i, len(every)) for i in links))
+
+
+@cache
+def _judged_pairs(cell: Cell) -> tuple[tuple[int, int], ...]:
+    """Returns those of `_pairs` that the cell's table of contacts leaves."""
+    names = [body.name for body in _all(cell)]
+    return tuple((i, j) for i, j in _pairs(cell) if not _may_touch(cell, names[i], names[j]))
+
+
+def _may_touch(cell: Cell, one: str, other: str) -> bool:
+    """Returns whether two things may touch by the cell file's own words."""
+    meant = {"tool": lambda name: name.startswith("tool_")}
+    for entry in cell.surroundings.may_touch:
+        for a, b in ((one, other), (other, one)):
+            is_a = meant.get(entry.a, entry.a.__eq__)(a)
+            is_b = b in entry.shapes if entry.shapes else meant.get(entry.b, entry.b.__eq__)(b)
+            if is_a and is_b:
+                return True
+    return False
 
 
 class _Solid(NamedTuple):

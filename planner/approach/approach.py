@@ -133,7 +133,7 @@ class _Search:
         now = out[-1]
         start = back[0]
         limits = self.limits
-        lower, upper = passable(self.cell.robot, self.cell.tool.capsules, now)
+        lower, upper = passable(self.cell.robot, self.cell.tool.capsules, now, self.cell.surroundings)
         if (start < lower).any() or (start > upper).any():
             return
         lower = np.maximum(lower, limits.q_lower)

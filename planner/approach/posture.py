@@ -95,7 +95,7 @@ def _where(check: Check) -> str:
         "self_collision": f"{first} and {second}",
         "floor": f"{first} and the floor",
         "keep_out": f"{first} and keep-out {second}",
-        "keep_in": "the tool and a wall of the keep-in boxes",
+        "keep_in": f"the tool and a wall of {f'keep-in {second}' if second else 'the keep-in boxes'}",
     }
     return words.get(check.name, f"{check.name} of {check.detail}" if check.detail else check.name)
 

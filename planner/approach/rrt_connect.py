@@ -98,14 +98,16 @@ def _scene(cell: Cell, with_object: bool) -> Pinned:
     least = body.radii[pairs].sum(axis=1) + SELF_CLEARANCE_M
     rows = around.keep_out_rows.reshape(-1, 20)
     required = around.clearance_m + around.further_clearances
-    inside = [[box.lower, box.upper] for box in around.keep_in] or [[np.full(3, -np.inf), np.full(3, np.inf)]]
-    bounds = np.array(inside).transpose(1, 0, 2)
+    lower, upper = around.box_within or (np.full(3, -np.inf), np.full(3, np.inf))
+    rooms = [[*around.keep_in[i].row, around.keep_in_clearances[i]] for i in around.rooms]
     return Pinned(
         np.array([cell.X_WB, *fixed_transforms(cell.robot)]),
         capsules,
         np.column_stack([pairs.astype(np.float64), least, body.pair_levers[own]]),
         np.column_stack([rows, required]),
-        np.array([around.floor_z_m + around.clearance_m, *bounds[0].max(axis=0), *bounds[1].min(axis=0)]),
+        np.array([around.floor_z_m + around.clearance_m, *lower, *upper]),
+        body.may_touch,
+        np.array(rooms).reshape(-1, 21),
     )
 
 

@@ -108,8 +108,9 @@ def swept_clearances(cell: Cell, paths: SweptPaths, with_object: bool = True) ->
             chords = _longest_chords(ends[capsule].reshape(2, 3, *shape))
             between = slope_bound(*_neighbours(distances), chords, ONE_STEP) - bends[capsule] / 8.0
             yield SweptClearance(f"{name} and keep-out {other}", distances, between, clearance_m)
-    for i, distances in enumerate(body.wall_distances(ends).reshape(-1, *shape)):
-        yield _smooth(f"the tool and the wall of keep-in box {i}", distances, bends[body.object], 0.0)
+    rooms = zip(around.keep_in_names, around.keep_in_clearances.tolist(), strict=True)
+    for (name, clearance_m), distances in zip(rooms, body.wall_distances(ends).reshape(-1, *shape), strict=True):
+        yield _smooth(f"the tool and the wall of keep-in {name}", distances, bends[body.object], clearance_m)
     approaches = (body.pair_levers @ (turn + bend)).reshape(-1, *paths.turn.shape[:2])
     for pair, distances, moved in zip(
         body.pairs, body.pair_distances(ends).reshape(-1, *shape), approaches, strict=True

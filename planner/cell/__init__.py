@@ -8,7 +8,7 @@ from planner.cell.changes import cell_of_keys
 from planner.cell.faults import mended_cell
 from planner.cell.fields import choice, merge_defaults, number, vector
 from planner.cell.file import DEFAULTS, NAME_PATTERN, cell_of, checked_polyscope, load_cell, parse_cell
-from planner.cell.keep_out import is_reserved
+from planner.cell.keep_out import is_reserved, tool_shapes
 from planner.cell.mesh_cover import cover
 from planner.cell.mesh_file import CELL_M, MESH_BYTES, MESH_KINDS, cover_in, cover_key, mesh_hashes, point_cloud
 from planner.cell.model import (
@@ -16,6 +16,7 @@ from planner.cell.model import (
     FARTHEST_M,
     STANDING_RAD,
     Cell,
+    Contact,
     DigitalOutput,
     Gripper,
     Limits,
@@ -40,6 +41,7 @@ __all__ = [
     "Box",
     "Cell",
     "CellSource",
+    "Contact",
     "DigitalOutput",
     "Gripper",
     "Limits",
@@ -72,5 +74,6 @@ __all__ = [
     "read_source",
     "shape_of",
     "source_of",
+    "tool_shapes",
     "vector",
 ]

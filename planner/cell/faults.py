@@ -29,6 +29,8 @@ ENTRY = {  # of tools and shapes, which have no defaults
     "size_m": [0.1, 0.1, 0.1],
     "length_m": 0.1,
     "clearance_m": 0.0,
+    "a": "tool",
+    "b": "forearm",
 }
 
 

@@ -31,7 +31,7 @@ from planner.cell.fields import (
     vector,
 )
 from planner.cell.gripper import GRIPPER, OUTPUT, gripper_of, outputs_of
-from planner.cell.keep_out import corners, keep_out_shapes
+from planner.cell.keep_out import contacts, keep_in_shapes, keep_out_shapes, tool_shapes
 from planner.cell.model import (
     FARTHEST_M,
     FLIGHT_CLEARANCE_MIN_M,
@@ -67,6 +67,7 @@ DEFAULTS: dict[str, Any] = {
         "tcp_rotation_vector_rad": [0.0, 0.0, 0.0],
         "mass_kg": 0.0,
         "capsules": [],
+        "shapes": [],
     },
     "limits": {
         "joint_position_lower_rad": None,
@@ -85,6 +86,7 @@ DEFAULTS: dict[str, Any] = {
         "gravity_m_s2": 9.81,
         "keep_in": [],
         "keep_out": [],
+        "may_touch": [],
     },
     "object": OBJECT,
     "gripper": GRIPPER,
@@ -195,8 +197,8 @@ def _cell(document: dict[str, Any], source: CellSource) -> Cell:
         if not limits.q_lower[i] <= home[i] <= limits.q_upper[i]:
             bounds = f"[{limits.q_lower[i]:.6g}, {limits.q_upper[i]:.6g}]"
             raise CellError(f"home_rad[{i}]", float(home[i]), f"is outside the joint's limits {bounds}")
-    (thing, p_TO) = object_of(document["object"])
-    tool = _tool(document["tool"], p_TO)
+    thing, p_TO = object_of(document["object"])
+    tool = _tool(document["tool"], p_TO, source.meshes)
     controller = _link(document["link"])
     X_WB = placement(document["base_in_world"], "position_m", "rotation_vector_rad", "base_in_world.", FARTHEST_M)
     return Cell(
@@ -208,7 +210,7 @@ def _cell(document: dict[str, Any], source: CellSource) -> Cell:
         X_WB=X_WB,
         tool=tool,
         limits=limits,
-        surroundings=_surroundings(document["surroundings"], X_WB[:3, 3], source.meshes),
+        surroundings=_surroundings(document["surroundings"], X_WB[:3, 3], source.meshes, arm, tool),
         object=thing,
         gripper=gripper_of(document["gripper"], controller),
         safety=safety,
@@ -233,7 +235,7 @@ def _robot(document: Mapping[str, Any], calibration: bytes | None) -> tuple[Cali
     return parse_calibration(calibration, name, published)
 
 
-def _tool(table: Mapping[str, Any], p_TO: Array) -> Tool:
+def _tool(table: Mapping[str, Any], p_TO: Array, meshes: bytes | None) -> Tool:
     """Returns the tool; its centre point is where the object's centre lies, `p_TO` (3,) [m] from where it is given."""
     capsules = []
     for i, entry in enumerate(tables(table["capsules"], "tool.capsules")):
@@ -241,6 +243,12 @@ def _tool(table: Mapping[str, Any], p_TO: Array) -> Tool:
         entry = exactly(entry, ("from_m", "to_m", "radius_m"), where)
         ends = (vector(entry, end, where, 3, -TOOL_MAX_M, TOOL_MAX_M) for end in ("from_m", "to_m"))
         capsules.append(ToolCapsule(*ends, radius_m=number(entry, "radius_m", where, TOOL_RADIUS_MIN_M, 1.0)))
+    for i, shape in enumerate(tool_shapes(table, meshes)):
+        reach_m = max(float(np.abs([c.from_m, c.to_m]).max()) for c in shape.capsules)
+        if reach_m > TOOL_MAX_M:
+            reason = f"the {shape.kind} is {reach_m:.6g} m from the flange, more than {TOOL_MAX_M:g} m"
+            raise CellError(f"tool.shapes[{i}].pose", table["shapes"][i].get("pose"), reason)
+        capsules += shape.capsules
     X_FT = placement(table, "tcp_position_m", "tcp_rotation_vector_rad", "tool.", TOOL_MAX_M)
     mass_kg = number(table, "mass_kg", "tool.", 0.0)
     if not p_TO.any():
@@ -279,27 +287,21 @@ def _limits(table: dict[str, Any], arm: Robot) -> Limits:
     )
 
 
-def _surroundings(table: dict[str, Any], base: Array, meshes: bytes | None) -> Surroundings:
+def _surroundings(table: dict[str, Any], base: Array, meshes: bytes | None, arm: Robot, tool: Tool) -> Surroundings:
     where = "surroundings."
-    entries = tables(table["keep_in"], f"{where}keep_in")
-    keep_in = tuple(corners(entry, f"{where}keep_in[{i}].") for i, entry in enumerate(entries))
-    for i, box in enumerate(keep_in):
-        for side in ("lower", "upper"):
-            away_m = np.abs(getattr(box, side) - base)
-            if away_m.max() > FARTHEST_M:
-                field = f"{where}keep_in[{i}].{side}_m[{int(away_m.argmax())}]"
-                value = float(getattr(box, side)[away_m.argmax()])
-                raise CellError(field, value, f"is {away_m.max():.6g} m from the arm, more than {FARTHEST_M:g} m")
     clearance_m = number(table, "clearance_m", where, 0.0, 1.0)
     if table["flight_clearance_m"] is None:
         table["flight_clearance_m"] = max(clearance_m, FLIGHT_CLEARANCE_MIN_M)
+    keep_in = keep_in_shapes(table, base)
+    keep_out, bodies = keep_out_shapes(table, meshes)
     return Surroundings(
         floor_z_m=number(table, "floor_z_m", where),
         clearance_m=clearance_m,
         flight_clearance_m=number(table, "flight_clearance_m", where, FLIGHT_CLEARANCE_MIN_M, 1.0),
         gravity_m_s2=number(table, "gravity_m_s2", where, *GRAVITY_RANGE),
         keep_in=keep_in,
-        keep_out=keep_out_shapes(table, meshes),
+        keep_out=keep_out,
+        may_touch=contacts(table, arm, max(1, len(tool.capsules)), bodies),
     )
 
 

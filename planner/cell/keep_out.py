@@ -1,20 +1,26 @@
-"""Reading what nothing enters: boxes by their corners, shapes by pose and size, meshes and points by their covers."""
+"""Reading shapes, of the surroundings and of the tool, and which of them may touch.
+
+Boxes are read by their corners, others by pose and size, meshes and points by the boxes that cover them.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from planner.arrays import Array
-from planner.cell.fields import choice, exactly, merge_defaults, number, placement, tables, vector
+from planner.arrays import Array, read_only
+from planner.cell.capsule_cover import boxes_cover, cylinder_cover, round_cover
+from planner.cell.fields import UNKNOWN_KEY, choice, exactly, merge_defaults, number, placement, tables, vector
 from planner.cell.mesh_file import CELL_M, cover_in, cover_key
+from planner.cell.model import FARTHEST_M, Contact, ToolCapsule
 from planner.cell.shapes import Box, Solid, shape_of
 from planner.errors import CellError
-from planner.robots import capsule_rows
+from planner.fields import did_you_mean
+from planner.robots import Robot, capsule_rows
 from planner.rotations import pose
 
 SIZES = {  # keys of each shape beyond `shape`, `pose`, `name` and `clearance_m`
@@ -49,8 +55,12 @@ def corners(entry: Mapping[str, Any], where: str) -> Box:
     return box
 
 
-def keep_out_shapes(table: Mapping[str, Any], meshes: bytes | None = None) -> tuple[Solid, ...]:
+def keep_out_shapes(
+    table: Mapping[str, Any], meshes: bytes | None = None
+) -> tuple[tuple[Solid, ...], dict[str, tuple[str, ...]]]:
     """Returns the keep-out shapes of the table `[surroundings]`; a mesh, or points, are the boxes that cover them.
+
+    And, by the name of each entry, the names of the shapes that stand for it.
 
     Args:
         table: the table.
@@ -61,16 +71,127 @@ def keep_out_shapes(table: Mapping[str, Any], meshes: bytes | None = None) -> tu
     """
     where = "surroundings.keep_out"
     found: dict[str, Solid] = {}
+    bodies: dict[str, tuple[str, ...]] = {}
     for i, entry in enumerate(tables(table["keep_out"], where)):
         is_covered = str(entry.get("shape")) in COVERED
         shapes = _covered(entry, f"{where}[{i}].", i, meshes) if is_covered else [_shape(entry, f"{where}[{i}].")]
-        for shape in shapes:
-            name = shape.called(i)
+        names = tuple(shape.called(i) for shape in shapes)
+        bodies[_body_name(entry, names, i)] = names
+        for shape, name in zip(shapes, names, strict=True):
             if name in found:
                 raise CellError(f"{where}[{i}].name", name, "is what another one is called")
             # Behind a mesh a shape has another number than its table.
             found[name] = shape if shape.called(len(found)) == name else replace(shape, name=name)
+    return tuple(found.values()), bodies
+
+
+def _body_name(entry: Mapping[str, Any], names: tuple[str, ...], number_: int) -> str:
+    """Returns the name of an entry: that of its only shape, or of the mesh that several boxes cover."""
+    return names[0] if len(names) == 1 else str(entry.get("name") or f"{entry['shape']} {number_}")
+
+
+def keep_in_shapes(table: Mapping[str, Any], base: Array) -> tuple[Solid, ...]:
+    """Returns the keep-in shapes of the table `[surroundings]`.
+
+    Args:
+        table: the table.
+        base: where the arm stands in the world (3,) [m].
+
+    Raises:
+        CellError: a field of one is refused, two have the same name, or one reaches far from the arm.
+    """
+    found: dict[str, Solid] = {}
+    for i, entry in enumerate(tables(table["keep_in"], "surroundings.keep_in")):
+        where = f"surroundings.keep_in[{i}]."
+        shape = _shape(entry, where, tuple(SIZES))
+        if shape.called(i) in found:
+            raise CellError(f"{where}name", shape.called(i), "is what another one is called")
+        _check_near(entry, where, shape, base)
+        found[shape.called(i)] = shape
     return tuple(found.values())
+
+
+def _check_near(entry: Mapping[str, Any], where: str, shape: Solid, base: Array) -> None:
+    """Refuses a shape that reaches far from the arm.
+
+    Raises:
+        CellError: it does; by the first corner that is far away, or by its pose.
+    """
+    for side in ("lower", "upper"):
+        corner = getattr(shape, side)
+        away_m = np.abs(corner - base)
+        axis = int(away_m.argmax())
+        if away_m[axis] <= FARTHEST_M:
+            continue
+        reason = f"is {away_m[axis]:.6g} m from the arm, more than {FARTHEST_M:g} m"
+        if "lower_m" in entry:
+            raise CellError(f"{where}{side}_m[{axis}]", float(corner[axis]), reason)
+        raise CellError(f"{where}pose", entry["pose"], f"one end of the {shape.kind} {reason}")
+
+
+class ToolShape(NamedTuple):
+    """A shape of the tool.
+
+    Attributes:
+        kind: box, cylinder, sphere, capsule or mesh.
+        capsules: that contain it.
+        beyond_m: how far they reach beyond it [m]; 0 where they are the shape itself.
+    """
+
+    kind: str
+    capsules: tuple[ToolCapsule, ...]
+    beyond_m: float
+
+
+def tool_shapes(table: Mapping[str, Any], meshes: bytes | None = None) -> list[ToolShape]:
+    """Returns the shapes of the table `[tool]`, which have the form of keep-out shapes, in the flange frame.
+
+    Args:
+        table: the table.
+        meshes: what became of the mesh files, see `covers_of`.
+
+    Raises:
+        CellError: a field of one is refused.
+    """
+    found = []
+    for i, entry in enumerate(tables(table["shapes"], "tool.shapes")):
+        where = f"tool.shapes[{i}]."
+        for key in ("name", "clearance_m"):
+            if key in entry:
+                raise CellError(f"{where}{key}", None, f"{UNKNOWN_KEY}: what stands for it is called tool_0, tool_1 …")
+        if entry.get("shape") == "mesh":
+            boxes = _covered(entry, where, i, meshes)
+            beyond_m = entry.get("scale", 1.0) * _mesh_beyond(entry, meshes)
+            found.append(_as_capsules("mesh", boxes, beyond_m))
+        else:
+            shape = _shape(entry, where, (*SIZES, "mesh"))
+            found.append(_as_capsules(shape.kind, [shape], 0.0))
+    return found
+
+
+def _mesh_beyond(entry: Mapping[str, Any], meshes: bytes | None) -> float:
+    """Returns how far the boxes of a mesh that was read reach beyond it, in the unit of its file."""
+    known = cover_in(meshes, cover_key(entry) or "")
+    return 0.0 if isinstance(known, str) else known[0].beyond
+
+
+def _as_capsules(kind: str, shapes: Sequence[Solid], beyond_m: float) -> ToolShape:
+    """Returns the capsules that contain a shape, or boxes along the same axes, which reach `beyond_m` beyond a mesh."""
+    X = shapes[0].X_WC
+    x, _, z = shapes[0].extent.tolist()
+    if kind == "cylinder":
+        cover = cylinder_cover(0.5 * x, z)
+    elif kind in ("sphere", "capsule"):
+        cover = round_cover(0.5 * x, z - x)
+    else:
+        middles = np.array([(shape.X_WC[:3, 3] - X[:3, 3]) @ X[:3, :3] for shape in shapes])
+        halves = 0.5 * np.array([shape.extent for shape in shapes])
+        cover = boxes_cover(middles - halves, middles + halves)
+    capsules = tuple(
+        ToolCapsule(*(read_only(X[:3, :3] @ end + X[:3, 3]) for end in (c.start, c.end)), c.radius_m)
+        for c in cover.capsules
+    )
+    return ToolShape(kind, capsules, cover.beyond_m + beyond_m)
 
 
 def _covered(entry: Mapping[str, Any], where: str, number_: int, meshes: bytes | None) -> list[Solid]:
@@ -115,12 +236,13 @@ def _pose(rest: Mapping[str, Any], where: str) -> Array:
     return placement(given, "position_m", "rotation_vector_rad", f"{where}pose.", SIZE_MAX_M)
 
 
-def _shape(entry: Mapping[str, Any], where: str) -> Solid:
+def _shape(entry: Mapping[str, Any], where: str, kinds: tuple[str, ...] = (*SIZES, *COVERED)) -> Solid:
+    """Returns the shape of a table that is no file's; `kinds` are what may stand there."""
     name, clearance_m, rest = _named(entry, where)
     if "shape" not in rest and "pose" not in rest:
         box = corners(rest, where)
         return Box(box.lower, box.upper, name, clearance_m)
-    kind = choice({"shape": "box", **rest}, "shape", where, (*SIZES, *COVERED))
+    kind = choice({"shape": "box", **rest}, "shape", where, kinds)
     rest = exactly({"shape": kind, **rest}, ("shape", "pose", *SIZES[kind]), where)
     X = _pose(rest, where)
     if kind == "box":
@@ -141,3 +263,46 @@ def _name(entry: Mapping[str, Any], where: str) -> str:
     if name and is_reserved(name):
         raise CellError(f"{where}name", name, "is what something else is called in a plan")
     return name
+
+
+def contacts(
+    table: Mapping[str, Any], robot: Robot, tool_capsules: int, bodies: Mapping[str, tuple[str, ...]]
+) -> tuple[Contact, ...]:
+    """Returns the pairs of the list `may_touch` of the table `[surroundings]`.
+
+    Args:
+        table: the table.
+        robot: the arm.
+        tool_capsules: number of the tool's capsules.
+        bodies: what is kept out, by name, each with the names of the shapes that stand for it.
+
+    Raises:
+        CellError: a name is unknown, or nothing moves one against the other.
+    """
+    rows = capsule_rows(robot.shape.of)
+    standing = {name for name, row in rows.items() if row["frame"] == 0}
+    parts = [*rows, Contact.TOOL, *(f"{TOOL}{i}" for i in range(tool_capsules)), Contact.OBJECT]
+    found = []
+    for i, entry in enumerate(tables(table["may_touch"], "surroundings.may_touch")):
+        where = f"surroundings.may_touch[{i}]."
+        exactly(entry, ("a", "b"), where)
+        for key in ("a", "b"):
+            _check_known(entry[key], f"{where}{key}", [*parts, *bodies])
+        a, b = sorted((entry["a"], entry["b"]), key=lambda name: name in bodies)
+        fixed = standing | set(bodies)
+        if a == b or {a, b} <= fixed:
+            raise CellError(
+                f"{where}b", entry["b"], f"does not move against {entry['a']!r}: one of both must be a part"
+            )
+        found.append(Contact(a, b, bodies.get(b, ())))
+    return tuple(found)
+
+
+def _check_known(name: Any, field: str, known: Sequence[str]) -> None:
+    """Refuses a name that nothing has.
+
+    Raises:
+        CellError: it is such, or no name.
+    """
+    if not isinstance(name, str) or name not in known:
+        raise CellError(field, name, f"must be one of {', '.join(known)}{did_you_mean(name, known)}")

@@ -13,6 +13,7 @@ import os
 import re
 import struct
 from collections.abc import Mapping
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -37,14 +38,14 @@ UNREADABLE = (ValueError, LookupError, TypeError, AttributeError, ImportError, O
 
 def cover_keys(document: Mapping[str, Any]) -> list[str]:
     """Returns the keys of what a cell file names, sorted; what is no name is left out."""
-    around = document.get("surroundings")
-    entries = around.get("keep_out") if isinstance(around, Mapping) else None
-    tables = [each for each in entries if isinstance(each, Mapping)] if isinstance(entries, list) else []
-    return sorted({key for each in tables if (key := cover_key(each)) is not None})
+    places = (("surroundings", "keep_out"), ("tool", "shapes"))
+    lists = (table.get(key) for name, key in places if isinstance(table := document.get(name), Mapping))
+    entries = chain.from_iterable(each for each in lists if isinstance(each, list))
+    return sorted({key for each in entries if isinstance(each, Mapping) and (key := cover_key(each)) is not None})
 
 
 def cover_key(entry: Mapping[str, Any]) -> str | None:
-    """Returns the key of a mesh or of points in `keep_out`; None of another shape, or of one that is refused."""
+    """Returns the key of a mesh or of points, of `keep_out` or the tool; None of another shape, or a refused one."""
     name = entry.get("file")
     pattern = {"mesh": FILE_PATTERN, "points": POINTS_PATTERN}.get(str(entry.get("shape")))
     if pattern is None or not isinstance(name, str) or not pattern.fullmatch(name):

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from planner.arrays import Array, read_only
+from planner.arrays import Array, Index, read_only
 from planner.calibration import CalibrationFile
 from planner.cell.content import content_sha256
-from planner.cell.shapes import ROW, Box, Solid
+from planner.cell.shapes import ROW, Solid
 from planner.cell.thrown_object import ThrownBody, ThrownObject
 from planner.errors import CellError
 from planner.grippers import GripperLink, SecondOutput
@@ -124,6 +124,35 @@ class Limits:
         return found
 
 
+@dataclass(frozen=True)
+class Contact:
+    """Two things whose distance is not checked.
+
+    Attributes:
+        TOOL: name of all capsules of the tool together.
+        OBJECT: name of the held object.
+        a: a part of arm or tool, or the held object.
+        b: another one, or what is kept out.
+        shapes: names of the keep-out shapes that are b; none where b is a part.
+    """
+
+    TOOL: ClassVar[str] = "tool"
+    OBJECT: ClassVar[str] = "object"
+    a: str
+    b: str
+    shapes: tuple[str, ...] = ()
+
+    def is_of(self, one: str, other: str) -> bool:
+        """Returns whether it is that of a part with another part, or with a keep-out shape."""
+        if self.shapes:
+            return self._is(self.a, one) and other in self.shapes
+        return any(self._is(self.a, x) and self._is(self.b, y) for x, y in ((one, other), (other, one)))
+
+    @classmethod
+    def _is(cls, name: str, part: str) -> bool:
+        return part == name or (name == cls.TOOL and part.startswith("tool_"))
+
+
 @dataclass(frozen=True, eq=False)
 class Surroundings:
     """Obstacles and gravity, in the world frame.
@@ -133,16 +162,49 @@ class Surroundings:
         clearance_m: least distance to the floor and to every keep-out shape without its own [m].
         flight_clearance_m: least distance of the object in flight to the arm and every such shape [m].
         gravity_m_s2: gravity along -z [m/s^2].
-        keep_in: boxes that contain the tool centre point at all times.
+        keep_in: shapes that contain the tool centre point at all times.
         keep_out: shapes that arm, tool and held object stay out of.
+        may_touch: pairs whose distance is not checked.
     """
 
     floor_z_m: float
     clearance_m: float
     flight_clearance_m: float
     gravity_m_s2: float
-    keep_in: tuple[Box, ...]
+    keep_in: tuple[Solid, ...]
     keep_out: tuple[Solid, ...]
+    may_touch: tuple[Contact, ...] = ()
+
+    def is_free_to_touch(self, one: str, other: str) -> bool:
+        """Returns whether two parts, or a part and a keep-out shape, may touch; both by their names."""
+        return any(contact.is_of(one, other) for contact in self.may_touch)
+
+    @cached_property
+    def keep_in_names(self) -> tuple[str, ...]:
+        """What each keep-in shape is called: by its name, or by its kind and number."""
+        return tuple(shape.called(i) for i, shape in enumerate(self.keep_in))
+
+    @cached_property
+    def keep_in_clearances(self) -> Array:
+        """What the tool centre point keeps from the walls of each keep-in shape (r,) [m]; 0 without one of its own."""
+        return np.array([shape.clearance_m or 0.0 for shape in self.keep_in])
+
+    @cached_property
+    def rooms(self) -> Index:
+        """Numbers of the keep-in shapes that are more than a box along the axes: turned, round, named, or kept from.
+
+        The other ones are one box together, see `box_within`.
+        """
+        plain = (shape.core is None and not shape.name and not shape.clearance_m for shape in self.keep_in)
+        return np.flatnonzero(~np.fromiter(plain, np.bool_))
+
+    @cached_property
+    def box_within(self) -> tuple[Array, Array] | None:
+        """Corners (3,) of the box along the axes that is common to the keep-in shapes that are no `rooms`; [m]."""
+        boxes = [shape for i, shape in enumerate(self.keep_in) if i not in self.rooms]
+        if not boxes:
+            return None
+        return np.max([box.lower for box in boxes], axis=0), np.min([box.upper for box in boxes], axis=0)
 
     @cached_property
     def keep_out_names(self) -> tuple[str, ...]:

@@ -41,6 +41,7 @@ MOTION_CHECKS: tuple[CheckFunction, ...] = (
     clearance.self_collision,
     clearance.arm_shape,
     clearance.tool_shape,
+    clearance.may_touch,
     clearance.clearance,
     tool.singularity_distance,
     torque.joint_torque,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from planner.arrays import Array, Index
+from planner.cell import Surroundings
 from planner.certificate.bounds import (
     Proof,
     curvature_bound,
@@ -16,7 +17,7 @@ from planner.certificate.certificate import Check, NotChecked, at_least
 from planner.certificate.samples import MotionSamples
 from planner.geometry import SELF_CLEARANCE_M, pair_distances, shape_distances
 
-FAR_M = 1e3  # [m] distance reported for an object that has been released
+FAR_M = 1e3  # [m] distance reported for an object that has been released, and for what may touch
 TOGETHER = 16  # [-] instants whose bounding boxes are taken together first
 
 
@@ -51,7 +52,7 @@ def keep_out(motion: MotionSamples) -> Check | None:
     if not around.keep_out:
         return None
     moving = body.moving
-    thick = body.radii[moving] + around.further_clearances[:, None]
+    thick = np.where(body.may_touch[:, moving], -FAR_M, body.radii[moving] + around.further_clearances[:, None])
     ends = motion.ends[moving][..., motion.sparse]
     rates = body.levers[moving] @ motion.sparse_speeds
     reach = float((rates * np.diff(t)).max())
@@ -124,15 +125,29 @@ def _box_distances(lowest: Array, highest: Array, lower: Array, upper: Array) ->
 
 
 def keep_in(motion: MotionSamples) -> Check | None:
-    """Checks that the tool centre point stays in every keep-in box; None where the cell has none."""
-    boxes = motion.problem.cell.surroundings.keep_in
-    if not boxes:
+    """Checks that the tool centre point stays in every keep-in shape; None where the cell has none.
+
+    The depth of a point in a convex shape is concave, and changes by no more than the point moves. On the chord between
+    two instants it is at least the lesser of both ends, and the point is within sup|p''| h^2/8 of the chord: the bound
+    on a coordinate with a bounded second derivative holds for the depth.
+
+    The value is the depth that leaves least beyond its clearance, and the limit that clearance; detail is the face of
+    the box that is common to plain ones, or the name of another shape.
+    """
+    around = motion.problem.cell.surroundings
+    if not around.keep_in:
         return None
-    lower = np.max([box.lower for box in boxes], axis=0)[:, None]
-    upper = np.min([box.upper for box in boxes], axis=0)[:, None]
+    faces = _box_faces(around)
+    rooms = [around.keep_in[i] for i in around.rooms]
+    required = np.append(np.zeros(len(faces)), around.keep_in_clearances[around.rooms])
+    names = [*faces, *(f"tool centre point, {around.keep_in_names[i]}" for i in around.rooms)]
 
     def inside(p_WT: Array) -> Array:
-        return np.concatenate([p_WT - lower, upper - p_WT])
+        depths = [room.depth(p_WT.T) - room_m for room, room_m in zip(rooms, required[len(faces) :], strict=True)]
+        if around.box_within is None:
+            return np.array(depths)
+        lower, upper = (corner[:, None] for corner in around.box_within)
+        return np.concatenate([p_WT - lower, upper - p_WT, np.array(depths).reshape(-1, p_WT.shape[1])])
 
     def evaluate(t: Array, item: Index) -> Array:
         return inside(motion.at(t).p_WT)[item, np.arange(len(t))]
@@ -140,7 +155,13 @@ def keep_in(motion: MotionSamples) -> Check | None:
     arm = motion.at_knots
     rates = point_bound(motion.body.tool_lever, motion.rates, 2)
     proof = prove_above(evaluate, arm.t, inside(arm.p_WT), rates, 0.0, curvature_bound, motion.distance_accuracy)
-    return _distance_check("keep_in", proof, 0.0, f"{'xyz'[proof.item % 3]} {'lower' if proof.item < 3 else 'upper'}")
+    limit = float(required[proof.item])
+    return _distance_check("keep_in", proof._replace(value=proof.value + limit), limit, names[proof.item])
+
+
+def _box_faces(around: Surroundings) -> list[str]:
+    """Returns the names of the faces of the box that is common to plain keep-in boxes; none without such."""
+    return [] if around.box_within is None else [f"{axis} {side}" for side in ("lower", "upper") for axis in "xyz"]
 
 
 def self_collision(motion: MotionSamples) -> Check | None:
@@ -174,6 +195,12 @@ def arm_shape(motion: MotionSamples) -> NotChecked | None:
 def tool_shape(motion: MotionSamples) -> NotChecked | None:
     """Says that the tool's shape is assumed; None where the cell gives it, or the tool has none."""
     return NotChecked("tool_shape") if motion.problem.cell.tool.is_assumed else None
+
+
+def may_touch(motion: MotionSamples) -> NotChecked | None:
+    """Names the pairs that the cell lets touch; None where it has none."""
+    pairs = [f"{contact.a} and {contact.b}" for contact in motion.problem.cell.surroundings.may_touch]
+    return NotChecked(f"may_touch ({', '.join(pairs)})") if pairs else None
 
 
 def clearance(motion: MotionSamples) -> NotChecked | None:

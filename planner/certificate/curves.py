@@ -183,8 +183,8 @@ def _clearances(shown: ShownMotion) -> list[Curve]:
         found.append(Curve("keep_out", "m", t, tuple(Series(*row) for row in rows)))
     if around.keep_in:
         inside = motion.body.wall_distances(ends)
-        boxes = tuple(Series(f"box {i}", gap, 0.0) for i, gap in enumerate(inside))
-        found.append(Curve("keep_in", "m", t, boxes))
+        rows = zip(around.keep_in_names, inside, around.keep_in_clearances.tolist(), strict=True)
+        found.append(Curve("keep_in", "m", t, tuple(Series(*row) for row in rows)))
     return found
 
 

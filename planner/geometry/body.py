@@ -18,6 +18,7 @@ from planner.kinematics import forward, jacobian, link_poses
 from planner.native import loops
 
 CELLS_KEPT = 32  # cells whose models are cached
+FAR_M = 1e3  # [m] distance told of what may touch
 LEVEL_RAD = 1e-6  # [rad] rounding: the first axis of an upright arm is that near to vertical
 
 
@@ -84,7 +85,7 @@ class BodyModel:
         levers: of each capsule's points about each joint (k, 6) [m]; see `levers`.
         moving: indices of the j capsules that the first joint moves (j,).
         pairs: indices of the p pairs of arm, tool and object that can collide (p, 2); the object's come last, with the
-            links that a body always pierces.
+            links that a body always pierces. None that may touch.
         beside_object: indices of the capsules beside which the object is gripped (g,): the tool's, and those of links
             that are always close to it, or never.
         pair_levers: of the outer capsule of each pair about the joints between the two (p, 6) [m].
@@ -103,12 +104,14 @@ class BodyModel:
         self.moving = np.flatnonzero(self.frames > 0)
         own = self_collision_pairs(cell.robot, cell.tool.capsules)
         with_object = object_pairs(cell.robot, cell.tool.capsules, held)
-        self.pairs = np.array([*own, *with_object], dtype=np.intp).reshape(-1, 2)
-        self.beside_object = np.setdiff1d(np.arange(self.object), self.pairs[len(own) :, 0])
+        self.beside_object = np.setdiff1d(np.arange(self.object), [i for i, _ in with_object])
         if isinstance(cell.object, ThrownBody):  # a ball in the hand is as near to the wrist as it is
-            touched = {each.names[0] for each in pierced(cell.robot, held)}
+            touched = {each.names[0] for each in pierced(cell.robot, held, cell.surroundings)}
             always = [(i, self.object) for i in self.beside_object.tolist() if self.names[i] in touched]
-            self.pairs = np.concatenate([self.pairs, np.array(always, dtype=np.intp).reshape(-1, 2)])
+            with_object = [*with_object, *always]
+        apart = cell.surroundings.is_free_to_touch
+        pairs = [(i, j) for i, j in (*own, *with_object) if not apart(self.names[i], self.names[j])]
+        self.pairs = np.array(pairs, dtype=np.intp).reshape(-1, 2)
         self.pair_levers = np.array([self._pair_lever(capsules, *pair) for pair in self.pairs]).reshape(-1, 6)
         self.tool_lever = self.levers[self.object]  # which is in the middle of it
 
@@ -127,6 +130,13 @@ class BodyModel:
     def stays_level(self) -> Mask:
         """Which of the moving capsules (j,) the first joint alone moves, about a vertical axis."""
         return (self.frames[self.moving] == 1) & bool(np.abs(self.cell.X_WB[:2, 2]).max() < LEVEL_RAD)
+
+    @cached_property
+    def may_touch(self) -> Mask:
+        """Which of the capsules (k,) may touch which of the keep-out shapes (b,): (b, k)."""
+        around = self.cell.surroundings
+        free = [[around.is_free_to_touch(name, shape) for name in self.names] for shape in around.keep_out_names]
+        return np.array(free, np.bool_).reshape(-1, len(self.names))
 
     @cached_property
     def base_shapes(self) -> tuple[Array, Array, Array]:
@@ -153,11 +163,13 @@ class BodyModel:
         return np.minimum(z[:, 0], z[:, 1]) - self.radii[self.moving, None] - self.cell.surroundings.floor_z_m
 
     def shape_distances(self, ends: Array) -> Array:
-        """Returns the distances from the b keep-out shapes (b, j, n) [m] of the moving capsules."""
+        """Returns the distances (b, j, n) [m] of moving capsules from keep-out shapes, `FAR_M` where they may touch."""
         p0, p1 = np.moveaxis(ends[self.moving], (1, 2), (0, -1))
         rows = self.cell.surroundings.keep_out_rows
         gaps = loops.all_shape_distances(p0.reshape(-1, 3), p1.reshape(-1, 3), rows)
-        return gaps.reshape(len(rows), *p0.shape[:2]) - self.radii[self.moving, None]
+        gaps = gaps.reshape(len(rows), *p0.shape[:2]) - self.radii[self.moving, None]
+        gaps[self.may_touch[:, self.moving]] = FAR_M
+        return gaps
 
     def pair_distances(self, ends: Array) -> Array:
         """Returns the distances (p, n) [m] of the pairs."""
@@ -165,11 +177,11 @@ class BodyModel:
         return pair_distances(ends, self.pairs) - (self.radii[first] + self.radii[second])[:, None]
 
     def wall_distances(self, ends: Array) -> Array:
-        """Returns how far inside each keep-in box the tool centre point is (b, n) [m]."""
+        """Returns how far inside each keep-in shape the tool centre point is (r, n) [m]."""
         p_WT = 0.5 * (ends[self.object, 0] + ends[self.object, 1]).T
-        boxes = self.cell.surroundings.keep_in
-        inside = [box.depth(p_WT) for box in boxes]
-        return np.array(inside).reshape(len(boxes), len(p_WT))
+        shapes = self.cell.surroundings.keep_in
+        inside = [shape.depth(p_WT) for shape in shapes]
+        return np.array(inside).reshape(len(shapes), len(p_WT))
 
     def clearances(self, q: Array, with_object: bool = True) -> Clearances:
         """Returns the clearances of postures `q` (n, 6) [rad], with the object in the tool or without.
@@ -181,11 +193,12 @@ class BodyModel:
         bodies = slice(None) if with_object else slice(-1)  # the object is the last of them
         pairs = slice(None) if with_object else (self.pairs != self.object).all(axis=1)
         further = self.cell.surroundings.further_clearances[:, None, None]
+        rooms = self.cell.surroundings.keep_in_clearances[:, None]
         above = self.heights(ends)[bodies] - clearance
         above[self.stays_level[bodies, None] & (above >= 0.0)] = np.inf
         return Clearances(
             floor=above.min(axis=0),
-            keep_in=self.wall_distances(ends).min(axis=0, initial=np.inf),
+            keep_in=(self.wall_distances(ends) - rooms).min(axis=0, initial=np.inf),
             keep_out=(self.shape_distances(ends)[:, bodies] - further).min(axis=(0, 1), initial=np.inf) - clearance,
             self_collision=self.pair_distances(ends)[pairs].min(axis=0, initial=np.inf) - SELF_CLEARANCE_M,
         )
@@ -202,11 +215,14 @@ class BodyModel:
         moving = [self.names[i] for i in self.moving[bodies]]
         pairs = [f"{self.names[i]}, {self.names[j]}" for i, j in self.pairs[of_pairs]]
         at_shapes = [f"{each}, {shape}" for shape in self.cell.surroundings.keep_out_names for each in moving]
-        tool = ["tool centre point"] * len(self.cell.surroundings.keep_in)
+        around = self.cell.surroundings
+        tool = [
+            "tool centre point" + (f", {n}" if i in around.rooms else "") for i, n in enumerate(around.keep_in_names)
+        ]
         further = np.repeat(self.cell.surroundings.further_clearances, len(moving))
         gaps = (
             ("floor", self.heights(ends)[bodies], moving, clearance, np.zeros(1)),
-            ("keep_in", self.wall_distances(ends), tool, 0.0, np.zeros(1)),
+            ("keep_in", self.wall_distances(ends), tool, 0.0, around.keep_in_clearances),
             ("keep_out", self.shape_distances(ends)[:, bodies], at_shapes, clearance, further),
             ("self_collision", self.pair_distances(ends)[of_pairs], pairs, SELF_CLEARANCE_M, np.zeros(1)),
         )

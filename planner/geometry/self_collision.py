@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from planner.arrays import Array, Mask
-from planner.cell import ToolCapsule
+from planner.cell import Surroundings, ToolCapsule
 from planner.geometry.capsules import Capsule, arm_capsules, body_capsules, capsule_endpoints, levers
 from planner.geometry.distances import segment_segment_distance
 from planner.robots import Robot
@@ -86,7 +86,7 @@ def object_pairs(robot: Robot, tool: Sequence[ToolCapsule], held: Capsule) -> tu
     return tuple((i, last) for i in _links_met(robot, (*held.p0.tolist(), *held.p1.tolist(), held.radius_m)))
 
 
-def pierced(robot: Robot, held: Capsule) -> list[NeverClear]:
+def pierced(robot: Robot, held: Capsule, around: Surroundings) -> list[NeverClear]:
     """Returns the arm's links that the object is too close to in every posture, with the names of both.
 
     The tool is not looked at: it holds the object.
@@ -94,9 +94,12 @@ def pierced(robot: Robot, held: Capsule) -> list[NeverClear]:
     Args:
         robot: the arm.
         held: the object, in the flange frame.
+        around: whose pairs may touch.
     """
     found = []
     for link in arm_capsules(robot):
+        if around.is_free_to_touch(link.name, held.name):
+            continue
         joints = _joints_between(link, held)
         if len(joints) == 0:
             distance = _distances(robot, link, held, np.zeros((1, 6)))
@@ -109,16 +112,19 @@ def pierced(robot: Robot, held: Capsule) -> list[NeverClear]:
     return found
 
 
-def barriers(robot: Robot, tool: Sequence[ToolCapsule]) -> tuple[Barrier, ...]:
-    """Returns the barriers of an arm with a tool."""
-    return _barriers(robot, _tool_key(tool))
+def barriers(robot: Robot, tool: Sequence[ToolCapsule], around: Surroundings | None = None) -> tuple[Barrier, ...]:
+    """Returns the barriers of an arm with a tool; not of parts that may touch in the surroundings, where given."""
+    found = _barriers(robot, _tool_key(tool))
+    return found if around is None else tuple(each for each in found if not around.is_free_to_touch(*each.names))
 
 
-def never_clear(robot: Robot, tool: Sequence[ToolCapsule]) -> list[NeverClear]:
-    """Returns the pairs that a tool leaves no posture in which they keep the self clearance."""
+def never_clear(robot: Robot, tool: Sequence[ToolCapsule], around: Surroundings | None = None) -> list[NeverClear]:
+    """Returns the pairs that a tool leaves no posture in which they keep the self clearance, where they must."""
     capsules = body_capsules(robot, tool)
     found = []
     for i, j in self_collision_pairs(robot, tool):
+        if around is not None and around.is_free_to_touch(capsules[i].name, capsules[j].name):
+            continue
         near, far = sorted((capsules[i], capsules[j]), key=lambda c: c.frame)
         joints = _joints_between(near, far)
         if len(joints) in GRID_POINTS:
@@ -128,14 +134,16 @@ def never_clear(robot: Robot, tool: Sequence[ToolCapsule]) -> list[NeverClear]:
     return found
 
 
-def passable(robot: Robot, tool: Sequence[ToolCapsule], q: Array) -> tuple[Array, Array]:
+def passable(
+    robot: Robot, tool: Sequence[ToolCapsule], q: Array, around: Surroundings | None = None
+) -> tuple[Array, Array]:
     """Returns the first blocked joint positions below and above `q` (6,), each (6,) [rad]; infinite where none is.
 
     A barrier that blocks `q` itself is ignored.
     """
     lower = np.full(6, -np.inf)
     upper = np.full(6, np.inf)
-    for barrier in barriers(robot, tool):
+    for barrier in barriers(robot, tool, around):
         i = barrier.joint
         here = q[barrier.joint]
         below = barrier.q[barrier.q <= here].max(initial=-np.inf)

@@ -340,14 +340,22 @@ def grow_trees(
 
 def _scene(scene: Pinned, ends: Array, numbers: Array) -> tuple[bytes | int, ...]:
     """Returns the arguments of paths.c that say what moves among what."""
-    (_, capsules, pairs, shapes, _) = scene.arrays
+    (_, capsules, pairs, shapes, _, _, rooms) = scene.arrays
     k = len(capsules)
-    rows = (LINKS, 4, 4), (k, 16), (len(pairs), 9), (len(shapes), SHAPE + 1), (7,)
-    (chain, capsule, pair, shape, bounds) = scene.of_shapes(*rows)
+    rows = (
+        (LINKS, 4, 4),
+        (k, 16),
+        (len(pairs), 9),
+        (len(shapes), SHAPE + 1),
+        (7,),
+        (len(shapes), k),
+        (len(rooms), SHAPE + 1),
+    )
+    (chain, capsule, pair, shape, bounds, touching, room) = scene.of_shapes(*rows)
     indices(capsules[:, 0].astype(np.intp), (k,), LINKS)
     indices(pairs[:, :2].astype(np.intp), (len(pairs), 2), k)
     given = read(ends, (2, JOINTS)), read(numbers, (5,))
-    return chain, k, capsule, len(pairs), pair, len(shapes), shape, bounds, *given
+    return chain, k, capsule, len(pairs), pair, len(shapes), shape, bounds, touching, len(rooms), room, *given
 
 
 def jacobians(X: Array, p_F: Array) -> Array:

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from planner.arrays import Array
-from planner.cell import FARTHEST_M, Cell
+from planner.cell import FARTHEST_M, Cell, Contact
 from planner.certificate import SINGULARITY_WINDOW_S
 from planner.errors import Infeasible, Violation
 from planner.flight import least_speed
@@ -132,10 +132,13 @@ def _place(problem: ThrowProblem, p_WT: Array) -> list[Violation]:
         found.append(Violation("reach", distance, reach, "m", detail=detail))
     if problem.holds_object:
         found += _object_on_floor(problem.cell, p_WT)
-    for box in problem.cell.surroundings.keep_in:
-        inside = float(box.depth(p_WT))
-        if inside < -SLACK:
-            found.append(Violation("keep_in", inside, 0.0, "m", detail="tool centre point at the release"))
+    around = problem.cell.surroundings
+    for i, (room, clearance_m) in enumerate(zip(around.keep_in, around.keep_in_clearances.tolist(), strict=True)):
+        inside = float(room.depth(p_WT))
+        if inside < clearance_m - SLACK:
+            of = f", {room.called(i)}," if i in around.rooms else ""
+            detail = f"tool centre point{of} at the release"
+            found.append(Violation("keep_in", inside, clearance_m, "m", detail=detail))
     return [*found, *(_object_at_shapes(problem.cell, p_WT) if problem.holds_object else [])]
 
 
@@ -154,6 +157,8 @@ def _object_at_shapes(cell: Cell, p_WT: Array) -> list[Violation]:
     found = []
     clearances = (around.clearance_m + around.further_clearances).tolist()
     for shape, name, clearance_m in zip(around.keep_out, around.keep_out_names, clearances, strict=True):
+        if around.is_free_to_touch(Contact.OBJECT, name):
+            continue
         gap = float(segment_shape_distance(p_WT, p_WT, shape))
         if gap - cell.object.radius_m < clearance_m - SLACK:
             detail = f"object, {name}, at the release"

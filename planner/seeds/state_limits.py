@@ -118,7 +118,7 @@ def _barrier_violation(problem: ThrowProblem, q: Array) -> Violation:
     cell = problem.cell
     low = np.minimum(problem.start, q)
     high = np.maximum(problem.start, q)
-    for barrier in barriers(cell.robot, cell.tool.capsules):
+    for barrier in barriers(cell.robot, cell.tool.capsules, cell.surroundings):
         i = barrier.joint
         between = barrier.q[(barrier.q > low[i]) & (barrier.q < high[i])]
         if len(between):

@@ -64,11 +64,11 @@ def _throwing_postures(key: _PostureKey) -> tuple[Array, Array]:
 
 
 def _inside(cell: Cell, p: Array) -> Mask:
-    """Returns the mask of the positions (n, 3) above the floor, in all keep-in boxes and out of all keep-out shapes."""
+    """Returns the mask of the positions (n, 3) above the floor, in all keep-in and out of all keep-out shapes."""
     around = cell.surroundings
     ok = p[:, 2] > around.floor_z_m + around.clearance_m + cell.object.radius_m
-    for box in around.keep_in:
-        ok &= np.all((p >= box.lower) & (p <= box.upper), axis=1)
+    for room, clearance_m in zip(around.keep_in, around.keep_in_clearances, strict=True):
+        ok &= room.depth(p) >= clearance_m
     for shape in around.keep_out:
         ok &= shape.depth(p) < 0.0
     return ok

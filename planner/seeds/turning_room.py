@@ -98,5 +98,6 @@ def _uncertainty(problem: ThrowProblem, q: Array, qd: Array) -> Array:
 
 def _names_at(problem: ThrowProblem, joint: int, position: float) -> tuple[str, str]:
     """Returns the two capsules that collide from a joint position on."""
-    of_joint = [each for each in barriers(problem.cell.robot, problem.cell.tool.capsules) if each.joint == joint]
+    cell = problem.cell
+    of_joint = [each for each in barriers(cell.robot, cell.tool.capsules, cell.surroundings) if each.joint == joint]
     return min(of_joint, key=lambda each: float(np.abs(each.q - position).min())).names

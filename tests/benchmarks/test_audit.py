@@ -19,7 +19,7 @@ from benchmarks.problem_sets import (
 )
 from planner.cell import Box, Safety, shape_of
 from planner.flight import fly, path
-from planner.geometry import tool_state
+from planner.geometry import tool_pose, tool_state
 from planner.planning import plan
 from planner.problem import JointRelease, Opening
 from planner.rotations import pose, rotation_vector_to_matrix
@@ -98,7 +98,7 @@ SPOILT = {
     "floor": lambda p, t: (around(p, floor_z_m=0.6), t),
     "forbidden shape": lambda p, t: (around(p, keep_out=all_space(5.0)), t),
     "shape or bin": lambda p, t: (bin_under_the_arm(p, t), t),
-    "outside a box": lambda p, t: (around(p, keep_in=all_space(0.1)), t),
+    "outside a keep-in shape": lambda p, t: (around(p, keep_in=all_space(0.1)), t),
     "self-collision": lambda p, t: (p, shifted(t, 2, 1.3)),
     "singularity": lambda p, t: (p, shifted(t, 4, -t.q[t.release_index, 4])),
     "does not start": lambda p, t: (p, shifted(t, 5, 1e-3)),
@@ -291,3 +291,15 @@ def test_a_shape_in_the_way_of_arm_or_flight_is_named(good, kind):
         shape = shape_of(kind, pose(place, turn), np.array(sizes), "lamp")
         found = find_faults(around(problem, keep_out=(shape,)), motion)
         assert any(fault.rule == rule for fault in found), found
+
+
+@pytest.mark.parametrize("kind", ["box", "cylinder", "sphere", "capsule"])
+def test_a_tool_outside_a_turned_or_round_room_is_named(good, kind):
+    """The depth of the audit is that of the certificate, here at its limit, to a tenth of a millimetre."""
+    problem, motion = good
+    size = {"box": [3.0, 3.0, 3.0], "cylinder": [1.5, 3.0], "sphere": [1.5, 0.0], "capsule": [1.2, 0.8]}[kind]
+    room = shape_of(kind, pose([0.1, 0.0, 0.3], rotation_vector_to_matrix([0.3, 0.2, 0.5])), np.array(size))
+    least = float(room.depth(tool_pose(problem.cell, motion.q)[:, :3, 3]).min())
+    for clearance_m, is_kept in ((least - 1e-4, True), (least + 1e-4, False)):
+        found = find_faults(around(problem, keep_in=(replace(room, clearance_m=clearance_m),)), motion)
+        assert any(fault.rule == "keep_in" for fault in found) != is_kept

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 from planner.backends import ruckig_otg
-from planner.cell import Box
+from planner.cell import Box, shape_of
 from planner.certificate import certify
 from planner.planning import plan
 from planner.problem import JointRelease, TargetRelease, ThrowProblem
+from planner.rotations import pose, rotation_vector_to_matrix
 from planner.seeds import candidates
 from planner.trajectory import Trajectory
 from tests.planner.problems import cell, ideal_cell, joint_problem
@@ -70,6 +71,16 @@ def shorter_range(problem, motion):
 
 def lower_ceiling(problem, motion):
     return among(problem, keep_in=(Box(np.full(3, -FAR_M), np.array([FAR_M, FAR_M, 0.9])),))
+
+
+def sloping_ceiling(problem, motion):
+    turn = rotation_vector_to_matrix(np.array([0.1, 0.15, 0.0]))
+    middle = np.array([0.0, 0.0, 0.9]) - FAR_M * turn[:, 2]
+    return among(problem, keep_in=(shape_of("box", pose(middle, turn), np.full(3, 2.0 * FAR_M), "attic"),))
+
+
+def dome(problem, motion):
+    return among(problem, keep_in=(shape_of("sphere", pose(np.zeros(3), np.eye(3)), np.array([1.0, 0.0]), "dome"),))
 
 
 def box_above(problem, motion):
@@ -132,6 +143,8 @@ CASES = {
         as_it_is,
     ),
     "keep_in": Case(target(1.3, 0.2), 0.01, lower_ceiling),
+    "keep_in (turned)": Case(target(1.3, 0.2), 0.01, sloping_ceiling, "attic"),
+    "keep_in (round)": Case(target(1.3, 0.2), 0.01, dome, "dome"),
     "keep_out": Case(target(0.8, -0.8), 0.01, box_above),
     "grip_acceleration": Case(target(1.3, 0.2), 2.0, weaker_grip),
     "opening_direction": Case(target(1.3, 0.2), 0.3, narrower_opening),

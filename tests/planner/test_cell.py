@@ -273,6 +273,31 @@ def test_shapes_are_read_with_pose_size_name_and_clearance():
     assert again.sha256 != here.sha256
 
 
+def test_keep_in_takes_the_shapes_that_keep_out_takes():
+    far = "{ lower_m = [-2, -2, 0], upper_m = [2, 2, 3] }"
+    here = parse_cell(f"{LEAST}[surroundings]\nkeep_in = [{', '.join((*SHAPES, far))}]\n", "c")
+    around = here.surroundings
+    assert around.keep_in_names == ("post", "box 1", "sphere 2", "capsule 3", "wall", "box 5")
+    assert around.keep_in_clearances.tolist() == [0.01, 0.0, 0.0, 0.0, 0.0, 0.0]  # not the cell's
+    assert around.rooms.tolist() == [0, 1, 2, 3, 4]
+    np.testing.assert_allclose(around.box_within, [[-2, -2, 0], [2, 2, 3]])
+
+
+@pytest.mark.parametrize(
+    ("entry", "field", "reason"),
+    [
+        ('{ shape = "mesh", file = "a.stl", pose = { position_m = [1, 0, 0] } }', "[0].shape", "box, cylinder, sphere"),
+        ('{ shape = "sphere", pose = { position_m = [90, 0, 0] }, radius_m = 20 }', "[0].pose", "110 m from the arm"),
+        (f"{{ {POST} }}, {{ {POST} }}", "[1].name", "another one"),
+        (f"{{ {POST}, clearance_m = -1 }}", "[0].clearance_m", "must lie in"),
+    ],
+)
+def test_a_room_that_cannot_be_is_refused_by_its_field(entry, field, reason):
+    with pytest.raises(CellError, match=reason) as refusal:
+        parse_cell(f"{LEAST}[surroundings]\nkeep_in = [{entry}]\n", "c")
+    assert refusal.value.field == f"surroundings.keep_in{field}"
+
+
 @pytest.mark.parametrize(
     ("entries", "field", "reason"),
     [

@@ -248,7 +248,7 @@ class Bounds:
         self.x[:, k, Q] = q
         self.x[:, k, QD] = qd
         self._free_release_tool_speed()
-        for name in ("clearance", "keep_out", "singularity"):
+        for name in ("clearance", "keep_out", "rooms", "singularity"):
             if (name, k) in index.rows:
                 self._free(index.rows[name, k])
 

@@ -33,6 +33,7 @@ from planner.backends.casadi_nlp.object_path import (
 from planner.backends.casadi_nlp.parameters import (
     arm_parameters,
     nearest_shapes,
+    room_parameters,
     scale_parameters,
     shape_parameters,
     variable_scales,
@@ -49,7 +50,7 @@ from planner.timing import CubicGuess, grid_limits
 
 Arguments = dict[str, Vector]
 
-CLEARANCES = ("clearance", "keep_out")  # of `LAZY_GROUPS`: distances from the arm, the surroundings and shapes
+CLEARANCES = ("clearance", "keep_out", "rooms")  # of `LAZY_GROUPS`: distances from the arm, surroundings and shapes
 
 
 def stage_layout(problem: ThrowProblem, margins: Margins) -> StageLayout:
@@ -70,6 +71,7 @@ def stage_layout(problem: ThrowProblem, margins: Margins) -> StageLayout:
 def _applicable_groups(problem: ThrowProblem, margins: Margins) -> tuple[str, ...]:
     applies = {
         "keep_out": _shape_slots(problem) > 0 and margins.heeds_shapes,
+        "rooms": len(problem.cell.surroundings.rooms) > 0,
         "grip": problem.cell.gripper.hold_acceleration_m_s2 is not None and not problem.ends_at_rest,
         "flight": constrains_flight(problem),
         "standing": aims(problem),
@@ -182,6 +184,7 @@ class Instance:
             # Also where the initial guess is a failed motion: beside its own path fewer solves succeed.
             "object_path": self.object_path(self.candidate.q, self.candidate.qd),
             "standing": standing_parameters(self.problem, self.margins.standing_m),
+            "rooms": room_parameters(self.problem.cell, self.initial[:, Q], self.margins.keep_in_m),
         }
 
     def object_path(self, q: Vector, qd: Vector) -> Vector:
@@ -270,7 +273,7 @@ class Instance:
             axes = np.full(3, margins.grip)
             limits["grip"] = np.append(-axes, -inf), np.append(axes, margins.grip**2)
         counts = {"flight": FLIGHT_ROWS.size, "leaving": LEAVING_ROWS.size, "clearance": 3}
-        for group, count in (*counts.items(), ("keep_out", 1), ("standing", 1), ("passing", 1)):
+        for group, count in (*counts.items(), ("keep_out", 1), ("rooms", 1), ("standing", 1), ("passing", 1)):
             if group in self.stages.groups:
                 limits[group] = np.zeros(count), np.full(count, inf)
         return limits

@@ -19,6 +19,7 @@ LINKS = 6
 TOOL_CAPSULES = 2  # [-] slots for a tool's capsules; a tool with more has the last ones wrapped into one
 SHAPE_SLOTS = (1, 2, 4)  # [-] numbers of keep-out shapes that there are functions for
 KEEP_OUT_SHAPES = SHAPE_SLOTS[-1]  # [-] the nearest; further shapes are left to the certificate
+KEEP_IN_ROOMS = 4  # [-] slots for keep-in shapes that are no plain boxes; further ones are left to the certificate
 FLIGHT_EDGES = 8  # [-] slots for edges that the object's flight passes: two for each of four shapes
 # DH frame of each capsule slot: `geometry.arm_capsules` without the foot, which the floor covers; the tool; the object.
 ARM_CAPSULES = {
@@ -140,9 +141,11 @@ SHAPE = VectorLayout(
         "reach": 1,  # half the length of that segment [m]
         "radius": 1,  # [m]
         "further": 1,  # clearance beyond that of the cell [m]
+        "added": len(CAPSULE_FRAMES),  # to the distance of each capsule: 0, or `FAR` where the two may touch [m]
     }
 )
 SHAPES = VectorLayout({"shapes": SHAPE.size * KEEP_OUT_SHAPES, "clearance": 1})  # [m]
+ROOMS = VectorLayout({"rooms": SHAPE.size * KEEP_IN_ROOMS, "margin": 1})  # "further": clearance from the walls [m]
 FLIGHT = VectorLayout(
     {
         # per slot: normal (2), steady and offset, which tell the edge's time, direction (3) and bound [m]; see
@@ -186,6 +189,7 @@ SHARED = {
     "flight": FLIGHT,
     "object_path": OBJECT_PATH,
     "standing": STANDING,
+    "rooms": ROOMS,
 }  # parameters shared by all stages, in this order
 COST = VectorLayout({"time": 1, "jerk": 1, "step": 1, "initial_step": 1})  # parameters of each stage's cost
 ABSENT_RADIUS = -1.0e3  # [m] radius of an absent capsule: never near anything
@@ -200,7 +204,7 @@ LEAVING_STAGES = 1  # stages after the release (or its window), 20 to 40 ms, in 
 OUT_STAGES = 2  # the same where its way out is followed, until it is out
 OF_THE_OBJECT = ("thrown", "carried")  # blocks whose rows are the object's next state
 # Groups of rows left out until a solution violates them, at knots and, but for three from "flight" on, at middles.
-LAZY_GROUPS = ("effort", "clearance", "keep_out", "grip", "flight", "standing", "leaving", "passing")
+LAZY_GROUPS = ("effort", "clearance", "keep_out", "rooms", "grip", "flight", "standing", "leaving", "passing")
 
 
 @dataclass(frozen=True)

@@ -38,6 +38,7 @@ GROUPS = {
     "effort": ("torque", "tcp_speed"),
     "clearance": ("self_m", "floor_m", "keep_in_m"),
     "keep_out": ("shape_m",),
+    "rooms": ("keep_in_m",),
     POSITIONS: ("position_rad",),
     "grip": ("grip",),
     "flight": ("flight_m", "mouth_m", "opening_rad", "leaves"),

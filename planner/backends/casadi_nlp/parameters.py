@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from planner.backends.casadi_nlp import layout
 from planner.backends.casadi_nlp.layout import ARM, TOOL_CAPSULES, Vector
@@ -15,6 +16,14 @@ from planner.geometry import SELF_CLEARANCE_M, arm_capsules, body_model, held_ob
 CELLS_KEPT = 32  # cells whose parameters are cached
 UNBOUNDED = 1.0e3  # [m] coordinate of a missing keep-in face
 ABSENT_ROW = Box(np.full(3, layout.ABSENT_SHAPE), np.full(3, layout.ABSENT_SHAPE)).row
+ABSENT_ROOM = layout.SHAPE.pack(
+    {
+        **dict.fromkeys(layout.SHAPE.sizes, 0.0),
+        "rotation": np.eye(3),
+        **dict.fromkeys(("upper", "upper_faces", "reach", "radius"), layout.FAR),
+        **dict.fromkeys(("lower", "lower_faces"), -layout.FAR),
+    }
+)
 TIME_SHARE = 0.4  # [-] of the slowest joint's time to full speed: about 0.1 s, the length of two or three stages
 
 
@@ -56,9 +65,7 @@ def cell_parameters(cell: Cell) -> Vector:
     """
     robot = cell.robot.published
     R_WB = cell.X_WB[:3, :3]
-    boxes = cell.surroundings.keep_in
-    lower = np.max([box.lower for box in boxes], axis=0) if boxes else np.full(3, -UNBOUNDED)
-    upper = np.min([box.upper for box in boxes], axis=0) if boxes else np.full(3, UNBOUNDED)
+    lower, upper = cell.surroundings.box_within or (np.full(3, -UNBOUNDED), np.full(3, UNBOUNDED))
     return _read_only(
         layout.ARM.pack(
             {
@@ -105,13 +112,55 @@ def nearest_shapes(cell: Cell, q: Vector) -> tuple[int, ...]:
 def shape_parameters(cell: Cell, chosen: tuple[int, ...], margin_m: float = 0.0) -> Vector:
     """Returns the `SHAPES` vector of the shapes of these numbers, not to be changed."""
     around = cell.surroundings
-    slots = [_shape_slot(around.keep_out_rows[i], float(around.further_clearances[i])) for i in chosen]
-    slots += [_shape_slot(ABSENT_ROW, 0.0)] * (layout.KEEP_OUT_SHAPES - len(slots))
+    free = layout.FAR * touching_slots(cell)
+    slots = [_shape_slot(around.keep_out_rows[i], float(around.further_clearances[i]), free[i]) for i in chosen]
+    slots += [_shape_slot(ABSENT_ROW, 0.0, 0.0)] * (layout.KEEP_OUT_SHAPES - len(slots))
     return _read_only(layout.SHAPES.pack({"shapes": np.array(slots), "clearance": around.clearance_m + margin_m}))
 
 
-def _shape_slot(row: Vector, further_m: float) -> Vector:
-    """Returns the `SHAPE` vector of a `Solid.row`, with the clearance that it has beyond the cell's."""
+def room_parameters(cell: Cell, q: Vector, margin_m: float) -> Vector:
+    """Returns the `ROOMS` vector: the keep-in shapes that are no plain boxes; of many those whose walls come nearest.
+
+    Args:
+        cell: the cell.
+        q: postures of the motion that the optimiser starts from (n, 6) [rad].
+        margin_m: added to the clearance from their walls [m].
+    """
+    around = cell.surroundings
+    chosen = around.rooms
+    if len(chosen) > layout.KEEP_IN_ROOMS:
+        body = body_model(cell)
+        left = body.wall_distances(body.end_points(body.link_poses(q))).min(axis=1) - around.keep_in_clearances
+        order = np.argsort(np.round(left[chosen], layout.DECIMALS), kind="stable")
+        chosen = np.sort(chosen[order[: layout.KEEP_IN_ROOMS]])
+    slots = [_shape_slot(around.keep_in[i].row, float(around.keep_in_clearances[i]), 0.0) for i in chosen]
+    slots += [ABSENT_ROOM] * (layout.KEEP_IN_ROOMS - len(slots))
+    return layout.ROOMS.pack({"rooms": np.array(slots), "margin": margin_m})
+
+
+def touching_slots(cell: Cell) -> NDArray[np.bool_]:
+    """Returns which capsule slots (k,) may touch which keep-out shapes (b, k): of several in one slot all of them."""
+    body = body_model(cell)
+    first = body.names.index("base")
+    own = body.may_touch[:, first : first + layout.FIRST_TOOL]
+    tool = body.may_touch[:, first + layout.FIRST_TOOL : body.object]
+    last = tool[:, TOOL_CAPSULES - 1 :].all(axis=1, keepdims=True)
+    of_tool = [tool[:, : TOOL_CAPSULES - 1], *[last] * (tool.shape[1] >= TOOL_CAPSULES)]
+    found = np.zeros((len(tool), len(layout.CAPSULE_FRAMES)), np.bool_)
+    slots = np.hstack([own, *of_tool])
+    found[:, : slots.shape[1]] = slots
+    found[:, layout.OBJECT] = body.may_touch[:, body.object]
+    return found
+
+
+def _shape_slot(row: Vector, further_m: float, added_m: Vector | float) -> Vector:
+    """Returns the `SHAPE` vector of a `Solid.row`.
+
+    Args:
+        row: of the shape.
+        further_m: the clearance that it has beyond the cell's [m].
+        added_m: to the distance of each capsule slot (k,) [m].
+    """
     rotation, origin, lower, upper = np.split(row[:18], (9, 12, 15))
     is_round = row[18] > 0.0
     lower_faces, upper_faces = (np.full(3, sign * layout.FAR) for sign in (-1.0, 1.0))
@@ -130,6 +179,7 @@ def _shape_slot(row: Vector, further_m: float) -> Vector:
             "reach": layout.FAR if is_round else upper[2],
             "radius": upper[0] if is_round else row[19] or layout.FAR,
             "further": further_m,
+            "added": added_m,
         }
     )
 
@@ -201,7 +251,10 @@ def _enclosing_capsule(capsules: list[tuple[Vector, Vector, float]]) -> tuple[Ve
 
 def pair_parameters(cell: Cell) -> Vector:
     """Returns 0 for the slots of `PAIRS` that can meet on this arm with this tool, `FAR` for the others."""
-    can = {(i - 1, j - 1) for i, j in self_collision_pairs(cell.robot, cell.tool.capsules)}
+    body = body_model(cell)
+    own = self_collision_pairs(cell.robot, cell.tool.capsules)
+    free = cell.surroundings.is_free_to_touch
+    can = {(i - 1, j - 1) for i, j in own if not free(body.names[i], body.names[j])}
     last = layout.FIRST_TOOL + TOOL_CAPSULES - 1
     if len(cell.tool.capsules) > TOOL_CAPSULES:
         can |= {(i, last) for i, j in can if j > last}

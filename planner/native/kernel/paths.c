@@ -9,9 +9,9 @@
 enum { CAPSULE = 16, PAIR = 9, SHAPE = 21 }; /* numbers of each row */
 
 /* Something whose distance counts: of a capsule from a shape, from the floor, or of the last one from the walls of its
-   box; or of the capsules of a pair from each other. */
+   box or of another room; or of the capsules of a pair from each other. */
 struct item {
-    enum { FROM_SHAPE, FROM_FLOOR, FROM_WALLS, OF_PAIR } kind;
+    enum { FROM_SHAPE, FROM_FLOOR, FROM_WALLS, IN_ROOM, OF_PAIR } kind;
     int one, other;
 };
 
@@ -25,6 +25,9 @@ struct scene {
     count shapes;
     in shape; /* rows: of the shape (20), least distance from it */
     in bounds; /* least height, lower and upper corner of where the first end of the last capsule stays (7,) */
+    in touching; /* whether each shape and each capsule may touch (shapes, capsules) */
+    count rooms;
+    in room; /* rows: of the shapes that it stays in, too (20), least distance from their walls */
     in ends;   /* start and goal (2, 6), about which the margin grows from nothing */
     double margin, own; /* kept from everything else, and between two of the capsules, away from both ends [m] */
     double near, spacing, point; /* by which distance the margins are whole, and of postures [rad]; [m^2] */
@@ -80,6 +83,17 @@ static int are_beyond(const struct stand *one, const struct stand *other, double
     return dot(gap, gap) > least * least;
 }
 
+/* How deep a point is in a shape, negative outside: `Solid.depth`. */
+static double depth(in shape, in p) {
+    double x[3], gap[3], inside = INFINITY;
+    in_shape(shape, p, x);
+    for (int row = 0; row < 3; row++) gap[row] = x[row] - clamped(x[row], shape[12 + row], shape[15 + row]);
+    if (shape[19] > 0.0) return shape[19] - sqrt(dot(gap, gap));
+    for (int row = shape[18] > 0.0 ? 2 : 0; row < 3; row++)
+        inside = fmin(inside, fmin(x[row] - shape[12 + row], shape[15 + row] - x[row]));
+    return shape[18] > 0.0 ? fmin(inside, shape[15] - sqrt(x[0] * x[0] + x[1] * x[1])) : inside;
+}
+
 /* How much farther away than it must be something is in a posture; and how far its distance changes at most up to the
    ends of the piece. Infinite where it is more than that and `enough`. */
 static double spare_of(const struct scene *scene, const struct item *item, const struct stand *at, in half,
@@ -101,6 +115,10 @@ static double spare_of(const struct scene *scene, const struct item *item, const
             spare = fmin(spare, inside);
         }
         return spare;
+    }
+    if (item->kind == IN_ROOM) {
+        in room = scene->room + SHAPE * item->other;
+        return depth(room, one->end[0]) - room[20];
     }
     in pair = scene->pair + PAIR * item->other;
     const struct stand *other = at + (int)pair[1];
@@ -153,15 +171,17 @@ static int is_clear(struct scene *scene, in from, in to, count n, struct item *i
 
 /* Lists all that counts in a scene, with room for pieces as long as `longest`; returns whether there is memory. */
 static int list_items(struct scene *scene, double longest) {
-    count n = 0, levels = 2, most = 1 + scene->capsules * (scene->shapes + 1) + scene->pairs;
+    count n = 0, levels = 2, most = 1 + scene->capsules * (scene->shapes + 1) + scene->pairs + scene->rooms;
     for (; longest > scene->spacing && levels < 64; levels++) longest *= 0.5;
     struct item *items = scene->item = malloc((levels + 1) * most * sizeof *items);
     if (!items) return 0;
     items[n++] = (struct item){FROM_WALLS, (int)scene->capsules - 1, 0};
+    for (int k = 0; k < scene->rooms; k++) items[n++] = (struct item){IN_ROOM, (int)scene->capsules - 1, k};
     for (int i = 0; i < scene->capsules; i++) {
         in row = scene->capsule + CAPSULE * i;
         if (row[14] > 0.0) items[n++] = (struct item){FROM_FLOOR, i, 0};
-        for (int k = 0; k < scene->shapes && row[15] > 0.0; k++) items[n++] = (struct item){FROM_SHAPE, i, k};
+        for (int k = 0; k < scene->shapes && row[15] > 0.0; k++)
+            if (scene->touching[k * scene->capsules + i] == 0.0) items[n++] = (struct item){FROM_SHAPE, i, k};
     }
     for (int i = 0; i < scene->pairs; i++) items[n++] = (struct item){OF_PAIR, (int)scene->pair[PAIR * i], i};
     scene->items = n;
@@ -170,12 +190,12 @@ static int list_items(struct scene *scene, double longest) {
 
 /* The arguments of the functions below as a scene. */
 #define SCENE                                                                                                      \
-    {chain, capsules, capsule,    pairs,      pair,       shapes,     shape,      bounds,                          \
-     ends,  numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], 0,          0,      0}
+    {chain, capsules, capsule,    pairs,      pair,       shapes,     shape,      bounds, touching,                \
+     rooms, room,     ends,       numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], 0, 0, 0}
 
 /* Whether straight pieces from postures (n, 6) to others are clear (n,): 1 or 0. */
 void pieces_clear(in chain, count capsules, in capsule, count pairs, in pair, count shapes, in shape, in bounds,
-                  in ends, in numbers, count n, in from, in to, double *out) {
+                  in touching, count rooms, in room, in ends, in numbers, count n, in from, in to, double *out) {
     struct scene scene = SCENE;
     double longest = 0.0;
     for (count i = 0; i < 6 * n; i++) longest = fmax(longest, fabs(to[i] - from[i]));
@@ -218,8 +238,9 @@ static count grow(struct scene *scene, struct tree *tree, in towards, double ste
 /* Grows two trees (2, most, 6) in turn, each towards the next of m random postures and the other towards what is new,
    until they meet, or `budget` postures were evaluated.
    State (6,): sizes of both, whose turn it is; where they met in each, or -1; budget left. */
-void grow_trees(in chain, count capsules, in capsule, count pairs, in pair, count shapes, in shape, in bounds, in ends,
-                in numbers, count m, in random, double step, count most, double *q, count *parent, count *state) {
+void grow_trees(in chain, count capsules, in capsule, count pairs, in pair, count shapes, in shape, in bounds,
+                in touching, count rooms, in room, in ends, in numbers, count m, in random, double step, count most,
+                double *q, count *parent, count *state) {
     struct scene scene = SCENE;
     struct tree trees[2] = {{state[0], most, q, parent}, {state[1], most, q + 6 * most, parent + most}};
     count turn = state[2], budget = list_items(&scene, step) ? state[5] : 0;

@@ -389,9 +389,46 @@ def test_models_that_a_world_includes_come_in(cell: Path) -> None:
 def test_what_stands_in_the_cell_stays_and_a_second_import_adds_to_the_first(cell: Path, there: str) -> None:
     cell.write_text(cell.read_text().replace("keep_out = []", there))
     before = len(load_cell(cell).surroundings.keep_out)
-    for count in (1, 2):
-        shapes, _ = taken(cell, "old.scene", "(old)\n* ball\n1\nsphere\n0.1\n1.5 0 0.5\n0 0 0 1\n0 0 0 0\n.\n")
+    for count, x in ((1, 1.5), (2, 1.6)):
+        shapes, told = taken(cell, "old.scene", BALL.format(x=x, radius=0.1))
         assert len(shapes) == before + count
+        assert told["there_already"] == []
+
+
+BALL = "(old)\n* ball\n1\nsphere\n{radius}\n{x} 0 0.5\n0 0 0 1\n0 0 0 0\n.\n"
+OLD_MESH = "(old)\n* wedge\n1\nmesh\n4 4\n{vertices}\n{faces}\n-1.5 0 0.5\n0 0 0 1\n0 0 0 0\n.\n"
+
+
+def test_what_is_there_already_is_told_and_not_added_again(cell: Path) -> None:
+    (first, _) = taken(cell, "a.scene", BALL.format(x=1.5, radius=0.1))
+    written = cell.read_text()
+    again, told = taken(cell, "a.scene", BALL.format(x=1.5, radius=0.1))
+    assert list(again) == list(first) == ["ball"]
+    assert (told["shapes"], told["there_already"]) == ([], ["ball"])
+    assert cell.read_text() == written
+    two = BALL.format(x=1.5, radius=0.1).replace("1\nsphere", "2\nsphere", 1)
+    two = two.replace("0 0 0 0\n.", "0 0 0 0\nsphere\n0.1\n1.5 0 0.5\n0 0 0 1\n0 0 0 0\n.")
+    more, told = taken(cell, "b.scene", two)  # one of both is there
+    assert (len(more), told["there_already"], len(told["shapes"])) == (2, ["ball"], 1)
+    _, told = taken(cell, "b.scene", two)
+    assert (set(told["there_already"]), told["shapes"]) == (set(more), [])
+    larger, told = taken(cell, "c.scene", BALL.format(x=1.5, radius=0.2))  # at the same place
+    assert (len(larger), told["there_already"]) == (3, [])
+
+
+def test_a_scene_of_every_shape_is_not_added_twice(cell: Path) -> None:
+    shapes, _ = taken(cell, "world.xml", MJCF)
+    rows = ["\n".join(" ".join(map(str, row)) for row in table) for table in (TETRAHEDRON, FACES)]
+    wedge = OLD_MESH.format(vertices=rows[0], faces=rows[1])
+    both, _ = taken(cell, "wedge.scene", wedge)
+    files = sorted(cell.parent.glob("*.obj"))
+    for name, text, there in (("world.xml", MJCF, list(shapes)), ("wedge.scene", wedge, ["wedge"])):
+        again, told = taken(cell, name, text)
+        assert list(again) == list(both)
+        assert (sorted(told["there_already"]), told["shapes"]) == (sorted(there), [])
+    assert sorted(cell.parent.glob("*.obj")) == files
+    done = CliRunner().invoke(main, ["cell", "import", str(cell.parent / "wedge.scene"), "--into", str(cell)])
+    assert "there already, the same: wedge" in done.output
 
 
 @pytest.mark.parametrize(

@@ -8,11 +8,23 @@ import numpy as np
 import pytest
 
 from planner.approach.swept_clearance import PATHS_AT_ONCE, SweptPaths, keep_clear, swept_clearances
-from planner.cell import Box
+from planner.cell import Box, shape_of
+from planner.rotations import pose, rotation_vector_to_matrix
 from tests.planner.approach.conftest import BrakedThrow
 
 CUBE = Box(np.array([0.4, -0.1, 0.5]), np.array([0.6, 0.1, 0.7]))
-ROOM = Box(np.full(3, -2.0), np.full(3, 2.0))
+ROOMS = (
+    Box(np.full(3, -2.0), np.full(3, 2.0)),
+    *(
+        shape_of(kind, pose([0.1, 0.2, 0.4], rotation_vector_to_matrix([0.3, 0.8, 0.2])), np.array(size))
+        for kind, size in (
+            ("box", [1.5, 1.2, 1.0]),
+            ("cylinder", [0.6, 1.0]),
+            ("sphere", [0.7, 0.0]),
+            ("capsule", [0.5, 0.5]),
+        )
+    ),
+)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -20,7 +32,7 @@ def test_between_the_positions_the_bound_holds(throw: BrakedThrow, seed: int) ->
     """Values at 100 positions in between are never below the bound."""
     rng = np.random.default_rng(seed)
     cell = throw.cell
-    cell = replace(cell, surroundings=replace(cell.surroundings, keep_in=(ROOM,), keep_out=(CUBE,)))
+    cell = replace(cell, surroundings=replace(cell.surroundings, keep_in=ROOMS, keep_out=(CUBE,)))
     a = cell.home + rng.uniform(-0.5, 0.5, 6)
     b = a + rng.uniform(-0.3, 0.3, 6)
     fine = swept_clearances(cell, SweptPaths.straight(np.linspace(a, b, 101)[None]))

@@ -16,13 +16,15 @@ from planner.backends.casadi_nlp.margins import LINKS
 from planner.backends.casadi_nlp.parameters import (
     arm_parameters,
     nearest_shapes,
+    room_parameters,
     scale_parameters,
     shape_parameters,
     variable_scales,
 )
 from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, LEAVING_ROWS, RELEASE_ROWS, passing
+from planner.backends.casadi_nlp.symbols.distances import WIDTH
 from planner.backends.casadi_nlp.symbols.rows import LEAVING_SHARES
-from planner.cell import Box, Cell, Solid, load_cell, shape_of
+from planner.cell import Box, Cell, Contact, Solid, load_cell, shape_of
 from planner.certificate.certificate import at_least
 from planner.dynamics import Payload, joint_torques
 from planner.geometry import (
@@ -169,7 +171,7 @@ def test_derivatives_of_the_whole_problem(stages: layout.StageLayout) -> None:
     arm = arm_parameters(cell, cell.limits, NO_MARGINS)
     path = _object_path()[1]
     p = np.concatenate(
-        [SCALES, arm, release, shape_parameters(cell, ()), _flight_parameters(), path, _standing(), costs]
+        [SCALES, arm, release, shape_parameters(cell, ()), _flight_parameters(), path, _standing(), _rooms(), costs]
     )
     along = rng.normal(size=x.size)
     step = 1e-6
@@ -445,6 +447,59 @@ def test_the_room_beside_a_shape_is_never_more_than_there_is(name: str) -> None:
         if 0.0 < room < 0.1:
             near += 1
             assert _rows("keep_out_1", np.concatenate([q, np.zeros(layout.NZ - 6)]), p) < room + 5e-4
+
+
+def test_what_may_touch_a_shape_has_no_part_in_its_row() -> None:
+    """The row of all parts is the soft minimum of those of each alone, without the ones that may touch."""
+    plain = load_cell(CELLS / "ur5e-sim.toml")
+    plain = replace(plain, surroundings=replace(plain.surroundings, keep_out=(NEAR_SHAPES["wall"],), clearance_m=0.0))
+    parts = [*(name for name in layout.ARM_CAPSULES if name != "base"), "tool_0", "object"]
+
+    def row(free: set[str], z: np.ndarray) -> float:
+        contacts = tuple(Contact(name, "box 0", ("box 0",)) for name in sorted(free))
+        cell = replace(plain, surroundings=replace(plain.surroundings, may_touch=contacts))
+        p = np.concatenate([arm_parameters(cell, cell.limits, NO_MARGINS), shape_parameters(cell, (0,))])
+        return float(_rows("keep_out_1", z, p)[0])
+
+    for seed in range(3):
+        *_, z = _state(seed)
+        alone = {name: row(set(parts) - {name}, z) for name in parts}
+        nearest = min(alone, key=lambda name: alone[name])
+        for free in (set(), {nearest}, {nearest, "object", "elbow"}):
+            kept = np.array([alone[name] for name in parts if name not in free])
+            least = float(kept.min())
+            soft = least - WIDTH * np.log(np.exp((least - kept) / WIDTH).sum())
+            assert row(free, z) == pytest.approx(soft, abs=1e-9)
+
+
+ROOM_SHAPES = (
+    shape_of("box", _placed([0.1, 0.0, 0.4], [0.4, 0.2, 0.5]), np.array([1.5, 1.4, 1.3])),
+    shape_of("cylinder", _placed([0.0, 0.1, 0.4], [0.3, 0.1, 0.0]), np.array([0.75, 1.4]), "", 0.03),
+    shape_of("sphere", _placed([0.0, 0.0, 0.3], [0.0, 0.0, 0.0]), np.array([0.8, 0.0])),
+    shape_of("capsule", _placed([0.0, 0.0, 0.4], [0.2, 0.9, 0.0]), np.array([0.65, 0.5]), "", 0.01),
+    shape_of("sphere", _placed([0.0, 0.0, 0.3], [0.0, 0.0, 0.0]), np.array([9.0, 0.0])),  # too wide to be met
+)
+
+
+def _rooms() -> np.ndarray:
+    plain = load_cell(CELLS / "ur5e-sim.toml")
+    cell = replace(plain, surroundings=replace(plain.surroundings, keep_in=ROOM_SHAPES))
+    return room_parameters(cell, plain.home[None], 0.0)
+
+
+@pytest.mark.parametrize("chosen", [(0,), (1,), (2,), (3,), (0, 1, 2, 3, 4)])
+def test_the_room_within_walls_is_never_more_than_there_is(chosen: tuple[int, ...]) -> None:
+    plain = load_cell(CELLS / "ur5e-sim.toml")
+    shapes = tuple(ROOM_SHAPES[i] for i in chosen)
+    cell = replace(plain, X_WB=TURNED, surroundings=replace(plain.surroundings, keep_in=shapes))
+    p = np.concatenate([arm_parameters(cell, cell.limits, NO_MARGINS), room_parameters(cell, plain.home[None], 0.01)])
+    for seed in range(40):
+        q, _, _, z = _state(seed)
+        p_WT = tool_state(cell, q, np.zeros(6)).p_WT
+        room = min(float(shape.depth(p_WT)) - (shape.clearance_m or 0.0) for shape in shapes) - 0.01
+        row = _rows("rooms", z, p)[0]
+        assert row < room + 1e-6
+        assert row > room - 0.008  # four soft minima of two to seven walls
 
 
 def _distance_from(cell: Cell, q: np.ndarray, shape: Solid) -> float:

@@ -177,6 +177,9 @@ def _launches(rng: Generator) -> Arguments:
     return q, np.concatenate([qd, 0.1 * qd, 3.0 * qd]), q[-1], (LIMITS, 2.0 * LIMITS), 1e3
 
 
+ROOMS = (("box", [1.8, 2.0, 2.2]), ("cylinder", [1.0, 2.0]), ("sphere", [1.1, 0.0]), ("capsule", [0.9, 0.8]))
+
+
 def _scene(rng: Generator) -> tuple[Pinned, Array, Array]:
     """What an arm with all shapes around it keeps clear of, the ends of its way, and the margins about it."""
     here = cell(("ur5e-sim", "ur3e-sim")[rng.integers(2)])
@@ -188,7 +191,11 @@ def _scene(rng: Generator) -> tuple[Pinned, Array, Array]:
         for (kind, size), place, turn in zip(sizes.items(), places, turns, strict=True)
     ]
     box = Box(np.full(3, -1.2), np.full(3, 1.2))
-    around = replace(here.surroundings, keep_out=tuple(shapes), keep_in=(box,))
+    rooms = [
+        replace(shape_of(kind, pose([0.1, 0.0, 0.4], turns[0]), np.array(size)), clearance_m=0.05)
+        for kind, size in ROOMS
+    ]
+    around = replace(here.surroundings, keep_out=tuple(shapes), keep_in=(box, *rooms))
     ends = here.home + rng.uniform(-0.5, 0.5, (2, 6))
     found = Obstacles.of(replace(here, surroundings=around), 0.01, ends, bool(rng.integers(2)))
     return found.scene, ends, found.numbers

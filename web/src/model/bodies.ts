@@ -3,7 +3,7 @@
 import { plus, scaled, transformed, type Pose, type Vector } from "./poses";
 
 export interface Body {
-  readonly name: string; // as violations and checks tell it; of a keep-in box empty
+  readonly name: string; // as violations and checks tell it
   readonly shape: "box" | "cylinder" | "sphere" | "capsule";
   readonly pose: Pose; // of its centre and axes in the world
   readonly extent: Vector; // along its own axes, round ends included [m]

@@ -2,7 +2,7 @@
 
 import type { Air } from "./flight";
 import type { Chain } from "./chain";
-import { plus, poseOfRows, type Vector } from "./poses";
+import { poseOfRows, type Vector } from "./poses";
 import type { Body } from "./bodies";
 
 /** All points within a radius of a segment that is fixed in a link's frame; 0 is the base, 6 the flange. */
@@ -48,15 +48,10 @@ export interface CellDocument {
   readonly surroundings: {
     readonly floor_z_m: number;
     readonly gravity_m_s2: number;
-    readonly keep_in: readonly BoxDocument[];
+    readonly keep_in: readonly BodyDocument[];
     readonly keep_out: readonly BodyDocument[];
   };
   readonly object: { readonly radius_m: number; readonly drag_per_m: number };
-}
-
-interface BoxDocument {
-  readonly lower_m: readonly number[];
-  readonly upper_m: readonly number[];
 }
 
 interface BodyDocument {
@@ -81,7 +76,7 @@ export function geometryOf(document: CellDocument): CellGeometry {
     capsules: document.capsules.filter(({ part }) => part !== "object").map(capsuleOf),
     home: document.home,
     floorZ: surroundings.floor_z_m,
-    keepIn: surroundings.keep_in.map(boxOf),
+    keepIn: surroundings.keep_in.map(bodyOf),
     keepOut: surroundings.keep_out.map(bodyOf),
     objectRadius: object.radius_m,
     air: { gravity: surroundings.gravity_m_s2, drag: object.drag_per_m },
@@ -90,13 +85,6 @@ export function geometryOf(document: CellDocument): CellGeometry {
 
 function capsuleOf({ name, frame, from_m, to_m, radius_m }: CellDocument["capsules"][number]): Capsule {
   return { name, frame, from: vectorOf(from_m), to: vectorOf(to_m), radius: radius_m };
-}
-
-function boxOf({ lower_m, upper_m }: BoxDocument): Body {
-  const extent = plus(vectorOf(upper_m), vectorOf(lower_m), -1);
-  const [x, y, z] = plus(vectorOf(lower_m), extent, 0.5);
-  const pose = poseOfRows([[1, 0, 0, x], [0, 1, 0, y], [0, 0, 1, z], [0, 0, 0, 1]]);
-  return { name: "", shape: "box", pose, extent };
 }
 
 function bodyOf({ name, shape, pose, extent_m }: BodyDocument): Body {

@@ -54,8 +54,7 @@ export interface Obstacle {
   readonly value: number | null;
   readonly limit: number | null;
   readonly joint: number | null; // 0 to 5
-  readonly keepIn: number | null; // number of a keep-in box
-  readonly names: readonly string[]; // that its words tell, those of keep-out bodies among them
+  readonly names: readonly string[]; // that its words tell, those of keep-in and keep-out bodies among them
 }
 
 export interface SceneOptions {

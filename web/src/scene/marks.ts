@@ -58,9 +58,9 @@ export function bodyThings(cell: CellGeometry, palette: Palette): Object3D[] {
 /** Returns what stands in the way: the body in red, a ring about the joint, the arm's reach. */
 export function obstacleThings(obstacles: readonly Obstacle[], cell: CellGeometry, q: ArrayLike<number>, palette: Palette): Object3D[] {
   return obstacles.flatMap((obstacle) => {
-    const wall = obstacle.keepIn === null ? undefined : cell.keepIn[obstacle.keepIn];
-    const met = cell.keepOut.filter(({ name }) => obstacle.names.includes(name));
-    const things = [...(wall ? body(wall, palette.obstacle, 0.06, 2.4) : []), ...met.flatMap((each) => body(each, palette.obstacle, 0.4, 2.4))];
+    const walls = obstacle.constraint === "keep_in" ? cell.keepIn.filter(({ name }) => obstacle.names.includes(name)) : [];
+    const met = obstacle.constraint === "keep_in" ? [] : cell.keepOut.filter(({ name }) => obstacle.names.includes(name));
+    const things = [...walls.flatMap((each) => body(each, palette.obstacle, 0.06, 2.4)), ...met.flatMap((each) => body(each, palette.obstacle, 0.4, 2.4))];
     if (obstacle.joint !== null) things.push(jointRing(cell, q, obstacle.joint, palette));
     if (obstacle.constraint === "reach" && obstacle.limit) things.push(...reachThings(cell, q, obstacle.limit, palette));
     if (obstacle.constraint === "floor") things.push(floorSquare(cell, palette));

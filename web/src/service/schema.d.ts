@@ -1070,22 +1070,6 @@ export interface components {
             results: components["schemas"]["BatchResult"][];
         };
         /**
-         * BoxAnswer
-         * @description An axis-aligned box in the world.
-         */
-        BoxAnswer: {
-            /**
-             * Lower M
-             * @description Lower corner [m].
-             */
-            lower_m: number[];
-            /**
-             * Upper M
-             * @description Upper corner [m].
-             */
-            upper_m: number[];
-        };
-        /**
          * CalibrationMoves
          * @description What a calibration moves: requests, ready to be posted to `/plan`.
          */
@@ -4282,7 +4266,7 @@ export interface components {
         ShapeAnswer: {
             /**
              * Clearance M
-             * @description Least distance to it [m].
+             * @description Least distance to it, or to its walls from within [m].
              */
             clearance_m: number;
             /**
@@ -4445,7 +4429,7 @@ export interface components {
              * Keep In
              * @description The tool centre point stays in every one.
              */
-            keep_in: components["schemas"]["BoxAnswer"][];
+            keep_in: components["schemas"]["ShapeAnswer"][];
             /**
              * Keep Out
              * @description Nothing of arm, tool and object enters one.
@@ -4882,7 +4866,6 @@ export type BatchList = components['schemas']['BatchList'];
 export type BatchRequest = components['schemas']['BatchRequest'];
 export type BatchResult = components['schemas']['BatchResult'];
 export type BatchResultList = components['schemas']['BatchResultList'];
-export type BoxAnswer = components['schemas']['BoxAnswer'];
 export type CalibrationMoves = components['schemas']['CalibrationMoves'];
 export type CapsuleAnswer = components['schemas']['CapsuleAnswer'];
 export type CellChange = components['schemas']['CellChange'];

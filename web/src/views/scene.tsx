@@ -304,13 +304,11 @@ const JOINT_NAMES = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist
 function obstacleOf(violation: { constraint: string; value: number | null; limit: number | null; detail?: string }): Obstacle {
   const detail = violation.detail ?? "";
   const joint = JOINT_NAMES.findIndex((name) => detail.startsWith(`${name}_joint`) || detail.includes(` ${name}_joint`));
-  const wall = violation.constraint === "keep_in" ? /\bbox (\d+)/.exec(detail) : null;
   return {
     constraint: violation.constraint,
     value: violation.value,
     limit: violation.limit,
     joint: joint < 0 ? null : joint,
-    keepIn: wall ? Number(wall[1]) : null,
     names: detail.split(/[,:;]/).map((part) => part.trim()),
   };
 }

@@ -182,8 +182,23 @@ def shape_distances(in_s: CapsuleSlots, R_WS: SX, p_WS: SX, slots: SX, terms: Te
         body = capsules_in_world(in_s, R_CW @ R_WS, R_CW @ (p_WS - shape["origin"]))
         for i in range(1, len(CAPSULE_FRAMES)):
             point = _nearest(body.starts[i], body.ends[i], shape, terms)
-            gaps.append(_beyond_faces(point, shape, terms) - body.radii[i] - shape["further"])
+            gaps.append(_beyond_faces(point, shape, terms) - body.radii[i] - shape["further"] + shape["added"][i])
     return gaps
+
+
+def depths(point: SX, slots: SX, terms: Terms) -> list[SX]:
+    """Returns a lower bound on the depth [m] of a point of the world (3,) in each shape, less its clearance.
+
+    Args:
+        point: the point.
+        slots: `layout.SHAPE` of each shape, in one vector.
+        terms: collects the terms that derivatives take as constants.
+    """
+    shapes = (SHAPE.split(slots[first : first + SHAPE.size]) for first in range(0, slots.size1(), SHAPE.size))
+    return [
+        -_beyond_faces(ca.reshape(shape["rotation"], 3, 3) @ (point - shape["origin"]), shape, terms) - shape["further"]
+        for shape in shapes
+    ]
 
 
 def _nearest(start: SX, end: SX, shape: dict[str, SX], terms: Terms) -> SX:

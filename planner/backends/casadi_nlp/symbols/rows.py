@@ -14,7 +14,17 @@ from typing import Any
 import casadi as ca
 
 from planner.backends.casadi_nlp import layout
-from planner.backends.casadi_nlp.layout import ARM, COST, FLIGHT, OBJECT_PATH, RELEASE, SCALES, SHAPES, VectorLayout
+from planner.backends.casadi_nlp.layout import (
+    ARM,
+    COST,
+    FLIGHT,
+    OBJECT_PATH,
+    RELEASE,
+    ROOMS,
+    SCALES,
+    SHAPES,
+    VectorLayout,
+)
 from planner.backends.casadi_nlp.symbols import arm, distances
 from planner.backends.casadi_nlp.symbols.passing import (
     GUARD,
@@ -142,6 +152,15 @@ def keep_out(s: StageState, p: SX, terms: Terms, slots: int = layout.KEEP_OUT_SH
     R_WS = ca.reshape(a["base"][:9], 3, 3) @ arm.turn(s.q[0])
     gaps = distances.shape_distances(body, R_WS, a["base"][9:], b["shapes"][: layout.SHAPE.size * slots], terms)
     return distances.soft_minimum(gaps, terms) - b["clearance"]
+
+
+def rooms(s: StageState, p: SX, terms: Terms) -> SX:
+    """Depth of the tool centre point in the keep-in shapes that are no plain boxes, beyond the one required (1) [m]."""
+    a = ARM.split(p[: ARM.size])
+    b = ROOMS.split(p[ARM.size :])
+    R_WS = ca.reshape(a["base"][:9], 3, 3) @ arm.turn(s.q[0])
+    p_WT = R_WS @ arm.frames(a["dh"], s.q).point(6, a["tcp"]) + a["base"][9:]
+    return distances.soft_minimum(distances.depths(p_WT, b["rooms"], terms), terms) - b["margin"]
 
 
 def singularity(s: StageState, p: SX, terms: Terms) -> SX:
@@ -380,6 +399,8 @@ FORMULAS: dict[str, BlockFormula] = {
     # Without second derivatives, which take three quarters of a minute to compile, each.
     "keep_out": _at_knot(keep_out, "arm", "shapes", curved=False),
     "keep_out_middle": _in_middle(keep_out, "arm", "shapes", curved=False),
+    "rooms": _at_knot(rooms, "arm", "rooms"),
+    "rooms_middle": _in_middle(rooms, "arm", "rooms"),
     "grip": _at_knot(grip, "arm"),
     "grip_middle": _in_middle(grip, "arm"),
     "singularity": _at_knot(singularity, "arm"),

@@ -14,7 +14,7 @@ class Way:
     """Tells whether pieces are clear, and counts the postures; it looks at everything in each of them, or as C does."""
 
     def __init__(self, scene: Pinned, ends: Array, numbers: Array, skips: bool) -> None:
-        self.chain, self.capsules, self.pairs, self.shapes, self.bounds = scene.arrays
+        self.chain, self.capsules, self.pairs, self.shapes, self.bounds, self.touching, self.rooms = scene.arrays
         self.ends = ends
         self.margin, self.own, self.near, self.spacing, self.point = numbers
         self.skips = skips
@@ -29,7 +29,7 @@ class Way:
         thick = self.capsules[:, 7]
         levers = self.capsules[:, 8:14]
         body, shape = (each.ravel() for each in np.indices((len(ends), len(self.shapes))))
-        meets = self.capsules[body, 15] > 0.0
+        meets = (self.capsules[body, 15] > 0.0) & (self.touching[shape, body] == 0.0)
         to_shapes = (
             shape_distances(ends[body, 0], ends[body, 1], shape, self.shapes[:, :20])
             - thick[body]
@@ -39,10 +39,15 @@ class Way:
         heights = ends[..., 2].min(axis=1) - thick - self.bounds[0]
         inside = np.min([ends[-1, 0] - self.bounds[1:4], self.bounds[4:] - ends[-1, 0]])
         own = pair_distances(ends[..., None], self.pairs[:, :2].astype(int), self.point)[:, 0] - self.pairs[:, 2]
-        outer = [to_shapes[meets], heights[low], [inside]]
+        rooms = [_depth(room, ends[-1, 0]) - room[20] for room in self.rooms]
+        outer = [to_shapes[meets], heights[low], [inside, *rooms]]
         spare = np.concatenate([*outer, own])
         margins = np.repeat([self.margin, self.own], [len(spare) - len(own), len(own)])
-        return spare, margins, np.concatenate([levers[body][meets], levers[low], levers[-1:], self.pairs[:, 3:]])
+        return (
+            spare,
+            margins,
+            np.concatenate([levers[body][meets], levers[low], levers[[-1] * (1 + len(rooms))], self.pairs[:, 3:]]),
+        )
 
     def is_clear(self, start: Array, end: Array, kept: Array | None = None) -> bool:
         q = 0.5 * (start + end)
@@ -58,6 +63,16 @@ class Way:
         if not kept.any() or 2.0 * half.max() <= self.spacing:
             return True
         return self.is_clear(start, q, kept) and self.is_clear(q, end, kept)
+
+
+def _depth(room: Array, p: Array) -> float:
+    """Returns how deep a point (3,) is in a shape (20,), by its distance from each face, wall and axis."""
+    x = room[:9].reshape(3, 3).T @ (p - room[9:12])
+    lower, upper = room[12:15], room[15:18]
+    if room[19] > 0.0:
+        return room[19] - np.linalg.norm(x - np.clip(x, lower, upper))
+    faces = np.minimum(x - lower, upper - x)
+    return min(faces[2], room[15] - np.hypot(*x[:2])) if room[18] else faces.min()
 
 
 def pieces_clear(scene: Pinned, ends: Array, numbers: Array, start: Array, end: Array) -> Array:
