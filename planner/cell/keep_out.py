@@ -17,18 +17,12 @@ from planner.cell.capsule_cover import boxes_cover, cylinder_cover, round_cover
 from planner.cell.fields import UNKNOWN_KEY, choice, exactly, merge_defaults, number, placement, tables, vector
 from planner.cell.mesh_file import CELL_M, cover_in, cover_key
 from planner.cell.model import FARTHEST_M, Contact, ToolCapsule
-from planner.cell.shapes import Box, Solid, shape_of
+from planner.cell.shapes import SIZE_MIN_M, SIZES, Box, Solid, shape_of
 from planner.errors import CellError
 from planner.fields import did_you_mean
 from planner.robots import Robot, capsule_rows
 from planner.rotations import pose
 
-SIZES = {  # keys of each shape beyond `shape`, `pose`, `name` and `clearance_m`
-    "box": ("size_m",),
-    "cylinder": ("radius_m", "length_m"),
-    "sphere": ("radius_m",),
-    "capsule": ("radius_m", "length_m"),
-}
 COVERED = {"mesh": ".stl, .obj or .ply", "points": ".ply"}  # shapes of files, and the kinds of these
 CELL_MIN_M = 1e-3  # [m] of a grid about points
 POSE = {"position_m": None, "rotation_vector_rad": [0.0, 0.0, 0.0]}
@@ -36,7 +30,6 @@ IN_THE_WORLD = {"position_m": [0.0, 0.0, 0.0]}  # pose of points without one
 NAME_PATTERN = re.compile(r"[^\s,:;]([^,:;]{0,62}[^\s,:;])?")  # of what can be printed; in a plan , : ; end a name
 OTHERS = ("object", "floor", "bin", "rim")  # what else a flight or a posture comes close to
 TOOL = "tool_"  # with a number: a capsule of the tool
-SIZE_MIN_M = 1e-4  # [m] a thinner body is a typing error
 SIZE_MAX_M = 1e3  # [m] so is a larger one: mostly it is in millimetres
 CLEARANCE_MAX_M = 1.0  # [m]
 SCALE_MIN = 1e-6  # [-] of a mesh

@@ -11,6 +11,13 @@ import numpy as np
 from planner.arrays import Array, read_only
 from planner.rotations import pose
 
+SIZES = {  # keys of each shape beyond `shape`, `pose`, `name` and `clearance_m`
+    "box": ("size_m",),
+    "cylinder": ("radius_m", "length_m"),
+    "sphere": ("radius_m",),
+    "capsule": ("radius_m", "length_m"),
+}
+SIZE_MIN_M = 1e-4  # [m] a thinner body is a typing error
 ROW = 20  # [-] numbers of `Solid.row`
 LEVEL_SINE = 1e-4  # [-] of a top's slope: an object lies on it as on a level one, 0.1 mm a metre lower at most
 ALONG_SINE = 1e-12  # [-] rounding: a box that is turned by less lies along the axes of the world

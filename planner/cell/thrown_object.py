@@ -17,7 +17,7 @@ import numpy as np
 
 from planner.arrays import Array, read_only
 from planner.cell.fields import choice, number, placement, vector
-from planner.cell.keep_out import SIZE_MIN_M, SIZES
+from planner.cell.shapes import SIZE_MIN_M, SIZES
 from planner.errors import CellError
 
 OUT_M = 0.01  # [m] least displacement at which an object is out of the grip
