@@ -31,7 +31,7 @@ from planner.controller_program import NoProgram
 from planner.passages import passed_until
 from planner.problem import ThrowProblem
 from planner.trajectory import Trajectory
-from store import ExecutionRow, ProfileRow, new_id
+from store import TICK_PASSED, ExecutionRow, ProfileRow, new_id
 
 SAFETY_WAIT_S = 0.2  # [s] after a fault, for a state that is newer than the fault
 MONITOR_WAIT_S = 1.0  # [s] longest wait for it: the machine may be busy, the link may be gone
@@ -147,7 +147,7 @@ class Execution:
         self.motions.append(found.motion)
         begins_s = found.motion.joins_s or 0.0
         if not run.offer(found.job):
-            late = "tick passed while the plan was certified" if run.state == shm.STREAMING else "the motion brakes"
+            late = f"{TICK_PASSED} while the plan was certified" if run.state == shm.STREAMING else "the motion brakes"
             raise CannotJoin(f"{late}: it would have begun at {begins_s:.3f} s")
         if self.session.cell.link.kind == "sim":
             self._announce()

@@ -37,7 +37,14 @@ from planner.problem import (
 )
 from planner.releases import KINDS, Release, Target, release_document
 
-__all__ = ["PLAN_REQUEST", "problem_from_request", "read_request", "release_document", "request_document"]
+__all__ = [
+    "PLAN_REQUEST",
+    "RETARGET_REQUEST",
+    "problem_from_request",
+    "read_request",
+    "release_document",
+    "request_document",
+]
 
 WINDOW_MAX_S = 0.2  # [s] longest release window
 TOLERANCE_MAX_M = 10.0  # [m] largest landing tolerance
@@ -162,19 +169,29 @@ PLAN_REQUEST = Record(
     _check_motion,
 )
 
+_GIVEN = {"cell": "is named by the path", "start": "is the state of the running motion"}
+RETARGET_REQUEST = Record(
+    "RetargetRequest",
+    "What a running motion is to do instead: a request for a plan whose cell and start are given.",
+    {name: field for name, field in PLAN_REQUEST.fields.items() if name not in _GIVEN},
+    _check_motion,
+    _GIVEN,
+)
 
-def read_request(document: Any, path: str = "") -> dict[str, Any]:
+
+def read_request(document: Any, path: str = "", record: Record = PLAN_REQUEST) -> dict[str, Any]:
     """Returns a request in plain Python types: null fields left out, defaults filled in.
 
     Args:
         document: JSON of `POST /plan`.
         path: of the request in a larger document.
+        record: what it may hold.
 
     Raises:
         InvalidProblem: every refused field with its reason.
     """
     errors: list[FieldError] = []
-    asked = PLAN_REQUEST.read(document, path, errors)
+    asked = record.read(document, path, errors)
     if errors:
         raise InvalidProblem(errors)
     return asked

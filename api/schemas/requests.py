@@ -6,7 +6,7 @@ that for OpenAPI, and read nothing.
 
 from __future__ import annotations
 
-from functools import reduce
+from functools import partial, reduce
 from operator import or_
 from typing import Annotated, Any, Literal
 
@@ -27,7 +27,7 @@ from planner.fields import (
     Yes,
 )
 from planner.fields import Number as NumberShape
-from planner.request import PLAN_REQUEST, read_request
+from planner.request import PLAN_REQUEST, RETARGET_REQUEST, read_request
 
 UUID_PATTERN = r"^[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}$"
 ID_PATTERN = f"^latest$|{UUID_PATTERN}"
@@ -96,6 +96,11 @@ def _model_of(record: Record) -> Any:
 
 PlanRequest = _model_of(PLAN_REQUEST)
 PlanRequestBody = Annotated[dict[str, Any], PlainValidator(read_request, json_schema_input_type=PlanRequest)]
+RetargetRequest = _model_of(RETARGET_REQUEST)
+RetargetRequestBody = Annotated[
+    dict[str, Any],
+    PlainValidator(partial(read_request, record=RETARGET_REQUEST), json_schema_input_type=RetargetRequest),
+]
 # One of many, which is read with its place among them.
 PlanRequestEntry = Annotated[Any, PlainValidator(lambda value: value, json_schema_input_type=PlanRequest)]
 
@@ -208,3 +213,4 @@ PLAN_EXAMPLES = {
 }
 EXECUTE_EXAMPLES = {"latest": {"summary": "Execute the newest plan (simulated cell)", "value": {"plan_id": "latest"}}}
 REPLACE_EXAMPLES = {"latest": {"summary": "Go on with the newest plan", "value": {"plan_id": "latest"}}}
+RETARGET_EXAMPLES = {"target": {"summary": "Throw at another point", "value": _TARGET}}
