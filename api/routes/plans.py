@@ -69,7 +69,7 @@ router = APIRouter(route_class=StrictJsonRoute, tags=["plans"])
 
 TOKEN_PROBLEMS = ("unauthenticated", "forbidden")
 POST_PROBLEMS = (*TOKEN_PROBLEMS, "invalid-request", "too-large", "unsupported-media-type")
-PLAN_PROBLEMS = ("not-found", "robot-not-ready", "infeasible", "overloaded", "solver-failed", "not-acceptable")
+SEARCH_PROBLEMS = ("not-found", "robot-not-ready", "infeasible", "overloaded", "solver-failed")
 PlanId = Annotated[str, id_in_path("plan")]
 PageLimit = Annotated[int, Query(ge=1, le=200, description="Maximum length of the page."), PLAIN]
 PageCursor = Annotated[str | None, Query(description="`next_cursor` of the page before.", pattern=UUID_PATTERN)]
@@ -103,7 +103,7 @@ TRAJECTORY_ANSWER = {
     responses={
         200: {"model": PlanPreview, **EVENTS_ANSWER},
         **json_answer(201, PlanAnswer, "Solved, certified and stored."),
-        **problem_answers(*POST_PROBLEMS, *PLAN_PROBLEMS),
+        **problem_answers(*POST_PROBLEMS, *SEARCH_PROBLEMS, "not-acceptable"),
     },
 )
 async def make_plan(

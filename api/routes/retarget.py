@@ -13,7 +13,7 @@ from api.dependencies import Gone, OperateCaller, Origin, Service, ServiceDep
 from api.http import ProblemDetails, StrictJsonRoute, json_answer, problem_answers
 from api.routes.cells import CellName
 from api.routes.executions import join_plan, reason_not_executable
-from api.routes.plans import PLAN_PROBLEMS, POST_PROBLEMS, PlanOrder, WithTrajectory, running_state, stored_plan
+from api.routes.plans import POST_PROBLEMS, SEARCH_PROBLEMS, PlanOrder, WithTrajectory, running_state, stored_plan
 from api.schemas import RETARGET_EXAMPLES, PlanAnswer, RetargetRequestBody
 from store import TICK_PASSED, AuditLine, ExecutionRow, PlanRow
 
@@ -29,11 +29,11 @@ RetargetBody = Annotated[RetargetRequestBody, Body(openapi_examples=RETARGET_EXA
     status_code=202,
     summary="Retarget a running motion",
     responses={
-        **json_answer(202, PlanAnswer, "The plan that has joined the motion.", *POST_PROBLEMS, *PLAN_PROBLEMS),
+        **json_answer(202, PlanAnswer, "The plan that has joined the motion.", *POST_PROBLEMS, *SEARCH_PROBLEMS),
         **problem_answers("cannot-join", "plan-not-executable"),
     },
 )
-async def retarget(
+async def retarget_motion(
     name: CellName,
     body: RetargetBody,
     service: ServiceDep,

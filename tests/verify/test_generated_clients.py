@@ -295,7 +295,7 @@ def _without_token(client: PythonClient, document: dict[str, Any]) -> None:
         "report_landing": ("LandingRequest", {"result": "hit", "radius_m": 0.1}),
         "operate_robot": ("RobotActionRequest", POWER_ON),
         "replace_plan": ("ReplaceRequest", {"plan_id": "latest"}),
-        "retarget": ("RetargetRequest", {"release": JOINT}),
+        "retarget_motion": ("RetargetRequest", {"release": JOINT}),
     }
     for path, methods in document["paths"].items():
         for operation in (op for op in methods.values() if "security" in op):

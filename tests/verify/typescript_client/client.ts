@@ -120,7 +120,7 @@ refused("plan-not-executable", 409, await client.POST("/execute", { body: order 
 refused("cannot-join", 409, await client.POST("/cells/{name}/retarget", { ...cell, body: target as never }));
 const joining = { ...run, body: { plan_id: planned.id } };
 refused("cannot-join", 409, await client.POST("/executions/{id}/replace", joining));
-called.add("replace_plan").add("retarget");
+called.add("replace_plan").add("retarget_motion");
 done("revert_profile", await client.POST("/cells/{name}/profiles/revert", cell));
 done("read_health", await client.GET("/healthz", {}));
 done("read_readiness", await client.GET("/readyz", {}));

@@ -338,7 +338,7 @@ export interface paths {
          *     calls took, at first 0.5 s. A tick that passes meanwhile is retried once, with twice the time that this took. Where
          *     nothing joins, the running plan goes on untouched, and the problem says why.
          */
-        post: operations["retarget"];
+        post: operations["retarget_motion"];
         delete?: never;
         options?: never;
         head?: never;
@@ -6374,7 +6374,7 @@ export interface operations {
             };
         };
     };
-    retarget: {
+    retarget_motion: {
         parameters: {
             query?: {
                 /** @description false leaves the trajectory out. */
@@ -6413,15 +6413,6 @@ export interface operations {
             };
             /** @description `not-found` */
             404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["ProblemAnswer"];
-                };
-            };
-            /** @description `not-acceptable` */
-            406: {
                 headers: {
                     [name: string]: unknown;
                 };
