@@ -160,6 +160,11 @@ PLAN_REQUEST = Record(
             "planned where the soonest does not reach it: windows in steps of what is known of the release's timing, "
             "then slower throws; `infeasible` where none of them does.",
         ),
+        "starts_not_before_s": Field(
+            Number(0.0),
+            "Earliest start of a plan to a target that moves, on the controller's clock [s]. Absent: the service's: "
+            "2 s after it was asked.",
+        ),
         "time_limit_s": Field(
             Number(above=0.0, most=TIME_LIMIT_MAX_S),
             "Time limit of the planner, from when it takes the request [s]; absent: 120. Where it passes before the "
@@ -169,7 +174,7 @@ PLAN_REQUEST = Record(
     _check_motion,
 )
 
-_GIVEN = {"cell": "is named by the path", "start": "is the state of the running motion"}
+_GIVEN = {"starts_not_before_s": "is for a start at rest", "cell": "is named by the path", "start": "is the state of the running motion"}
 RETARGET_REQUEST = Record(
     "RetargetRequest",
     "What a running motion is to do instead: a request for a plan whose cell and start are given.",
@@ -235,6 +240,7 @@ def problem_from_request(request: Mapping[str, Any], cell: Cell) -> ThrowProblem
         landing_tolerance_m=tolerance_m,
         backend=asked["backend"],
         time_limit_s=asked.get("time_limit_s", TIME_LIMIT_S),
+        starts_not_before_s=asked.get("starts_not_before_s"),
         passages=passages,
         end=end_from_json(asked["end"], cell.home, X_WR) if "end" in asked else None,
     )
@@ -258,6 +264,7 @@ def request_document(problem: ThrowProblem, release: Release) -> dict[str, Any]:
         "release_window_s": problem.release_window_s,
         "landing_tolerance_m": problem.landing_tolerance_m,
         "time_limit_s": problem.time_limit_s,
+        **({"starts_not_before_s": problem.starts_not_before_s} if problem.moving is not None else {}),
     }
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -61,6 +61,8 @@ class Target:
         min_horizontal_distance_m: least horizontal distance from release to target [m].
         release_position: point of release (3,) [m], None where it is free.
         opening: of the bin that stands around the target, None where there is none.
+        v_W: velocity of the target, and of the bin with it (3,) [m/s]; level.
+        at_s: when a target that moves is at `p_W`, on the controller's clock [s].
     """
 
     p_W: Array
@@ -70,6 +72,13 @@ class Target:
     min_horizontal_distance_m: float = 0.0
     release_position: Array | None = None
     opening: Opening | None = None
+    v_W: Array = field(default_factory=lambda: np.zeros(3))
+    at_s: float = 0.0
+
+    @property
+    def moves(self) -> bool:
+        """Whether it moves."""
+        return bool(self.v_W.any())
 
 
 class ReleaseSample(NamedTuple):

@@ -13,9 +13,11 @@ from planner.arrays import Array
 from planner.cell import Cell
 from planner.errors import FieldError
 from planner.fields import Field, Number, Record, Vector, required
-from planner.releases.release import Bound, Opening, Release, ReleaseSample, Target, move
+from planner.releases.release import Bound, Opening, Release, ReleaseSample, Target, move, turn
 
 SPEED_MIN_M_S = 1e-3  # [m/s] lowest bound on the release speed
+TARGET_SPEED_MAX_M_S = 5.0  # [m/s] of a target that moves; belts run at up to 3; catches typing errors
+LEVEL_M_S = 1e-9  # [m/s] of a velocity in a turned frame
 OPENING_MAX_M = 10.0  # [m] largest radius and rim height of a bin; catches typing errors
 
 OPENING = Record(
@@ -28,6 +30,16 @@ OPENING = Record(
         "rim_height_m": required(Number(0.0, OPENING_MAX_M), "Height of the rim above the target [m]."),
     },
 )
+
+
+def _check_velocity(given: dict[str, Any], path: str, errors: list[FieldError]) -> None:
+    """Refuses a velocity without the instant at which the target was at its position, and the other way round."""
+    if ("velocity" in given) != ("observed_at_s" in given):
+        errors.append(FieldError(f"{path}.observed_at_s", "and velocity belong together"))
+    speed = float(np.linalg.norm(given.get("velocity", 0.0)))
+    if speed > TARGET_SPEED_MAX_M_S:
+        reason = f"{speed:g} m/s is above {TARGET_SPEED_MAX_M_S:g} m/s"
+        errors.append(FieldError(f"{path}.velocity", reason))
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +67,14 @@ class TargetRelease(Target, Release):
             "opening": Field(
                 OPENING, "The bin around the target: the object enters through its mouth, clear of rim and wall."
             ),
+            "velocity": Field(
+                Vector(3), "Velocity of the target and its bin, in `frame` [m/s]; level. Absent: it stands still."
+            ),
+            "observed_at_s": Field(
+                Number(0.0), "When it was at `position`, on the controller's clock (RTDE `timestamp`) [s]."
+            ),
         },
+        _check_velocity,
     )
 
     @property
@@ -72,6 +91,8 @@ class TargetRelease(Target, Release):
         found = []
         if self.min_elevation_rad > self.max_elevation_rad:
             found.append(FieldError("release.min_elevation_rad", "is above max_elevation_rad"))
+        if abs(self.v_W[2]) > LEVEL_M_S:
+            found.append(FieldError("release.velocity", f"rises by {self.v_W[2]:g} m/s: a target moves on a level"))
         if self.opening is not None and self.opening.radius_m <= cell.object.radius_m:
             sizes = f"radius {self.opening.radius_m:g} m, object {cell.object.radius_m:g} m"
             reason = f"the bin is too narrow for the object: {sizes}"
@@ -113,6 +134,8 @@ class TargetRelease(Target, Release):
             min_horizontal_distance_m=given.get("min_horizontal_distance_m", 0.0),
             release_position=move(X_WR, given["release_position"]) if "release_position" in given else None,
             opening=Opening(**given["opening"]) if "opening" in given else None,
+            v_W=turn(X_WR, given["velocity"]) if "velocity" in given else np.zeros(3),
+            at_s=given.get("observed_at_s", 0.0),
         )
 
     def to_json(self) -> dict[str, Any]:
@@ -129,4 +152,6 @@ class TargetRelease(Target, Release):
             document["release_position"] = self.release_position.tolist()
         if self.opening is not None:
             document["opening"] = asdict(self.opening)
+        if self.moves:
+            document |= {"velocity": self.v_W.tolist(), "observed_at_s": self.at_s}
         return document

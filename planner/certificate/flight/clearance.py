@@ -107,7 +107,7 @@ def _released_under_bin(flights: Flights) -> LeastGap | None:
     if flights.opening is None:
         return None
     t, p, _ = _releases(flights, [(-math.inf, math.inf)])
-    room = np.where(flights.from_mouth(p)[0] > 0.0, p[2] - flights.motion.problem.plane_z, np.inf)
+    room = np.where(flights.from_mouth(flights.beside_bin(p, t))[0] > 0.0, p[2] - flights.motion.problem.plane_z, np.inf)
     worst = int(room.argmin())
     if room[worst] >= 0.0:
         return None
@@ -251,7 +251,8 @@ def _lower_bounds(flights: Flights, grid: Grid) -> Array:
     bend = across + bounds.time_bend(s, h)
     falling = grid.t[:-1] >= grid.apexes[:, None]
     highest = np.max([corner[2] for corner in x[::2]], axis=0) + across
-    lowest = flights.lowest_at(x, bend)
+    times = corners_on_grid(np.broadcast_to(grid.t, grid.x.shape[1:]))
+    lowest = flights.lowest_at(x, times, bend)
 
     def in_flight(item: Index, gaps: Array) -> Array:
         ends = flights.over_below(item[:, None, None], lowest)
@@ -260,7 +261,7 @@ def _lower_bounds(flights: Flights, grid: Grid) -> Array:
 
     def of_shapes(item: Index) -> Array:
         corners = [corner[:, None] for corner in x]
-        return in_flight(item, core_gaps(flights, corners, item[:, None, None], bend, falling))
+        return in_flight(item, core_gaps(flights, corners, [t[None] for t in times], item[:, None, None], bend, falling))
 
     gaps = np.full((flights.count, *bend.shape), np.inf)
     if flights.count:
@@ -268,8 +269,9 @@ def _lower_bounds(flights: Flights, grid: Grid) -> Array:
         gaps[near] = of_shapes(near)
     others = [_capsule_distances(flights, grid, s, h) - bend]
     if flights.opening is not None:
-        rim = bounds.wall_bound(x) - bend
-        others.append(np.where(falling & bounds.all_in_bin(x, bend), np.inf, rim)[None])
+        beside = [flights.beside_bin(corner, t) for corner, t in zip(x, times, strict=True)]
+        rim = bounds.wall_bound(beside) - bend
+        others.append(np.where(falling & bounds.all_in_bin(beside, bend), np.inf, rim)[None])
     found = np.concatenate(others)
     return np.concatenate([gaps, in_flight(flights.count + np.arange(len(found)), found)])
 

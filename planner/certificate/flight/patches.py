@@ -168,6 +168,7 @@ class PatchBounds:
         released = flights.releases(np.concatenate([r0, r1]))
         p, v = (np.repeat(state.reshape(3, 2, -1), 2, axis=1) for state in released)
         corners = flights.flown(p, v, t - r)
+        beside = flights.beside_bin(corners, t)
         apexes = self.apexes(r, v)
         falling = t0 >= apexes.max(axis=0)
         s = np.maximum(t1 - r0, r1 - t0)
@@ -182,15 +183,15 @@ class PatchBounds:
         if (is_shape := item < flights.count).any():
             x = corners[:, :, is_shape]
             met = item[is_shape]
-            lower[is_shape] = core_gaps(flights, _corners(x), met, bend[is_shape], falling[is_shape])
-            x = flights.lying(x, fallen[:, is_shape])
+            lower[is_shape] = core_gaps(flights, _corners(x), list(t[:, is_shape]), met, bend[is_shape], falling[is_shape])
+            x = flights.lying(x, t[:, is_shape], fallen[:, is_shape])
             sampled[:, is_shape] = _length(x - nearest_on_cores(x, flights.shapes[:, None, met]))
         lower -= flights.thickness[item]
-        end = flights.over_below(item, flights.lowest_at(_corners(corners), bend))
+        end = flights.over_below(item, flights.lowest_at(_corners(corners), list(t), bend))
         over = falling & (corners[2, ::2].max(axis=0) + across < end)
-        over |= (item == flights.rim) & falling & self.all_in_bin(_corners(corners), bend)
-        ended = corners[2] < flights.over_below(item, flights.lowest_at([corners]))
-        ended = fallen & (ended | (item == flights.rim) & flights.in_bin(corners))
+        over |= (item == flights.rim) & falling & self.all_in_bin(_corners(beside), bend)
+        ended = corners[2] < flights.over_below(item, flights.lowest_at([corners], [t]))
+        ended = fallen & (ended | (item == flights.rim) & flights.in_bin(beside))
         gaps = np.where(ended | (t < r), np.inf, sampled - flights.thickness[item])
         return Evaluated(np.where(over | (t1 <= r0), np.inf, lower), gaps, r, t)
 
@@ -219,7 +220,7 @@ class PatchBounds:
         bound = np.full(len(item), np.nan)
         sampled = np.full(t.shape, np.nan)
         if is_rim.any():
-            x = corners[:, :, is_rim]
+            x = flights.beside_bin(corners[:, :, is_rim], t[:, is_rim])
             bound[is_rim] = self.wall_bound(_corners(x))
             sampled[:, is_rim] = _length(x - flights.nearest_on_wall(x))
         if is_capsule.any():

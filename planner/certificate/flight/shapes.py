@@ -15,12 +15,15 @@ from planner.certificate.flight.flights import Flights
 from planner.certificate.flight.separation import core_bound, mean
 
 
-def core_gaps(flights: Flights, corners: list[Array], item: Index, bend: Array, falling: Mask) -> Array:
+def core_gaps(
+    flights: Flights, corners: list[Array], times: list[Array], item: Index, bend: Array, falling: Mask
+) -> Array:
     """Returns lower bounds on the distances of patches from the cores of shapes (...) [m].
 
     Args:
         flights: the flights.
         corners: of the patches, each (3, ...) [m].
+        times: of the corners, each (...) [s].
         item: numbers of the shapes (...).
         bend: deviation of the flights from what is between the corners (...) [m].
         falling: which patches surely fall (...).
@@ -29,7 +32,7 @@ def core_gaps(flights: Flights, corners: list[Array], item: Index, bend: Array, 
     tops = flights.tops[item]
     heights = [corner[2] for corner in corners]
     lowest = reduce(np.minimum, heights) - bend
-    landed_at = flights.lowest_at(corners, bend)
+    landed_at = flights.lowest_at(corners, times, bend)
     above = np.where(falling, np.maximum(lowest, landed_at), lowest) - tops
     in_air = np.maximum(core_bound(corners, shapes) - bend, above)
     touching = falling & (lowest < flights.highest_end_at(corners, bend))
