@@ -375,7 +375,7 @@ def _cell_with_block(cell: Cell, lower: tuple[float, ...], upper: tuple[float, .
 def _cell_with_path(
     cell: Cell, stands: tuple[float, ...], v_W: tuple[float, ...], radius_m: float, rim_m: float
 ) -> Cell:
-    """Returns the cell with one more keep-out box: the path of a bin that moves, its bottom at `stands` as it is met."""
+    """Returns the cell with one more keep-out box: the path of a bin that moves and is met at `stands`."""
     before_s, after_s = SWEPT_S
     speed = float(np.hypot(v_W[0], v_W[1]))
     angle = float(np.arctan2(v_W[1], v_W[0]))

@@ -174,7 +174,11 @@ PLAN_REQUEST = Record(
     _check_motion,
 )
 
-_GIVEN = {"starts_not_before_s": "is for a start at rest", "cell": "is named by the path", "start": "is the state of the running motion"}
+_GIVEN = {
+    "starts_not_before_s": "is for a start at rest",
+    "cell": "is named by the path",
+    "start": "is the state of the running motion",
+}
 RETARGET_REQUEST = Record(
     "RetargetRequest",
     "What a running motion is to do instead: a request for a plan whose cell and start are given.",

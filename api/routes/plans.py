@@ -70,6 +70,9 @@ router = APIRouter(route_class=StrictJsonRoute, tags=["plans"])
 TOKEN_PROBLEMS = ("unauthenticated", "forbidden")
 POST_PROBLEMS = (*TOKEN_PROBLEMS, "invalid-request", "too-large", "unsupported-media-type")
 SEARCH_PROBLEMS = ("not-found", "robot-not-ready", "infeasible", "overloaded", "solver-failed")
+START_IN_S = (
+    2.0  # [s] to plan a throw at a target that moves, to verify it and to start the stream: 1 s on a quiet machine
+)
 PlanId = Annotated[str, id_in_path("plan")]
 PageLimit = Annotated[int, Query(ge=1, le=200, description="Maximum length of the page."), PLAIN]
 PageCursor = Annotated[str | None, Query(description="`next_cursor` of the page before.", pattern=UUID_PATTERN)]
@@ -324,6 +327,8 @@ def _planning_job(asked: PlanOrder, is_stored: bool) -> PlanningJob:
         request["start"] = {"positions": _current_positions(service, name)}
     elif "execution" in start:
         request["start"] = _state_in_execution(service, name, start["execution"], start["at_s"])
+    if "velocity" in asked.body.get("release", {}) and "starts_not_before_s" not in asked.body:
+        request["starts_not_before_s"] = _controller_time_s(service, name) + START_IN_S
     version = service.note_cell_version(source)
     row = _profile(service, name, source.sha256, asked.profile_id)
     profile = None if row is None else (row.id, row.document)
@@ -343,6 +348,20 @@ def _profile(service: Service, cell: str, cell_sha256: str, id: str | None) -> P
     if row is None or (row.cell, row.cell_sha256) != (cell, cell_sha256):
         raise ProblemDetails("not-found", f"cell {cell!r}, as its file is now, has no profile {id!r}")
     return row
+
+
+def _controller_time_s(service: Service, cell: str) -> float:
+    """Returns the time of a cell's controller now [s].
+
+    Raises:
+        ProblemDetails: No executor reports it.
+    """
+    row = service.store.cell_status(cell)
+    told_s: Any = row.robot.get("timestamp_s") if row is not None and row.is_alive else None
+    if row is None or told_s is None:
+        detail = f"no executor reports the controller's time of cell {cell!r}: give starts_not_before_s"
+        raise ProblemDetails("robot-not-ready", detail, cell=cell)
+    return float(told_s) + max(time.time() - row.heartbeat_at, 0.0)
 
 
 def _current_positions(service: Service, cell: str) -> list[float]:

@@ -71,7 +71,7 @@ class Arcs:
         return replace(self, until_s=until_s)
 
     def beside(self, v_W: Array, plane_z: float) -> Arcs:
-        """Returns the flights as they are beside what moves at `v_W` (3,) [m/s], where it is when each passes the plane.
+        """Returns the flights as they are beside what moves at `v_W` (3,) [m/s], and is met on the plane.
 
         In its frame, in which it stands, a flight without drag is one too.
         """

@@ -60,8 +60,9 @@ def flight_parameters(problem: ThrowProblem, candidate: Candidate, margins: Marg
         edges = _shape_edges(problem, arcs, margins.flight_m)
         bin_ = bin_of(problem)
         if bin_ is not None:
-            x, y, z = goal - _way_to_landing(problem, arcs, goal[2] + bin_.rim_height_m)
-            mouth = [x, y, goal[2] + bin_.rim_height_m, bin_.radius_m, arcs.radius_m + margins.mouth_m]
+            rim_z = float(goal[2]) + bin_.rim_height_m
+            x, y = (goal - _way_to_landing(problem, arcs, rim_z))[:2]
+            mouth = [x, y, rim_z, bin_.radius_m, arcs.radius_m + margins.mouth_m]
     edges += [edge_at(0.0, (0.0, 0.0, 0.0), -1.0)] * (FLIGHT_EDGES - len(edges))  # hold with 1 m to spare
     opening = _opening(problem, margins.opening_rad)
     spread = [problem.opening_spread_s - problem.planned_window_s]  # the window has rows at knots of its own

@@ -107,7 +107,9 @@ def _released_under_bin(flights: Flights) -> LeastGap | None:
     if flights.opening is None:
         return None
     t, p, _ = _releases(flights, [(-math.inf, math.inf)])
-    room = np.where(flights.from_mouth(flights.beside_bin(p, t))[0] > 0.0, p[2] - flights.motion.problem.plane_z, np.inf)
+    room = np.where(
+        flights.from_mouth(flights.beside_bin(p, t))[0] > 0.0, p[2] - flights.motion.problem.plane_z, np.inf
+    )
     worst = int(room.argmin())
     if room[worst] >= 0.0:
         return None
@@ -261,7 +263,9 @@ def _lower_bounds(flights: Flights, grid: Grid) -> Array:
 
     def of_shapes(item: Index) -> Array:
         corners = [corner[:, None] for corner in x]
-        return in_flight(item, core_gaps(flights, corners, [t[None] for t in times], item[:, None, None], bend, falling))
+        return in_flight(
+            item, core_gaps(flights, corners, [t[None] for t in times], item[:, None, None], bend, falling)
+        )
 
     gaps = np.full((flights.count, *bend.shape), np.inf)
     if flights.count:

@@ -183,7 +183,9 @@ class PatchBounds:
         if (is_shape := item < flights.count).any():
             x = corners[:, :, is_shape]
             met = item[is_shape]
-            lower[is_shape] = core_gaps(flights, _corners(x), list(t[:, is_shape]), met, bend[is_shape], falling[is_shape])
+            lower[is_shape] = core_gaps(
+                flights, _corners(x), list(t[:, is_shape]), met, bend[is_shape], falling[is_shape]
+            )
             x = flights.lying(x, t[:, is_shape], fallen[:, is_shape])
             sampled[:, is_shape] = _length(x - nearest_on_cores(x, flights.shapes[:, None, met]))
         lower -= flights.thickness[item]
