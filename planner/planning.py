@@ -45,8 +45,8 @@ class SearchHints:
 
 ORDINARY = SearchHints()
 # [s] Landings of throws at a target that moves: the first one after the earliest start leaves room for most launches
-# and flights (0.8 to 1.1 s on the shipped cells); while there is none, later ones.
-FIRST_LANDING_S = 1.2
+# and flights (0.5 to 0.8 s on the shipped cells); while there is none, later ones.
+FIRST_LANDING_S = 0.8
 LANDING_STEP_S = 0.5
 LANDINGS_MAX = 12
 SPARE_S = 0.05  # [s] for a motion that takes a little longer to where the target is then

@@ -22,7 +22,7 @@ LANDING_M = 0.006  # [m] of a throw that missed no tick: 2 mm of it are the belt
 
 
 def planned(rig: Rig, starts_in_s: float) -> dict[str, Any]:
-    """Plans and stores a throw into a bin that passes, seen now; it starts `starts_in_s` [s] from now at the soonest."""
+    """Plans and stores a throw into a bin that passes, seen now, with its earliest start `starts_in_s` [s] from now."""
     now_s = rig.state()["t"]
     seen_m = (PASSES_M - (starts_in_s + 1.0) * np.array(BELT_M_S)).tolist()
     release = {"kind": "target", "position": seen_m, "velocity": BELT_M_S, "observed_at_s": now_s, "opening": BIN}
