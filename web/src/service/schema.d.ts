@@ -1696,7 +1696,7 @@ export interface components {
             landed_on: string | null;
             /**
              * Landing Error M
-             * @description Distance from the planned landing point [m].
+             * @description Distance from the planned landing point, as a target that moves carries it [m].
              * @default null
              */
             landing_error_m: number | null;
@@ -2973,6 +2973,11 @@ export interface components {
              */
             sample_rate_hz: number;
             solver: components["schemas"]["SolverAnswer"];
+            /**
+             * Starts At S
+             * @description When it must start, on the controller's clock [s]; only where its target moves.
+             */
+            starts_at_s?: number | null;
             /** @description Left out by `?trajectory=false`. */
             trajectory?: components["schemas"]["TrajectoryAnswer"] | null;
             /** @description Plans of earlier versions have none. */
@@ -3090,6 +3095,11 @@ export interface components {
              */
             sample_rate_hz: number;
             solver: components["schemas"]["SolverAnswer"];
+            /**
+             * Starts At S
+             * @description When it must start, on the controller's clock [s]; only where its target moves.
+             */
+            starts_at_s?: number | null;
             /** @description Left out by `?trajectory=false`. */
             trajectory?: components["schemas"]["TrajectoryAnswer"] | null;
             /** @description Plans of earlier versions have none. */
@@ -3186,6 +3196,11 @@ export interface components {
             /** @description Start of the launch; absent: the cell's home. */
             start?: components["schemas"]["StartRequest"] | null;
             /**
+             * Starts Not Before S
+             * @description Earliest start of a plan to a target that moves, on the controller's clock [s]. Absent: the service's: 2 s after it was asked.
+             */
+            starts_not_before_s?: number | null;
+            /**
              * Time Limit S
              * @description Time limit of the planner, from when it takes the request [s]; absent: 120. Where it passes before the search ends, the best motion so far can be the plan: its `solver.status` then says so.
              */
@@ -3269,6 +3284,11 @@ export interface components {
              */
             sample_rate_hz: number;
             solver: components["schemas"]["SolverAnswer"];
+            /**
+             * Starts At S
+             * @description When it must start, on the controller's clock [s]; only where its target moves.
+             */
+            starts_at_s?: number | null;
             /** @description Plans of earlier versions have none. */
             way_home?: components["schemas"]["WayHomeAnswer"] | null;
         };
@@ -4558,6 +4578,11 @@ export interface components {
              * @description Minimum horizontal distance from the release to the target [m].
              */
             min_horizontal_distance_m?: number | null;
+            /**
+             * Observed At S
+             * @description When it was at `position`, on the controller's clock (RTDE `timestamp`) [s].
+             */
+            observed_at_s?: number | null;
             /** @description The bin around the target: the object enters through its mouth, clear of rim and wall. */
             opening?: components["schemas"]["OpeningRequest"] | null;
             /**
@@ -4570,6 +4595,11 @@ export interface components {
              * @description Position of the release, in `frame` [m]; absent: free.
              */
             release_position?: number[] | null;
+            /**
+             * Velocity
+             * @description Velocity of the target and its bin, in `frame` [m/s]; level. Absent: it stands still.
+             */
+            velocity?: number[] | null;
         };
         /**
          * TargetStatistics
