@@ -24,6 +24,7 @@ from pydantic import BeforeValidator
 from api.cell_repository import CellRepository
 from api.execution_feed import ExecutionFeeds
 from api.http import Caller, ProblemDetails, TokenRegistry, WrongTokens, client_address, invalid_fields
+from api.leads import Leads
 from api.metrics import Metrics
 from api.planning import BatchDrivers, MapDrivers, PlanningLine
 from api.schemas import ID_PATTERN
@@ -57,6 +58,7 @@ class Service:
     feeds: ExecutionFeeds
     stopping: Stopping
     probe: StoreProbe
+    leads: Leads = field(default_factory=Leads)
     wrong_tokens: WrongTokens = field(default_factory=WrongTokens)
 
     def cell(self, name: str) -> Cell:

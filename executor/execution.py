@@ -29,9 +29,9 @@ from planner.approach import Approach, find_approach, jog_advice, obstacle_words
 from planner.certificate import Check, release_flight
 from planner.controller_program import NoProgram
 from planner.passages import passed_until
-from planner.problem import ThrowProblem
+from planner.problem import SWEPT_S, ThrowProblem
 from planner.trajectory import Trajectory
-from store import ExecutionRow, ProfileRow, new_id
+from store import TICK_PASSED, ExecutionRow, ProfileRow, new_id
 
 SAFETY_WAIT_S = 0.2  # [s] after a fault, for a state that is newer than the fault
 MONITOR_WAIT_S = 1.0  # [s] longest wait for it: the machine may be busy, the link may be gone
@@ -82,6 +82,7 @@ class Execution:
             raise ExecutionRefused("the controller stopped sending its state")
         pace = session.settings.approach_pace
         approach, failures = self._approach(state, pace)
+        self._check_start(state, approach)
         if not approach.is_straight and approach.trajectory is not None:
             duration_s = approach.trajectory.duration_s
             self.note(f"planned approach of {duration_s:.1f} s; a straight move: {obstacle_words(failures)}")
@@ -94,6 +95,32 @@ class Execution:
             return prepare_job(self.problem, self.trajectory, approach, *how, gripper_fd)
         except NoProgram as error:
             raise ExecutionRefused(str(error)) from error
+
+    def _check_start(self, state: RobotState, approach: Approach) -> None:
+        """Refuses a plan that starts at an instant which the arm cannot reach, or has to wait for too long.
+
+        While it waits, the arm keeps out of the path of the bin: `SWEPT_S` before the landing.
+
+        Raises:
+            ExecutionRefused: by how much.
+        """
+        starts_at_s = self.problem.starts_at_s
+        if starts_at_s is None:
+            return
+        if self.row.mode == "script":
+            raise ExecutionRefused("the plan starts at an instant: a program in the controller does not wait for it")
+        left_s = starts_at_s - state.timestamp_s - (time.monotonic() - state.seen_at)
+        if left_s < approach.duration_s:
+            lacks_s = approach.duration_s - left_s
+            reason = (
+                f"the arm is at the plan's start {lacks_s:.2f} s after it was to begin, and its target has moved on"
+            )
+            raise ExecutionRefused(f"too late: {reason}")
+        flight = release_flight(self.problem, self.trajectory)
+        flies_s = 0.0 if flight is None else flight.time_of_flight_s
+        longest_s = SWEPT_S[0] - self.trajectory.release_time_s - flies_s
+        if left_s > longest_s:
+            raise ExecutionRefused(f"too early: the plan starts in {left_s:.1f} s, and waits for {longest_s:.1f} s")
 
     @property
     def motion(self) -> Motion:
@@ -147,7 +174,7 @@ class Execution:
         self.motions.append(found.motion)
         begins_s = found.motion.joins_s or 0.0
         if not run.offer(found.job):
-            why = {shm.STREAMING: "tick passed while the plan was certified", shm.BRAKING: "the motion brakes"}
+            why = {shm.STREAMING: f"{TICK_PASSED} while the plan was certified", shm.BRAKING: "the motion brakes"}
             late = why.get(run.state, "the motion has ended")
             raise CannotJoin(f"{late}: it would have begun at {begins_s:.3f} s")
         if self.session.cell.link.kind == "sim":

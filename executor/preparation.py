@@ -102,6 +102,7 @@ def prepare_job(
         gripper_fd=gripper_fd,
         opens_in_s=0.0 if gripper.link is None else gripper.delay_s + LATE_STD * gripper.jitter_s + REPORT_S,
         landing=landing if problem.throws else None,
+        starts_at_s=problem.starts_at_s,
         approach=None if approach is None else _approach_rows(approach, dead_man_s),
         qd_max=cell.robot.qd_max.tolist(),
         acceleration=float(np.min(cell.robot.qdd_max)),

@@ -33,7 +33,7 @@ from planner.passages import OutputEdge, Passage, output_edges
 from planner.problem import ThrowProblem
 from planner.releases import JointRelease
 from planner.trajectory import Trajectory
-from store import ProfileRow
+from store import TICK_PASSED, ProfileRow
 
 Vector = NDArray[np.float64]
 
@@ -269,7 +269,8 @@ def _join_tick(running: Trajectory, new: Motion, first: int) -> int:
     if len(meets):
         passed_s = (first - int(meets[-1])) * running.dt
         at_s = int(meets[-1]) * running.dt
-        raise CannotJoin(f"tick passed: the plan begins at {at_s:.3f} s of the motion, which is {passed_s:.3f} s ago")
+        late = f"the plan begins at {at_s:.3f} s of the motion, which is {passed_s:.3f} s ago"
+        raise CannotJoin(f"{TICK_PASSED}: {late}")
     nearest = int(off[0].argmin())
     wrong = [
         f"{name} by {size:.3g} {unit}"

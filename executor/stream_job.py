@@ -169,6 +169,7 @@ class StreamJob(JobRows):
         core: processor of the stream; -1: any.
         priority: SCHED_FIFO priority.
         daemon_silent_s: longest accepted silence of the daemon [s].
+        starts_at_s: when its plan starts, on the controller's clock [s]; None: when it is executed.
         joins_row: of a job that replaces another, the first row that is not the other's.
     """
 
@@ -199,6 +200,7 @@ class StreamJob(JobRows):
     core: int
     priority: int
     daemon_silent_s: float
+    starts_at_s: float | None = None
     joins_row: int = 0
 
     def stop_levels(self, sent: int, reached: int = -1) -> list[SwitchRow]:

@@ -178,6 +178,21 @@ class Client:
         plan_id = plan if isinstance(plan, str) else plan.id
         return self.post(f"/executions/{execution_id}/replace", {"plan_id": plan_id})
 
+    def retarget(self, cell: str, request: Request, **options: Unpack[Options]) -> Plan:
+        """Gives the running motion of a cell another target, and returns the plan that has joined it.
+
+        Args:
+            cell: name of the cell.
+            request: as of `plan`, without cell and start.
+            options: what the request states beside the release.
+
+        Raises:
+            ServiceRefusal: nothing joins, and the running plan goes on untouched.
+        """
+        from fling.plans import Plan
+
+        return Plan(self.post(f"/cells/{cell}/retarget", dict(request_of(request, options))))
+
     def abort(self, execution_id: str = "latest") -> dict[str, Any]:
         """Asks for the brake and returns the execution. Not a safety function.
 

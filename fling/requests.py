@@ -41,6 +41,7 @@ class Options(TypedDict, total=False):
     release_window_s: float  # [s]
     landing_tolerance_m: float  # [m]
     min_hit_probability: float  # [-] for the service: the library plans without odds
+    starts_not_before_s: float  # [s] to a target that moves, on the controller's clock
     time_limit_s: float  # [s]
 
 
@@ -134,6 +135,8 @@ class Target:
         min_horizontal_distance_m: least horizontal distance from the release to the target [m].
         release_position: where to let go (3,) [m].
         orientation: how an object that is no ball lands: `axis` (3,) and `tolerance_rad`.
+        velocity: of a place that moves, with its bin (3,) [m/s]; level.
+        observed_at_s: when it was at `position`, on the controller's clock [s].
     """
 
     kind: ClassVar[str] = "target"
@@ -145,6 +148,8 @@ class Target:
     min_horizontal_distance_m: float | None = None
     release_position: Numbers | None = None
     orientation: Mapping[str, Any] | None = None
+    velocity: Numbers | None = None
+    observed_at_s: float | None = None
 
     def as_document(self) -> dict[str, Any]:
         """Returns the release as JSON."""

@@ -118,7 +118,8 @@ def _evidence(store: Store, cell: Cell, arm: StreamedArm, row: ExecutionRow) -> 
     landings = [] if _in_the_way(numbers) else reported
     observed = outcome = unused = deviation = None
     if landings:
-        table = throw_table(problem, trajectory, off)
+        told_place = _position(landings) is not None  # in the world; otherwise whether the target was hit
+        table = throw_table(problem, trajectory, off, beside_target=not told_place)
         lead = trajectory.release_time_s - float(sent)
         observed, outcome = _seen(table, lead, asked.target, landings, is_recorded=bool(columns))
     if reported and observed is None and outcome is None:

@@ -65,7 +65,7 @@ class CellKnowledge:
         lag = problem.cell.timing.lag_s
         exact = lag == self.arm.lag_s and bool((self.arm.gain == 1.0).all())
         off = None if exact else self.arm.deviation(trajectory, lag, table_times(trajectory.release_time_s))
-        table = throw_table(problem, trajectory, off)
+        table = throw_table(problem, trajectory, off, beside_target=True)
         return forecast(self.release, self.speeds, table, problem.cell.gripper.delay_s + lag)
 
 

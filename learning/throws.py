@@ -8,12 +8,12 @@ at these speeds).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from planner.arrays import Array, Index
-from planner.certificate import landing_height
+from planner.certificate import landing_height, release_flight
 from planner.flight import drag_constant, landing_points
 from planner.geometry import tool_pose
 from planner.kinematics import jacobian
@@ -40,6 +40,8 @@ class ThrowTable:
         plane_z: height of the landing plane [m].
         gravity: [m/s^2].
         p_WB: base of the arm, about which a base that is turned turns the landing (2,) [m].
+        carried: velocity of a target that moves, beside which the landing counts (2,) [m/s].
+        flight_s: planned time of flight [s].
     """
 
     p_WT: Array
@@ -49,6 +51,8 @@ class ThrowTable:
     plane_z: float
     gravity: float
     p_WB: Array
+    carried: Array = field(default_factory=lambda: np.zeros(2))
+    flight_s: float = 0.0
 
     def deviated(self, qd: Array) -> ThrowTable:
         """Returns the table of an arm whose speeds are off by `qd` (6,) or (m, 6) [rad/s]."""
@@ -66,13 +70,19 @@ def table_times(release_time_s: float) -> Array:
     return np.asarray(release_time_s + STEP_S * np.arange(-n, n + 1), float)
 
 
-def throw_table(problem: ThrowProblem, trajectory: Trajectory, off: tuple[Array, Array] | None = None) -> ThrowTable:
+def throw_table(
+    problem: ThrowProblem,
+    trajectory: Trajectory,
+    off: tuple[Array, Array] | None = None,
+    beside_target: bool = False,
+) -> ThrowTable:
     """Returns the table of a plan; before the motion's start and after its end the arm stands.
 
     Args:
         problem: of the plan.
         trajectory: of the plan.
         off: by how much the recorded arm differs: positions (m, 6) [rad] and speeds (m, 6) [rad/s] at `table_times`.
+        beside_target: whether landings count as a target that moves carries them.
     """
     cell = problem.cell
     q, qd, _ = trajectory.at(table_times(trajectory.release_time_s))
@@ -84,7 +94,13 @@ def throw_table(problem: ThrowProblem, trajectory: Trajectory, off: tuple[Array,
     v = (J @ qd[..., None])[..., 0]
     height = landing_height(problem, trajectory)
     by_drag = _effect_of_drag(problem, p, problem.release_speed_factor * v, height)
-    return ThrowTable(p, qd, J, by_drag, height, problem.gravity, cell.X_WB[:2, 3])
+    table = ThrowTable(p, qd, J, by_drag, height, problem.gravity, cell.X_WB[:2, 3])
+    if problem.moving is None or not beside_target:
+        return table
+    flight = release_flight(problem, trajectory)
+    if flight is None:
+        return table
+    return replace(table, carried=problem.moving.v_W[:2], flight_s=flight.time_of_flight_s)
 
 
 def _effect_of_drag(problem: ThrowProblem, p: Array, v: Array, height: float) -> Array:
@@ -133,12 +149,16 @@ class Throws:
         self.gravity = np.array([table.gravity for table in tables])
         self.p_WB = np.stack([table.p_WB for table in tables])
         self.J = np.stack([table.J for table in tables])
+        self.carried = np.stack([table.carried for table in tables])
+        self.flight_s = np.array([table.flight_s for table in tables])
 
     def __len__(self) -> int:
         return len(self.p)
 
     def landings(self, c: Circumstances, dv: Array | float = 0.0) -> Array:
         """Returns the landing points (…, n, 2) [m]; `dv` (…, n, 3) [m/s] is added to the tool's velocity.
+
+        Beside a target that moves they are as it carries them: less its way since the planned landing.
 
         An object that is thrown so that it never rises to the plane lands below its release.
         """
@@ -150,7 +170,10 @@ class Throws:
         t = (v[..., 2] + np.sqrt(np.maximum(v[..., 2] ** 2 + 2.0 * self.gravity * height, 0.0))) / self.gravity
         flat = p[..., :2] + v[..., :2] * np.maximum(t, 0.0)[..., None]
         flat = flat + np.asarray(c.drag)[..., None] * self.by_drag_at(c.late_s)
-        return self.p_WB + _turned(flat - self.p_WB, c.turn) + c.offset
+        flat = self.p_WB + _turned(flat - self.p_WB, c.turn) + c.offset
+        if not self.carried.any():
+            return flat
+        return flat - self.carried * (np.asarray(c.late_s) + t - self.flight_s)[..., None]
 
     def by_joint_speed(self, late_s: Array, factor: Array) -> Array:
         """Returns the landing's derivatives by the joint velocities (…, n, 2, 6) [m s] at a release time."""
@@ -163,7 +186,8 @@ class Throws:
         root = np.sqrt(np.maximum(v[..., 2] ** 2 + 2.0 * self.gravity * height, 1e-6))
         t = (v[..., 2] + root) / self.gravity
         by_v_z = t / root  # of the flight time
-        return t[..., None, None] * J[..., :2, :] + (v[..., :2] * by_v_z[..., None])[..., None] * J[..., 2:, :]
+        flat = v[..., :2] - self.carried
+        return t[..., None, None] * J[..., :2, :] + (flat * by_v_z[..., None])[..., None] * J[..., 2:, :]
 
     def by_drag_at(self, late_s: Array) -> Array:
         """Returns the landing's change by the drag coefficient (…, n, 2) [m] at a release time."""

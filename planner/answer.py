@@ -88,6 +88,7 @@ def plan_document(plan: Plan, request: Mapping[str, Any], plan_id: str, created_
         "sample_rate_hz": trajectory.sample_rate_hz,
         "duration_s": trajectory.duration_s,
         **_passed(plan.problem, trajectory),
+        **({} if plan.problem.starts_at_s is None else {"starts_at_s": plan.problem.starts_at_s}),
         "flight": _flight(plan.problem, trajectory),
         "way_home": {"duration_s": plan.way_home.duration_s},
         "trajectory": _samples(cell, trajectory),
@@ -291,7 +292,22 @@ def plan_from_document(document: Mapping[str, Any], cell: Cell) -> tuple[ThrowPr
         )
     except (KeyError, IndexError, ValueError, TypeError) as error:
         raise InvalidProblem([FieldError("trajectory", str(error))]) from error
-    return problem, trajectory
+    return _met(problem, trajectory, document.get("starts_at_s")), trajectory
+
+
+def _met(problem: ThrowProblem, trajectory: Trajectory, starts_at_s: float | None) -> ThrowProblem:
+    """Returns the problem with a target that moves where it is as the object of a plan lands.
+
+    Raises:
+        InvalidProblem: the plan does not say when it starts.
+    """
+    if problem.moving is None:
+        return problem
+    flight = release_flight(problem, trajectory)
+    if flight is None or starts_at_s is None:
+        raise InvalidProblem([FieldError("starts_at_s", "is missing, or the object does not come down")])
+    lands_at_s = starts_at_s + trajectory.release_time_s + flight.time_of_flight_s
+    return replace(problem.met_at(lands_at_s), starts_at_s=starts_at_s)
 
 
 def aim_shift(document: Mapping[str, Any]) -> Array:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from planner.answer import Plan
-from planner.errors import Infeasible, SolverFailed, Violation
+from planner.certificate import certify, release_flight
+from planner.errors import TIME_LIMIT, Infeasible, SolverFailed, Violation
 from planner.problem import TIME_LIMIT_S, ThrowProblem
 from planner.progress import SILENT, ProgressMeter
 from planner.refusal import nearest_problem, of_candidates, refuse_impossible
@@ -42,6 +44,12 @@ class SearchHints:
 
 
 ORDINARY = SearchHints()
+# [s] Landings of throws at a target that moves: the first one after the earliest start leaves room for most launches
+# and flights (0.5 to 0.8 s on the shipped cells); while there is none, later ones.
+FIRST_LANDING_S = 0.8
+LANDING_STEP_S = 0.5
+LANDINGS_MAX = 12
+SPARE_S = 0.05  # [s] for a motion that takes a little longer to where the target is then
 NEAREST_ATTEMPT = "nearest"
 NEAREST_CUT_SHORT = "time_limit_s passed before every nearer request was tried"
 NO_RELEASE_STATE = "no release state was found"
@@ -62,6 +70,54 @@ def plan(problem: ThrowProblem, hints: SearchHints = ORDINARY) -> Plan:
         SolverFailed: the time limit ended the search before that; carries the same.
         BackendUnavailable: the requested back end is not installed.
     """
+    return _search(problem, hints) if problem.moving is None else _plan_to_meet(problem, hints)
+
+
+def _plan_to_meet(problem: ThrowProblem, hints: SearchHints) -> Plan:
+    """Returns the best certified motion to a target that moves, with the instant at which it starts.
+
+    It is the throw to where the target is at the landing, begun as long before: at the first of the landings tried, for
+    which there is one. Before its start it waits.
+
+    Raises:
+        PlannerError: as of `plan`, for the last landing that was tried.
+    """
+    assert problem.starts_not_before_s is not None
+    earliest_s = problem.starts_not_before_s
+    ends_s = time.perf_counter() + problem.time_limit_s
+    hints = replace(hints, offers_nearest=False)
+    refusal: Infeasible = Infeasible(())
+    lands_at_s = earliest_s + FIRST_LANDING_S
+    for _ in range(LANDINGS_MAX):
+        left_s = ends_s - time.perf_counter()
+        if left_s <= 0.0:
+            raise SolverFailed(TIME_LIMIT, violations=refusal.violations)
+        try:
+            found = _search(replace(problem.met_at(lands_at_s), time_limit_s=left_s), hints)
+        except Infeasible as refused:
+            refusal = refused
+            lands_at_s += LANDING_STEP_S
+            continue
+        flight = release_flight(found.problem, found.trajectory)
+        assert flight is not None  # the certificate has followed it
+        takes_s = found.trajectory.release_time_s + flight.time_of_flight_s
+        if lands_at_s - takes_s >= earliest_s:
+            return _starting(found, lands_at_s - takes_s, problem.time_limit_s)
+        lands_at_s = earliest_s + takes_s + SPARE_S
+    raise refusal
+
+
+def _starting(found: Plan, starts_at_s: float, time_limit_s: float) -> Plan:
+    """Returns a plan that starts at an instant of the controller's clock [s], certified for that."""
+    problem = replace(found.problem, starts_at_s=starts_at_s, time_limit_s=time_limit_s)
+    certificate = certify(problem, found.trajectory)
+    if not certificate.valid:
+        raise Infeasible([Violation("landing", math.inf, 0.0, "m", detail="bug in Fling: the target is not met")])
+    return replace(found, problem=problem, certificate=certificate)
+
+
+def _search(problem: ThrowProblem, hints: SearchHints) -> Plan:
+    """Returns the best certified motion of one search; raises as `plan` does."""
     load_libraries(problem.backend)
     begun_s = time.perf_counter()
     search = PlanningSearch(problem, begun_s + problem.time_limit_s, tell=hints.meter.step)

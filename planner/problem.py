@@ -11,7 +11,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from planner.arrays import Array, Mask
-from planner.cell import STANDING_RAD, Box, Cell, Limits, Solid, ThrownBody
+from planner.cell import STANDING_RAD, Box, Cell, Limits, Solid, ThrownBody, shape_of
 from planner.errors import FieldError, InvalidProblem
 from planner.flight import drag_constant
 from planner.geometry import (
@@ -27,7 +27,7 @@ from planner.geometry import (
 )
 from planner.passages import Passage, passage_errors, with_main_state
 from planner.releases import JointRelease, Opening, PointRelease, PoseRelease, Release, Target, TargetRelease
-from planner.rotations import unit_hint
+from planner.rotations import pose, rotation_vector_to_matrix, unit_hint
 from planner.touchdown import Leaving, Touchdowns
 
 __all__ = [
@@ -52,6 +52,9 @@ ROUNDING = 1e-7  # [-] share of a limit by which a start may exceed it: the cert
 TIME_LIMIT_S = 120.0
 TIME_LIMIT_MAX_S = 120.0  # [s] longest time that one request may occupy a planner
 JITTER_DEVIATIONS = 3.0  # [-] of the gripper's opening that a throw should stand: 99.7 % of normal delays
+# [s] before and after the landing, for which the arm keeps out of the path of a bin that moves: an execution waits
+# for its start within the first, and a motion is at rest within the second.
+SWEPT_S = (10.0, 2.0)
 BINS_KEPT = 32  # [-] cells with a bin of late
 
 
@@ -75,6 +78,8 @@ class ThrowProblem:
             that [m]. The bin stands about the real one.
         passages: the states to pass one after another; empty: the release alone.
         end: state at rest in which the motion ends; None: anywhere.
+        starts_not_before_s: earliest start, where the target moves [s, controller's clock].
+        starts_at_s: the start of a plan to such a target, None before there is one [s, controller's clock].
 
     Raises:
         InvalidProblem: every field that contradicts another field or the cell.
@@ -94,10 +99,13 @@ class ThrowProblem:
     end: Release | None = None
     start_qd: Array = field(default_factory=lambda: np.zeros(6))
     start_qdd: Array = field(default_factory=lambda: np.zeros(6))
+    starts_not_before_s: float | None = None
+    starts_at_s: float | None = None
 
     def __post_init__(self) -> None:
         errors = [*_limit_errors(self.limits, self.cell), *_start_errors(*self.start_state, self.limits)]
         errors += passage_errors(self.passages, self.cell) if self.passages else self.release.errors(self.cell)
+        errors += self._errors_of_moving_target()
         if self.backend not in BACKENDS:
             errors.append(FieldError("backend", f"{self.backend!r} is not one of {', '.join(BACKENDS)}"))
         elif self.is_chain and self.backend not in CHAIN_BACKENDS:
@@ -111,6 +119,33 @@ class ThrowProblem:
         if errors:
             raise InvalidProblem(errors)
 
+    def _errors_of_moving_target(self) -> list[FieldError]:
+        """Returns what a target that moves lacks, or does not go together with."""
+        if self.target is None or not self.target.moves:
+            return []
+        errors = []
+        if self.starts_not_before_s is None:
+            reason = "is missing: a target that moves needs the earliest start on the controller's clock"
+            errors.append(FieldError("starts_not_before_s", reason))
+        if self.passages:
+            errors.append(FieldError("passages", "hit no target that moves: give it as the release alone"))
+        if not self.starts_at_rest:
+            errors.append(FieldError("start", "is in motion: it cannot wait for a target that moves"))
+        return errors
+
+    @cached_property
+    def moving(self) -> Target | None:
+        """The target, if it moves."""
+        target = self.target
+        return target if target is not None and target.moves else None
+
+    def met_at(self, at_s: float) -> ThrowProblem:
+        """Returns the problem with a target that moves where it is at a time [s, controller's clock]."""
+        target = self.target
+        assert target is not None
+        p_W = target.p_W + (at_s - target.at_s) * target.v_W
+        return self.with_release(self.release.with_target(replace(target, p_W=p_W, at_s=at_s)))
+
     @cached_property
     def reachable(self) -> Limits:
         """The limits, with joint positions that self-collision makes unreachable from the start excluded."""
@@ -122,7 +157,8 @@ class ThrowProblem:
     def cell_with_bin(self) -> Cell:
         """The cell as arm, tool and held object find it: a request's bin is one more keep-out box.
 
-        The block that surrounds the bin, from its bottom to its rim: no part of the arm has business inside.
+        The block that surrounds the bin, from its bottom to its rim: no part of the arm has business inside. Of a bin
+        that moves, the block that it passes through from `SWEPT_S` before the landing to after it.
         """
         target = self.target
         if target is None or target.opening is None:
@@ -132,6 +168,8 @@ class ThrowProblem:
         aside = np.array([radius, radius, 0.0])
         top = np.array([radius, radius, rim])
         stands = target.p_W - self.aim_shift
+        if target.moves:
+            return _cell_with_path(self.cell, (*stands,), (*target.v_W,), radius, rim)
         return _cell_with_block(self.cell, (*(stands - aside),), (*(stands + top),))
 
     @property
@@ -364,6 +402,22 @@ def _cell_with_block(cell: Cell, lower: tuple[float, ...], upper: tuple[float, .
     block = Box(np.array(lower), np.array(upper), "bin")
     around = cell.surroundings
     return replace(cell, surroundings=replace(around, keep_out=(*around.keep_out, block)))
+
+
+@lru_cache(maxsize=BINS_KEPT)
+def _cell_with_path(
+    cell: Cell, stands: tuple[float, ...], v_W: tuple[float, ...], radius_m: float, rim_m: float
+) -> Cell:
+    """Returns the cell with one more keep-out box: the path of a bin that moves and is met at `stands`."""
+    before_s, after_s = SWEPT_S
+    speed = float(np.hypot(v_W[0], v_W[1]))
+    angle = float(np.arctan2(v_W[1], v_W[0]))
+    length = speed * (before_s + after_s) + 2.0 * radius_m
+    middle = np.array(stands) + 0.5 * (after_s - before_s) * np.array(v_W) + np.array([0.0, 0.0, 0.5 * rim_m])
+    X_WC = pose(middle, rotation_vector_to_matrix([0.0, 0.0, angle]))
+    path = shape_of("box", X_WC, np.array([length, 2.0 * radius_m, rim_m]), "bin")
+    around = cell.surroundings
+    return replace(cell, surroundings=replace(around, keep_out=(*around.keep_out, path)))
 
 
 def _limit_errors(limits: Limits, cell: Cell) -> list[FieldError]:

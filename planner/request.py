@@ -37,7 +37,14 @@ from planner.problem import (
 )
 from planner.releases import KINDS, Release, Target, release_document
 
-__all__ = ["PLAN_REQUEST", "problem_from_request", "read_request", "release_document", "request_document"]
+__all__ = [
+    "PLAN_REQUEST",
+    "RETARGET_REQUEST",
+    "problem_from_request",
+    "read_request",
+    "release_document",
+    "request_document",
+]
 
 WINDOW_MAX_S = 0.2  # [s] longest release window
 TOLERANCE_MAX_M = 10.0  # [m] largest landing tolerance
@@ -153,6 +160,11 @@ PLAN_REQUEST = Record(
             "planned where the soonest does not reach it: windows in steps of what is known of the release's timing, "
             "then slower throws; `infeasible` where none of them does.",
         ),
+        "starts_not_before_s": Field(
+            Number(0.0),
+            "Earliest start of a plan to a target that moves, on the controller's clock [s]. Absent: the service's: "
+            "2 s after it was asked.",
+        ),
         "time_limit_s": Field(
             Number(above=0.0, most=TIME_LIMIT_MAX_S),
             "Time limit of the planner, from when it takes the request [s]; absent: 120. Where it passes before the "
@@ -162,19 +174,33 @@ PLAN_REQUEST = Record(
     _check_motion,
 )
 
+_GIVEN = {
+    "starts_not_before_s": "is for a start at rest",
+    "cell": "is named by the path",
+    "start": "is the state of the running motion",
+}
+RETARGET_REQUEST = Record(
+    "RetargetRequest",
+    "What a running motion is to do instead: a request for a plan whose cell and start are given.",
+    {name: field for name, field in PLAN_REQUEST.fields.items() if name not in _GIVEN},
+    _check_motion,
+    _GIVEN,
+)
 
-def read_request(document: Any, path: str = "") -> dict[str, Any]:
+
+def read_request(document: Any, path: str = "", record: Record = PLAN_REQUEST) -> dict[str, Any]:
     """Returns a request in plain Python types: null fields left out, defaults filled in.
 
     Args:
         document: JSON of `POST /plan`.
         path: of the request in a larger document.
+        record: what it may hold.
 
     Raises:
         InvalidProblem: every refused field with its reason.
     """
     errors: list[FieldError] = []
-    asked = PLAN_REQUEST.read(document, path, errors)
+    asked = record.read(document, path, errors)
     if errors:
         raise InvalidProblem(errors)
     return asked
@@ -218,6 +244,7 @@ def problem_from_request(request: Mapping[str, Any], cell: Cell) -> ThrowProblem
         landing_tolerance_m=tolerance_m,
         backend=asked["backend"],
         time_limit_s=asked.get("time_limit_s", TIME_LIMIT_S),
+        starts_not_before_s=asked.get("starts_not_before_s"),
         passages=passages,
         end=end_from_json(asked["end"], cell.home, X_WR) if "end" in asked else None,
     )
@@ -241,6 +268,7 @@ def request_document(problem: ThrowProblem, release: Release) -> dict[str, Any]:
         "release_window_s": problem.release_window_s,
         "landing_tolerance_m": problem.landing_tolerance_m,
         "time_limit_s": problem.time_limit_s,
+        **({"starts_not_before_s": problem.starts_not_before_s} if problem.moving is not None else {}),
     }
 
 

@@ -139,15 +139,17 @@ def place_bin(simulation: Simulation, request: Document | None) -> None:
     """
     world = simulation.controller.workcell.world
     if request is None:
-        world.bin = None
+        world.place_bin(None)
         return
     try:
         x, y, z = map(float, request["bottom_m"])
-        placed = RoundBin((x, y, z), float(request["radius_m"]), float(request["rim_height_m"]))
+        vx, vy, vz = map(float, request.get("velocity_m_s", (0.0, 0.0, 0.0)))
+        sizes = float(request["radius_m"]), float(request["rim_height_m"])
+        placed = RoundBin((x, y, z), *sizes, (vx, vy, vz), float(request.get("at_s", 0.0)))
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise BadRequest("a bin needs bottom_m [x, y, z], radius_m and rim_height_m [m]") from error
-    if not all(map(math.isfinite, (x, y, z, placed.radius_m, placed.rim_height_m))):
+    if not all(map(math.isfinite, (x, y, z, vx, vy, vz, *sizes, placed.at_s))):
         raise BadRequest("the numbers of a bin must be finite")
     if placed.radius_m <= 0.0 or placed.rim_height_m < 0.0:
         raise BadRequest("a bin's radius_m must be above 0, its rim_height_m not below 0")
-    world.bin = placed
+    world.place_bin(placed)

@@ -41,6 +41,8 @@ GRIPPER_BOUNDS = {
 OUTPUT_BOUNDS = {"delay_s": (0.0, 1.0), "jitter_s": (0.0, 0.1)}
 RELEASE_BOUNDS = {"speed_factor": (0.0, 1.5), "cling_share": (0.0, 1.0), "cling_speed_factor": (0.0, 1.5)}
 CAMERA_BOUNDS = {"std_m": (0.0, 1.0), "outlier_share": (0.0, 1.0), "outlier_std_m": (0.0, 10.0)}
+BELT_FAR_M = 100.0  # [m]
+BELT_FAST_M_S = 5.0  # [m/s]
 CUT_STD = 3.0  # [-] standard deviations below the mean at which an opening would be before its output: 1 in 1,000
 
 SixNumbers = tuple[float, ...]
@@ -167,6 +169,21 @@ class CameraNoise:
 
 
 @dataclass(frozen=True)
+class BeltMotion:
+    """How a belt really carries the bins, wherever they were announced.
+
+    Attributes:
+        position_m: of a bin's bottom at `at_s` (3,) [m].
+        velocity_m_s: (3,) [m/s].
+        at_s: the controller's time [s].
+    """
+
+    position_m: tuple[float, float, float]
+    velocity_m_s: tuple[float, float, float]
+    at_s: float
+
+
+@dataclass(frozen=True)
 class Truth:
     """How a simulated cell really behaves.
 
@@ -176,6 +193,7 @@ class Truth:
         outputs: of the cell's `[outputs]`, by name.
         drag_coefficient: of the object [-].
         mass_kg: of the object [kg].
+        belt: that carries the bins; None: they are where they are announced, and move as that says.
         hidden: whether clients learn only what a real controller and a camera tell.
     """
 
@@ -188,6 +206,7 @@ class Truth:
     arm: ArmDeviation
     camera: CameraNoise
     outputs: Mapping[str, OutputTiming]
+    belt: BeltMotion | None = None
     hidden: bool = False
 
 
@@ -241,6 +260,7 @@ def _defaults(cell: Cell) -> dict[str, Any]:
         },
         "outputs": {name: {"delay_s": None, "jitter_s": each.jitter_s} for name, each in cell.outputs.items()},
         "camera": {"std_m": 0.0, "outlier_share": 0.0, "outlier_std_m": 0.0},
+        "belt": {"position_m": None, "velocity_m_s": [0.0] * 3, "at_s": 0.0},
     }
 
 
@@ -261,8 +281,18 @@ def _truth(document: Mapping[str, Any], cell: Cell, hidden: bool) -> Truth:
         arm=_arm(document["arm"]),
         camera=CameraNoise(**_numbers(document["camera"], "camera.", CAMERA_BOUNDS)),
         outputs=_outputs(document["outputs"], cell, timing),
+        belt=_belt(document["belt"]),
         hidden=hidden,
     )
+
+
+def _belt(table: Mapping[str, Any]) -> BeltMotion | None:
+    """Returns the motion of the belt; None where no position is given."""
+    if table["position_m"] is None:
+        return None
+    x, y, z = vector(table, "position_m", "belt.", 3, -BELT_FAR_M, BELT_FAR_M).tolist()
+    vx, vy, vz = vector(table, "velocity_m_s", "belt.", 3, -BELT_FAST_M_S, BELT_FAST_M_S).tolist()
+    return BeltMotion((x, y, z), (vx, vy, vz), number(table, "at_s", "belt.", 0.0))
 
 
 def _outputs(tables: Mapping[str, Any], cell: Cell, timing: MotionTiming) -> dict[str, OutputTiming]:

@@ -5,7 +5,7 @@ URL. Times are seconds since the epoch.
 """
 
 from store.database import StoreError, StoreUnavailable, UnknownRow
-from store.executions import CellBusy
+from store.executions import TICK_PASSED, CellBusy
 from store.idempotency_and_audit import KeyTaken
 from store.many import BatchDriven, BatchLost
 from store.retention import Retention
@@ -34,6 +34,7 @@ from store.samples import join_plan, pack_samples, pack_trajectory, samples_of_c
 from store.store import Store
 
 __all__ = [
+    "TICK_PASSED",
     "AuditLine",
     "BatchDriven",
     "BatchLost",

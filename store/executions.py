@@ -15,6 +15,7 @@ from store.rows import AuditLine, EventRow, ExecutionRow, IdempotencyKey, Record
 from store.tables import cells, events, executions, experiments, plans, recordings
 
 LOST = "executor_lost"
+TICK_PASSED = "tick passed"  # how the reason of a refused replacement begins that came too late
 UNFINISHED = executions.c.state != "finished"
 
 
@@ -237,6 +238,11 @@ class ExecutionRepository(Repository):
         """Returns the events of an execution that follow event `after_id`, oldest first."""
         query = select(events).where(events.c.execution_id == execution_id, events.c.id > after_id)
         return self._rows(EventRow, query.order_by(events.c.id).limit(limit))
+
+    def newest_event(self, execution_id: str, kind: str) -> EventRow | None:
+        """Returns the newest event of a kind of an execution; None without one."""
+        query = select(events).where(events.c.execution_id == execution_id, events.c.kind == kind)
+        return self._row(EventRow, query.order_by(events.c.id.desc()).limit(1))
 
     def add_recording(self, execution_id: str, mcap: bytes, samples: bytes) -> None:
         """Stores the recording of an execution, with samples from `pack_samples`, and replaces an earlier one."""

@@ -26,6 +26,7 @@ COMMANDS = {
     "landing": ("landing", "landing", "Report where an object landed, or list the reports."),
     "report": ("report", "report", "A plan, an execution or an experiment as a self-contained HTML file."),
     "export": ("export", "export", "A plan as a URScript program for the pendant."),
+    "retarget": ("throw", "retarget", "Give a running throw another target."),
     "abort": ("throw", "abort", "Ask for the brake of a running execution."),
     "acknowledge": ("throw", "acknowledge", "Clear a latched fault, after checking the robot."),
     "robot": ("robot", "robot", "Power an arm, release its brakes, unlock a protective stop."),

@@ -130,6 +130,36 @@ def _target(position: Sequence[float], bin: tuple[float, float] | None) -> dict[
     return release | ({} if bin is None else {"opening": {"radius_m": bin[0], "rim_height_m": bin[1]}})
 
 
+@click.command(context_settings={"ignore_unknown_options": True})  # negative coordinates are not options
+@click.argument("position", nargs=3, type=Coordinate(), metavar="X Y Z")
+@cell_option(service=True)
+@click.option("--bin", nargs=2, type=Finite(), metavar="RADIUS RIM", help=BIN_HELP)
+@json_option
+@calls_service
+def retarget(
+    position: tuple[float, ...],
+    cell: str | None,
+    bin: tuple[float, float] | None,
+    as_json: bool,
+    client: ServiceClient,
+) -> None:
+    """Give the throw that runs another target: X Y Z [m, world frame].
+
+    It is planned from the earliest tick that can still be reached. Where that is too late, or there is no such throw,
+    the running one goes on untouched.
+    """
+
+    name = cell_of_service(client, cell)
+    plan = client.post(f"/cells/{name}/retarget?trajectory=false", {"release": _target(position, bin)})
+    if as_json:
+        click.echo(json.dumps(plan))
+        return
+    start = plan["request"]["start"]
+    place = ", ".join(f"{x:.3f}" for x in plan["flight"]["landing_point"])
+    release_s = start["at_s"] + plan["release_time_s"]
+    click.echo(f"joined at {start['at_s']:.3f} s of the motion; lets go at {release_s:.3f} s, to land at ({place}) m")
+
+
 @click.command()
 @cell_option(service=True)
 @calls_service

@@ -27,6 +27,7 @@ ACTIONS = {  # what is audited, by route; acts that succeed are audited by the s
     "/executions/{id}/landing/{landing}/withdraw": "withdraw",
     "/cells/{name}/acknowledge": "acknowledge",
     "/cells/{name}/robot": "robot",
+    "/cells/{name}/retarget": "replace",
     "/cells/{name}/profiles": "profile",
     "/cells/{name}/profiles/revert": "revert",
     "/profiles/{id}/adopt": "adopt",

@@ -11,6 +11,7 @@ from api.routes import (
     pages,
     plans,
     profiles,
+    retarget,
     robot,
 )
 
@@ -24,6 +25,7 @@ ROUTERS = (
     experiments.router,
     cells.router,
     robot.router,
+    retarget.router,
     maps.router,
     profiles.router,
     health.router,

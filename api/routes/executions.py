@@ -50,7 +50,7 @@ from api.schemas import (
 from fling import tracing
 from planner.cell import NAME_PATTERN, Cell
 from planner.errors import CellError
-from store import CellRow, ExecutionRow, PlanRow
+from store import AuditLine, CellRow, ExecutionRow, PlanRow
 
 router = APIRouter(route_class=StrictJsonRoute, tags=["executions"])
 
@@ -193,12 +193,32 @@ def replace_plan(
     """
     row = find_execution(service, id)
     plan = find_plan(service, body.plan_id, whole=False)
-    _check_executable(service, plan, body.plan_id)
+    row = join_plan(service, row, plan, body.plan_id, caller.name, origin.act(caller, "replace"))
+    return JSONResponse(_document(service, row), 202, {"Location": f"/executions/{row.id}"})
+
+
+def join_plan(
+    service: Service, row: ExecutionRow, plan: PlanRow, asked_for: str, who: str, audit: AuditLine
+) -> ExecutionRow:
+    """Has the executor go on with a plan; returns the execution once it has taken it.
+
+    Args:
+        service: the service.
+        row: the running execution.
+        plan: begins on its motion.
+        asked_for: id of the plan in the request, or `latest`.
+        who: asks.
+        audit: what is noted of it.
+
+    Raises:
+        ProblemDetails: The running plan goes on untouched.
+    """
+    _check_executable(service, plan, asked_for)
     if plan.cell != row.cell:
         raise ProblemDetails("cannot-join", f"the plan is for cell {plan.cell!r}, the execution runs on {row.cell!r}")
     if row.state in ("queued", "preparing", "finished"):
         raise ProblemDetails("cannot-join", f"the execution is {row.state}: there is no motion to join")
-    asked = service.store.request_replacement(row.id, plan.id, caller.name, origin.act(caller, "replace"))
+    asked = service.store.request_replacement(row.id, plan.id, who, audit)
     if asked is None:
         raise ProblemDetails("cannot-join", "it has ended, or another plan that is to replace it is being certified")
     row, answer = _replacement(service, row.id, asked)
@@ -207,7 +227,7 @@ def replace_plan(
         raise ProblemDetails("cannot-join", f"{what}: see 'replacements' of the execution")
     if answer["joins_s"] is None:
         raise ProblemDetails("cannot-join", answer["reason"])
-    return JSONResponse(_document(service, row), 202, {"Location": f"/executions/{row.id}"})
+    return row
 
 
 @router.post(

@@ -63,13 +63,16 @@ from jobs.pool import PoolBroken
 from planner.cell import Cell
 from planner.errors import CellError, PlannerError
 from planner.progress import Observer
-from store import IdempotencyKey, KeyTaken, PlanRow, ProfileRow, new_id
+from store import ExecutionRow, IdempotencyKey, KeyTaken, PlanRow, ProfileRow, new_id
 
 router = APIRouter(route_class=StrictJsonRoute, tags=["plans"])
 
 TOKEN_PROBLEMS = ("unauthenticated", "forbidden")
 POST_PROBLEMS = (*TOKEN_PROBLEMS, "invalid-request", "too-large", "unsupported-media-type")
-PLAN_PROBLEMS = ("not-found", "robot-not-ready", "infeasible", "overloaded", "solver-failed", "not-acceptable")
+SEARCH_PROBLEMS = ("not-found", "robot-not-ready", "infeasible", "overloaded", "solver-failed")
+START_IN_S = (
+    2.0  # [s] to plan a throw at a target that moves, to verify it and to start the stream: 1 s on a quiet machine
+)
 PlanId = Annotated[str, id_in_path("plan")]
 PageLimit = Annotated[int, Query(ge=1, le=200, description="Maximum length of the page."), PLAIN]
 PageCursor = Annotated[str | None, Query(description="`next_cursor` of the page before.", pattern=UUID_PATTERN)]
@@ -103,7 +106,7 @@ TRAJECTORY_ANSWER = {
     responses={
         200: {"model": PlanPreview, **EVENTS_ANSWER},
         **json_answer(201, PlanAnswer, "Solved, certified and stored."),
-        **problem_answers(*POST_PROBLEMS, *PLAN_PROBLEMS),
+        **problem_answers(*POST_PROBLEMS, *SEARCH_PROBLEMS, "not-acceptable"),
     },
 )
 async def make_plan(
@@ -127,7 +130,7 @@ async def make_plan(
     if store and profile is not None:
         raise invalid_field("profile", "belongs to store=false: a stored plan is of the profile that the cell uses")
     make = _preview if not store else _stored
-    asked = _Asked(body, service, key, origin.request_id, gone, trajectory, profile)
+    asked = PlanOrder(body, service, key, origin.request_id, gone, trajectory, profile)
     if preferred_media_type(accept, ("application/json", EVENTS)) == EVENTS:
         return event_stream(plan_events(request, partial(make, asked)), request.state.is_allowed)
     return await make(asked)
@@ -226,7 +229,7 @@ def cell_of_plan(service: Service, row: PlanRow) -> Cell:
 
 
 @dataclass(frozen=True)
-class _Asked:
+class PlanOrder:
     """A request for a plan, with what it came with."""
 
     body: Mapping[str, Any]
@@ -237,9 +240,13 @@ class _Asked:
     trajectory: bool
     profile_id: str | None = None  # None: the one that the cell uses
 
+    def starting(self, start: Mapping[str, Any]) -> PlanOrder:
+        """Returns it with another start."""
+        return replace(self, body={**self.body, "start": start})
 
-async def _stored(asked: _Asked, observer: Observer | None = None) -> Response:
-    """Answers a plan that is stored: that of the request, or of an earlier one with its idempotency key."""
+
+async def stored_plan(asked: PlanOrder, observer: Observer | None = None) -> PlanRow:
+    """Returns a plan that is stored: that of the request, or of an earlier one with its idempotency key."""
     service = asked.service
     id = None if asked.key is None else await run_in_threadpool(service.store.resource_of_key, asked.key)
     if id is None:
@@ -248,11 +255,17 @@ async def _stored(asked: _Asked, observer: Observer | None = None) -> Response:
         id = await run_in_threadpool(_store_plan, service, planned, asked.key)
     row = await run_in_threadpool(service.store.plan if asked.trajectory else service.store.plan_summary, id)
     assert row is not None  # retention deletes no young plan, and keys with their plans
+    return row
+
+
+async def _stored(asked: PlanOrder, observer: Observer | None = None) -> Response:
+    """Answers a plan that is stored."""
+    row = await stored_plan(asked, observer)
     content = row.document if asked.trajectory else row.summary
     return Response(content, 201, {"Location": f"/plans/{row.id}"}, "application/json")
 
 
-async def _preview(asked: _Asked, observer: Observer | None = None) -> Response:
+async def _preview(asked: PlanOrder, observer: Observer | None = None) -> Response:
     """Answers a plan and forgets it: no id, no `Location`, nothing to execute.
 
     Raises:
@@ -265,7 +278,7 @@ async def _preview(asked: _Asked, observer: Observer | None = None) -> Response:
     return Response(content, 200, media_type="application/json")
 
 
-async def _solve(asked: _Asked, observer: Observer | None, is_stored: bool = True) -> PlanRecord:
+async def _solve(asked: PlanOrder, observer: Observer | None, is_stored: bool = True) -> PlanRecord:
     """Returns the plan of a request, by a planner process.
 
     Args:
@@ -303,7 +316,7 @@ def _note_attempts(span: tracing.TracedSpan, planned: PlanRecord) -> None:
         span.event(attempt["backend"], result=attempt["result"], duration_s=attempt["duration_s"])
 
 
-def _planning_job(asked: _Asked, is_stored: bool) -> PlanningJob:
+def _planning_job(asked: PlanOrder, is_stored: bool) -> PlanningJob:
     """Returns the job for a worker."""
     service = asked.service
     name = asked.body.get("cell") or service.settings.default_cell
@@ -314,6 +327,8 @@ def _planning_job(asked: _Asked, is_stored: bool) -> PlanningJob:
         request["start"] = {"positions": _current_positions(service, name)}
     elif "execution" in start:
         request["start"] = _state_in_execution(service, name, start["execution"], start["at_s"])
+    if "velocity" in asked.body.get("release", {}) and "starts_not_before_s" not in asked.body:
+        request["starts_not_before_s"] = _controller_time_s(service, name) + START_IN_S
     version = service.note_cell_version(source)
     row = _profile(service, name, source.sha256, asked.profile_id)
     profile = None if row is None else (row.id, row.document)
@@ -335,6 +350,20 @@ def _profile(service: Service, cell: str, cell_sha256: str, id: str | None) -> P
     return row
 
 
+def _controller_time_s(service: Service, cell: str) -> float:
+    """Returns the time of a cell's controller now [s].
+
+    Raises:
+        ProblemDetails: No executor reports it.
+    """
+    row = service.store.cell_status(cell)
+    told_s: Any = row.robot.get("timestamp_s") if row is not None and row.is_alive else None
+    if row is None or told_s is None:
+        detail = f"no executor reports the controller's time of cell {cell!r}: give starts_not_before_s"
+        raise ProblemDetails("robot-not-ready", detail, cell=cell)
+    return float(told_s) + max(time.time() - row.heartbeat_at, 0.0)
+
+
 def _current_positions(service: Service, cell: str) -> list[float]:
     row = service.store.cell_status(cell)
     positions: Any = row.robot.get("positions") if row is not None and row.is_alive else None
@@ -354,6 +383,14 @@ def _state_in_execution(service: Service, cell: str, id: str, at_s: float) -> di
     if row.state == "finished" or row.cell != cell:
         what = "has ended" if row.state == "finished" else f"is of cell {row.cell!r}"
         raise invalid_field("start.execution", f"{row.id} {what}: no motion can begin on it")
+    state = running_state(service, row, at_s)
+    if state is None:
+        raise invalid_field("start.at_s", f"{at_s:g} s is after the end of the motion")
+    return {**state, "execution": row.id, "at_s": at_s}
+
+
+def running_state(service: Service, row: ExecutionRow, at_s: float) -> dict[str, Any] | None:
+    """Returns positions, velocities and accelerations of an execution's motion at a time; None after its end."""
     begins_s = 0.0
     plan_id = row.plan_id
     for each in row.joined:
@@ -365,9 +402,8 @@ def _state_in_execution(service: Service, cell: str, id: str, at_s: float) -> di
     motion = orjson.loads(plan.trajectory)
     tick = round((at_s - begins_s) * orjson.loads(plan.summary)["sample_rate_hz"])
     if tick >= len(motion["positions"]):
-        raise invalid_field("start.at_s", f"{at_s:g} s is after the end of the motion")
-    state = {name: motion[name][tick] for name in ("positions", "velocities", "accelerations")}
-    return {**state, "execution": row.id, "at_s": at_s}
+        return None
+    return {name: motion[name][tick] for name in ("positions", "velocities", "accelerations")}
 
 
 def _store_plan(service: Service, planned: PlanRecord, key: IdempotencyKey | None) -> str:

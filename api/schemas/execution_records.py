@@ -83,7 +83,9 @@ class ExecutionMetrics(BaseModel):
     released: bool | None = Field(None, description="Whether the gripper was commanded to open.")
     outputs: list[SwitchedOutput] = Field([], description="Of the passages, in the order of their commands.")
     landing_point: Vector3 | None = Field(None, description="Where the object landed; simulated cells [m].")
-    landing_error_m: float | None = Field(None, description="Distance from the planned landing point [m].")
+    landing_error_m: float | None = Field(
+        None, description="Distance from the planned landing point, as a target that moves carries it [m]."
+    )
     landed_on: str | None = Field(None, description="What the object landed on; simulated cells.")
 
 

@@ -6,7 +6,7 @@ that for OpenAPI, and read nothing.
 
 from __future__ import annotations
 
-from functools import reduce
+from functools import partial, reduce
 from operator import or_
 from typing import Annotated, Any, Literal
 
@@ -27,7 +27,7 @@ from planner.fields import (
     Yes,
 )
 from planner.fields import Number as NumberShape
-from planner.request import PLAN_REQUEST, read_request
+from planner.request import PLAN_REQUEST, RETARGET_REQUEST, read_request
 
 UUID_PATTERN = r"^[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}$"
 ID_PATTERN = f"^latest$|{UUID_PATTERN}"
@@ -96,6 +96,11 @@ def _model_of(record: Record) -> Any:
 
 PlanRequest = _model_of(PLAN_REQUEST)
 PlanRequestBody = Annotated[dict[str, Any], PlainValidator(read_request, json_schema_input_type=PlanRequest)]
+RetargetRequest = _model_of(RETARGET_REQUEST)
+RetargetRequestBody = Annotated[
+    dict[str, Any],
+    PlainValidator(partial(read_request, record=RETARGET_REQUEST), json_schema_input_type=RetargetRequest),
+]
 # One of many, which is read with its place among them.
 PlanRequestEntry = Annotated[Any, PlainValidator(lambda value: value, json_schema_input_type=PlanRequest)]
 
@@ -151,6 +156,17 @@ _BIN = {
     }
 }
 
+_BELT = {
+    "release": {
+        "kind": "target",
+        "position": [1.1, -0.5, 0.0],
+        "velocity": [0.0, 0.3, 0.0],
+        "observed_at_s": 100.0,
+        "opening": {"radius_m": 0.12, "rim_height_m": 0.2},
+    },
+    "starts_not_before_s": 100.8,
+}
+
 _DOWN = {"linear": [0.0, 0.8, 0.0], "angular": [0.0, 0.0, 0.0]}
 _PASSAGES = {
     "passages": [
@@ -200,6 +216,7 @@ PLAN_EXAMPLES = {
     "soonest": {"summary": "Hit it as soon as possible", "value": _SOONEST},
     "odds": {"summary": "Hit within 10 cm, at odds of 1 in 5 at least", "value": _ODDS},
     "bin": {"summary": "Throw into a bin", "value": _BIN},
+    "belt": {"summary": "Throw into a bin on a belt, seen at 100 s of the controller's time", "value": _BELT},
     "joint": {"summary": "Pass a joint state, with tighter limits", "value": _JOINT},
     "point": {"summary": "Release at a point with a velocity", "value": _POINT},
     "moving": {"summary": "Start in motion", "value": _MOVING},
@@ -208,3 +225,4 @@ PLAN_EXAMPLES = {
 }
 EXECUTE_EXAMPLES = {"latest": {"summary": "Execute the newest plan (simulated cell)", "value": {"plan_id": "latest"}}}
 REPLACE_EXAMPLES = {"latest": {"summary": "Go on with the newest plan", "value": {"plan_id": "latest"}}}
+RETARGET_EXAMPLES = {"target": {"summary": "Throw at another point", "value": _TARGET}}

@@ -187,6 +187,9 @@ class PlanContent(BaseModel):
     backend: str = Field(description="Back end that found the plan.")
     sample_rate_hz: float = Field(description="[Hz]")
     duration_s: float = Field(description="[s]")
+    starts_at_s: float | None = Field(
+        None, description="When it must start, on the controller's clock [s]; only where its target moves."
+    )
     release_time_s: float | None = Field(description="[s]; null for passages that let nothing go.")
     release: ReleaseState | None = Field(description="null for passages that let nothing go.")
     passages: list[PassageAnswer] | None = Field(None, description="Absent where a release alone was asked for.")

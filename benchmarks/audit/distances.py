@@ -103,7 +103,10 @@ def spatial_faults(
         for first, second in pairs:
             solids = bodies[first].solid, places[first], bodies[second].solid, places[second]
             worst.self_gap = min(worst.self_gap, _distance(*solids, worst.self_gap))
-        worst.boxes = _box_gap(cell, obstacles, places, held, worst.boxes)
+        present = obstacles if problem.starts_at_s is None else _obstacles(problem, float(t[i]))
+        for solid, _, _ in present:
+            solid.computeLocalAABB()
+        worst.boxes = _box_gap(cell, present, places, held, worst.boxes)
         worst.outside = max(worst.outside, _outside(cell, poses))
         if (np.abs(t[i] - passed_s) <= SINGULARITY_WINDOW_S).any():
             worst.singular = min(worst.singular, _singularity_distance(data))
@@ -162,9 +165,10 @@ def _box_gap(cell: Cell, obstacles: list[Obstacle], places: list[coal.Transform3
     return least
 
 
-def _obstacles(problem: ThrowProblem) -> list[Obstacle]:
+def _obstacles(problem: ThrowProblem, t: float = 0.0) -> list[Obstacle]:
     """Returns the keep-out shapes, and the bin as a solid cylinder: no part of the arm has business in it.
 
+    A bin that moves stands where it is at a time `t` of the motion [s].
     With each what it is to be kept from beyond the cell's clearance [m], and its name.
     """
     around = problem.cell.surroundings
@@ -177,6 +181,8 @@ def _obstacles(problem: ThrowProblem) -> list[Obstacle]:
     if isinstance(release, TargetRelease) and release.opening is not None:
         height = release.opening.rim_height_m
         middle = release.p_W + np.array([0.0, 0.0, 0.5 * height])
+        if problem.starts_at_s is not None:
+            middle = middle + (problem.starts_at_s + t - release.at_s) * release.v_W
         found.append((coal.Cylinder(release.opening.radius_m, height), coal.Transform3s(np.eye(3), middle), 0.0, "bin"))
     return found
 

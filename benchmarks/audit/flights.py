@@ -41,12 +41,14 @@ class Paths:
     Attributes:
         x: positions (n, m, 3) [m], a step apart from the release on.
         landed: where the centres fall through the plane (m, 3) [m]; NaN where they do not.
+        landed_s: how long after the release (m,) [s].
         steps: number of instants of each until the sphere touches the plane (m,).
         passed: number of instants of each until its centre falls through the plane (m,).
     """
 
     x: Vector
     landed: Vector
+    landed_s: Vector
     steps: NDArray[np.intp]
     passed: NDArray[np.intp]
 
@@ -78,16 +80,17 @@ def integrate(p: Vector, v: Vector, plane_z: float, radius: float, gravity: floa
     return Paths(x, *(np.array(column) for column in zip(*ends, strict=True)))
 
 
-def _landing(x: Vector, plane_z: float, radius: float) -> tuple[Vector, int, int]:
-    """Returns the landing point of a path (n, 3), and how many instants are before the sphere touches and passes."""
+def _landing(x: Vector, plane_z: float, radius: float) -> tuple[Vector, float, int, int]:
+    """Returns a path's landing point (3,), its time, and how many instants are before the sphere touches and passes."""
     z = x[:, 2]
     falls = np.flatnonzero((z[:-1] >= plane_z) & (z[1:] < plane_z))
     if len(falls) == 0:
-        return np.full(3, np.nan), len(x), len(x)
+        return np.full(3, np.nan), np.nan, len(x), len(x)
     i = int(falls[-1])
-    landed = x[i] + (z[i] - plane_z) / (z[i] - z[i + 1]) * (x[i + 1] - x[i])
+    share = (z[i] - plane_z) / (z[i] - z[i + 1])
+    landed = x[i] + share * (x[i + 1] - x[i])
     touches = np.flatnonzero((z[:-1] >= plane_z + radius) & (z[1:] < plane_z + radius))
-    return landed, int(touches[-1]) + 1 if len(touches) else i + 1, i + 1
+    return landed, (i + share) * STEP_S, int(touches[-1]) + 1 if len(touches) else i + 1, i + 1
 
 
 def flight_faults(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
@@ -114,7 +117,17 @@ def landing_errors(problem: ThrowProblem, motion: Trajectory, delays: Vector) ->
     NaN where it does not land.
     """
     assert isinstance(problem.release, TargetRelease)
-    return np.linalg.norm(_paths(problem, motion, delays).landed - problem.release.p_W, axis=1)
+    paths = _paths(problem, motion, delays)
+    return np.linalg.norm(paths.landed - _target_at(problem, motion.release_time_s + delays + paths.landed_s), axis=1)
+
+
+def _target_at(problem: ThrowProblem, t: Vector) -> Vector:
+    """Returns where the target is (m, 3) [m] at times of the motion (m,) [s]."""
+    release = problem.release
+    assert isinstance(release, TargetRelease)
+    if problem.starts_at_s is None:
+        return np.tile(release.p_W, (len(t), 1))
+    return release.p_W + (problem.starts_at_s + t - release.at_s)[:, None] * release.v_W
 
 
 def release_state(problem: ThrowProblem, motion: Trajectory) -> tuple[Vector, Vector]:
@@ -160,9 +173,11 @@ def _obstacles(problem: ThrowProblem, arm: MovingArm, delay: float, paths: Paths
     """
     around = problem.cell.surroundings
     radius = problem.cell.object.radius_m
+    motion_s = arm.released_s
     passing = paths.x[: paths.passed[i], i]
     x = paths.x[: paths.steps[i], i]
-    contact = _first_contact(problem, passing)
+    begins_s = motion_s + delay
+    contact = _first_contact(problem, passing, begins_s)
     through = passing[:contact]
     gaps = [("the floor", float((x[:, 2] - radius).min()) - around.floor_z_m)]
     for name, shape in zip(around.keep_out_names, around.keep_out, strict=True):
@@ -174,7 +189,7 @@ def _obstacles(problem: ThrowProblem, arm: MovingArm, delay: float, paths: Paths
         gaps.append((name, float((apart[counted] - radius).min(initial=np.inf)) - required))
     slack = LENGTH_SLACK_M
     found = [f for name, gap in gaps for f in under("flight_clearance", f"flight through {name}", gap, 0.0, slack, "m")]
-    return found + _bin(problem, through, slack)
+    return found + _bin(problem, _beside_bin(problem, through, begins_s), slack)
 
 
 def _lying(problem: ThrowProblem, x: Vector, shape: Solid) -> Vector:
@@ -203,10 +218,17 @@ def height_below_target(problem: ThrowProblem, radius: float) -> float | None:
     return max(found, default=None)
 
 
-def _first_contact(problem: ThrowProblem, x: Vector) -> int:
+def _beside_bin(problem: ThrowProblem, x: Vector, begins_s: float) -> Vector:
+    """Returns a path (n, 3) that begins at a time of the motion [s] as it is beside a bin, which may move."""
+    if not isinstance(problem.release, TargetRelease):
+        return x
+    return x - _target_at(problem, begins_s + STEP_S * np.arange(len(x))) + problem.release.p_W
+
+
+def _first_contact(problem: ThrowProblem, x: Vector, begins_s: float) -> int:
     """Returns how many instants of a path (n, 3) are before the sphere touches what the target is on.
 
-    Another shape that is as high may be part of the same table.
+    Another shape that is as high may be part of the same table. The path begins at a time of the motion [s].
     """
     around = problem.cell.surroundings
     landed = np.zeros(len(x), bool)
@@ -220,7 +242,8 @@ def _first_contact(problem: ThrowProblem, x: Vector) -> int:
     for top, is_over in surfaces:
         landed |= falls & (x[:, 2].max() >= top + radius) & (x[:, 2] < top + radius) & is_over
     if isinstance(problem.release, TargetRelease) and problem.release.opening is not None:  # within the bin's wall
-        landed &= np.linalg.norm(x[:, :2] - problem.release.p_W[:2], axis=1) < problem.release.opening.radius_m
+        beside = _beside_bin(problem, x, begins_s)
+        landed &= np.linalg.norm(beside[:, :2] - problem.release.p_W[:2], axis=1) < problem.release.opening.radius_m
     return int(landed.argmax()) if landed.any() else len(x)
 
 
@@ -321,6 +344,7 @@ class MovingArm:
     def __init__(self, problem: ThrowProblem, motion: Trajectory) -> None:
         self._cell = problem.cell
         self._motion = motion
+        self.released_s = motion.release_time_s
         self._spline = CubicHermiteSpline(motion.t, motion.q, motion.qd)
         self._model = arm_model(problem.cell, False)
         self._data = self._model.createData()

@@ -42,12 +42,14 @@ class Landing:
         point: true landing point (3,) [m]; None also where it has not landed.
         surface: what it landed on or was stopped by, in the simulator's words; None where it has not landed.
         observed: what the camera observed; None where it has not landed.
+        landed_at: the controller's time of the landing [s].
     """
 
     released_at: float | None
     point: Vector | None
     surface: str | None = None
     observed: ObservedLanding | None = None
+    landed_at: float | None = None
 
 
 def expect_throw(host: str, problem: ThrowProblem) -> int:
@@ -62,6 +64,7 @@ def expect_throw(host: str, problem: ThrowProblem) -> int:
     target = problem.target
     if target is not None and target.opening is not None:
         bin = {"bottom_m": target.p_W.tolist(), **asdict(target.opening)}
+        bin |= {"velocity_m_s": target.v_W.tolist(), "at_s": target.at_s} if target.moves else {}
         simulator_client.request(host, "place_bin", **bin)
     else:
         simulator_client.request(host, "remove_bin")
@@ -98,7 +101,8 @@ def _first(records: list[Record] | None, throw: int) -> Record | None:
 def _landing(release: Record | None, landing: Record | None, observation: Record | None) -> Landing:
     released_at = None if release is None else release["t"]
     point = None if landing is None else np.array(landing["position_m"])
+    landed_at = None if landing is None else float(landing["t"])
     if observation is None:
-        return Landing(released_at, point)
+        return Landing(released_at, point, landed_at=landed_at)
     observed = ObservedLanding(np.array(observation["position_m"]), float(observation["std_m"]))
-    return Landing(released_at, point, observation["surface"], observed)
+    return Landing(released_at, point, observation["surface"], observed, landed_at)

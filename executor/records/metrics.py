@@ -220,5 +220,9 @@ def _landing(
     surface = None if landing is None else landing.surface
     if landing is None or landing.point is None or flight is None:
         return {"landing_point": None, "landing_error_m": None, "landed_on": surface}
-    error = float(np.linalg.norm(landing.point + aim_shift - flight.landing_point))
+    planned = flight.landing_point
+    target = problem.moving
+    if target is not None and landing.landed_at is not None:
+        planned = planned + (landing.landed_at - target.at_s) * target.v_W
+    error = float(np.linalg.norm(landing.point + aim_shift - planned))
     return {"landing_point": landing.point.tolist(), "landing_error_m": error, "landed_on": surface}

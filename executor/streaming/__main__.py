@@ -14,6 +14,7 @@ from executor.stream_job import OUTCOMES, StreamJob
 from executor.streaming.approach import approach, close_gripper
 from executor.streaming.rtde_connection import RtdeConnection
 from executor.streaming.script_stream import stream_of
+from executor.streaming.start import await_start, first_row_s
 from executor.streaming.state_checks import StopRequests, StreamFault
 
 
@@ -48,8 +49,10 @@ def run(
         connection.arm_watchdog()  # before the first motion: the arm moves only while this process keeps it moving
         verdict = approach(connection, requests)
     if verdict is None:
+        verdict = await_start(connection, job, requests)
+    if verdict is None:
         memory.fields[shm.STATE] = memory.fields[shm.FURTHEST] = shm.STREAMING
-        verdict = stream_of(connection, job, requests).run()
+        verdict = stream_of(connection, job, requests, first_s=first_row_s(job)).run()
     memory.fields[shm.STATE] = shm.STOPPING
     connection.stop()
     connection.gripper.finish()

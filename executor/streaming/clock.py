@@ -24,18 +24,22 @@ class ControllerClock:
     """Counts ticks by the controller's timestamps.
 
     Attributes:
-        first, stamp: the first and the newest timestamp [s].
+        first, stamp: the timestamp of tick 0 and the newest one [s].
         tick: whole ticks since the first timestamp.
         missed: ticks lost before this one.
         total_missed: ticks lost so far.
         host_s: monotonic time at which the newest timestamp was read [s].
     """
 
-    def __init__(self, connection: RtdeConnection, dt: float) -> None:
+    def __init__(self, connection: RtdeConnection, dt: float, first_s: float | None = None) -> None:
+        """Starts counting: from the timestamp nearest to `first_s` [s], or from the present one."""
         self.connection = connection
         self.dt = dt
         self.first = self.stamp = connection.timestamp()
         self.tick = self.missed = self.total_missed = 0
+        if first_s is not None:
+            self.tick = round((self.stamp - first_s) / dt)
+            self.first = self.stamp - self.tick * dt
         self.host_s = monotonic()
 
     def wait(self) -> None:

@@ -5,8 +5,6 @@ The schedule gives the state to command at each tick: the plan's or, once divert
 
 from __future__ import annotations
 
-import math
-
 from executor import shared_memory as shm
 from executor.stream_job import Row, StreamJob
 from executor.streaming.clock import ControllerClock, LostTicks
@@ -14,14 +12,13 @@ from executor.streaming.command_watch import CommandWatch
 from executor.streaming.gripper_watch import GripperWatch
 from executor.streaming.landing_watch import LandingWatch
 from executor.streaming.output_switches import OutputSwitches
-from executor.streaming.rtde_connection import SERVO_CONSTANT_S, RtdeConnection
+from executor.streaming.rtde_connection import POSITION_LIMITS, SERVO_CONSTANT_S, RtdeConnection
 from executor.streaming.state_checks import StopRequests, StreamFault
 from planner.brake_profile import brake_weights
 
 ARRIVED_RAD = 1e-3  # [rad] at the end of an approach: 1 mm at a reach of 1 m; an encoder resolves 1e-5
 STANDS_RAD_S = 5e-3  # [rad/s] measured speed of an arm at rest, noise included
 WATCHDOG_SHARE = 0.5  # [-] of the watchdog's period: it stopped a program that ends after a longer gap
-POSITION_LIMITS = [2.0 * math.pi] * 6  # [rad] source: UR joint range; tighter ones are checked by the certificate
 
 
 class Schedule:
@@ -89,6 +86,7 @@ class Stream:
         requests: StopRequests,
         recorded: bool = True,
         settle_s: float = 0.0,
+        first_s: float | None = None,
     ) -> None:
         """Starts the clock.
 
@@ -98,6 +96,7 @@ class Stream:
             requests: reasons to stop early.
             recorded: whether every tick writes a row of telemetry.
             settle_s: longest time after the last row in which the arm is drawn to it [s]; it ends on arrival.
+            first_s: the controller's time at which row 0 is due [s]; None: now.
         """
         self.connection = connection
         self.job = job
@@ -108,7 +107,7 @@ class Stream:
         self.memory = connection.memory
         self.schedule = Schedule(job)
         self.lost_ticks = LostTicks(job.dt, realtime=bool(self.fields[shm.REALTIME]))
-        self.clock = ControllerClock(connection, job.dt)
+        self.clock = ControllerClock(connection, job.dt, first_s)
         self.verdict = ("completed", "")
         self.output_sent = False
         self.opened_at = -1  # row with which the gripper was told to open

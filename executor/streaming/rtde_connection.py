@@ -46,6 +46,7 @@ VARIABLES = [
 PROGRAM_OUTPUTS = (registers.ROW, registers.BRAKE_ROW, registers.SWITCHED_ROW, registers.END, registers.RUN)
 SERVO_LOOKAHEAD_S = 0.03  # source: URScript manual, servoj, the smallest lookahead time
 SERVO_GAIN = 500.0  # source: URScript manual, servoj, between its 100 and 2000; the time constant is then two CB3 ticks
+POSITION_LIMITS = [2.0 * math.pi] * 6  # [rad] source: UR joint range; tighter ones are checked by the certificate
 SERVO_CONSTANT_S = SERVO_LOOKAHEAD_S * 300.0 / SERVO_GAIN  # [s] at gain 300 the lookahead time is the time constant
 REST_RAD_S = 0.01  # [rad/s] an arm this slow counts as at rest; above the noise of a measured joint speed
 REST_WITHIN_S = 1.0  # [s] longest wait for the measured rest at the end

@@ -269,9 +269,14 @@ class ScriptStream(Stream):
 
 
 def stream_of(
-    connection: RtdeConnection, job: StreamJob, requests: StopRequests, recorded: bool = True, settle_s: float = 0.0
+    connection: RtdeConnection,
+    job: StreamJob,
+    requests: StopRequests,
+    recorded: bool = True,
+    settle_s: float = 0.0,
+    first_s: float | None = None,
 ) -> Stream:
     """Returns the run of a job: streamed, or inside the controller. Arguments as of `Stream`."""
     if job.program:
         return ScriptStream(connection, job, requests, recorded)
-    return Stream(connection, job, requests, recorded, settle_s)
+    return Stream(connection, job, requests, recorded, settle_s, first_s)

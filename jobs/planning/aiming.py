@@ -10,6 +10,7 @@ import numpy as np
 
 from learning import CellKnowledge, LandingForecast
 from planner.answer import aimed_problem
+from planner.arrays import Array
 from planner.errors import TIME_LIMIT, Infeasible, SolverFailed
 from planner.planning import ORDINARY, Plan, SearchHints, plan
 from planner.problem import ThrowProblem
@@ -39,7 +40,7 @@ def plan_aimed(problem: ThrowProblem, known: CellKnowledge | None, hints: Search
     shift = np.zeros(3)
     further = replace(hints, offers_nearest=False)
     for remaining in range(AIM_ROUNDS, 0, -1):
-        miss = known.predicted(found.problem, found.trajectory).center - target.p_W[:2]
+        miss = known.predicted(found.problem, found.trajectory).center - place_of_target(problem, found)[:2]
         if float(np.linalg.norm(miss)) < least:
             best = found
             least = float(np.linalg.norm(miss))
@@ -81,21 +82,28 @@ def learnt_fields(problem: ThrowProblem, found: Plan, known: CellKnowledge, prof
     target = problem.target
     if target is None or aimed is None:
         return fields
+    place = place_of_target(problem, found)
     if profile_id is not None:
-        fields["aim"] = {"position": aimed.p_W.tolist(), "shift_m": (aimed.p_W - target.p_W).tolist()}
+        fields["aim"] = {"position": aimed.p_W.tolist(), "shift_m": (aimed.p_W - place).tolist()}
     guess = known.predicted(found.problem, found.trajectory)
     radius = hit_radius_m(problem)
-    interval = list(guess.hit_interval(target.p_W[:2], radius))
-    value = hit_probability(problem, guess)
+    interval = list(guess.hit_interval(place[:2], radius))
+    value = hit_probability(problem, found, guess)
     fields["hit_probability"] = {"value": value, "interval": interval, "profile": profile_id, "radius_m": radius}
     fields["landing_ellipse"] = {"center": guess.center.tolist(), "covariance_m2": guess.covariance.tolist()}
     return fields
 
 
-def hit_probability(problem: ThrowProblem, guess: LandingForecast) -> float:
-    """Returns the probability that a throw with this forecast hits the target of a problem [-]."""
+def place_of_target(problem: ThrowProblem, found: Plan) -> Array:
+    """Returns where the target of a problem is as a plan's object lands (3,) [m]; the aim may be beside it."""
     assert problem.target is not None
-    return guess.hit_probability(problem.target.p_W[:2], hit_radius_m(problem))
+    met = found.problem.moving
+    return problem.target.p_W if met is None else met.p_W - found.problem.aim_shift
+
+
+def hit_probability(problem: ThrowProblem, found: Plan, guess: LandingForecast) -> float:
+    """Returns the probability that a plan with this forecast hits the target of a problem [-]."""
+    return guess.hit_probability(place_of_target(problem, found)[:2], hit_radius_m(problem))
 
 
 def hit_radius_m(problem: ThrowProblem) -> float:

@@ -96,7 +96,7 @@ class _OddsSearch:
         except PlannerError as error:
             return self._refused(step, error)
         self.is_late = found.was_cut_short
-        value = hit_probability(self.problem, self.known.predicted(found.problem, found.trajectory))
+        value = hit_probability(self.problem, found, self.known.predicted(found.problem, found.trajectory))
         self.last = asked, found
         if self.best is None or value > self.best[0]:
             self.best = value, asked, found

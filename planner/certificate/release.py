@@ -16,7 +16,7 @@ from planner.certificate.samples import ArmSamples, MotionSamples
 from planner.certificate.touchdown import Cells, prove, touchdowns_of
 from planner.flight import Flight, LandingStates, fly, landing_states
 from planner.geometry import ToolState, tool_state
-from planner.problem import ThrowProblem
+from planner.problem import SWEPT_S, ThrowProblem
 from planner.releases import Bound, Release, ReleaseSample
 from planner.rotations import pose
 from planner.trajectory import Trajectory
@@ -124,8 +124,17 @@ def landing(motion: MotionSamples) -> Check | None:
     p = motion.at_knots.p_WT[:, k]
     v = motion.at_knots.v_WT[:, k]
     flight = _flown(problem, p, v)
-    miss = math.inf if flight is None else float(np.linalg.norm(flight.landing_point - target.p_W))
-    return at_most("landing", miss, LANDING_TOLERANCE_M, "m", motion.trajectory.release_time_s)
+    released_s = motion.trajectory.release_time_s
+    if flight is None:
+        return at_most("landing", math.inf, LANDING_TOLERANCE_M, "m", released_s)
+    lands_s = released_s + flight.time_of_flight_s
+    there = target.p_W
+    if target.moves and problem.starts_at_s is not None:
+        there = target.p_W + (problem.starts_at_s + lands_s - target.at_s) * target.v_W
+    miss = float(np.linalg.norm(flight.landing_point - there))
+    before_s, after_s = SWEPT_S
+    in_time = not target.moves or (lands_s <= before_s and motion.trajectory.duration_s - lands_s <= after_s)
+    return at_most("landing", miss, LANDING_TOLERANCE_M, "m", released_s).provided(in_time)
 
 
 def landing_axis(motion: MotionSamples) -> Check | None:
@@ -199,7 +208,7 @@ def landing_window(motion: MotionSamples) -> Check | None:
         return _body_window(motion, goal)
 
     def room(arm: ArmSamples) -> Array:
-        return tolerance * (1.0 + ROUNDING) - np.linalg.norm(_landed(problem, arm).p - goal, axis=1)
+        return tolerance * (1.0 + ROUNDING) - np.linalg.norm(_landed_beside(motion, arm) - goal, axis=1)
 
     def evaluate(t: Array, item: Index) -> Array:
         return room(motion.at(t))
@@ -244,8 +253,23 @@ def landing_errors(problem: ThrowProblem, trajectory: Trajectory, delays: Array)
 
 
 def window_landing_points(problem: ThrowProblem, trajectory: Trajectory, delays: Array) -> Array:
-    """Returns the landing points (k, 3) [m] of releases `delays` (k,) [s] after the nominal one; NaN where none."""
-    return _landed(problem, MotionSamples(problem, trajectory).at(trajectory.release_time_s + delays)).p
+    """Returns the landing points (k, 3) [m] of releases `delays` (k,) [s] after the nominal one; NaN where none.
+
+    Beside a target that moves they are as it carries them: less its way since the landing of the nominal release.
+    """
+    motion = MotionSamples(problem, trajectory)
+    return _landed_beside(motion, motion.at(trajectory.release_time_s + delays))
+
+
+def _landed_beside(motion: MotionSamples, arm: ArmSamples) -> Array:
+    """Returns the landing points (k, 3) [m] after a release at each instant, as a target that moves carries them."""
+    landed = _landed(motion.problem, arm)
+    target = motion.problem.moving
+    nominal = None if target is None else release_flight(motion.problem, motion.trajectory)
+    if target is None or nominal is None:
+        return landed.p
+    later_s = arm.t + landed.time_s - motion.trajectory.release_time_s - nominal.time_of_flight_s
+    return landed.p - later_s[:, None] * target.v_W
 
 
 @lru_cache(maxsize=1)  # of the window, for its landings and the bound between them
@@ -285,7 +309,8 @@ def _landing_curvature(motion: MotionSamples, arm: ArmSamples) -> float:
         |t'|  <= (V + A T) / w =: t1
         |t''| <= (X + 2 A t1 + G t1^2) / w =: t2   with X = A + J T + k (A T)^2 >= |d^2 x|
         |L''| <= X + 2 A t1 + k W^2 t1^2 + V t2,
-    because drag only slows the horizontal motion. T and w between samples: see `_between_landings`.
+    because drag only slows the horizontal motion. Beside a target at the speed u the landing moves by u t' more, and
+    its bound grows by u t2. T and w between samples: see `_between_landings`.
     """
     problem = motion.problem
     trajectory = motion.trajectory
@@ -310,7 +335,8 @@ def _landing_curvature(motion: MotionSamples, arm: ArmSamples) -> float:
     t1 = (speed + a * time) / w
     x = a + j * time + drag * (a * time) ** 2
     t2 = (x + 2.0 * a * t1 + g * t1**2) / w
-    return x + 2.0 * a * t1 + drag * fastest * t1**2 + speed * t2
+    carried = 0.0 if problem.moving is None else float(np.linalg.norm(problem.moving.v_W))
+    return x + 2.0 * a * t1 + drag * fastest * t1**2 + (speed + carried) * t2
 
 
 def _between_landings(landed: LandingStates, bounds: tuple[float, float, float], half: float) -> tuple[float, float]:

@@ -70,6 +70,14 @@ class Arcs:
             until_s = np.where((touched < until_s) & (surface.depth(there) >= 0.0), touched, until_s)
         return replace(self, until_s=until_s)
 
+    def beside(self, v_W: Array, plane_z: float) -> Arcs:
+        """Returns the flights as they are beside what moves at `v_W` (3,) [m/s], and is met on the plane.
+
+        In its frame, in which it stands, a flight without drag is one too.
+        """
+        lands_s = np.nan_to_num(time_of_flight(self.p[..., 2] - plane_z, self.v[..., 2], self.gravity))
+        return replace(self, p=self.p + lands_s[..., None] * v_W, v=self.v - v_W)
+
     def until_over(self, lower: Array, upper: Array) -> Arcs:
         """Returns the flights, those that end over a box until they come over it.
 

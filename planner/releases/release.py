@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -80,6 +80,8 @@ class Target:
         release_position: point of release (3,) [m], None where it is free.
         opening: of the bin that stands around the target, None where there is none.
         orientation: that the object is to land in; None: any.
+        v_W: velocity of the target, and of the bin with it (3,) [m/s]; level.
+        at_s: when a target that moves is at `p_W`, on the controller's clock [s].
     """
 
     p_W: Array
@@ -90,6 +92,13 @@ class Target:
     release_position: Array | None = None
     opening: Opening | None = None
     orientation: LandingAxis | None = None
+    v_W: Array = field(default_factory=lambda: np.zeros(3))
+    at_s: float = 0.0
+
+    @property
+    def moves(self) -> bool:
+        """Whether it moves."""
+        return bool(self.v_W.any())
 
 
 class ReleaseSample(NamedTuple):

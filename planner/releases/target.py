@@ -16,6 +16,8 @@ from planner.fields import Field, Number, Record, Vector, required
 from planner.releases.release import Bound, LandingAxis, Opening, Release, ReleaseSample, Target, move, turn
 
 SPEED_MIN_M_S = 1e-3  # [m/s] lowest bound on the release speed
+TARGET_SPEED_MAX_M_S = 5.0  # [m/s] of a target that moves; belts run at up to 3; catches typing errors
+LEVEL_M_S = 1e-9  # [m/s] of a velocity in a turned frame
 OPENING_MAX_M = 10.0  # [m] largest radius and rim height of a bin; catches typing errors
 
 OPENING = Record(
@@ -36,6 +38,16 @@ ORIENTATION = Record(
         "tolerance_rad": required(Number(above=0.0, most=pi / 2), "Largest angle from it [rad]."),
     },
 )
+
+
+def _check_velocity(given: dict[str, Any], path: str, errors: list[FieldError]) -> None:
+    """Refuses a velocity without the instant at which the target was at its position, and the other way round."""
+    if ("velocity" in given) != ("observed_at_s" in given):
+        errors.append(FieldError(f"{path}.observed_at_s", "and velocity belong together"))
+    speed = float(np.linalg.norm(given.get("velocity", 0.0)))
+    if speed > TARGET_SPEED_MAX_M_S:
+        reason = f"{speed:g} m/s is above {TARGET_SPEED_MAX_M_S:g} m/s"
+        errors.append(FieldError(f"{path}.velocity", reason))
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +78,14 @@ class TargetRelease(Target, Release):
             "orientation": Field(
                 ORIENTATION, "How the object is to land; absent: anyhow. For a cell whose object is no ball."
             ),
+            "velocity": Field(
+                Vector(3), "Velocity of the target and its bin, in `frame` [m/s]; level. Absent: it stands still."
+            ),
+            "observed_at_s": Field(
+                Number(0.0), "When it was at `position`, on the controller's clock (RTDE `timestamp`) [s]."
+            ),
         },
+        _check_velocity,
     )
 
     @property
@@ -88,6 +107,12 @@ class TargetRelease(Target, Release):
         found = []
         if self.min_elevation_rad > self.max_elevation_rad:
             found.append(FieldError("release.min_elevation_rad", "is above max_elevation_rad"))
+        if abs(self.v_W[2]) > LEVEL_M_S:
+            found.append(FieldError("release.velocity", f"rises by {self.v_W[2]:g} m/s: a target moves on a level"))
+        if self.moves and isinstance(cell.object, ThrownBody):
+            found.append(
+                FieldError("release.velocity", "is for balls: where a body first touches is known at rest alone")
+            )
         if self.opening is not None and self.opening.radius_m <= cell.object.inner_radius_m:
             sizes = f"radius {self.opening.radius_m:g} m, object {cell.object.inner_radius_m:g} m"
             reason = f"the bin is too narrow for the object: {sizes}"
@@ -135,6 +160,8 @@ class TargetRelease(Target, Release):
             release_position=move(X_WR, given["release_position"]) if "release_position" in given else None,
             opening=Opening(**given["opening"]) if "opening" in given else None,
             orientation=_orientation(given["orientation"], X_WR) if "orientation" in given else None,
+            v_W=turn(X_WR, given["velocity"]) if "velocity" in given else np.zeros(3),
+            at_s=given.get("observed_at_s", 0.0),
         )
 
     def to_json(self) -> dict[str, Any]:
@@ -154,6 +181,8 @@ class TargetRelease(Target, Release):
         if self.orientation is not None:
             asked = self.orientation
             document["orientation"] = {"axis": asked.axis_W.tolist(), "tolerance_rad": asked.tolerance_rad}
+        if self.moves:
+            document |= {"velocity": self.v_W.tolist(), "observed_at_s": self.at_s}
         return document
 
 

@@ -75,7 +75,8 @@ def _rooms(problem: ThrowProblem, target: Target, p: Array, v: Array) -> Iterato
             yield name, room
     if target.opening is not None:
         mouth = target.opening
-        yield RIM, arcs.room_in_mouth(target.p_W, mouth.radius_m, mouth.rim_height_m)
+        beside = arcs if problem.moving is None else arcs.beside(problem.moving.v_W, problem.plane_z)
+        yield RIM, beside.room_in_mouth(target.p_W, mouth.radius_m, mouth.rim_height_m)
     if beside_base:
         yield "the arm's base", _room_beside_base(problem, whole)
 

@@ -7,7 +7,7 @@ free, and tells what becomes of an object that touches it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -103,11 +103,22 @@ class RoundBin:
         bottom: centre of the bottom in the world [m].
         radius_m: inner radius [m].
         rim_height_m: height of the rim above the bottom [m].
+        velocity: of the belt that carries it [m/s].
+        at_s: when its bottom is there [s].
     """
 
     bottom: Point
     radius_m: float
     rim_height_m: float
+    velocity: Point = (0.0, 0.0, 0.0)
+    at_s: float = 0.0
+
+    def at(self, t: float) -> RoundBin:
+        """Returns the bin as it stands at a time [s]."""
+        if not any(self.velocity):
+            return self
+        x, y, z = (p + (t - self.at_s) * v for p, v in zip(self.bottom, self.velocity, strict=True))
+        return replace(self, bottom=(x, y, z), at_s=t)
 
     def gap(self, p: Point, radius: float) -> float:
         """Returns the distance of a sphere around `p` from the wall [m]; from the bottom, where it is below it."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -78,7 +78,8 @@ class World:
     """Objects, obstacles and gravity: everything that is not the robot.
 
     Attributes:
-        bin: the bin that stands in the world, None without one.
+        placed: the bin in the world, None without one.
+        bin: the same, as it stands at the time that is looked at.
         throw: number of the throw that was announced last; objects released from then on belong to it.
         observations: what the camera reports of the landings.
     """
@@ -97,7 +98,9 @@ class World:
         self.floor_z_m = cell.surroundings.floor_z_m
         shapes = enumerate(cell.surroundings.keep_out)
         self.shapes = [SolidShape(f"keep_out[{i}]", shape) for i, shape in shapes]
+        self.placed: RoundBin | None = None
         self.bin: RoundBin | None = None
+        self.belt = truth.belt
         self.usual_landing_z_m = cell.sim.landing_height_m
         self.planes: list[Plane] = []
         self.expect_throw(self.usual_landing_z_m)
@@ -138,6 +141,7 @@ class World:
         """Advances a flight by `duration` [s], contact by contact."""
         end = start + duration
         while flight in self.flights and start < end:
+            self._move_bin(0.5 * (start + end))
             reached = self._reached(flight, end - start)
             until = end - start if reached is None else reached[0]
             touched = self._first_contact(flight, until)
@@ -151,6 +155,18 @@ class World:
                 self._land(flight, reached[1], start)
             elif flight.state[2] < min(p.z_m for p in self.planes) - FALL_MAX_M:
                 self.flights.remove(flight)
+
+    def place_bin(self, placed: RoundBin | None) -> None:
+        """Puts a bin into the world, in place of the one there; a belt of the truth carries it, whatever was told."""
+        if placed is not None and self.belt is not None:
+            belt = self.belt
+            placed = replace(placed, bottom=belt.position_m, velocity=belt.velocity_m_s, at_s=belt.at_s)
+        self.placed = placed
+        self.bin = placed
+
+    def _move_bin(self, t: float) -> None:
+        """Looks at the bin as it stands at a time: in the middle of a cycle, in which it moves by half a millimetre."""
+        self.bin = None if self.placed is None else self.placed.at(t)
 
     def _after(self, flight: FlyingObject, duration: float) -> State:
         return step(flight.state, duration, self.gravity, self.drag)
@@ -300,7 +316,8 @@ class World:
         flight.caught = contact
         if not contact.slides:
             x, y, z, _, _, vz = flight.state
-            flight.state = (x, y, z, 0.0, 0.0, vz)
+            vx, vy, _ = self.bin.velocity if self.bin is not None and contact.name == BIN else (0.0, 0.0, 0.0)
+            flight.state = (x, y, z, vx, vy, vz)
 
     def _land(self, flight: FlyingObject, plane: Plane, t: float) -> None:
         x, y, _, vx, vy, vz = flight.state

@@ -74,8 +74,8 @@ def answer_of(call: Locator, busy_s: float) -> str:
 
 
 def joins(name: str) -> bool:
-    """Returns whether a call asks to join a running motion: the newest plan begins at rest, and cannot."""
-    return "/replace" in name
+    """Returns whether a call asks to join a running motion: none runs here, and the newest plan begins at rest."""
+    return "/replace" in name or "/retarget" in name
 
 
 def is_success(answer: str) -> bool:

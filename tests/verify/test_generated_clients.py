@@ -294,6 +294,8 @@ def _without_token(client: PythonClient, document: dict[str, Any]) -> None:
         "make_cell_map": ("MapBody", {}),
         "report_landing": ("LandingRequest", {"result": "hit", "radius_m": 0.1}),
         "operate_robot": ("RobotActionRequest", POWER_ON),
+        "replace_plan": ("ReplaceRequest", {"plan_id": "latest"}),
+        "retarget_motion": ("RetargetRequest", {"release": JOINT}),
     }
     for path, methods in document["paths"].items():
         for operation in (op for op in methods.values() if "security" in op):

@@ -16,7 +16,7 @@ from planner.backends.casadi_nlp.solver import Solver, TooLate
 from planner.backends.casadi_nlp.tuning import CORRECTIONS, OVER
 from planner.backends.solution import Solution
 from planner.errors import SolverFailed
-from planner.flight import landing_points
+from planner.flight import landing_points, time_of_flight
 from planner.geometry import tool_state
 from planner.problem import ThrowProblem
 from planner.timing import RESERVES, onto_grid
@@ -244,7 +244,12 @@ def landing_errors_in_window(instance: Instance, states: States, release_s: floa
     q, qd, _ = states(release_s + np.linspace(-around, around, count))
     tool = tool_state(problem.cell, q, qd)
     landed = landing_points(tool.p_WT, tool.v_WT, problem.plane_z, problem.gravity_at_tool_speed)[:, :2]
-    return landed - landed[len(landed) // 2]
+    errors = landed - landed[len(landed) // 2]
+    if problem.moving is None:
+        return errors
+    falls_s = time_of_flight(tool.p_WT[:, 2] - problem.plane_z, tool.v_WT[:, 2], problem.gravity_at_tool_speed)
+    later_s = np.linspace(-around, around, count) + falls_s - falls_s[len(falls_s) // 2]
+    return np.asarray(errors - later_s[:, None] * problem.moving.v_W[:2])
 
 
 def excess_at_knots(errors: Vector, tolerance_m: float) -> Vector:

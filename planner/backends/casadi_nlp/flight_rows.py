@@ -20,6 +20,7 @@ from planner.backends.casadi_nlp.layout import FLIGHT, FLIGHT_EDGES, Vector
 from planner.backends.casadi_nlp.margins import Margins
 from planner.backends.casadi_nlp.release_rows import aims, bin_of, lands_on
 from planner.cell import CONTACT_M, Solid
+from planner.flight import time_of_flight
 from planner.geometry import Arcs, segment_shape_distance, tool_state
 from planner.problem import ThrowProblem
 from planner.seeds import Candidate
@@ -59,8 +60,9 @@ def flight_parameters(problem: ThrowProblem, candidate: Candidate, margins: Marg
         edges = _shape_edges(problem, arcs, margins.flight_m)
         bin_ = bin_of(problem)
         if bin_ is not None:
-            x, y, z = goal
-            mouth = [x, y, z + bin_.rim_height_m, bin_.radius_m, arcs.radius_m + margins.mouth_m]
+            rim_z = float(goal[2]) + bin_.rim_height_m
+            x, y = (goal - _way_to_landing(problem, arcs, rim_z))[:2]
+            mouth = [x, y, rim_z, bin_.radius_m, arcs.radius_m + margins.mouth_m]
     edges += [edge_at(0.0, (0.0, 0.0, 0.0), -1.0)] * (FLIGHT_EDGES - len(edges))  # hold with 1 m to spare
     opening = _opening(problem, margins.opening_rad)
     spread = [problem.opening_spread_s - problem.planned_window_s]  # the window has rows at knots of its own
@@ -72,6 +74,14 @@ def _flight(problem: ThrowProblem, candidate: Candidate) -> Arcs:
     radius = problem.cell.object.radius_m
     arcs = Arcs.onto(tool.p_WT, tool.v_WT, problem.plane_z, problem.gravity_at_tool_speed, radius)
     return arcs.until_landed(problem.plane_z, problem.surfaces)
+
+
+def _way_to_landing(problem: ThrowProblem, arcs: Arcs, rim_z: float) -> Vector:
+    """Returns the way (3,) [m] of a bin that moves while the object falls from its mouth to its bottom."""
+    if problem.moving is None:
+        return np.zeros(3)
+    enters_s, lands_s = time_of_flight(arcs.p[2] - np.array([rim_z, problem.plane_z]), arcs.v[2], arcs.gravity)
+    return np.asarray(np.nan_to_num(lands_s - enters_s) * problem.moving.v_W)
 
 
 def _opening(problem: ThrowProblem, margin_rad: float) -> list[float]:

@@ -111,7 +111,9 @@ def _released_under_bin(flights: Flights) -> LeastGap | None:
     if flights.opening is None:
         return None
     t, p, _ = _releases(flights, [(-math.inf, math.inf)])
-    room = np.where(flights.from_mouth(p)[0] > 0.0, p[2] - flights.motion.problem.plane_z, np.inf)
+    room = np.where(
+        flights.from_mouth(flights.beside_bin(p, t))[0] > 0.0, p[2] - flights.motion.problem.plane_z, np.inf
+    )
     worst = int(room.argmin())
     if room[worst] >= 0.0:
         return None
@@ -293,8 +295,9 @@ def _bounds_of_ball(flights: Flights, grid: Grid, place_m: float, y: Array, belo
     ball_bend = bend if place_m == 0.0 else ball.release_bend(s, (grid.r1 - grid.r0)[:, None]) + ball.time_bend(s, h)
     falling = grid.t[:-1] >= grid.apexes[:, None]
     highest = np.max([corner[2] for corner in x[::2]], axis=0) + across
-    lowest = flights.lowest_at(x, bend)
-    patches = BallPatches(x, bend, corners_on_grid(y), ball_bend, falling, below)
+    times = corners_on_grid(np.broadcast_to(grid.t, grid.x.shape[1:]))
+    lowest = flights.lowest_at(x, times, bend)
+    patches = BallPatches(x, times, bend, corners_on_grid(y), ball_bend, falling, below)
     landings = flights.landings_of_body
     spans = None if landings is None else landings.spans(grid.r0, grid.r1)
 
@@ -309,7 +312,9 @@ def _bounds_of_ball(flights: Flights, grid: Grid, place_m: float, y: Array, belo
 
     def of_shapes(item: Index) -> Array:
         each = patches._replace(
-            corners=[corner[:, None] for corner in x], places=[corner[:, None] for corner in patches.places]
+            corners=[corner[:, None] for corner in x],
+            times=[t[None] for t in times],
+            places=[corner[:, None] for corner in patches.places],
         )
         return in_flight(item, core_gaps(flights, each, item[:, None, None]))
 
@@ -319,8 +324,9 @@ def _bounds_of_ball(flights: Flights, grid: Grid, place_m: float, y: Array, belo
         gaps[near] = of_shapes(near)
     others = [_capsule_distances(flights, grid, ball, y, s) - ball_bend]
     if flights.opening is not None:
-        rim = bounds.wall_bound(patches.places) - ball_bend
-        is_in = falling & bounds.all_in_bin(patches.places, ball_bend) & (landings is None)
+        beside = [flights.beside_bin(place, t) for place, t in zip(patches.places, times, strict=True)]
+        rim = bounds.wall_bound(beside) - ball_bend
+        is_in = falling & bounds.all_in_bin(beside, ball_bend) & (landings is None)
         others.append(np.where(is_in, np.inf, rim)[None])
     found = np.concatenate(others)
     return np.concatenate([gaps, in_flight(flights.count + np.arange(len(found)), found)])

@@ -52,6 +52,7 @@ class Flights:
         clearance_m: distance that the object keeps from most obstacles [m].
         required: distance that it keeps from each obstacle [m]: none for what it is gripped beside and lands on, and
             for a bin's wall; less beside the target, see `ThrowProblem.flight_clearances`.
+        target: the target, if it moves, with its bin.
         thickness: distance of the object's centre from each obstacle's core at which the two are as near as they may be
             [m]: radii and what is required. "Gaps" are what is left beyond it.
     """
@@ -81,6 +82,7 @@ class Flights:
         self.required = np.concatenate([of_shapes, of_links, [0.0]])
         radii = np.concatenate([self.shapes[-1], body.radii[capsules], [0.0]])
         self.thickness = radius + radii + self.required
+        self.target = problem.moving
 
     def _beside_release(self) -> Index:
         """Returns the capsules that the object is gripped by or beside, nearer than the clearance when released."""
@@ -180,16 +182,34 @@ class Flights:
         """Height of the centre of an object that lies at its target [m]; None where it can meet nothing there."""
         return self.motion.problem.lies_z if self.higher.any() else None
 
-    def lowest_at(self, corners: Sequence[Array], bend: Array | float = 0.0) -> Array:
+    def beside_bin(self, x: Array, t: Array) -> Array:
+        """Returns points (3, ...) [m] at times `t` (...) [s] as they are beside a bin that moves, as that is met.
+
+        The bin is where its axis says at the landing of the nominal release; before that it is on its way there.
+        """
+        if self.target is None or self.opening is None:
+            return x
+        return np.asarray(x - self.target.v_W.reshape(3, *[1] * (x.ndim - 1)) * (t - self.lands_s))
+
+    @cached_property
+    def lands_s(self) -> float:
+        """Time of the landing of the nominal release on the target's plane [s]."""
+        problem = self.motion.problem
+        flight = fly(*self.nominal, problem.plane_z, problem.gravity, problem.drag)
+        return np.nan if flight is None else self.released_s + flight.time_of_flight_s
+
+    def lowest_at(self, corners: Sequence[Array], times: Sequence[Array], bend: Array | float = 0.0) -> Array:
         """Returns the heights (...) [m] of the falling centre below which a flight is over, on a surface or below all.
 
         Args:
             corners: of patches of flights, each (3, ...) [m].
+            times: of the corners, each (...) [s].
             bend: deviation of the flights from what is between the corners (...) [m].
         """
         lowest = np.full(corners[0].shape[1:], self.lowest)
         for surface, height in self.landings:
-            within = np.min([self._depth_within(surface, x) for x in corners], axis=0) > bend
+            depths = [self._depth_within(surface, x, t) for x, t in zip(corners, times, strict=True)]
+            within = np.min(depths, axis=0) > bend
             lowest = np.where(within, np.maximum(lowest, height), lowest)
         return lowest
 
@@ -214,14 +234,15 @@ class Flights:
         """
         return np.where(self.higher[item], self.motion.problem.plane_z, end)
 
-    def lies(self, x: Array, fallen: Mask) -> Mask:
+    def lies(self, x: Array, t: Array, fallen: Mask) -> Mask:
         """Returns where the object lies (...), rather than flies.
 
         Args:
             x: centres of the flights (3, ...) [m].
+            t: their times (...) [s].
             fallen: which of them are beyond the apex (...).
         """
-        return np.asarray(fallen & (self.lies_at_m is not None) & (x[2] < self.lowest_at([x])))
+        return np.asarray(fallen & (self.lies_at_m is not None) & (x[2] < self.lowest_at([x], [t])))
 
     def lying_at(self, x: Array) -> Array:
         """Returns the centres (3, ...) [m] of an object that lies where a flight is at `x` (3, ...).
@@ -232,10 +253,10 @@ class Flights:
         height_m = self.lies_at_m
         return np.stack([x[0] - shift[0], x[1] - shift[1], np.full_like(x[2], height_m)])
 
-    def _depth_within(self, surface: Surface, x: Array) -> Array:
-        """Returns how far within a surface, and the bin's wall, points (3, ...) are (...) [m]."""
+    def _depth_within(self, surface: Surface, x: Array, t: Array) -> Array:
+        """Returns how far within a surface, and the bin's wall, points (3, ...) are at times `t` (...) [m]."""
         depth = surface.depth(x)
-        return depth if self.opening is None else np.minimum(depth, self.from_mouth(x)[0])
+        return depth if self.opening is None else np.minimum(depth, self.from_mouth(self.beside_bin(x, t))[0])
 
     def releases(self, r: Array) -> tuple[Array, Array]:
         """Returns positions and velocities (3, k) of the object at release times `r` (k,) [s] of the spread.
@@ -316,7 +337,8 @@ class Flights:
         if is_shape.any():
             near[:, is_shape] = nearest_on_cores(x[:, is_shape], self.shapes[:, item[is_shape]])
         if is_rim.any():
-            near[:, is_rim] = self.nearest_on_wall(x[:, is_rim])
+            beside = self.beside_bin(x[:, is_rim], t[is_rim])
+            near[:, is_rim] = self.nearest_on_wall(beside) + (x[:, is_rim] - beside)
         rest = ~is_shape & ~is_rim
         if rest.any():
             ends = self.motion.body.end_points_of(item[rest] - count, self.motion.poses_at(t[rest]))
@@ -378,7 +400,7 @@ class Flights:
     def _gaps_of_ball(self, x: Array, y: Array, falls: Mask, t: Array) -> Array:
         """Returns what `gaps_along` does for a ball at places `y` (3, n) of the object at `x` (3, n) [m]."""
         items = np.arange(len(self.names))
-        lies = self.lies(x, falls)
+        lies = self.lies(x, t, falls)
         centres = np.repeat(y[:, None], len(items), axis=1)
         if lies.any():
             centres[:, : self.count] = np.where(lies, self.lying_at(x), y)[:, None]
@@ -386,8 +408,8 @@ class Flights:
         times = np.tile(t, len(items))
         gaps = self.gaps_at(every, centres.reshape(3, -1), times).reshape(len(items), -1)
         if self.landings_of_body is None:
-            gaps[falls & (x[2] < self.over_below(items[:, None], self.lowest_at([x])) - TINY_M)] = np.inf
-            gaps[self.rim, self.in_bin(y)] = np.inf
+            gaps[falls & (x[2] < self.over_below(items[:, None], self.lowest_at([x], [t])) - TINY_M)] = np.inf
+            gaps[self.rim, self.in_bin(self.beside_bin(y, t))] = np.inf
         return gaps
 
     def gaps_at(self, item: Index, x: Array, t: Array) -> Array:

@@ -197,9 +197,9 @@ class PatchBounds:
         across = self.release_bend(s, r1 - r0)
         bend = across + self.time_bend(s, h)
         fallen = t >= apexes
-        end = flights.over_below(item, flights.lowest_at(_corners(corners), bend))
+        end = flights.over_below(item, flights.lowest_at(_corners(corners), list(t), bend))
         over = falling & (corners[2, ::2].max(axis=0) + across < end)
-        ended = fallen & (corners[2] < flights.over_below(item, flights.lowest_at([corners])))
+        ended = fallen & (corners[2] < flights.over_below(item, flights.lowest_at([corners], [t])))
         bounds = []
         gaps = []
         places, lowest = flights.places(corners, r, t)
@@ -215,12 +215,13 @@ class PatchBounds:
         for place_m, y in zip(flights.balls_m, places, strict=True):
             ball = self.of_ball(place_m)
             ball_bend = bend if place_m == 0.0 else ball.release_bend(s, r1 - r0) + ball.time_bend(s, h)
-            seen = BallPatches(_corners(corners), bend, _corners(y), ball_bend, falling, below)
+            seen = BallPatches(_corners(corners), list(t), bend, _corners(y), ball_bend, falling, below)
             lower, sampled = ball._seen(patches, seen, (corners, y, lowest), t, fallen)
             is_over, is_ended = over, ended
             if landings is None:
-                is_over = over | ((item == flights.rim) & falling & self.all_in_bin(seen.places, ball_bend))
-                is_ended = ended | fallen & (item == flights.rim) & flights.in_bin(y)
+                beside = flights.beside_bin(y, t)
+                is_over = over | ((item == flights.rim) & falling & self.all_in_bin(_corners(beside), ball_bend))
+                is_ended = ended | fallen & (item == flights.rim) & flights.in_bin(beside)
             bounds.append(np.where(is_over | (t1 <= r0), np.inf, lower))
             gaps.append(np.where(is_ended | (t < r), np.inf, sampled - flights.thickness[item]))
         return Evaluated(np.min(bounds, axis=0), np.min(gaps, axis=0), r, t)
@@ -250,7 +251,7 @@ class PatchBounds:
             x = corners[:, :, is_shape]
             met = item[is_shape]
             lower[is_shape] = core_gaps(flights, seen.at(is_shape), met)
-            lies = flights.lies(x, fallen[:, is_shape])
+            lies = flights.lies(x, t[:, is_shape], fallen[:, is_shape])
             x = np.where(lies, flights.lying_at(x), y[:, :, is_shape]) if lies.any() else y[:, :, is_shape]
             sampled[:, is_shape] = _length(x - nearest_on_cores(x, flights.shapes[:, None, met]))
             if lowest is not None:
@@ -283,7 +284,7 @@ class PatchBounds:
         bound = np.full(len(item), np.nan)
         sampled = np.full(t.shape, np.nan)
         if is_rim.any():
-            x = corners[:, :, is_rim]
+            x = flights.beside_bin(corners[:, :, is_rim], t[:, is_rim])
             bound[is_rim] = self.wall_bound(_corners(x))
             sampled[:, is_rim] = _length(x - flights.nearest_on_wall(x))
         if is_capsule.any():

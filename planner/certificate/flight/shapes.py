@@ -21,6 +21,7 @@ class BallPatches(NamedTuple):
 
     Attributes:
         corners: of the patches of the centre, each (3, ...) [m].
+        times: of these, each (...) [s].
         bend: deviation of the centre from what is between them (...) [m].
         places: corners of the patches of the ball, the same for an object that is one [m].
         ball_bend: deviation of the ball (...) [m].
@@ -29,6 +30,7 @@ class BallPatches(NamedTuple):
     """
 
     corners: list[Array]
+    times: list[Array]
     bend: Array
     places: list[Array]
     ball_bend: Array
@@ -37,9 +39,11 @@ class BallPatches(NamedTuple):
 
     def at(self, chosen: Mask) -> BallPatches:
         """Returns the `chosen` ones of patches (k,)."""
+        times = [t[chosen] for t in self.times]
         corners, places = ([corner[:, chosen] for corner in each] for each in (self.corners, self.places))
         lowest = None if self.lowest is None else self.lowest[chosen]
-        return BallPatches(corners, self.bend[chosen], places, self.ball_bend[chosen], self.falling[chosen], lowest)
+        bends = self.bend[chosen], self.ball_bend[chosen]
+        return BallPatches(corners, times, bends[0], places, bends[1], self.falling[chosen], lowest)
 
 
 def core_gaps(flights: Flights, patches: BallPatches, item: Index) -> Array:
@@ -50,13 +54,13 @@ def core_gaps(flights: Flights, patches: BallPatches, item: Index) -> Array:
         patches: of a ball.
         item: numbers of the shapes (...).
     """
-    (corners, bend, places, ball_bend, falling, of_body) = patches
+    (corners, times, bend, places, ball_bend, falling, of_body) = patches
     shapes = flights.shapes[:, item]
     tops = flights.tops[item]
     if of_body is not None:
         return np.maximum(core_bound(places, shapes) - ball_bend, of_body + flights.radius_m - tops)
     lowest = reduce(np.minimum, [place[2] for place in places]) - ball_bend
-    landed_at = flights.lowest_at(corners, bend)
+    landed_at = flights.lowest_at(corners, times, bend)
     above = np.where(falling, np.maximum(lowest, landed_at), lowest) - tops
     in_air = np.maximum(core_bound(places, shapes) - ball_bend, above)
     heights = [corner[2] for corner in corners]

@@ -1,7 +1,6 @@
 """Kind `belt`, a sketch: hit a target that a belt carries, some time after it was seen.
 
-What real belts need beyond this kind: an executor that starts the throw in time, and a release window in which the
-target moves on.
+The kind `target` does this as it should be done: it starts in time, and its release window moves with the belt.
 """
 
 from __future__ import annotations
@@ -24,11 +23,11 @@ class BeltRelease(TargetRelease):
 
     Attributes:
         p_W: where object and target meet (3,) [m].
-        v_W: velocity of the target (3,) [m/s].
+        carried: velocity of the target (3,) [m/s].
         meets_after_s: time from when the target was seen to the landing [s].
     """
 
-    v_W: Array = field(default_factory=lambda: np.zeros(3))
+    carried: Array = field(default_factory=lambda: np.zeros(3))
     meets_after_s: float = 0.0
 
     name: ClassVar[str] = "belt"
@@ -37,7 +36,7 @@ class BeltRelease(TargetRelease):
         "Hit a point on a belt by free flight; the planner chooses the release.",
         {
             **TargetRelease.record.fields,
-            "velocity": required(Vector(3), "Velocity of the target, in `frame` [m/s]."),
+            "belt_velocity": required(Vector(3), "Velocity of the target, in `frame` [m/s]."),
             "meets_after_s": required(Number(0.0), "Time from the target at `position` to the landing [s]."),
         },
     )
@@ -46,15 +45,15 @@ class BeltRelease(TargetRelease):
     def from_json(cls, given: Mapping[str, Any], X_WR: Array) -> Self:
         """Returns the release in the world."""
         seen = vars(TargetRelease.from_json(given, X_WR))
-        v_W = turn(X_WR, given["velocity"])
+        carried = turn(X_WR, given["belt_velocity"])
         after_s = given["meets_after_s"]
-        return cls(**{**seen, "p_W": seen["p_W"] + after_s * v_W}, v_W=v_W, meets_after_s=after_s)
+        return cls(**{**seen, "p_W": seen["p_W"] + after_s * carried}, carried=carried, meets_after_s=after_s)
 
     def to_json(self) -> dict[str, Any]:
         """Returns the target as it was seen, and its velocity, in the world."""
         return {
             **super().to_json(),
-            "position": (self.p_W - self.meets_after_s * self.v_W).tolist(),
-            "velocity": self.v_W.tolist(),
+            "position": (self.p_W - self.meets_after_s * self.carried).tolist(),
+            "belt_velocity": self.carried.tolist(),
             "meets_after_s": self.meets_after_s,
         }

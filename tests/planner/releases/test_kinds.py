@@ -23,7 +23,7 @@ ONE_OF_EACH = (
     PointRelease(np.array([0.5, 0.2, 0.6]), np.array([0.8, 0.3, 0.8])),
     TargetRelease(np.array([1.2, 0.3, 0.0]), max_speed_m_s=3.0, release_position=np.array([0.5, 0.2, 0.6])),
 )
-BELT = {"kind": "belt", "position": [1.2, -0.5, 0.0], "velocity": [0.0, 0.4, 0.0], "meets_after_s": 2.0}
+BELT = {"kind": "belt", "position": [1.2, -0.5, 0.0], "belt_velocity": [0.0, 0.4, 0.0], "meets_after_s": 2.0}
 SCHEMA = """
 from planner import releases
 from tests.planner.releases.belt import BeltRelease
@@ -73,17 +73,17 @@ def test_a_new_kind_plans_with_one_file_and_one_line(with_belt: Cell):
     found = plan(problem_from_request(request, with_belt))
     assert found.certificate.valid
     document = plan_document(found, request, "", "")
-    there = np.array(BELT["position"]) + BELT["meets_after_s"] * np.array(BELT["velocity"])
+    there = np.array(BELT["position"]) + BELT["meets_after_s"] * np.array(BELT["belt_velocity"])
     np.testing.assert_allclose(document["flight"]["landing_point"], there, atol=5e-4)
     problem, _ = plan_from_document(document, with_belt)
     assert isinstance(problem.release, BeltRelease)
-    assert release_document(problem.release)["velocity"] == BELT["velocity"]
+    assert release_document(problem.release)["belt_velocity"] == BELT["belt_velocity"]
 
 
 def test_a_new_kind_is_refused_like_any_other(with_belt: Cell):
-    with pytest.raises(InvalidProblem, match=r"release\.velocity: has 2 entries"):
-        problem_from_request({"release": {**BELT, "velocity": [0.0, 0.4]}}, with_belt)
-    far = {"release": {**BELT, "velocity": [0.0, 3.0, 0.0]}, "release_window_s": 0.0}
+    with pytest.raises(InvalidProblem, match=r"release\.belt_velocity: has 2 entries"):
+        problem_from_request({"release": {**BELT, "belt_velocity": [0.0, 0.4]}}, with_belt)
+    far = {"release": {**BELT, "belt_velocity": [0.0, 3.0, 0.0]}, "release_window_s": 0.0}
     with pytest.raises(Infeasible) as refusal:
         plan(problem_from_request(far, with_belt))
     assert refusal.value.violations[0].constraint == "tcp_speed"

@@ -26,7 +26,7 @@ AT_THE_RIM_M = 0.3  # height of the mouth
 def landed(state: tuple[float, ...], tables: str = "", bin: RoundBin | None = None, dt: float = 0.002) -> Any:
     """Returns the only landing of an object released with `state` at time 0."""
     world = world_of(make_cell(tables=tables))
-    world.bin = bin
+    world.place_bin(bin)
     world.release(1, 0.0, state, 0.0)
     for k in range(1, 20000):
         world.cycle(k * dt, dt)

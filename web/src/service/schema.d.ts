@@ -321,6 +321,30 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/cells/{name}/retarget": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Retarget a running motion
+         * @description Plans from the earliest tick of the running motion that can be reached, and replaces it. **Moves the robot.**
+         *
+         *     The body is that of `POST /plan` without cell and start. The lead is the time that nine in ten of the last twenty
+         *     calls took, at first 0.5 s. A tick that passes meanwhile is retried once, with twice the time that this took. Where
+         *     nothing joins, the running plan goes on untouched, and the problem says why.
+         */
+        post: operations["retarget_motion"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/cells/{name}/robot": {
         parameters: {
             query?: never;
@@ -1656,7 +1680,7 @@ export interface components {
             landed_on: string | null;
             /**
              * Landing Error M
-             * @description Distance from the planned landing point [m].
+             * @description Distance from the planned landing point, as a target that moves carries it [m].
              * @default null
              */
             landing_error_m: number | null;
@@ -2987,6 +3011,11 @@ export interface components {
              */
             sample_rate_hz: number;
             solver: components["schemas"]["SolverAnswer"];
+            /**
+             * Starts At S
+             * @description When it must start, on the controller's clock [s]; only where its target moves.
+             */
+            starts_at_s?: number | null;
             /** @description Left out by `?trajectory=false`. */
             trajectory?: components["schemas"]["TrajectoryAnswer"] | null;
             /** @description Plans of earlier versions have none. */
@@ -3104,6 +3133,11 @@ export interface components {
              */
             sample_rate_hz: number;
             solver: components["schemas"]["SolverAnswer"];
+            /**
+             * Starts At S
+             * @description When it must start, on the controller's clock [s]; only where its target moves.
+             */
+            starts_at_s?: number | null;
             /** @description Left out by `?trajectory=false`. */
             trajectory?: components["schemas"]["TrajectoryAnswer"] | null;
             /** @description Plans of earlier versions have none. */
@@ -3200,6 +3234,11 @@ export interface components {
             /** @description Start of the launch; absent: the cell's home. */
             start?: components["schemas"]["StartRequest"] | null;
             /**
+             * Starts Not Before S
+             * @description Earliest start of a plan to a target that moves, on the controller's clock [s]. Absent: the service's: 2 s after it was asked.
+             */
+            starts_not_before_s?: number | null;
+            /**
              * Time Limit S
              * @description Time limit of the planner, from when it takes the request [s]; absent: 120. Where it passes before the search ends, the best motion so far can be the plan: its `solver.status` then says so.
              */
@@ -3283,6 +3322,11 @@ export interface components {
              */
             sample_rate_hz: number;
             solver: components["schemas"]["SolverAnswer"];
+            /**
+             * Starts At S
+             * @description When it must start, on the controller's clock [s]; only where its target moves.
+             */
+            starts_at_s?: number | null;
             /** @description Plans of earlier versions have none. */
             way_home?: components["schemas"]["WayHomeAnswer"] | null;
         };
@@ -3981,6 +4025,68 @@ export interface components {
             kind: "rest";
         };
         /**
+         * RetargetRequest
+         * @description What a running motion is to do instead: a request for a plan whose cell and start are given.
+         */
+        RetargetRequest: {
+            /**
+             * Backend
+             * @description Back end; auto: the best certified plan of several back ends.
+             * @default auto
+             * @enum {string}
+             */
+            backend: "auto" | "casadi" | "ruckig" | "toppra" | "cubic" | "trapezoid" | "ramp";
+            /**
+             * End
+             * @description Where a motion of passages comes to rest; absent: anywhere.
+             */
+            end?: (components["schemas"]["RestEndRequest"] | components["schemas"]["HomeEndRequest"] | components["schemas"]["JointEndRequest"] | components["schemas"]["PoseEndRequest"]) | null;
+            /**
+             * Frame
+             * @description Frame of positions and velocities in this request.
+             * @default world
+             * @enum {string}
+             */
+            frame: "world" | "base";
+            /**
+             * Landing Tolerance M
+             * @description Maximum landing error in the release window [m]; 0: only the nominal release. Absent: for a target the room in its opening, or the object's radius, at least 0.01; for the other kinds 0.
+             */
+            landing_tolerance_m?: number | null;
+            /** @description Limits of this plan; they may only tighten the cell's. */
+            limits?: components["schemas"]["RequestLimits"] | null;
+            /**
+             * Min Hit Probability
+             * @description Least `hit_probability` of the plan [-], for a target. With the back end `auto` a later release is planned where the soonest does not reach it: windows in steps of what is known of the release's timing, then slower throws; `infeasible` where none of them does.
+             */
+            min_hit_probability?: number | null;
+            /**
+             * Passages
+             * @description States and lines to pass one after another, as fast as the limits allow, and the outputs about them.
+             */
+            passages?: components["schemas"]["PassageRequest"][] | null;
+            /**
+             * Release
+             * @description The state to pass or the point to hit: one of four kinds. It is short for one passage that releases; give either.
+             */
+            release?: (components["schemas"]["PoseReleaseRequest"] | components["schemas"]["PointReleaseRequest"] | components["schemas"]["JointReleaseRequest"] | components["schemas"]["TargetReleaseRequest"]) | null;
+            /**
+             * Release Window S
+             * @description A release early or late by up to this [s] still lands within `landing_tolerance_m`; without one there is no window. Absent: for a target three times the gripper's jitter, at least 0.005, otherwise 0; 0 asks for the soonest release. With `min_hit_probability` it is the shortest window that is tried; absent: 0.
+             */
+            release_window_s?: number | null;
+            /**
+             * Singularity Distance Min
+             * @description Minimum distance to each singularity [-]; may only tighten the cell's.
+             */
+            singularity_distance_min?: number | null;
+            /**
+             * Time Limit S
+             * @description Time limit of the planner, from when it takes the request [s]; absent: 120. Where it passes before the search ends, the best motion so far can be the plan: its `solver.status` then says so.
+             */
+            time_limit_s?: number | null;
+        };
+        /**
          * RobotActionAnswer
          * @description A request to operate a robot, and what became of it.
          */
@@ -4510,6 +4616,11 @@ export interface components {
              * @description Minimum horizontal distance from the release to the target [m].
              */
             min_horizontal_distance_m?: number | null;
+            /**
+             * Observed At S
+             * @description When it was at `position`, on the controller's clock (RTDE `timestamp`) [s].
+             */
+            observed_at_s?: number | null;
             /** @description The bin around the target: the object enters through its mouth, clear of rim and wall. */
             opening?: components["schemas"]["OpeningRequest"] | null;
             /** @description How the object is to land; absent: anyhow. For a cell whose object is no ball. */
@@ -4524,6 +4635,11 @@ export interface components {
              * @description Position of the release, in `frame` [m]; absent: free.
              */
             release_position?: number[] | null;
+            /**
+             * Velocity
+             * @description Velocity of the target and its bin, in `frame` [m/s]; level. Absent: it stands still.
+             */
+            velocity?: number[] | null;
         };
         /**
          * TargetStatistics
@@ -4947,6 +5063,7 @@ export type ReplaceRequest = components['schemas']['ReplaceRequest'];
 export type ReplacementAnswer = components['schemas']['ReplacementAnswer'];
 export type RequestLimits = components['schemas']['RequestLimits'];
 export type RestEndRequest = components['schemas']['RestEndRequest'];
+export type RetargetRequest = components['schemas']['RetargetRequest'];
 export type RobotActionAnswer = components['schemas']['RobotActionAnswer'];
 export type RobotActionRequest = components['schemas']['RobotActionRequest'];
 export type RobotStateAnswer = components['schemas']['RobotStateAnswer'];
@@ -6318,6 +6435,126 @@ export interface operations {
                 };
             };
             /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    retarget_motion: {
+        parameters: {
+            query?: {
+                /** @description false leaves the trajectory out. */
+                trajectory?: boolean;
+            };
+            header?: never;
+            path: {
+                /** @description Name of a cell. */
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["RetargetRequest"];
+            };
+        };
+        responses: {
+            /** @description The plan that has joined the motion. */
+            202: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["PlanAnswer"];
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `request-timeout` */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `plan-not-executable`, `cannot-join` */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `too-large` */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `unsupported-media-type` */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request`, `infeasible` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `overloaded` */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `solver-failed`, `shutting-down`, `not-ready` */
             503: {
                 headers: {
                     [name: string]: unknown;

@@ -1,0 +1,170 @@
+"""Throws at targets that move: met where the audit finds them, and judged against a bin where it is at each instant."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.audit import find_faults, flight_faults
+from learning.throws import STEP_S, Circumstances, Throws, throw_table
+from planner.answer import Plan, plan_document, plan_from_document
+from planner.certificate import certify, window_landing_points
+from planner.errors import InvalidProblem
+from planner.planning import plan
+from planner.problem import SWEPT_S, ThrowProblem
+from planner.releases import release_document
+from planner.request import problem_from_request, request_document
+from tests.planner.problems import cell
+
+SEEN_S = 1000.0
+BIN = {"radius_m": 0.1, "rim_height_m": 0.15}
+ACROSS = {"kind": "target", "position": [1.1, -0.5, 0.0], "velocity": [0.0, 0.4, 0.0], "observed_at_s": SEEN_S}
+ASLANT = {**ACROSS, "position": [0.9, 0.5, 0.0], "velocity": [0.2, -0.3, 0.0]}
+MOUTH = "bin_mouth"  # the audit's word for a flight beside it
+MUCH_M = 0.004  # [m] by which the audit's steps and the certificate's bounds may differ
+
+
+def request(release: dict[str, Any], **more: Any) -> dict[str, Any]:
+    return {"release": release, "starts_not_before_s": SEEN_S + 0.5, **more}
+
+
+@pytest.fixture(scope="module", params=[ACROSS, {**ACROSS, "opening": BIN}, {**ASLANT, "opening": BIN}])
+def asked(request: pytest.FixtureRequest) -> dict[str, Any]:
+    return {"release": request.param, "starts_not_before_s": SEEN_S + 0.5}
+
+
+@pytest.fixture(scope="module")
+def found(asked: dict[str, Any]) -> Plan:
+    return plan(problem_from_request(asked, cell()))
+
+
+def check(problem: ThrowProblem, found: Plan, name: str) -> Any:
+    return next(each for each in certify(problem, found.trajectory).checks if each.name == name)
+
+
+def test_the_object_meets_the_target_and_the_audit_finds_no_fault(found: Plan, asked: dict[str, Any]) -> None:
+    assert found.certificate.valid
+    assert find_faults(found.problem, found.trajectory) == []
+    document = plan_document(found, asked, "", "")
+    assert document["starts_at_s"] >= asked["starts_not_before_s"]
+    lands_s = document["starts_at_s"] + document["release_time_s"] + document["flight"]["time_of_flight_s"]
+    seen = asked["release"]
+    there = np.array(seen["position"]) + (lands_s - SEEN_S) * np.array(seen["velocity"])
+    np.testing.assert_allclose(document["flight"]["landing_point"], there, atol=5e-4)
+
+
+def test_a_plan_is_certified_again_from_its_document(found: Plan, asked: dict[str, Any]) -> None:
+    document = plan_document(found, asked, "", "")
+    problem, motion = plan_from_document(document, cell())
+    again = certify(problem, motion)
+    assert again.valid
+    assert {each.name for each in again.checks} == {each.name for each in found.certificate.checks}
+    later = {**document, "starts_at_s": document["starts_at_s"] + 0.01}
+    moved, _ = plan_from_document(later, cell())
+    assert moved.target is not None
+    np.testing.assert_allclose(moved.target.p_W - problem.target.p_W, 0.01 * problem.target.v_W, atol=1e-9)
+    assert not certify(moved, motion).valid
+    with pytest.raises(InvalidProblem, match="starts_at_s"):
+        plan_from_document({name: value for name, value in document.items() if name != "starts_at_s"}, cell())
+
+
+def test_a_start_that_is_off_misses_by_the_way_of_the_target(found: Plan) -> None:
+    assert found.problem.starts_at_s is not None
+    late = replace(found.problem, starts_at_s=found.problem.starts_at_s + 0.02)
+    missed = check(late, found, "landing")
+    assert not missed.ok
+    assert missed.value == pytest.approx(0.02 * np.linalg.norm(found.problem.target.v_W), rel=1e-3)
+
+
+def test_the_window_is_judged_beside_the_moving_target(found: Plan) -> None:
+    within = check(found.problem, found, "landing_window")
+    standing = replace(found.problem, starts_at_s=None)
+    target = replace(found.problem.target, v_W=np.zeros(3))
+    standing = standing.with_release(standing.release.with_target(target))
+    assert within.value != pytest.approx(check(standing, found, "landing_window").value, rel=1e-3)
+    assert flight_faults(found.problem, found.trajectory) == []
+
+
+@pytest.fixture(scope="module")
+def on_time() -> Plan:
+    """A throw into a bin that moves, by a gripper that opens exactly on time: one flight to judge."""
+    own = cell()
+    own = replace(own, gripper=replace(own.gripper, jitter_s=0.0))
+    return plan(problem_from_request(request({**ACROSS, "opening": BIN}, release_window_s=0.0), own))
+
+
+def coming(found: Plan, velocity: list[float]) -> ThrowProblem:
+    """Returns the problem of a plan with the bin met as before, but on its way there at another velocity."""
+    target = replace(found.problem.target, v_W=np.array(velocity))
+    return found.problem.with_release(found.problem.release.with_target(target))
+
+
+@pytest.mark.parametrize("speed", [-4.0, -2.0, -1.0, 0.4, 1.0, 2.0, 4.0])
+@pytest.mark.parametrize("direction", [[1.0, 0.0], [0.0, 1.0]])
+def test_certificate_and_audit_agree_on_walls_that_move(on_time: Plan, speed: float, direction: list[float]) -> None:
+    problem = coming(on_time, [*(speed * x for x in direction), 0.0])
+    judged = check(problem, on_time, "flight_clearance")
+    faults = [each for each in flight_faults(problem, on_time.trajectory) if each.rule in ("flight_clearance", MOUTH)]
+    if judged.ok:
+        assert faults == []
+    elif judged.value < judged.limit - MUCH_M:
+        assert faults
+        assert judged.detail == "rim"
+
+
+def test_there_are_walls_that_are_met_and_walls_that_are_not(on_time: Plan) -> None:
+    outcomes = {check(coming(on_time, [0.0, v, 0.0]), on_time, "flight_clearance").ok for v in (-4.0, 0.4, 4.0)}
+    assert outcomes == {True, False}
+
+
+def test_the_arm_keeps_out_of_the_path_of_the_bin() -> None:
+    problem = problem_from_request(request({**ASLANT, "opening": BIN}), cell()).met_at(SEEN_S + 2.0)
+    path = problem.cell_with_bin.surroundings.keep_out[-1]
+    around = np.linspace(0.0, 2.0 * np.pi, 24)
+    ring = BIN["radius_m"] * np.stack([np.cos(around), np.sin(around), 0.0 * around], axis=1)
+    for t in np.linspace(-SWEPT_S[0], SWEPT_S[1], 7):
+        for height in (0.001, BIN["rim_height_m"] - 0.001):
+            places = problem.target.p_W + t * problem.target.v_W + 0.99 * ring + [0.0, 0.0, height]
+            assert (path.depth(places) > 0.0).all()
+
+
+def test_forecasts_are_beside_the_moving_target(found: Plan) -> None:
+    delays = STEP_S * np.array([-4.0, 0.0, 4.0])
+    table = throw_table(found.problem, found.trajectory, beside_target=True)
+    none = np.zeros(3)
+    landed = Throws([table]).landings(
+        Circumstances(delays[:, None], np.ones((3, 1)), np.zeros((3, 1, 2)), none[:, None], none[:, None])
+    )
+    exact = window_landing_points(found.problem, found.trajectory, delays)[:, :2]
+    np.testing.assert_allclose(landed[:, 0], exact, atol=2e-4)
+
+
+@pytest.mark.parametrize(
+    ("changes", "field"),
+    [
+        ({"starts_not_before_s": None}, "starts_not_before_s"),
+        ({"release": {**ACROSS, "velocity": [0.0, 0.1, 0.1]}}, "release.velocity"),
+        ({"release": {**ACROSS, "velocity": [0.0, 9.0, 0.0]}}, "release.velocity"),
+        ({"release": {name: value for name, value in ACROSS.items() if name != "observed_at_s"}}, "observed_at_s"),
+        ({"start": {"positions": [0.0, -1.57, 1.57, -1.57, -1.57, 0.0], "velocities": [0.1] * 6}}, "start"),
+    ],
+)
+def test_what_does_not_go_together_is_refused_by_its_field(changes: dict[str, Any], field: str) -> None:
+    with pytest.raises(InvalidProblem, match=field):
+        problem_from_request({**request(ACROSS), **changes}, cell())
+
+
+def test_a_target_that_moves_is_no_passage() -> None:
+    passages = [{"name": "throw", "state": ACROSS, "releases": True}]
+    with pytest.raises(InvalidProblem, match="passages"):
+        problem_from_request({"passages": passages, "starts_not_before_s": SEEN_S}, cell())
+
+
+def test_a_request_is_written_as_it_was_read() -> None:
+    problem = problem_from_request(request(ACROSS), cell())
+    again = problem_from_request(request_document(problem, problem.release), cell())
+    assert release_document(again.release) == release_document(problem.release)
+    assert again.starts_not_before_s == problem.starts_not_before_s
