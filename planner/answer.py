@@ -232,7 +232,7 @@ def _orientation(R: Array) -> dict[str, Any]:
 
 
 def _attitude(problem: ThrowProblem, trajectory: Trajectory) -> dict[str, Any]:
-    """Returns how an object that is no ball lies as its centre lands; nothing of a ball."""
+    """Returns how an object that is no ball lies as it lands; nothing of a ball."""
     R_WO = landing_attitude(problem, trajectory)
     return {} if R_WO is None else {"landing_orientation": {**_orientation(R_WO), "axis": R_WO[:, 2].tolist()}}
 

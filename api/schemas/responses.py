@@ -76,7 +76,7 @@ class LandingShift(BaseModel):
 
 
 class LandingOrientation(BaseModel):
-    """How an object that is no ball lies as its centre lands, in the world."""
+    """How an object that is no ball lies as it first touches what it lands on, in the world."""
 
     quaternion: Quaternion = Field(description="Of its axes [x, y, z, w] [-].")
     rotation_vector: Vector3 = Field(description="The same as a rotation vector [rad].")

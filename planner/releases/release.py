@@ -52,7 +52,7 @@ class Opening:
 
 @dataclass(frozen=True, eq=False)
 class LandingAxis:
-    """Which way the object's z axis lies as its centre comes down on the target; its two ends count alike.
+    """Which way the object's z axis lies as it first touches what it lands on; its two ends count alike.
 
     Attributes:
         axis_W: unit vector (3,) along it.

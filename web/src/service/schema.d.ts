@@ -2282,7 +2282,7 @@ export interface components {
         };
         /**
          * LandingOrientation
-         * @description How an object that is no ball lies as its centre lands, in the world.
+         * @description How an object that is no ball lies as it first touches what it lands on, in the world.
          */
         LandingOrientation: {
             /**
