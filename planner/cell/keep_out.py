@@ -180,11 +180,13 @@ def _as_capsules(kind: str, shapes: Sequence[Solid], beyond_m: float) -> ToolSha
         middles = np.array([(shape.X_WC[:3, 3] - X[:3, 3]) @ X[:3, :3] for shape in shapes])
         halves = 0.5 * np.array([shape.extent for shape in shapes])
         cover = boxes_cover(middles - halves, middles + halves)
-    capsules = tuple(
-        ToolCapsule(*(read_only(X[:3, :3] @ end + X[:3, 3]) for end in (c.start, c.end)), c.radius_m)
-        for c in cover.capsules
-    )
+    capsules = tuple(ToolCapsule(_moved(X, c.start), _moved(X, c.end), c.radius_m) for c in cover.capsules)
     return ToolShape(kind, capsules, cover.beyond_m + beyond_m)
+
+
+def _moved(X: Array, p: Array) -> Array:
+    """Returns a point (3,) of a frame that has the pose `X` (4, 4)."""
+    return read_only(X[:3, :3] @ p + X[:3, 3])
 
 
 def _covered(entry: Mapping[str, Any], where: str, number_: int, meshes: bytes | None) -> list[Solid]:
