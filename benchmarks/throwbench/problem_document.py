@@ -117,8 +117,8 @@ def _pose(X: Array) -> dict[str, Any]:
 
 
 def _box(box: Solid) -> dict[str, Any]:
-    if box.core is not None:
-        raise ValueError("ThrowBench knows boxes along the axes alone")
+    if box.core is not None or box.clearance_m is not None:
+        raise ValueError("ThrowBench knows boxes along the axes alone, without clearances of their own")
     return {"lower_m": box.lower, "upper_m": box.upper}
 
 
