@@ -106,7 +106,7 @@ def _scene(cell: Cell, with_object: bool) -> Pinned:
         np.column_stack([pairs.astype(np.float64), least, body.pair_levers[own]]),
         np.column_stack([rows, required]),
         np.array([around.floor_z_m + around.clearance_m, *lower, *upper]),
-        body.may_touch,
+        body.may_touch.astype(np.float64),
         np.array(rooms).reshape(-1, 21),
     )
 
