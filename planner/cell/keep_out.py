@@ -16,7 +16,7 @@ from planner.arrays import Array, read_only
 from planner.cell.capsule_cover import boxes_cover, cylinder_cover, round_cover
 from planner.cell.fields import UNKNOWN_KEY, choice, exactly, merge_defaults, number, placement, tables, vector
 from planner.cell.mesh_file import CELL_M, cover_in, cover_key
-from planner.cell.model import FARTHEST_M, Contact, ToolCapsule
+from planner.cell.model import FARTHEST_M, AllowedContact, ToolCapsule
 from planner.cell.shapes import SIZE_MIN_M, SIZES, Box, Solid, shape_of
 from planner.errors import CellError
 from planner.fields import did_you_mean
@@ -262,7 +262,7 @@ def _name(entry: Mapping[str, Any], where: str) -> str:
 
 def contacts(
     table: Mapping[str, Any], robot: Robot, tool_capsules: int, bodies: Mapping[str, tuple[str, ...]]
-) -> tuple[Contact, ...]:
+) -> tuple[AllowedContact, ...]:
     """Returns the pairs of the list `may_touch` of the table `[surroundings]`.
 
     Args:
@@ -276,7 +276,7 @@ def contacts(
     """
     rows = capsule_rows(robot.shape.of)
     standing = {name for name, row in rows.items() if row["frame"] == 0}
-    parts = [*rows, Contact.TOOL, *(f"{TOOL}{i}" for i in range(tool_capsules)), Contact.OBJECT]
+    parts = [*rows, AllowedContact.TOOL, *(f"{TOOL}{i}" for i in range(tool_capsules)), AllowedContact.OBJECT]
     found = []
     for i, entry in enumerate(tables(table["may_touch"], "surroundings.may_touch")):
         where = f"surroundings.may_touch[{i}]."
@@ -289,7 +289,7 @@ def contacts(
             raise CellError(
                 f"{where}b", entry["b"], f"does not move against {entry['a']!r}: one of both must be a part"
             )
-        found.append(Contact(a, b, bodies.get(b, ())))
+        found.append(AllowedContact(a, b, bodies.get(b, ())))
     return tuple(found)
 
 

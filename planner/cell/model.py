@@ -125,7 +125,7 @@ class Limits:
 
 
 @dataclass(frozen=True)
-class Contact:
+class AllowedContact:
     """Two things whose distance is not checked.
 
     Attributes:
@@ -173,7 +173,7 @@ class Surroundings:
     gravity_m_s2: float
     keep_in: tuple[Solid, ...]
     keep_out: tuple[Solid, ...]
-    may_touch: tuple[Contact, ...] = ()
+    may_touch: tuple[AllowedContact, ...] = ()
 
     def is_free_to_touch(self, one: str, other: str) -> bool:
         """Returns whether two parts, or a part and a keep-out shape, may touch; both by their names."""

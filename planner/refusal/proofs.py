@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from planner.arrays import Array
-from planner.cell import FARTHEST_M, Cell, Contact
+from planner.cell import FARTHEST_M, AllowedContact, Cell
 from planner.certificate import SINGULARITY_WINDOW_S
 from planner.errors import Infeasible, Violation
 from planner.flight import least_speed
@@ -157,7 +157,7 @@ def _object_at_shapes(cell: Cell, p_WT: Array) -> list[Violation]:
     found = []
     clearances = (around.clearance_m + around.further_clearances).tolist()
     for shape, name, clearance_m in zip(around.keep_out, around.keep_out_names, clearances, strict=True):
-        if around.is_free_to_touch(Contact.OBJECT, name):
+        if around.is_free_to_touch(AllowedContact.OBJECT, name):
             continue
         gap = float(segment_shape_distance(p_WT, p_WT, shape))
         if gap - cell.object.radius_m < clearance_m - SLACK:

@@ -11,7 +11,7 @@ from planner.approach.rrt_connect import Obstacles
 from planner.approach.swept_clearance import SweptPaths, keep_clear
 from planner.backends.casadi_nlp import layout
 from planner.backends.casadi_nlp.parameters import pair_parameters, touching_slots
-from planner.cell import CellSource, Contact, load_cell, mended_cell, parse_cell, shape_of
+from planner.cell import AllowedContact, CellSource, load_cell, mended_cell, parse_cell, shape_of
 from planner.cell_folder import home_faults
 from planner.certificate import certify
 from planner.errors import CellError, Infeasible
@@ -29,7 +29,7 @@ NEST = 'name = "nest", shape = "sphere", pose = { position_m = [1.5, 0, 0.3] }, 
 def touching(here, *pairs):
     """The cell in which pairs may touch, each of a part and what is kept out or another part."""
     names = here.surroundings.keep_out_names
-    contacts = tuple(Contact(a, b, (b,) if b in names else ()) for a, b in pairs)
+    contacts = tuple(AllowedContact(a, b, (b,) if b in names else ()) for a, b in pairs)
     return replace(here, surroundings=replace(here.surroundings, may_touch=contacts))
 
 

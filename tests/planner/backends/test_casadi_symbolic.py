@@ -24,7 +24,7 @@ from planner.backends.casadi_nlp.parameters import (
 from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, LEAVING_ROWS, RELEASE_ROWS, passing
 from planner.backends.casadi_nlp.symbols.distances import WIDTH
 from planner.backends.casadi_nlp.symbols.rows import LEAVING_SHARES
-from planner.cell import Box, Cell, Contact, Solid, load_cell, shape_of
+from planner.cell import AllowedContact, Box, Cell, Solid, load_cell, shape_of
 from planner.certificate.certificate import at_least
 from planner.dynamics import Payload, joint_torques
 from planner.geometry import (
@@ -456,7 +456,7 @@ def test_what_may_touch_a_shape_has_no_part_in_its_row() -> None:
     parts = [*(name for name in layout.ARM_CAPSULES if name != "base"), "tool_0", "object"]
 
     def row(free: set[str], z: np.ndarray) -> float:
-        contacts = tuple(Contact(name, "box 0", ("box 0",)) for name in sorted(free))
+        contacts = tuple(AllowedContact(name, "box 0", ("box 0",)) for name in sorted(free))
         cell = replace(plain, surroundings=replace(plain.surroundings, may_touch=contacts))
         p = np.concatenate([arm_parameters(cell, cell.limits, NO_MARGINS), shape_parameters(cell, (0,))])
         return float(_rows("keep_out_1", z, p)[0])
