@@ -21,9 +21,9 @@ A point at the distance a from the centre of a body moves beside that by a u. Wi
 velocity and acceleration, F on the body's angular velocity in flight and g(s) of `planner.spin.growth`: |u_t| <= F,
 |u_tt| <= (1 + 1/sqrt(3)) F^2, as no coefficient of Euler's equations exceeds 1, and |u_r| <= (B + W^2) g(s), as in
 `planner.certificate.touchdown`. By that, u deviates from what is between two releases by at most |u_r| dr/2.
-Of a round body u turns about its momentum with a constant rate P, and with J bounding the rate of the tool's angular
-acceleration and k the largest moment over that across the axis, or 1, |P_r| <= k (B + W^2) =: P1 and |P_rr| <= k (J + 4
-B W + W^3) =: P2, so that |u_rr| <= P1 + P2 s + (P1 s)^2 for the body's axis: of the two bounds the least counts.
+Of a round body the axis u turns about its momentum with a constant rate P: |u_tt| <= k W^2, with the largest moment
+over that across the axis k, or 1. With J bounding the rate of the tool's angular acceleration, |P_r| <= P1 := k (B +
+W^2) and |P_rr| <= P2 := k (J + 4 B W + W^3), so that |u_rr| <= P1 + P2 s + (P1 s)^2: the least of both bounds counts.
 """
 
 from __future__ import annotations
@@ -120,6 +120,11 @@ class PatchBounds:
         return replace(self, away_m=abs(place_m))
 
     @property
+    def _is_on_axis(self) -> bool:
+        """Whether the point is the centre of a ball of the hull, on the axis of a body that may be round."""
+        return self.away_m <= self.flights.reach_m
+
+    @property
     def gravity(self) -> float:
         """Gravity [m/s^2]."""
         return self.flights.motion.problem.gravity
@@ -135,7 +140,8 @@ class PatchBounds:
 
     def time_bend(self, s: Array, h: Array) -> Array:
         """Returns bounds [m] on the deviation of a flight within `h` [s], up to `s` [s] from the release."""
-        return (self.gravity + self.drag * self.speed(s) ** 2 + self.away_m * self.spin.bend) * (h * h / 8.0)
+        bend = self.spin.axis_turn if self._is_on_axis else self.spin.bend
+        return (self.gravity + self.drag * self.speed(s) ** 2 + self.away_m * bend) * (h * h / 8.0)
 
     def release_bend(self, s: Array, h: Array) -> Array:
         """Returns bounds [m] on the deviation of flights between releases `h` [s] apart, up to `s` [s] from them.
@@ -152,7 +158,7 @@ class PatchBounds:
         if self.away_m == 0.0:
             return most * (h * h / 8.0)
         turned = self.spin.growing * self.spin.grown(np.asarray(s)) * (h / 2.0)
-        if self.away_m <= self.flights.reach_m:  # a ball of the hull, on the axis of a round body
+        if self._is_on_axis:
             turned = np.minimum(turned, self.spin.axis_bend(s) * (h * h / 8.0))
         return most * (h * h / 8.0) + self.away_m * turned
 
@@ -337,6 +343,7 @@ class SpinBounds(NamedTuple):
         turning: bound W on the tool's angular velocity [rad/s].
         rate: of |u_t| [rad/s].
         bend: of |u_tt| [rad/s^2].
+        axis_turn: of |u_tt| of the axis of the hull [rad/s^2].
         growing: B + W^2 [rad/s^2].
         first, second: P1 [rad/s^2] and P2 [rad/s^3]; infinite where the hull is not along the axis of a round body.
     """
@@ -345,6 +352,7 @@ class SpinBounds(NamedTuple):
     turning: float = 0.0
     rate: float = 0.0
     bend: float = 0.0
+    axis_turn: float = 0.0
     growing: float = 0.0
     first: float = math.inf
     second: float = math.inf
@@ -376,12 +384,12 @@ def spin_bounds(flights: Flights) -> SpinBounds:
     inertia = thing.inertia_kg_m2
     most = fastest_turn(inertia, w)
     bend = (1.0 + 1.0 / math.sqrt(3.0)) * most**2
-    bounds = SpinBounds(inertia, w, most, bend, a + w * w)
+    bounds = SpinBounds(inertia, w, most, bend, bend, a + w * w)
     axis = round_axis(inertia)
     if axis is None or not thing.hull_axis_O[axis]:
         return bounds
     k = max(1.0, spin_ratio(inertia, axis))
-    return bounds._replace(bend=k * w * w, first=k * (a + w * w), second=k * (jerk + 4.0 * a * w + w**3))
+    return bounds._replace(axis_turn=k * w * w, first=k * (a + w * w), second=k * (jerk + 4.0 * a * w + w**3))
 
 
 def patch_bounds(flights: Flights, height: float, spacing_s: float, v: Array) -> PatchBounds:
