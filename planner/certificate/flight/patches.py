@@ -21,9 +21,9 @@ A point at the distance a from the centre of a body moves beside that by a u. Wi
 velocity and acceleration, F on the body's angular velocity in flight and g(s) of `planner.spin.growth`: |u_t| <= F,
 |u_tt| <= (1 + 1/sqrt(3)) F^2, as no coefficient of Euler's equations exceeds 1, and |u_r| <= (B + W^2) g(s), as in
 `planner.certificate.touchdown`. By that, u deviates from what is between two releases by at most |u_r| dr/2.
-Of a round body the axis u turns about its momentum with a constant rate P: |u_tt| <= k W^2 with the largest moment over
-that across the axis k, or 1. With J bounding the rate of the tool's angular acceleration, |P_r| <= k (B + W^2) =: P1 and
-|P_rr| <= k (J + 4 B W + W^3) =: P2, so that |u_rr| <= P1 + P2 s + (P1 s)^2: of the two bounds the least counts.
+Of a round body the axis u turns about its momentum with a constant rate P: |u_tt| <= k W^2, with the largest moment
+over that across the axis k, or 1. With J bounding the rate of the tool's angular acceleration, |P_r| <= P1 := k (B +
+W^2) and |P_rr| <= P2 := k (J + 4 B W + W^3), so that |u_rr| <= P1 + P2 s + (P1 s)^2: the least of both bounds counts.
 """
 
 from __future__ import annotations
