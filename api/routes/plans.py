@@ -390,7 +390,7 @@ def _state_in_execution(service: Service, cell: str, id: str, at_s: float) -> di
 
 
 def running_state(service: Service, row: ExecutionRow, at_s: float) -> dict[str, Any] | None:
-    """Returns positions, velocities and accelerations of an execution's motion at a time; None after its end."""
+    """Returns positions, velocities and accelerations of an execution's motion at a time [s]; None beyond it."""
     begins_s = 0.0
     plan_id = row.plan_id
     for each in row.joined:
@@ -401,7 +401,7 @@ def running_state(service: Service, row: ExecutionRow, at_s: float) -> dict[str,
     assert plan is not None  # retention keeps the plans of executions
     motion = orjson.loads(plan.trajectory)
     tick = round((at_s - begins_s) * orjson.loads(plan.summary)["sample_rate_hz"])
-    if tick >= len(motion["positions"]):
+    if not 0 <= tick < len(motion["positions"]):
         return None
     return {name: motion[name][tick] for name in ("positions", "velocities", "accelerations")}
 

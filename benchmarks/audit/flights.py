@@ -118,7 +118,8 @@ def landing_errors(problem: ThrowProblem, motion: Trajectory, delays: Vector) ->
     """
     assert isinstance(problem.release, TargetRelease)
     paths = _paths(problem, motion, delays)
-    return np.linalg.norm(paths.landed - _target_at(problem, motion.release_time_s + delays + paths.landed_s), axis=1)
+    landed_s = np.asarray(motion.release_time_s + delays + paths.landed_s, float)
+    return np.linalg.norm(paths.landed - _target_at(problem, landed_s), axis=1)
 
 
 def _target_at(problem: ThrowProblem, t: Vector) -> Vector:
@@ -222,7 +223,8 @@ def _beside_bin(problem: ThrowProblem, x: Vector, begins_s: float) -> Vector:
     """Returns a path (n, 3) that begins at a time of the motion [s] as it is beside a bin, which may move."""
     if not isinstance(problem.release, TargetRelease):
         return x
-    return x - _target_at(problem, begins_s + STEP_S * np.arange(len(x))) + problem.release.p_W
+    times_s = np.asarray(begins_s + STEP_S * np.arange(len(x)), float)
+    return x - _target_at(problem, times_s) + problem.release.p_W
 
 
 def _first_contact(problem: ThrowProblem, x: Vector, begins_s: float) -> int:

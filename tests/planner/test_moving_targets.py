@@ -15,7 +15,7 @@ from planner.certificate import certify, window_landing_points
 from planner.errors import InvalidProblem
 from planner.planning import plan
 from planner.problem import SWEPT_S, ThrowProblem
-from planner.releases import release_document
+from planner.releases import Target, release_document
 from planner.request import problem_from_request, request_document
 from tests.planner.problems import cell
 
@@ -41,6 +41,11 @@ def found(asked: dict[str, Any]) -> Plan:
     return plan(problem_from_request(asked, cell()))
 
 
+def moving(problem: ThrowProblem) -> Target:
+    assert problem.moving is not None
+    return problem.moving
+
+
 def check(problem: ThrowProblem, found: Plan, name: str) -> Any:
     return next(each for each in certify(problem, found.trajectory).checks if each.name == name)
 
@@ -64,8 +69,8 @@ def test_a_plan_is_certified_again_from_its_document(found: Plan, asked: dict[st
     assert {each.name for each in again.checks} == {each.name for each in found.certificate.checks}
     later = {**document, "starts_at_s": document["starts_at_s"] + 0.01}
     moved, _ = plan_from_document(later, cell())
-    assert moved.target is not None
-    np.testing.assert_allclose(moved.target.p_W - problem.target.p_W, 0.01 * problem.target.v_W, atol=1e-9)
+    way = moving(moved).p_W - moving(problem).p_W
+    np.testing.assert_allclose(way, 0.01 * moving(problem).v_W, atol=1e-9)
     assert not certify(moved, motion).valid
     with pytest.raises(InvalidProblem, match="starts_at_s"):
         plan_from_document({name: value for name, value in document.items() if name != "starts_at_s"}, cell())
@@ -76,13 +81,13 @@ def test_a_start_that_is_off_misses_by_the_way_of_the_target(found: Plan) -> Non
     late = replace(found.problem, starts_at_s=found.problem.starts_at_s + 0.02)
     missed = check(late, found, "landing")
     assert not missed.ok
-    assert missed.value == pytest.approx(0.02 * np.linalg.norm(found.problem.target.v_W), rel=1e-3)
+    assert missed.value == pytest.approx(0.02 * np.linalg.norm(moving(found.problem).v_W), rel=1e-3)
 
 
 def test_the_window_is_judged_beside_the_moving_target(found: Plan) -> None:
     within = check(found.problem, found, "landing_window")
     standing = replace(found.problem, starts_at_s=None)
-    target = replace(found.problem.target, v_W=np.zeros(3))
+    target = replace(moving(found.problem), v_W=np.zeros(3))
     standing = standing.with_release(standing.release.with_target(target))
     assert within.value != pytest.approx(check(standing, found, "landing_window").value, rel=1e-3)
     assert flight_faults(found.problem, found.trajectory) == []
@@ -98,7 +103,7 @@ def on_time() -> Plan:
 
 def coming(found: Plan, velocity: list[float]) -> ThrowProblem:
     """Returns the problem of a plan with the bin met as before, but on its way there at another velocity."""
-    target = replace(found.problem.target, v_W=np.array(velocity))
+    target = replace(moving(found.problem), v_W=np.array(velocity))
     return found.problem.with_release(found.problem.release.with_target(target))
 
 
@@ -122,12 +127,13 @@ def test_there_are_walls_that_are_met_and_walls_that_are_not(on_time: Plan) -> N
 
 def test_the_arm_keeps_out_of_the_path_of_the_bin() -> None:
     problem = problem_from_request(request({**ASLANT, "opening": BIN}), cell()).met_at(SEEN_S + 2.0)
+    target = moving(problem)
     path = problem.cell_with_bin.surroundings.keep_out[-1]
     around = np.linspace(0.0, 2.0 * np.pi, 24)
     ring = BIN["radius_m"] * np.stack([np.cos(around), np.sin(around), 0.0 * around], axis=1)
     for t in np.linspace(-SWEPT_S[0], SWEPT_S[1], 7):
         for height in (0.001, BIN["rim_height_m"] - 0.001):
-            places = problem.target.p_W + t * problem.target.v_W + 0.99 * ring + [0.0, 0.0, height]
+            places = target.p_W + t * target.v_W + 0.99 * ring + [0.0, 0.0, height]
             assert (path.depth(places) > 0.0).all()
 
 

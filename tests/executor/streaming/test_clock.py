@@ -130,3 +130,12 @@ def test_the_link_is_named_where_its_own_bound_ends_the_run() -> None:
     assert not lost.are_too_many(15, 15 * DT)
     assert lost.are_too_many(6, 0.0)
     assert lost.cause == "the link lost them"
+
+
+def test_ticks_count_from_the_timestamp_nearest_to_one_that_is_due():
+    clock = ControllerClock(Stamps(10.0, 10.002, 10.006), DT, first_s=10.0025)
+    assert (clock.tick, clock.first) == (-1, pytest.approx(10.002))
+    clock.wait()
+    assert (clock.tick, clock.missed) == (0, 0)
+    clock.wait()
+    assert (clock.tick, clock.missed) == (2, 1)

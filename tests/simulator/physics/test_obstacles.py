@@ -206,3 +206,22 @@ def test_a_slope_or_a_round_top_stops_an_object_where_it_touches(entry: str, top
     landing = landed((1.0, 0.0, 0.9, 0.0, 0.0, 0.0), among(entry))
     np.testing.assert_allclose(landing["position_m"], [1.0, 0.0, top_z], atol=NEAR_M)
     assert landing["surface"] == "keep_out[0]"
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.5, -1.5])
+def test_a_bin_on_a_belt_catches_what_meets_it_and_nothing_else(speed: float):
+    """A lob that comes down at x = 1.0 after a second, where the bin then is, or was half a second before."""
+    lob = (0.0, 0.0, 0.1, 1.0, 0.0, G / 2.0)
+    caught = landed(lob, bin=RoundBin((1.0, 0.0, 0.1), 0.15, 0.05, (0.0, speed, 0.0), 1.0))
+    assert (caught["surface"], caught["t"]) == ("bin", pytest.approx(1.0, abs=1e-6))
+    assert caught["position_m"] == pytest.approx([1.0, 0.0, 0.1], abs=1e-6)
+    gone = landed(lob, bin=RoundBin((1.0, 0.0, 0.1), 0.15, 0.05, (0.0, speed, 0.0), 0.5))
+    assert (gone["surface"] == "bin") == (abs(0.5 * speed) < 0.15)
+
+
+def test_what_touches_the_wall_inside_moves_on_with_the_bin():
+    lob = (0.0, 0.0, 0.5, 1.0, 0.0, 0.0)
+    speed = 0.4
+    inside = landed(lob, bin=RoundBin((0.15, 0.0, 0.0), 0.1, 0.45, (0.0, speed, 0.0), 0.0))
+    assert inside["surface"] == "bin"
+    assert abs(inside["position_m"][1] - speed * inside["t"]) < 0.1

@@ -1,0 +1,126 @@
+"""A running motion gets another target in one call, with an executor simulated by the test."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any
+
+import pytest
+
+from api.leads import FIRST_S, KEPT, Leads
+from api.routes import retarget
+from store import TICK_PASSED
+from tests.api.conftest import JOINT, FakeExecutor, RunningService
+from tests.api.test_bad_input import problem_of
+from tests.api.test_executions import streaming
+
+PATH = "/cells/ur5e-sim/retarget"
+CLOCK_S = 0.05
+
+
+class FakeRun(threading.Thread):
+    """A run whose motion is always at the same time, and which answers requests to replace it in turn."""
+
+    def __init__(self, service: RunningService, id: str, *answers: str) -> None:
+        super().__init__(daemon=True)
+        self.service = service
+        self.id = id
+        self.answers = list(answers)
+        self.ended = threading.Event()
+        service.store.add_event(id, "telemetry", {"clock_s": CLOCK_S})
+
+    def run(self) -> None:
+        store = self.service.store
+        while not self.ended.wait(0.02):
+            store.add_event(self.id, "telemetry", {"clock_s": CLOCK_S})
+            row = store.execution(self.id)
+            if row is not None and row.open_replacement is not None:
+                reason = self.answers.pop(0)
+                store.answer_replacement(self.id, row.open_replacement, None if reason else CLOCK_S, reason)
+
+
+def called(run: FakeRun) -> Any:
+    run.start()
+    try:
+        return run.service.client.post(PATH, json={"release": JOINT, "backend": "ruckig"})
+    finally:
+        run.ended.set()
+        run.join()
+
+
+@pytest.fixture
+def soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Has every attempt begin at once: the motion is short, and a busy machine takes longer than it."""
+    monkeypatch.setattr(Leads, "lead_s", lambda *_: 0.05)
+    monkeypatch.setattr(retarget, "LATER", 0.0)
+
+
+def test_it_is_planned_on_the_motion_and_joined(service: RunningService, executor: FakeExecutor, plan, soon):
+    id = streaming(service, plan["id"])
+    response = called(FakeRun(service, id, ""))
+    assert response.status_code == 202, response.text
+    made = response.json()
+    assert made["request"]["start"]["execution"] == id
+    assert made["request"]["start"]["at_s"] >= CLOCK_S + 0.05
+    (answer,) = service.client.get(f"/executions/{id}").json()["replacements"]
+    assert answer["plan_id"] == made["id"]
+
+
+def test_a_tick_that_has_passed_is_tried_once_more(service: RunningService, executor: FakeExecutor, plan, soon):
+    id = streaming(service, plan["id"])
+    response = called(FakeRun(service, id, f"{TICK_PASSED}: 0.1 s ago", ""))
+    assert response.status_code == 202, response.text
+    first, second = service.client.get(f"/executions/{id}").json()["replacements"]
+    assert response.json()["id"] == second["plan_id"] != first["plan_id"]
+
+
+def test_not_twice_and_for_no_other_reason(service: RunningService, executor: FakeExecutor, plan, soon):
+    id = streaming(service, plan["id"])
+    late = f"{TICK_PASSED}: 0.1 s ago"
+    assert problem_of(called(FakeRun(service, id, late, late)), 409, "cannot-join")["detail"] == late
+    off = "the plan does not begin on the motion"
+    assert problem_of(called(FakeRun(service, id, off)), 409, "cannot-join")["detail"] == off
+    assert len(service.client.get(f"/executions/{id}").json()["replacements"]) == 3
+
+
+def test_what_no_motion_can_do_and_what_is_given_are_refused(service: RunningService, executor: FakeExecutor, plan):
+    idle = service.client.post(PATH, json={"release": JOINT})
+    assert "there is no motion to join" in problem_of(idle, 409, "cannot-join")["detail"]
+    streaming(service, plan["id"])
+    for name, value in (("start", {"current": True}), ("cell", "ur5e-sim")):
+        answer = problem_of(service.client.post(PATH, json={"release": JOINT, name: value}), 422, "invalid-request")
+        assert answer["errors"][0]["field"] == name
+    untold = problem_of(service.client.post(PATH, json={"release": JOINT}), 409, "cannot-join")
+    assert "has not told yet" in untold["detail"]
+
+
+def test_a_motion_that_ends_before_the_tick_is_not_joined(service: RunningService, executor: FakeExecutor, plan):
+    id = streaming(service, plan["id"])
+    service.store.add_event(id, "telemetry", {"clock_s": 50.0})
+    answer = problem_of(service.client.post(PATH, json={"release": JOINT}), 409, "cannot-join")
+    assert "ends before" in answer["detail"]
+    assert service.client.get(f"/executions/{id}").json()["replacements"] == []
+
+
+def test_the_lead_is_enough_for_nine_in_ten_of_the_last_calls():
+    leads = Leads()
+    assert leads.lead_s("one") == FIRST_S
+    for taken_s in range(1, KEPT + 1):
+        leads.note("one", 0.01 * taken_s)
+    assert leads.lead_s("one") == pytest.approx(0.18)
+    assert leads.lead_s("other") == FIRST_S
+
+
+def test_a_target_that_moves_starts_some_time_after_it_is_asked_for(service: RunningService, executor: FakeExecutor):
+    release = {"kind": "target", "position": [1.1, -0.5, 0.0], "velocity": [0.0, 0.3, 0.0], "observed_at_s": 700.0}
+    untold = problem_of(service.client.post("/plan", json={"release": release}), 409, "robot-not-ready")
+    assert "starts_not_before_s" in untold["detail"]
+    executor.robot = {**executor.robot, "timestamp_s": 700.2}
+    executor.beat()
+    begun_s = time.time()
+    made = service.client.post("/plan", json={"release": release})
+    assert made.status_code == 201, made.text
+    earliest_s = made.json()["request"]["starts_not_before_s"]
+    assert 702.2 <= earliest_s < 702.3 + time.time() - begun_s + 2.0
+    assert made.json()["starts_at_s"] >= earliest_s
