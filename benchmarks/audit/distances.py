@@ -104,7 +104,7 @@ def spatial_faults(
             solids = bodies[first].solid, places[first], bodies[second].solid, places[second]
             worst.self_gap = min(worst.self_gap, _distance(*solids, worst.self_gap))
         present = obstacles if problem.starts_at_s is None else _obstacles(problem, float(t[i]))
-        for solid, _, _ in present:
+        for solid, *_ in present:
             solid.computeLocalAABB()
         worst.boxes = _box_gap(cell, present, places, held, worst.boxes)
         worst.outside = max(worst.outside, _outside(cell, poses))

@@ -110,9 +110,7 @@ class TargetRelease(Target, Release):
         if abs(self.v_W[2]) > LEVEL_M_S:
             found.append(FieldError("release.velocity", f"rises by {self.v_W[2]:g} m/s: a target moves on a level"))
         if self.moves and isinstance(cell.object, ThrownBody):
-            found.append(
-                FieldError("release.velocity", "is for balls: a body first touches what stands still")
-            )
+            found.append(FieldError("release.velocity", "is for balls: a body first touches what stands still"))
         if self.opening is not None and self.opening.radius_m <= cell.object.inner_radius_m:
             sizes = f"radius {self.opening.radius_m:g} m, object {cell.object.inner_radius_m:g} m"
             reason = f"the bin is too narrow for the object: {sizes}"
