@@ -41,6 +41,7 @@ ANSWERED_S = 20.0
 FOLLOWED_RAD = 1e-6
 OFF = 1e-4  # [rad, rad/s, rad/s^2] beside the motion
 BUSY = ("late", "link_lost", "tracking", "executor_lost")  # how a run ends on a machine that is too busy
+STOPPED = "the program on the controller is"  # by its watchdog: at constant speed commands cannot be told to be lost
 OVER = ("the motion brakes", "the motion has ended", "does not stream")  # answers of a run that ends
 WRONG = ("late", "position", "velocity", "acceleration", "other cell")
 
@@ -177,7 +178,7 @@ class Run:
         """Notes where a run did not follow what was taken."""
         if row.outcome != "completed":
             print(f"run {row.id} ended as {row.outcome}: {row.reason}", flush=True)
-        if row.outcome in BUSY:
+        if row.outcome in BUSY or (row.reason or "").startswith(STOPPED):
             self.tally.asked[f"run ended as {row.outcome}"] += 1
             return
         recording = self.rig.store.recording(row.id)

@@ -194,7 +194,7 @@ def whole_ticks(duration: float, dt: float) -> int:
         SolverFailed: the duration exceeds `DURATION_MAX_S`.
     """
     if duration > DURATION_MAX_S:
-        raise SolverFailed(f"the motion would take {duration:.1f} s")
+        raise SolverFailed(f"the motion would take {duration:.1f} s, and may {DURATION_MAX_S:g} s")
     return max(1, math.ceil(duration / dt - TICK_TOLERANCE))
 
 

@@ -91,7 +91,7 @@ def accelerations(motion: Any, dt: float) -> Vector:
     """
     count = max(TICKS_MIN, round(motion.duration / dt))
     if count > TICKS_MAX:
-        raise SolverFailed(f"the motion would take {motion.duration:.1f} s")
+        raise SolverFailed(f"the motion would take {motion.duration:.1f} s, and may {dt * TICKS_MAX:g} s")
     (profiles,) = motion.profiles
     t = dt * np.arange(count + 1)
     return np.stack([np.interp(t, *_acceleration_knots(profile)) for profile in profiles], axis=1)

@@ -177,6 +177,13 @@ def test_a_passage_that_cannot_be_in_time_is_refused_with_the_soonest_time() -> 
     assert planned(request).trajectory.passed[2] == round((soonest_s + 0.05) * 500.0)
 
 
+def test_a_leg_that_lasts_too_long_is_refused_with_the_limit() -> None:
+    request = row(1)
+    request["passages"][0]["at_s"] = 60.0
+    with pytest.raises(Infeasible, match=r"passage 'part 0': the motion would take .* s, and may 40 s"):
+        plan(problem_from_request(request, cell()))
+
+
 def changed(motion: Trajectory, **fields: Any) -> Trajectory:
     return replace(motion, **fields)
 
