@@ -142,7 +142,7 @@ class _Throws:
     def _hits(self, qd: Array) -> Mask:
         """Returns which joint velocities (n, 6) throw the body so that its first touch is where and as it is asked."""
         problem = self._problem
-        hits = np.isfinite(qd).all(axis=1)
+        hits: Mask = np.asarray(np.isfinite(qd).all(axis=1))
         rows = np.flatnonzero(hits)
         v_W = ((self._J[rows] @ qd[rows, :, None])[..., 0]) @ self._R_WB.T
         landings: Touchdowns = problem.touchdowns(
