@@ -14,7 +14,8 @@ from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
+from multiprocessing.process import BaseProcess
 
 import numpy as np
 import orjson
@@ -149,6 +150,7 @@ class Certifier:
 
     def __init__(self) -> None:
         self._pool: ProcessPoolExecutor | None = None
+        self._children: list[BaseProcess] = []
 
     def start(self) -> None:
         """Starts it where it does not run, from a thread that lives as long as it is to."""
@@ -156,7 +158,9 @@ class Certifier:
             return
         context = get_context("spawn")
         self._pool = ProcessPoolExecutor(1, context, realtime.terminate_with_parent, (os.getpid(),))
-        self._pool.submit(loaded)
+        others = active_children()
+        self._pool.submit(loaded)  # which starts its process
+        self._children = [child for child in active_children() if child not in others]
 
     def ask(self, question: Question) -> Replacement:
         """Returns what replaces the running motion.
@@ -176,10 +180,13 @@ class Certifier:
         return found
 
     def stop(self) -> None:
-        """Ends it."""
-        if self._pool is not None:
-            self._pool.shutdown(wait=False, cancel_futures=True)
-            self._pool = None
+        """Ends it at once: this process would wait at its end for one that is still loading, or certifying."""
+        if self._pool is None:
+            return
+        self._pool.shutdown(wait=False, cancel_futures=True)
+        self._pool = None
+        for child in self._children:
+            child.terminate()
 
 
 def joined(running: Motion, job: StreamJob, new: Motion, present: int) -> Motion:

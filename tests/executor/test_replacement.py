@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import os
+import signal
 from dataclasses import replace
 from functools import cache
+from multiprocessing import active_children
 
 import numpy as np
 import pytest
 
 from executor import shared_memory as shm
 from executor.preparation import prepare_job
-from executor.replacement import CannotJoin, Motion, joined, joined_job, joins_row
+from executor.replacement import CannotJoin, Certifier, Motion, joined, joined_job, joins_row
 from executor.shared_memory import SharedMemory
 from executor.stream_job import StreamJob
 from executor.streaming.loop import Schedule
@@ -25,6 +27,7 @@ from tests.planner.problems import cell
 SETTINGS = settings()
 ASIDE = np.array([0.35, 0.1, -0.15, 0.1, 0.05, 0.2])
 HELD = np.zeros(3)
+ENDED_S = 30.0  # [s] until a process that was told to has ended, on a busy machine
 
 
 def rest(name: str, side: float, *outputs: OutputSwitch) -> Passage:
@@ -229,6 +232,17 @@ def test_an_offer_does_not_overwrite_the_one_before() -> None:
     assert other.capacity == 5
     first.release()
     memory.close()
+
+
+def test_a_certifier_ends_without_being_loaded() -> None:
+    """The daemon ends when it is told to, not when its helper has read its modules."""
+    others = active_children()
+    certifier = Certifier()
+    certifier.start()
+    (child,) = (each for each in active_children() if each not in others)
+    certifier.stop()
+    child.join(ENDED_S)
+    assert child.exitcode == -signal.SIGTERM
 
 
 def test_the_motion_before_a_second_replacement_is_the_whole_of_the_first() -> None:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import signal
+from contextlib import suppress
+from threading import Thread
 from typing import Any
 
+import httpx2
 import numpy as np
 import psutil
 import pytest
@@ -16,6 +19,7 @@ from planner.trajectory import Trajectory
 from store import ExecutionRow, new_id
 from tests.processes import children_with
 from tests.system.rig import LOB, Rig, rows_of
+from tests.system.service import RigService
 
 SWING_RAD = 0.35
 LIMITS = {"velocity": 0.8, "acceleration": 6.0}
@@ -169,6 +173,28 @@ def test_a_certifying_process_that_is_killed_refuses_and_the_motion_goes_on(own_
     assert certifying(rig) == []
     rig.end(rig.queue_plan_when_ready(first))
     assert len(certifying(rig)) == 1
+
+
+def test_a_service_that_is_killed_with_its_planners_leaves_a_replacement_to_the_executor(rig: Rig) -> None:
+    first, motion = stored(rig, swing(rig, "+-+-"))
+    second, onward = stored(rig, {**swing(rig, "+"), "start": start_on(motion, 1.9)})
+    with RigService(rig) as service:
+        id = streaming(rig, first, 0.4)
+
+        def ask() -> None:
+            with suppress(httpx2.TransportError):  # nobody is there to answer
+                service.http.post(f"/executions/{id}/replace", json={"plan_id": second})
+
+        asking = Thread(target=ask)
+        asking.start()
+        rig.until(lambda: rig.row(id).replace_request is not None, ANSWERED_S, 0.001)
+        for process in (*psutil.Process(service.process.pid).children(recursive=True), service.process):
+            process.kill()
+        asking.join()
+    row = rig.end(id)
+    (found,) = row.replacements or ()
+    assert found["joins_s"] is not None or "tick passed" in found["reason"], found  # a busy machine certifies late
+    follows(rig, row, [(0.0, motion), (1.9, onward)] if found["joins_s"] is not None else [(0.0, motion)])
 
 
 def certifying(rig: Rig) -> list[psutil.Process]:
