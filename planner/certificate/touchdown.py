@@ -127,7 +127,7 @@ def _first_cells(motion: MotionSamples, span_s: float) -> tuple[Array, Array]:
     """Returns releases (n,) [s] and how far the cell of each reaches (n,) [s]: the nominal one without a span."""
     count = 1 if span_s == 0.0 else 2 * int(np.ceil(span_s / CELL_S)) + 1
     half_s = span_s / count
-    places = np.arange(count) - (count - 1) / 2.0
+    places = np.arange(count, dtype=np.float64) - (count - 1) / 2.0
     return motion.trajectory.release_time_s + 2.0 * half_s * places, np.full(count, half_s)
 
 

@@ -372,7 +372,8 @@ class Flights:
             return gaps
         above = lowest - (self.tops + self.shapes[-1])[:, None] - self.required[: self.count, None]
         gaps[: self.count] = np.maximum(gaps[: self.count], above)
-        gaps[:, t >= self.landings_of_body.latest_s] = np.inf
+        if self.end is not None:
+            gaps[:, t >= self.end[1]] = np.inf
         return gaps
 
     def _gaps_of_ball(self, x: Array, y: Array, falls: Mask, t: Array) -> Array:
