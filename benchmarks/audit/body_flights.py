@@ -81,7 +81,7 @@ def flown(problem: ThrowProblem, arm: MovingArm, delay: float) -> BodyPath:
     held = pose * pin.SE3(object_in_flange(cell))
     paths = integrate(held.translation[None], factor * v[None], problem.plane_z - 0.05, 0.0, problem.gravity, drag)
     x = paths.x[:, 0]
-    R_WO = axes_along(thing, held.rotation, w, STEP_S * np.arange(len(x), dtype=np.float64))
+    R_WO = axes_along(thing, held.rotation, w, np.arange(len(x), dtype=np.float64) * STEP_S)
     lowest, height = heights(thing, x, R_WO)
     in_bin = isinstance(problem.release, TargetRelease) and problem.release.opening is not None
     surface_z = problem.plane_z if in_bin else height_below_target(problem, 0.5 * float(thing.size_m.min()))

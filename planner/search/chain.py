@@ -3,12 +3,11 @@
     the joint states of every passage, those nearest to the passage before
       → a graph: a node a state, an edge a leg from one passage to the next, as long as its fastest motion
       → the shortest way through it, which chooses the branches of the inverse kinematics for the whole chain
-      → Ruckig's motion along it → certificate
+      → Ruckig's motion along it, first with accelerations at the passages that make it sooner → certificate
       → the leg in which a check fails is made gentler, or left out; and again
-      → where it holds, the accelerations at the passages are chosen → certificate, and the sooner of both is kept
 
-A state is passed with zero acceleration, or with that at which the tool keeps its twist; in the last step with what
-makes the legs beside it sooner. A point, whose orientation is free, is passed in postures near those of its neighbours,
+A state is passed with zero acceleration, or with that at which the tool keeps its twist, as far as the graph knows;
+along a way, with what makes the legs beside it sooner, where that is certified. A point, whose orientation is free, is passed in postures near those of its neighbours,
 too. A line is one node, too, which takes its time: its motion follows from the branch. Counts alone decide what is
 tried; the only clock is the request's time limit.
 """
@@ -44,6 +43,7 @@ STATES = 24  # [-] joint states kept of a passage: a pose has eight branches, ea
 MOTIONS = 100  # [-] motions certified before a search gives up
 BESIDE = 6  # [-] of these of each neighbour a point is passed in postures nearby
 WAYS = 1000  # [-] ways looked at: most that do not come to a motion have a leg that Ruckig refuses
+EASED = 0.9  # [-] of the time to a passage with an instant of its own: chosen accelerations seldom spare more
 ROUNDING = 1e-6  # [ticks] of a duration in floating point
 OF_RELEASE = ("flight_clearance", "landing", "landing_window", "opening_direction")  # checks that the release decides
 State = tuple[Array, Array, Array]  # q, qd, qdd (6,) [rad, rad/s, rad/s^2]
@@ -84,14 +84,14 @@ def _try(search: PlanningSearch, legs: _Legs, way: list[int]) -> None:
     Raises:
         Infeasible: the outputs contradict each other, which no other way mends.
     """
+    sooner = _motion(_eased(legs, way), way)
+    if sooner is not None and search.certify("ruckig", Solution(sooner, "leg by leg, accelerations free")).is_valid:
+        return
     motion = _motion(legs, way)
     if motion is None:
         return
     found = search.certify("ruckig", Solution(motion, "leg by leg"))
     if found.is_valid:
-        sooner = _motion(_eased(legs, way), way)
-        if sooner is not None:
-            search.certify("ruckig", Solution(sooner, "leg by leg, accelerations free"))
         return
     blamed = set()
     for failed in found.examination.failures:
@@ -218,7 +218,7 @@ class _Legs:
                 "passage", soonest * self.problem.dt, passage.at_s, "s", detail="the soonest that it is passed"
             )
             self.obstacles[number] = late.within(self.leg_name(number))
-        return np.where(arrivals > first, math.inf, in_time)
+        return np.where(EASED * arrivals > first, math.inf, in_time)
 
     def piece(self, number: int, way: Sequence[int]) -> Piece:
         """Returns the samples of start, passage or end on a way; none of rest anywhere."""

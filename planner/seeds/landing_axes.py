@@ -48,7 +48,7 @@ def aimed_at(problem: ThrowProblem, target: Target) -> Target:
     return replace(target, p_W=np.array([*target.p_W[:2], height_m + middle]))
 
 
-def thrown_velocity(problem: ThrowProblem, target: Target, q: Array, J: Array, v_B: Array) -> Array:
+def thrown_velocity(problem: ThrowProblem, target: Target, q: Array, J: Array, v_B: Array, drag: float = 0.0) -> Array:
     """Returns joint velocities (n, 6) [rad/s] that throw at a target; NaN where no body lands there as it is asked to.
 
     Args:
@@ -58,6 +58,7 @@ def thrown_velocity(problem: ThrowProblem, target: Target, q: Array, J: Array, v
         J: their linear Jacobians (n, 3, 6) [m/rad], in the base.
         v_B: velocities of the tool centre point (n, 3) [m/s], in the base; of a body those that throw its centre to
             where `aimed_at` has it.
+        drag: k of `planner.flight.drag_constant` [1/m]; most states are looked for without.
     """
     least = allocate_velocity(J, v_B, problem.limits.qd_max)
     if problem.body is None:
@@ -66,16 +67,19 @@ def thrown_velocity(problem: ThrowProblem, target: Target, q: Array, J: Array, v
     rows = np.flatnonzero(largest_share(least, problem.limits.qd_max) <= FASTER)
     found = np.full(least.shape, np.nan)
     if len(rows) > 0:
-        found[rows] = _Throws(problem, problem.body, target, q[rows], J[rows], v_B[rows]).best(least[rows])
+        found[rows] = _Throws(problem, problem.body, target, q[rows], J[rows], v_B[rows], drag).best(least[rows])
     return found
 
 
 class _Throws:
     """Throws of a body from n postures, each in a given time."""
 
-    def __init__(self, problem: ThrowProblem, body: ThrownBody, target: Target, q: Array, J: Array, v_B: Array) -> None:
+    def __init__(
+        self, problem: ThrowProblem, body: ThrownBody, target: Target, q: Array, J: Array, v_B: Array, drag: float
+    ) -> None:
         """Takes what `thrown_velocity` does."""
         cell = problem.cell
+        self._drag = drag
         self._problem = problem
         self._body = body
         self._target = target
@@ -86,7 +90,7 @@ class _Throws:
         self._J_B = jacobian(cell.robot, q, cell.tool.X_FT)
         leaves = problem.release_speed_factor * v_B @ self._R_WB.T
         aim = aimed_at(problem, target)
-        flown = landing_states(self._p_WT, leaves, float(aim.p_W[2]), problem.gravity, problem.drag)
+        flown = landing_states(self._p_WT, leaves, float(aim.p_W[2]), problem.gravity, drag)
         self._time_s = np.maximum(np.nan_to_num(flown.time_s), SHORTEST_S)
 
     @property
@@ -136,7 +140,7 @@ class _Throws:
         if problem.surfaces or problem.is_in_bin:
             height_m = problem.plane_z if problem.is_in_bin else problem.carrier_z
             aim[:, 2] = height_m + self._body.below(R_WO)
-        leaves = launch_velocity(self._p_WT, aim, self._time_s, problem.gravity, problem.drag)
+        leaves = launch_velocity(self._p_WT, aim, self._time_s, problem.gravity, self._drag)
         return leaves / problem.release_speed_factor
 
     def _hits(self, qd: Array) -> Mask:
@@ -148,8 +152,9 @@ class _Throws:
         landings: Touchdowns = problem.touchdowns(
             self._p_WT[rows], v_W, self._X_WT[rows, :3, :3], self._spin_of(qd)[rows]
         )
+        landings = replace(landings, drag=self._drag)
         x = landings.centres_at(landings.time_s)
-        kept = np.linalg.norm(x[:, :2] - self._target.p_W[:2], axis=1) <= HIT_M
+        kept: Mask = np.asarray(np.linalg.norm(x[:, :2] - self._target.p_W[:2], axis=1) <= HIT_M)
         kept &= allowed_velocity(problem, self._target, v_W)
         if (asked := self._target.orientation) is not None:
             kept &= _is_along(asked, landings)

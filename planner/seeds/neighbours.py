@@ -50,5 +50,5 @@ def _redirected(problem: ThrowProblem, q: Array, qd: Array) -> Array | None:
     moved = qd + np.linalg.pinv(J_v_BT) @ (R_WB.T @ change_W)
     if problem.body is None:
         return moved
-    thrown = thrown_velocity(problem, problem.target, q[None], J_v_BT[None], (J_v_BT @ moved)[None])[0]
+    thrown = thrown_velocity(problem, problem.target, q[None], J_v_BT[None], (J_v_BT @ moved)[None], problem.drag)[0]
     return thrown if np.isfinite(thrown).all() else None

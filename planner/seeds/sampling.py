@@ -314,7 +314,7 @@ def _with_drag(problem: ThrowProblem, target: Target, q: Array, qd: Array) -> tu
     t = time_of_flight(p[:, 2] - target.p_W[2], v[:, 2], problem.gravity_at_tool_speed)
     v = with_drag(problem, target, p, t)
     hits = np.isfinite(v).all(axis=1) & allowed_velocity(problem, target, v)
-    qd = thrown_velocity(problem, target, q[hits], J[hits], v[hits] @ R_WB)
+    qd = thrown_velocity(problem, target, q[hits], J[hits], v[hits] @ R_WB, problem.drag)
     spun = np.isfinite(qd).all(axis=1)
     return q[hits][spun], qd[spun]
 

@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from planner.cell import ThrownBody, cell_of_keys
-from planner.certificate import MotionSamples, certify, landing_errors, release_flight
+from planner.certificate import MotionSamples, certify, landing_errors, motion_curves, release_flight
 from planner.certificate.flight import flight_clearance
 from planner.geometry import tool_state
 from planner.planning import plan
@@ -196,3 +196,11 @@ def test_a_wall_counts_until_the_touch():
         check = flight_clearance(MotionSamples(problem, made.trajectory))
         assert check is not None
         assert check.ok == is_ok
+
+
+def test_the_curve_shown_is_no_less_than_the_bound():
+    made = _planned("long rod, floor")
+    curves = motion_curves(made.problem, made.trajectory)
+    (curve,) = (each for each in curves if each.name == "flight_clearance")
+    check = _check(made.certificate, "flight_clearance")
+    assert np.nanmin(curve.series[0].values) >= check.value - 1e-6
