@@ -121,7 +121,7 @@ class ThrowProblem:
 
     def _errors_of_moving_target(self) -> list[FieldError]:
         """Returns what a target that moves lacks, or does not go together with."""
-        if self.target is None or not self.target.moves:
+        if self.moving is None:
             return []
         errors = []
         if self.starts_not_before_s is None:

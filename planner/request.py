@@ -35,7 +35,7 @@ from planner.problem import (
     TIME_LIMIT_S,
     ThrowProblem,
 )
-from planner.releases import KINDS, Release, Target, release_document
+from planner.releases import KINDS, UPTIME_MAX_S, Release, Target, release_document
 
 __all__ = [
     "PLAN_REQUEST",
@@ -161,7 +161,7 @@ PLAN_REQUEST = Record(
             "then slower throws; `infeasible` where none of them does.",
         ),
         "starts_not_before_s": Field(
-            Number(0.0),
+            Number(0.0, UPTIME_MAX_S),
             "Earliest start of a plan to a target that moves, on the controller's clock [s]. Absent: the service's: "
             "2 s after it was asked.",
         ),
@@ -232,6 +232,8 @@ def problem_from_request(request: Mapping[str, Any], cell: Cell) -> ThrowProblem
         release = main_state(passages)
     else:
         release = KINDS[asked["release"]["kind"]].from_json(asked["release"], X_WR)
+    if "starts_not_before_s" in asked and (release.target is None or not release.target.moves):
+        raise InvalidProblem([FieldError("starts_not_before_s", "is for a target that moves")])
     window_s, tolerance_m = _window(asked, release, cell)
     return ThrowProblem(
         cell=cell,

@@ -327,7 +327,9 @@ def _planning_job(asked: PlanOrder, is_stored: bool) -> PlanningJob:
         request["start"] = {"positions": _current_positions(service, name)}
     elif "execution" in start:
         request["start"] = _state_in_execution(service, name, start["execution"], start["at_s"])
-    if "velocity" in asked.body.get("release", {}) and "starts_not_before_s" not in asked.body:
+    release = asked.body.get("release", {})
+    moves = "observed_at_s" in release and any(release["velocity"])
+    if moves and "starts_not_before_s" not in asked.body:
         request["starts_not_before_s"] = _controller_time_s(service, name) + START_IN_S
     version = service.note_cell_version(source)
     row = _profile(service, name, source.sha256, asked.profile_id)

@@ -346,7 +346,6 @@ class MovingArm:
     def __init__(self, problem: ThrowProblem, motion: Trajectory) -> None:
         self._cell = problem.cell
         self._motion = motion
-        self.released_s = motion.release_time_s
         self._spline = CubicHermiteSpline(motion.t, motion.q, motion.qd)
         self._model = arm_model(problem.cell, False)
         self._data = self._model.createData()

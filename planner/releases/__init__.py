@@ -7,11 +7,12 @@ from planner.releases.line import SteadyLine
 from planner.releases.point import PointRelease
 from planner.releases.pose import POSE, PoseRelease
 from planner.releases.release import Bound, LandingAxis, Opening, PointState, Release, ReleaseSample, Target
-from planner.releases.target import TargetRelease
+from planner.releases.target import UPTIME_MAX_S, TargetRelease
 
 __all__ = [
     "KINDS",
     "POSE",
+    "UPTIME_MAX_S",
     "Bound",
     "JointRelease",
     "LandingAxis",

@@ -17,6 +17,7 @@ from planner.releases.release import Bound, LandingAxis, Opening, Release, Relea
 
 SPEED_MIN_M_S = 1e-3  # [m/s] lowest bound on the release speed
 TARGET_SPEED_MAX_M_S = 5.0  # [m/s] of a target that moves; belts run at up to 3; catches typing errors
+UPTIME_MAX_S = 1e9  # [s] of a controller: thirty years
 LEVEL_M_S = 1e-9  # [m/s] of a velocity in a turned frame
 OPENING_MAX_M = 10.0  # [m] largest radius and rim height of a bin; catches typing errors
 
@@ -82,7 +83,8 @@ class TargetRelease(Target, Release):
                 Vector(3), "Velocity of the target and its bin, in `frame` [m/s]; level. Absent: it stands still."
             ),
             "observed_at_s": Field(
-                Number(0.0), "When it was at `position`, on the controller's clock (RTDE `timestamp`) [s]."
+                Number(0.0, UPTIME_MAX_S),
+                "When it was at `position`, on the controller's clock (RTDE `timestamp`) [s].",
             ),
         },
         _check_velocity,

@@ -152,6 +152,7 @@ def test_forecasts_are_beside_the_moving_target(found: Plan) -> None:
     ("changes", "field"),
     [
         ({"starts_not_before_s": None}, "starts_not_before_s"),
+        ({"release": {**ACROSS, "velocity": [0.0, 0.0, 0.0]}}, "starts_not_before_s"),
         ({"release": {**ACROSS, "velocity": [0.0, 0.1, 0.1]}}, "release.velocity"),
         ({"release": {**ACROSS, "velocity": [0.0, 9.0, 0.0]}}, "release.velocity"),
         ({"release": {name: value for name, value in ACROSS.items() if name != "observed_at_s"}}, "observed_at_s"),
