@@ -13,7 +13,7 @@ from planner.arrays import Array, Index
 from planner.certificate.bounds import curvature_bound, joint_rates, prove_above
 from planner.certificate.certificate import ROUNDING, Check, at_least, at_most
 from planner.certificate.samples import ArmSamples, MotionSamples
-from planner.certificate.touchdown import Cells, prove, touchdowns_of
+from planner.certificate.touchdown import LandingCells, prove, touchdowns_of
 from planner.flight import Flight, LandingStates, fly, landing_states
 from planner.geometry import ToolState, tool_state
 from planner.problem import SWEPT_S, ThrowProblem
@@ -148,7 +148,7 @@ def landing_axis(motion: MotionSamples) -> Check | None:
         return None
     limit = asked.tolerance_rad * (1.0 + ROUNDING)
 
-    def judge(cells: Cells) -> tuple[Array, Array]:
+    def judge(cells: LandingCells) -> tuple[Array, Array]:
         landings = cells.touchdowns
         return limit - asked.angles(landings.axes_at(landings.time_s)[:, :, 2]), cells.turned_rad
 
@@ -172,7 +172,7 @@ def _body_window(motion: MotionSamples, goal: Array) -> Check:
     problem = motion.problem
     limit = problem.landing_tolerance_m * (1.0 + ROUNDING)
 
-    def judge(cells: Cells) -> tuple[Array, Array]:
+    def judge(cells: LandingCells) -> tuple[Array, Array]:
         landings = cells.touchdowns
         off = landings.centres_at(landings.time_s)[:, :2] - goal[:2]
         return limit - np.linalg.norm(off, axis=1), cells.aside_m

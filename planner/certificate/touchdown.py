@@ -45,7 +45,7 @@ class LeavingBounds:
     b: float
 
 
-class Cells(NamedTuple):
+class LandingCells(NamedTuple):
     """Landings of n cells of releases.
 
     Attributes:
@@ -75,7 +75,7 @@ class Cells(NamedTuple):
 
 
 class Spans(NamedTuple):
-    """What is proven of n cells, as of `Cells`."""
+    """What is proven of n cells, as of `LandingCells`."""
 
     at_s: Array
     half_s: Array
@@ -132,12 +132,12 @@ def _first_cells(motion: MotionSamples, span_s: float) -> tuple[Array, Array]:
 
 
 @lru_cache(maxsize=4)  # likewise
-def first_cells(motion: MotionSamples, span_s: float) -> Cells:
+def first_cells(motion: MotionSamples, span_s: float) -> LandingCells:
     """Returns the cells with which a proof over the releases up to `span_s` [s] from the nominal one begins."""
     return _cells(motion, *_first_cells(motion, span_s), leaving_bounds(motion, span_s))
 
 
-def _cells(motion: MotionSamples, at_s: Array, half_s: Array, bounds: LeavingBounds) -> Cells:
+def _cells(motion: MotionSamples, at_s: Array, half_s: Array, bounds: LeavingBounds) -> LandingCells:
     """Returns cells about releases (n,) [s] that reach `half_s` (n,) [s] from there; see the module."""
     problem = motion.problem
     touchdowns = touchdowns_of(problem, motion.at(at_s))
@@ -165,7 +165,7 @@ def _cells(motion: MotionSamples, at_s: Array, half_s: Array, bounds: LeavingBou
     known = np.isfinite(time_s) & (above | exact) & (late_s <= time_s + LATER_S)
     known &= exact | touchdowns.has_touched(touchdowns.height_m - off_m, late_s)
     lasts_s = np.where(known, np.maximum(late_s - time_s, time_s - early_s), np.inf)
-    return Cells(
+    return LandingCells(
         at_s,
         half_s,
         touchdowns,
@@ -203,7 +203,7 @@ def _floor(
 
 
 def prove(
-    motion: MotionSamples, span_s: float, judge: Callable[[Cells], tuple[Array, Array]], accuracy: float
+    motion: MotionSamples, span_s: float, judge: Callable[[LandingCells], tuple[Array, Array]], accuracy: float
 ) -> tuple[CellProof, list[Spans]]:
     """Returns a lower bound on what is left for every release up to `span_s` [s] from the nominal one.
 
@@ -249,7 +249,7 @@ def prove(
         cells = _cells(motion, at_s, np.concatenate([quarter, quarter]), bounds)
 
 
-def _chosen(cells: Cells, chosen: Mask) -> Spans:
+def _chosen(cells: LandingCells, chosen: Mask) -> Spans:
     """Returns what is proven of the `chosen` cells."""
     each = (cells.at_s, cells.half_s, cells.earliest_s, cells.latest_s, cells.falling_s)
     return Spans._make(values[chosen] for values in each)

@@ -9,7 +9,7 @@ import numpy as np
 
 from planner.arrays import Array, Mask
 from planner.certificate.samples import MotionSamples
-from planner.certificate.touchdown import CellProof, Cells, Spans, hull_places, prove, touchdowns_of
+from planner.certificate.touchdown import CellProof, LandingCells, Spans, hull_places, prove, touchdowns_of
 from planner.spin import Rotation
 from planner.touchdown import TOUCH_M, Touchdowns
 
@@ -65,7 +65,7 @@ class BodyLandings:
             order = np.argsort(every.at_s)
             self._spans = Spans._make(each[order] for each in every)
 
-    def _left(self, cells: Cells) -> tuple[Array, Array]:
+    def _left(self, cells: LandingCells) -> tuple[Array, Array]:
         """Returns how far within what it lands on, and above the floor, the body of each cell is (n,), see `prove`."""
         left = np.minimum(self._inside(cells.touchdowns), cells.floor_gap_m)
         off = cells.aside_m + self.thing.reach_m * cells.turned_rad
