@@ -7,9 +7,9 @@
       → the leg in which a check fails is made gentler, or left out; and again
 
 A state is passed with zero acceleration, or with that at which the tool keeps its twist, as far as the graph knows;
-along a way, with what makes the legs beside it sooner, where that is certified. A point, whose orientation is free, is passed in postures near those of its neighbours,
-too. A line is one node, too, which takes its time: its motion follows from the branch. Counts alone decide what is
-tried; the only clock is the request's time limit.
+along a way, with what makes the legs beside it sooner, where that is certified. A point, whose orientation is free, is
+passed in postures near those of its neighbours, too. A line is one node, too, which takes its time: its motion follows
+from the branch. Counts alone decide what is tried; the only clock is the request's time limit.
 """
 
 from __future__ import annotations
@@ -133,7 +133,8 @@ def _eased(legs: _Legs, way: Sequence[int]) -> _Legs:
         if free[i]:
             q, qd, _ = legs.piece(i + 1, way)
             states[i + 1][way[i + 1]] = (q, qd, qdd[None])
-    return replace(legs, states=states, ticks=[each.copy() for each in legs.ticks], obstacles={})
+    ticks, paces = ([each.copy() for each in arrays] for arrays in (legs.ticks, legs.paces))
+    return replace(legs, states=states, ticks=ticks, paces=paces, obstacles={})
 
 
 def _leg_of(problem: ThrowProblem, motion: Trajectory, failed: Check) -> tuple[int, bool]:
