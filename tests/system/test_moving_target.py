@@ -17,18 +17,23 @@ from tests.system.rig import Rig
 BIN = {"radius_m": 0.12, "rim_height_m": 0.15}
 BELT_M_S = [0.0, 0.4, 0.0]
 PASSES_M = np.array([1.1, -0.2, 0.0])  # a second after the earliest start
-READY_S = 8.0  # [s] from now to the earliest start: a busy machine plans and starts the stream meanwhile
+READY_S = 8.0  # [s] from now to the start: a busy machine takes some to verify the plan and to start the stream
 LANDING_M = 0.006  # [m] of a throw that missed no tick: 2 mm of it are the belt's in a tick or two
 
 
 def planned(rig: Rig, starts_in_s: float) -> dict[str, Any]:
-    """Plans and stores a throw into a bin that passes, seen now, with its earliest start `starts_in_s` [s] from now."""
-    now_s = rig.state()["t"]
-    seen_m = (PASSES_M - (starts_in_s + 1.0) * np.array(BELT_M_S)).tolist()
-    release = {"kind": "target", "position": seen_m, "velocity": BELT_M_S, "observed_at_s": now_s, "opening": BIN}
-    request = {"cell": "rig", "release": release, "starts_not_before_s": now_s + starts_in_s}
+    """Stores a throw into a bin that passes, and starts `starts_in_s` [s] from now.
+
+    It is planned by another clock, and moved to the controller's then: a busy machine takes seconds to plan.
+    """
+    seen_m = (PASSES_M - np.array(BELT_M_S)).tolist()
+    release = {"kind": "target", "position": seen_m, "velocity": BELT_M_S, "observed_at_s": 0.0, "opening": BIN}
+    request = {"cell": "rig", "release": release, "starts_not_before_s": 0.0}
     found = plan(problem_from_request(request, rig.cell))
     document = plan_document(found, request, new_id(), "2026-01-01T00:00:00Z")
+    later_s = rig.state()["t"] + starts_in_s - document["starts_at_s"]
+    moved = {**request, "release": {**release, "observed_at_s": later_s}, "starts_not_before_s": later_s}
+    document |= {"request": moved, "starts_at_s": document["starts_at_s"] + later_s}
     rig.add_plan(document)
     return document
 
