@@ -24,8 +24,7 @@ def arm_model(cell: Cell, with_object: bool) -> pin.Model:
     base = pin.SE3(cell.X_WB)
     model.jointPlacements[1] = base * model.jointPlacements[1]
     model.gravity.linear = np.array([0.0, 0.0, -cell.surroundings.gravity_m_s2])
-    table = cell.document["tool"]
-    half_way = 0.5 * np.array(table["tcp_position_m"], float)
+    half_way = 0.5 * cell.tool.end_F
     model.appendBodyToJoint(6, pin.Inertia(cell.tool.mass_kg, half_way, np.zeros((3, 3))), pin.SE3.Identity())
     if with_object:
         thing = cell.object

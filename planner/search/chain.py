@@ -123,11 +123,17 @@ def _motion(legs: _Legs, way: list[int]) -> Trajectory | None:
     return _joined(legs.problem, made, passed)
 
 
+def _is_free(legs: _Legs, number: int) -> bool:
+    """Returns whether a passage may have any acceleration: in no line, at no rest, and where nothing leaves."""
+    passage = legs.problem.passages[number]
+    return legs.lasts(number + 1) == 0 and not passage.state.is_at_rest and not passage.releases
+
+
 def _eased(legs: _Legs, way: Sequence[int]) -> _Legs:
-    """Returns the legs of one way, with the accelerations that make it sooner at every state where nothing leaves."""
+    """Returns the legs of one way, with the accelerations that make it sooner at every state where they are free."""
     passages = legs.problem.passages
     ends = [(_last(legs.piece(i, way)), _first(legs.states[i + 1][way[i + 1]])) for i in range(len(way) - 1)]
-    free = [i < len(passages) and legs.lasts(i + 1) == 0 and not passages[i].releases for i in range(len(way) - 2)]
+    free = [i < len(passages) and _is_free(legs, i) for i in range(len(way) - 2)]
     states = [list(each) for each in legs.states]
     for i, qdd in enumerate(passing_accelerations(legs.problem, ends, free)):
         if free[i]:
