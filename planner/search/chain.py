@@ -40,7 +40,7 @@ from planner.trajectory import Trajectory
 
 PACES = (1.0, 0.5, 0.25)  # [-] of a leg, tried in turn: torques, tool speed and what is near may ask for a gentler one
 STATES = 24  # [-] joint states kept of a passage: a pose has eight branches, each with full turns and two accelerations
-MOTIONS = 100  # [-] motions certified before a search gives up
+MOTIONS = 200  # [-] motions certified before a search gives up: two along a way, with chosen accelerations and without
 BESIDE = 6  # [-] of these of each neighbour a point is passed in postures nearby
 WAYS = 1000  # [-] ways looked at: most that do not come to a motion have a leg that Ruckig refuses
 EASED = 0.9  # [-] of the time to a passage with an instant of its own: chosen accelerations seldom spare more
