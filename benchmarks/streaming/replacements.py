@@ -223,8 +223,8 @@ def main() -> None:
                 if rig.is_latched():
                     rig.acknowledge()
         finally:
+            print(tally.words(), flush=True)
             rig.stop()
-    print(tally.words())
 
 
 if __name__ == "__main__":
