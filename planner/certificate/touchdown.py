@@ -174,30 +174,35 @@ def _cells(motion: MotionSamples, at_s: Array, half_s: Array, bounds: LeavingBou
         np.where(known, aside * half_s + factor * bounds.v * lasts_s, np.inf),
         np.where(known, turned * half_s + turning * lasts_s, np.inf),
         at_s + from_s,
-        *_floor(problem, touchdowns, at_s, off_m, begins),
+        *_floor(problem, touchdowns, (at_s, from_s), (off_m, begins)),
     )
 
 
 def _floor(
-    problem: ThrowProblem, touchdowns: Touchdowns, at_s: Array, off_m: Array, begins: Array
+    problem: ThrowProblem, touchdowns: Touchdowns, times: tuple[Array, Array], heights: tuple[Array, Array]
 ) -> tuple[Array, Array]:
-    """Returns `floor_s` and `floor_gap_m` of cells (n,) about releases at `at_s` (n,) [s].
+    """Returns `floor_s` and `floor_gap_m` of cells (n,).
+
+    Of a landing on the floor they tell of the flight until it may fall: from there on the floor is what it lands on.
 
     Args:
         problem: its cell.
         touchdowns: of the releases that are evaluated.
-        at_s: these [s].
-        off_m: how far the flights of each cell are from the one evaluated, at most [m].
-        begins: height above the floor from which all of them begin above it [m].
+        times: of these, and how long after them the first flight of each cell may fall [s].
+        heights: how far the flights of each cell are from the one evaluated, at most, and the height above the floor
+            from which all of them begin above it [m].
     """
+    (at_s, from_s) = times
+    (off_m, begins) = heights
     floor_z = problem.cell.surroundings.floor_z_m
-    if not touchdowns.is_in_air and touchdowns.height_m <= floor_z:
-        return np.full(len(off_m), np.inf), np.full(len(off_m), np.inf)
+    is_on_floor = not touchdowns.is_in_air and touchdowns.height_m <= floor_z
     rows = np.arange(len(off_m))
     begin = np.zeros(len(off_m))
     above = touchdowns.lowest_point(rows, begin) > floor_z + begins
     until_s = np.where(above, touchdowns.first_below(floor_z + off_m, begin, of_body=True), -np.inf)
-    flown_s = np.nan_to_num(touchdowns.time_s)
+    if is_on_floor:
+        until_s = np.where(until_s >= from_s, np.inf, until_s)
+    flown_s = touchdowns.falling_s if is_on_floor else np.nan_to_num(touchdowns.time_s)
     gaps = [touchdowns.lowest_point(rows, share * flown_s) for share in np.linspace(0.0, 1.0, FLOOR_INSTANTS)]
     return at_s + until_s, np.min(gaps, axis=0) - floor_z
 

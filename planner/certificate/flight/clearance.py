@@ -366,7 +366,7 @@ def _decided(flights: Flights, grid: Grid, lower: Array) -> tuple[Mask, Mask, Ma
     ends at 0 where the object lands. Where the two releases of an interval are clear of it far apart, the first one
     decides.
     """
-    in_flight = np.isfinite(lower)
+    in_flight = ~np.isposinf(lower)
     gripped = flights.gripped
     judged = in_flight.copy()
     counted = np.ones(lower.shape, np.bool_)

@@ -159,7 +159,8 @@ class PatchBounds:
             return most * (h * h / 8.0)
         turned = self.spin.growing * self.spin.grown(np.asarray(s)) * (h / 2.0)
         if self._is_on_axis:
-            turned = np.minimum(turned, self.spin.axis_bend(s) * (h * h / 8.0))
+            bend = np.where(h > 0.0, self.spin.axis_bend(s), 0.0)  # of bodies that are not round there is no bound
+            turned = np.minimum(turned, bend * (h * h / 8.0))
         return most * (h * h / 8.0) + self.away_m * turned
 
     def apexes(self, r: Array, v: Array) -> Array:

@@ -204,3 +204,71 @@ def test_the_curve_shown_is_no_less_than_the_bound():
     (curve,) = (each for each in curves if each.name == "flight_clearance")
     check = _check(made.certificate, "flight_clearance")
     assert np.nanmin(curve.series[0].values) >= check.value - 1e-6
+
+
+def _dipping_cell(floor_z):
+    """A small arm a metre above the ground that swings a rod of 0.9 m, which dips while its centre still rises."""
+    document = cell("ur3e-sim").document
+    limits = {
+        "joint_acceleration_rad_s2": 40.0,
+        "joint_jerk_rad_s3": 20000.0,
+        "joint_velocity_rad_s": [3.14, 3.14, 3.14, 6.28, 6.28, 6.28],
+        "tcp_speed_m_s": 6.0,
+        "singularity_distance_min": 0.0,
+        "joint_torque_fraction": 1.0,
+    }
+    free = {"opening_direction": None, "opening_cone_rad": None, "hold_acceleration_m_s2": None, "jitter_s": 0.0}
+    changes = {
+        "object": {**LONG, **ACROSS, "mass_kg": 0.05, "length_m": 0.9},
+        "base_in_world": {**document["base_in_world"], "position_m": [0.0, 0.0, 1.0]},
+        "surroundings": {**document["surroundings"], "floor_z_m": floor_z, "clearance_m": 0.0, "keep_out": []},
+        "limits": {**document["limits"], **limits},
+        "tool": {
+            **document["tool"],
+            "capsules": [{"from_m": [0.0, 0.0, 0.0], "to_m": [0.0, 0.0, 0.1], "radius_m": 0.03}],
+            "mass_kg": 0.3,
+            "tcp_position_m": [0.0, 0.0, 0.13],
+        },
+        "safety": dict.fromkeys(document["safety"]),
+        "gripper": {**document["gripper"], **free},
+    }
+    return cell_of_keys({**document, **changes})
+
+
+def test_a_rod_that_strikes_the_floor_while_its_centre_rises_is_refused():
+    """The lowest point is 55 mm below a floor at 0.85 m after 96 ms, the apex at 194 ms, by an integration of its own."""
+    start = [0.0, -2.3826509, -1.22427229, 1.94420722, -1.57079633, 1.25499437]
+    release = {
+        "kind": "joint",
+        "positions": [0.0, -2.19671113, -1.052457, 2.16099688, -1.57079633, 1.25499437],
+        "velocities": [0.0, 2.98845714, 2.76144594, 3.48428196, 0.0, 0.0],
+    }
+    request = {"release": release, "start": {"positions": start}}
+    made = plan(problem_from_request(request, _dipping_cell(0.6)))
+    assert made.certificate.valid
+    t, x, axes = _flown(made, 0.0, 0.19)
+    along = axes[:, :, 2]
+    lowest = (x[:, 2] - 0.45 * np.abs(along[:, 2]) - 0.01 * np.sqrt(1.0 - np.minimum(along[:, 2] ** 2, 1.0))).min()
+    assert lowest == pytest.approx(0.85 - 0.055, abs=0.005)
+    for floor_z, is_clear in ((lowest - 0.01, True), (lowest + 0.01, False), (0.85, False)):
+        problem = problem_from_request(request, _dipping_cell(float(floor_z)))
+        found = certify(problem, made.trajectory)
+        assert found.check("flight_clearance").ok == is_clear
+
+
+def test_a_body_that_is_hardly_round_is_judged_as_one_that_is():
+    """Without a spread of releases its axis bends nowhere between two."""
+    keys = {"shape": "box", "mass_kg": 0.1, "size_m": [0.03, 0.03, 0.2]}
+    request = {"release": {"kind": "target", "position": list(FLOOR)}, "release_window_s": 0.0}
+
+    def steady(size):
+        document = _cell({**keys, "size_m": size}, None).document
+        return cell_of_keys({**document, "gripper": {**document["gripper"], "jitter_s": 0.0}})
+
+    made = plan(problem_from_request(request, steady([0.03, 0.03, 0.2])))
+    checks = [
+        certify(problem_from_request(request, steady(size)), made.trajectory).check("flight_clearance")
+        for size in ([0.03, 0.03, 0.2], [0.03, 0.0302, 0.2])
+    ]
+    assert all(each.ok for each in checks)
+    assert checks[0].value == pytest.approx(checks[1].value, abs=0.002)
