@@ -69,7 +69,10 @@ def keep_out_shapes(
         is_covered = str(entry.get("shape")) in COVERED
         shapes = _covered(entry, f"{where}[{i}].", i, meshes) if is_covered else [_shape(entry, f"{where}[{i}].")]
         names = tuple(shape.called(i) for shape in shapes)
-        bodies[_body_name(entry, names, i)] = names
+        body = _body_name(entry, names, i)
+        if body in bodies or body in found:
+            raise CellError(f"{where}[{i}].name", body, "is what another one is called")
+        bodies[body] = names
         for shape, name in zip(shapes, names, strict=True):
             if name in found:
                 raise CellError(f"{where}[{i}].name", name, "is what another one is called")
@@ -248,7 +251,7 @@ def _shape(entry: Mapping[str, Any], where: str, kinds: tuple[str, ...] = (*SIZE
 
 def is_reserved(name: str) -> bool:
     """Returns whether something that is no shape is called so in plans."""
-    return name in OTHERS or name.startswith(TOOL) or name in capsule_rows("ur5e")
+    return name in (*OTHERS, AllowedContact.TOOL) or name.startswith(TOOL) or name in capsule_rows("ur5e")
 
 
 def _name(entry: Mapping[str, Any], where: str) -> str:

@@ -192,3 +192,11 @@ def test_slots_of_the_optimiser_are_free_where_all_of_their_capsules_are():
         assert not slots[: layout.FIRST_TOOL].any()
     (slots,) = touching_slots(touching(here, ("wrist_3", "nest"), ("object", "nest")))
     assert np.flatnonzero(slots).tolist() == [list(layout.ARM_CAPSULES).index("wrist_3"), layout.OBJECT]
+
+
+def test_no_shape_is_called_as_the_tool_or_as_a_body_of_several():
+    """A pair with `tool` would mean the shape, and one with a name that two have either of them."""
+    with pytest.raises(CellError, match="tool"):
+        read(("forearm", "tool"), shapes=NEST.replace("nest", "tool"))
+    with pytest.raises(CellError, match="what another one is called"):
+        read(("tool", "nest"), shapes=f"{NEST} }}, {{ {NEST}")
