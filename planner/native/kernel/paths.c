@@ -111,14 +111,14 @@ static double spare_of(const struct scene *scene, const struct item *item, const
     if (item->kind == FROM_WALLS) {
         double spare = INFINITY;
         for (int k = 0; k < 3; k++) {
-            double inside = fmin(one->end[0][k] - scene->bounds[1 + k], scene->bounds[4 + k] - one->end[0][k]);
+            double inside = fmin(one->middle[k] - scene->bounds[1 + k], scene->bounds[4 + k] - one->middle[k]);
             spare = fmin(spare, inside);
         }
         return spare;
     }
     if (item->kind == IN_ROOM) {
         in room = scene->room + SHAPE * item->other;
-        return depth(room, one->end[0]) - room[20];
+        return depth(room, one->middle) - room[20];
     }
     in pair = scene->pair + PAIR * item->other;
     const struct stand *other = at + (int)pair[1];
