@@ -201,6 +201,8 @@ def joined(running: Motion, job: StreamJob, new: Motion, present: int) -> Motion
     Raises:
         CannotJoin: the plan does not begin on what is left of the running motion, or what that has begun must end.
     """
+    if (starts_at_s := new.problem.starts_at_s) is not None:
+        raise CannotJoin(f"the plan starts at {starts_at_s:.3f} s of the controller's clock, and joins no motion")
     tick = _join_tick(running.trajectory, new, first_tick(job, present))
     begins = joins_row(job, tick)
     _check_gripper(job, new.problem, begins)

@@ -59,6 +59,9 @@ def _program_text(plan: dict[str, Any], cells: Path | None) -> str:
 
     cell = _cell_of(plan, cells)
     problem, trajectory = plan_from_document(plan, cell)
+    if problem.starts_at_s is not None:
+        what = f"the plan starts at {problem.starts_at_s:.3f} s of the controller's clock, for a target that moves"
+        raise click.ClickException(f"{what}: the pendant would start it at any time")
     failures = [check.name for check in certify(problem, trajectory).checks if not check.ok]
     if failures:
         raise click.ClickException(f"the plan fails its certificate: {', '.join(failures)}")

@@ -15,6 +15,7 @@ from api.routes.cells import CellName
 from api.routes.executions import join_plan, reason_not_executable
 from api.routes.plans import POST_PROBLEMS, SEARCH_PROBLEMS, PlanOrder, WithTrajectory, running_state, stored_plan
 from api.schemas import RETARGET_EXAMPLES, PlanAnswer, RetargetRequestBody
+from planner.errors import FieldError, InvalidProblem
 from store import TICK_PASSED, AuditLine, ExecutionRow, PlanRow
 
 router = APIRouter(route_class=StrictJsonRoute, tags=["executions"])
@@ -53,6 +54,9 @@ async def retarget_motion(
     reason = reason_not_executable(service, caller, cell, status)
     if reason is not None:
         raise ProblemDetails("robot-not-ready", reason, cell=name, fault=None if status is None else status.fault)
+    release = body.get("release", {})
+    if release.get("kind") == "target" and "velocity" in release:
+        raise InvalidProblem([FieldError("release.velocity", "is for plans: a running motion waits for no target")])
     asked = PlanOrder({**body, "cell": name}, service, None, origin.request_id, gone, trajectory)
     attempt = _Retarget(asked, name, caller.name, origin.act(caller, "replace"))
     begun_s = time.monotonic()
@@ -86,13 +90,14 @@ class _Retarget:
         row, now_s = await run_in_threadpool(_running, service, self.cell)
         at_s = now_s + lead_s
         if await run_in_threadpool(running_state, service, row, at_s) is None:
+            service.leads.shorten(self.cell)
             what = f"the earliest tick that can be reached is {lead_s:.2f} s ahead, at {at_s:.2f} s of the motion"
             raise ProblemDetails("cannot-join", f"{what}, which ends before")
         order = self.asked.starting({"execution": row.id, "at_s": at_s})
+        plan = await stored_plan(order)
         try:
-            plan = await stored_plan(order)
             await run_in_threadpool(join_plan, service, row, plan, plan.id, self.who, self.audit)
-        finally:
+        finally:  # a search that was refused tells nothing of how long one takes
             service.leads.note(self.cell, time.monotonic() - begun_s)
         return plan
 

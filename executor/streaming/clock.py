@@ -38,7 +38,7 @@ class ControllerClock:
         self.first = self.stamp = connection.timestamp()
         self.tick = self.missed = self.total_missed = 0
         if first_s is not None:
-            self.tick = round((self.stamp - first_s) / dt)
+            self.tick = max(round((self.stamp - first_s) / dt), 0)
             self.first = self.stamp - self.tick * dt
         self.host_s = monotonic()
 

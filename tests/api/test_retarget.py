@@ -112,6 +112,24 @@ def test_the_lead_is_enough_for_nine_in_ten_of_the_last_calls():
     assert leads.lead_s("other") == FIRST_S
 
 
+def test_a_slow_call_does_not_keep_others_out():
+    """Each motion that ends before the lead has the longest call forgotten."""
+    leads = Leads()
+    leads.note("one", 6.0)
+    assert leads.lead_s("one") == 6.0
+    leads.shorten("one")
+    assert leads.lead_s("one") == FIRST_S
+    leads.shorten("one")
+    assert leads.lead_s("one") == FIRST_S
+
+
+def test_a_running_motion_waits_for_no_target(service: RunningService, executor: FakeExecutor, plan):
+    streaming(service, plan["id"])
+    release = {"kind": "target", "position": [1.1, -0.5, 0.0], "velocity": [0.0, 0.3, 0.0], "observed_at_s": 700.0}
+    answer = problem_of(service.client.post(PATH, json={"release": release}), 422, "invalid-request")
+    assert "release.velocity" in str(answer)
+
+
 def test_a_target_that_moves_starts_some_time_after_it_is_asked_for(service: RunningService, executor: FakeExecutor):
     release = {"kind": "target", "position": [1.1, -0.5, 0.0], "velocity": [0.0, 0.3, 0.0], "observed_at_s": 700.0}
     untold = problem_of(service.client.post("/plan", json={"release": release}), 409, "robot-not-ready")

@@ -256,3 +256,13 @@ def test_the_motion_before_a_second_replacement_is_the_whole_of_the_first() -> N
     assert isinstance(second.trajectory, Trajectory)
     assert made.q[: made.joins_row] == onward.q[: made.joins_row]
     assert second.joins_s == pytest.approx(later * motion.trajectory.dt)
+
+
+def test_a_plan_that_waits_for_a_target_that_moves_joins_no_motion() -> None:
+    """It would be thrown when the running motion happens to be there, at a target that is elsewhere."""
+    motion, job = running()
+    asked = motion_of(to_and_fro(rest("on", 1.0)))
+    assert joined(motion, job, asked, 0).joins_s == 0.0
+    waits = replace(asked, problem=replace(asked.problem, starts_at_s=1000.0))
+    with pytest.raises(CannotJoin, match=r"starts at 1000\.000 s of the controller's clock"):
+        joined(motion, job, waits, 0)

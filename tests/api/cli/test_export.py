@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+import fling
 from api.cli import main
 from planner.cell import load_cell
 from store import plan_sha256, split_plan
@@ -67,3 +68,13 @@ def test_what_is_no_plan_is_refused(tmp_path: Path, plan: dict[str, Any]) -> Non
     result = exported(tmp_path, {"title": "Infeasible"})
     assert result.exit_code == 1
     assert "the answer to a request that was refused" in result.output
+
+
+def test_a_plan_that_waits_for_a_target_that_moves_is_refused(tmp_path: Path) -> None:
+    """The pendant would start it at any time."""
+    release = {"kind": "target", "position": [1.1, -0.5, 0.0], "velocity": [0.0, 0.4, 0.0], "observed_at_s": 1000.0}
+    made = fling.plan({"release": release, "starts_not_before_s": 1000.5}, load_cell(CELLS / "ur5e-sim.toml"))
+    result = exported(tmp_path, dict(made.document))
+    assert result.exit_code == 1
+    assert "for a target that moves" in result.output
+    assert not (tmp_path / "plan.script").exists()
