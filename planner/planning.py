@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 from planner.answer import Plan
 from planner.certificate import certify, release_flight
-from planner.errors import TIME_LIMIT, Infeasible, SolverFailed, Violation
+from planner.errors import TIME_LIMIT, Infeasible, SolverFailed, Violation, nothing_found
 from planner.problem import TIME_LIMIT_S, ThrowProblem
 from planner.progress import SILENT, ProgressMeter
 from planner.refusal import nearest_problem, of_candidates, refuse_impossible
@@ -104,7 +104,13 @@ def _plan_to_meet(problem: ThrowProblem, hints: SearchHints) -> Plan:
         if lands_at_s - takes_s >= earliest_s:
             return _starting(found, lands_at_s - takes_s, problem.time_limit_s)
         lands_at_s = earliest_s + takes_s + SPARE_S
-    raise refusal
+    span = f"landings up to {lands_at_s - earliest_s:.1f} s after the earliest start"
+    if not refusal.violations:
+        raise Infeasible([nothing_found("landing", f"no throw meets the target at {span}")])
+    # Each is proven of one landing at most, and the target goes on.
+    raise Infeasible(
+        [replace(each, proven=False).within(span) for each in refusal.violations], attempts=refusal.attempts
+    )
 
 
 def _starting(found: Plan, starts_at_s: float, time_limit_s: float) -> Plan:

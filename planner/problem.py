@@ -139,6 +139,11 @@ class ThrowProblem:
         target = self.target
         return target if target is not None and target.moves else None
 
+    @property
+    def start_slack_m(self) -> float:
+        """How far a target that moves may be from where it is met, as the start is on the nearest tick [m]."""
+        return 0.0 if self.moving is None else 0.5 * self.dt * float(np.linalg.norm(self.moving.v_W))
+
     def met_at(self, at_s: float) -> ThrowProblem:
         """Returns the problem with a target that moves where it is at a time [s, controller's clock]."""
         target = self.target

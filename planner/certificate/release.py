@@ -203,12 +203,13 @@ def landing_window(motion: MotionSamples) -> Check | None:
     if not problem.is_robust:
         return None
     tolerance = problem.landing_tolerance_m
+    most = tolerance * (1.0 + ROUNDING)
     goal = _nominal_landing(problem, motion.trajectory)
     if problem.body is not None:
         return _body_window(motion, goal)
 
     def room(arm: ArmSamples) -> Array:
-        return tolerance * (1.0 + ROUNDING) - np.linalg.norm(_landed_beside(motion, arm) - goal, axis=1)
+        return most - problem.start_slack_m - np.linalg.norm(_landed_beside(motion, arm) - goal, axis=1)
 
     def evaluate(t: Array, item: Index) -> Array:
         return room(motion.at(t))
@@ -219,13 +220,13 @@ def landing_window(motion: MotionSamples) -> Check | None:
     if not np.isfinite(rooms).all():
         return at_most("landing_window", math.inf, tolerance, "m", released, "never lands")
     if not math.isfinite(curvature):
-        error = tolerance * (1.0 + ROUNDING) - rooms.min()
+        error = most - rooms.min()
         at_s = float(arm.t[rooms.argmin()])
         return at_most("landing_window", error, tolerance, "m", at_s, GRAZES).provided(False)
     proof = prove_above(
         evaluate, arm.t, rooms[None], np.array([curvature]), 0.0, curvature_bound, motion.distance_accuracy
     )
-    error = tolerance * (1.0 + ROUNDING) - proof.value
+    error = most - proof.value
     detail = _delayed(proof.at_s - released)
     return at_most("landing_window", error, tolerance, "m", proof.at_s, detail).provided(proof.proven)
 

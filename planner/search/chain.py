@@ -43,7 +43,7 @@ STATES = 24  # [-] joint states kept of a passage: a pose has eight branches, ea
 MOTIONS = 200  # [-] motions certified before a search gives up: two along a way, with chosen accelerations and without
 BESIDE = 6  # [-] of these of each neighbour a point is passed in postures nearby
 WAYS = 1000  # [-] ways looked at: most that do not come to a motion have a leg that Ruckig refuses
-EASED = 0.9  # [-] of the time to a passage with an instant of its own: chosen accelerations seldom spare more
+EASED = 0.8  # [-] of the time to a passage with an instant of its own: chosen accelerations seldom spare more
 ROUNDING = 1e-6  # [ticks] of a duration in floating point
 OF_RELEASE = ("flight_clearance", "landing", "landing_window", "opening_direction")  # checks that the release decides
 State = tuple[Array, Array, Array]  # q, qd, qdd (6,) [rad, rad/s, rad/s^2]
@@ -222,7 +222,7 @@ class _Legs:
         soonest = float(arrivals.min())
         if soonest > first and math.isfinite(soonest):
             late = Violation(
-                "passage", soonest * self.problem.dt, passage.at_s, "s", detail="the soonest that it is passed"
+                "passage", soonest * self.problem.dt, passage.at_s, "s", detail="the soonest that was found"
             )
             self.obstacles[number] = late.within(self.leg_name(number))
         return np.where(EASED * arrivals > first, math.inf, in_time)

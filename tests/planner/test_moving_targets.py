@@ -12,7 +12,7 @@ from benchmarks.audit import find_faults, flight_faults
 from learning.throws import STEP_S, Circumstances, Throws, throw_table
 from planner.answer import Plan, plan_document, plan_from_document
 from planner.certificate import certify, window_landing_points
-from planner.errors import InvalidProblem
+from planner.errors import Infeasible, InvalidProblem
 from planner.planning import plan
 from planner.problem import SWEPT_S, ThrowProblem
 from planner.releases import Target, release_document
@@ -175,3 +175,19 @@ def test_a_request_is_written_as_it_was_read() -> None:
     again = problem_from_request(request_document(problem, problem.release), cell())
     assert release_document(again.release) == release_document(problem.release)
     assert again.starts_not_before_s == problem.starts_not_before_s
+
+
+def test_window_and_rim_keep_room_for_a_start_on_the_nearest_tick(found: Plan) -> None:
+    """Half a cycle late, the target is on: audited as it is then, the throw still has no fault."""
+    late = replace(found.problem, starts_at_s=found.problem.starts_at_s + 0.5 * found.problem.dt)
+    faults = [each for each in find_faults(late, found.trajectory) if each.name not in ("landing", "landing_point")]
+    assert faults == []
+
+
+def test_a_refusal_is_proven_of_no_landing_but_those_that_were_tried() -> None:
+    """A target that comes from afar is out of reach at all of them, and in reach later."""
+    afar = {**ACROSS, "position": [1.1, -12.0, 0.0]}
+    with pytest.raises(Infeasible) as refused:
+        plan(problem_from_request({"release": afar, "starts_not_before_s": SEEN_S + 0.5}, cell()))
+    assert not any(each.proven for each in refused.value.violations)
+    assert "s after the earliest start" in str(refused.value)

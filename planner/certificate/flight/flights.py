@@ -51,7 +51,7 @@ class Flights:
         names: of the obstacles.
         clearance_m: distance that the object keeps from most obstacles [m].
         required: distance that it keeps from each obstacle [m]: none for what it is gripped beside and lands on, and
-            for a bin's wall; less beside the target, see `ThrowProblem.flight_clearances`.
+            for a bin's wall that stands; less beside the target, see `ThrowProblem.flight_clearances`.
         target: the target, if it moves, with its bin.
         thickness: distance of the object's centre from each obstacle's core at which the two are as near as they may be
             [m]: radii and what is required. "Gaps" are what is left beyond it.
@@ -79,7 +79,7 @@ class Flights:
         of_links = np.full(body.object, self.clearance_m)
         of_links[body.frames[capsules] == 0] = of_base
         of_links[self._beside_release()] = 0.0
-        self.required = np.concatenate([of_shapes, of_links, [0.0]])
+        self.required = np.concatenate([of_shapes, of_links, [problem.start_slack_m]])
         radii = np.concatenate([self.shapes[-1], body.radii[capsules], [0.0]])
         self.thickness = radius + radii + self.required
         self.target = problem.moving

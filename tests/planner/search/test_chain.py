@@ -166,7 +166,7 @@ def test_passages_at_the_soonest_times_are_in_time() -> None:
 def test_a_passage_that_cannot_be_in_time_is_refused_with_the_soonest_time() -> None:
     request = row()
     request["passages"][2]["at_s"] = 1.0
-    with pytest.raises(Infeasible, match="to passage 'part 2': the soonest that it is passed") as refused:
+    with pytest.raises(Infeasible, match="to passage 'part 2': the soonest that was found") as refused:
         plan(problem_from_request(request, cell()))
     (violation,) = refused.value.violations
     soonest_s = violation.value
