@@ -10,7 +10,7 @@ from functools import partial, reduce
 from operator import or_
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, PlainValidator, create_model
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainValidator, create_model
 
 from planner.fields import (
     NUMBER_MAX,
@@ -64,10 +64,15 @@ def _type_of(shape: Shape) -> Any:
     return _type_of_numbers(shape)
 
 
+def _whole(value: Any) -> Any:
+    """Returns a whole number that is written with a point, which JSON has as an integer, too; other values as given."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
 def _type_of_numbers(shape: Shape) -> Any:
     match shape:
         case Whole(least, most):
-            return Annotated[int, Field(ge=least, le=most)]
+            return Annotated[int, BeforeValidator(_whole), Field(ge=least, le=most)]
         case NumberShape(least, most, None):
             return Annotated[float, Field(ge=least, le=most)]
         case NumberShape(_, most, above):

@@ -8,12 +8,21 @@ import requests
 import schemathesis
 from pydantic import BaseModel, ValidationError
 
-from api.schemas import BatchRequest, ExecuteRequest, ExperimentRequest, LandingRequest, MapBody, PlanRequest
+from api.schemas import (
+    BatchRequest,
+    ExecuteRequest,
+    ExperimentRequest,
+    LandingRequest,
+    MapBody,
+    PlanRequest,
+    RetargetRequest,
+)
 from planner.problem import TIME_LIMIT_MAX_S
 
 PLAN_S = 0.5  # [s] of a search: this is about the interface, not the planner
 MODELS: dict[str, type[BaseModel]] = {
     "make_plan": PlanRequest,
+    "retarget_motion": RetargetRequest,
     "execute_plan": ExecuteRequest,
     "report_landing": LandingRequest,
     "begin_experiment": ExperimentRequest,
