@@ -38,7 +38,7 @@ class ControllerClock:
         self.first = self.stamp = connection.timestamp()
         self.tick = self.missed = self.total_missed = 0
         if first_s is not None:
-            self.tick = max(round((self.stamp - first_s) / dt), 0)
+            self.tick = max(round((self.stamp - first_s) / dt), -1)  # the first row is due now, or next
             self.first = self.stamp - self.tick * dt
         self.host_s = monotonic()
 
