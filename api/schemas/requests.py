@@ -72,7 +72,7 @@ def _whole(value: Any) -> Any:
 def _type_of_numbers(shape: Shape) -> Any:
     match shape:
         case Whole(least, most):
-            return Annotated[int, BeforeValidator(_whole), Field(ge=least, le=most)]
+            return Annotated[int, Field(ge=least, le=most), BeforeValidator(_whole)]
         case NumberShape(least, most, None):
             return Annotated[float, Field(ge=least, le=most)]
         case NumberShape(_, most, above):
