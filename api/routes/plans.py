@@ -70,9 +70,7 @@ router = APIRouter(route_class=StrictJsonRoute, tags=["plans"])
 TOKEN_PROBLEMS = ("unauthenticated", "forbidden")
 POST_PROBLEMS = (*TOKEN_PROBLEMS, "invalid-request", "too-large", "unsupported-media-type")
 SEARCH_PROBLEMS = ("not-found", "robot-not-ready", "infeasible", "overloaded", "solver-failed")
-START_IN_S = (
-    2.0  # [s] to plan a throw at a target that moves, to verify it and to start the stream: 1 s on a quiet machine
-)
+START_IN_S = 2.0  # [s] to plan a throw at a target that moves, verify it and start: 1 s on a quiet machine
 PlanId = Annotated[str, id_in_path("plan")]
 PageLimit = Annotated[int, Query(ge=1, le=200, description="Maximum length of the page."), PLAIN]
 PageCursor = Annotated[str | None, Query(description="`next_cursor` of the page before.", pattern=UUID_PATTERN)]

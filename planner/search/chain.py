@@ -32,7 +32,7 @@ from planner.kinematics import inverse_velocity, jacobian, singularity_distances
 from planner.passages import passed_until
 from planner.problem import ThrowProblem
 from planner.releases import SteadyLine
-from planner.search.passing import passing_accelerations
+from planner.search.passing import State, passing_accelerations
 from planner.search.record import PlanningSearch
 from planner.search.tool_lines import line_motions
 from planner.seeds import Candidate, candidates, near_candidates
@@ -46,7 +46,6 @@ WAYS = 1000  # [-] ways looked at: most that do not come to a motion have a leg 
 EASED = 0.8  # [-] of the time to a passage with an instant of its own: chosen accelerations seldom spare more
 ROUNDING = 1e-6  # [ticks] of a duration in floating point
 OF_RELEASE = ("flight_clearance", "landing", "landing_window", "opening_direction")  # checks that the release decides
-State = tuple[Array, Array, Array]  # q, qd, qdd (6,) [rad, rad/s, rad/s^2]
 Piece = tuple[Array, Array, Array]  # the same at one tick or more (n, 6): of a state, a line or a leg
 
 

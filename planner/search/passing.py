@@ -58,7 +58,8 @@ def _values(problem: ThrowProblem, state: State | None, is_free: bool) -> Array:
     limits = problem.limits
     room = np.sqrt(2.0 * limits.jerk_max * np.maximum(limits.qd_max - np.abs(state[1]), 0.0))
     most = np.minimum(limits.qdd_max, 0.9 * room)
-    return np.array([state[2], *(np.clip(share * limits.qdd_max, -most, most) for share in SHARES)])
+    others = [share for share in SHARES if share != 0.0 or state[2].any()]  # of which the present one may be zero
+    return np.array([state[2], *(np.clip(share * limits.qdd_max, -most, most) for share in others)])
 
 
 def _times(problem: ThrowProblem, start: State, end: State | None, before: Array, after: Array | None) -> Array:

@@ -3,13 +3,12 @@
 Source: Berscheid and Kroeger, Jerk-limited Real-time Trajectory Generation with Arbitrary Target States, RSS 2021.
 """
 
-from planner.backends.ruckig_otg.arrival import arrival, least_times
+from planner.backends.ruckig_otg.arrival import arrival, joint_times, least_times
 from planner.backends.ruckig_otg.library import TICKS_MIN, ruckig_module
 from planner.backends.ruckig_otg.motions import (
     VARIANTS,
     LaunchVariant,
     initial_guess,
-    joint_times,
     least_leg_time,
     leg,
     solve,

@@ -17,7 +17,7 @@ import numpy as np
 
 from planner.arrays import read_only
 from planner.backends.ruckig_otg import library
-from planner.backends.ruckig_otg.library import Vector
+from planner.backends.ruckig_otg.library import State, Vector
 from planner.errors import SolverFailed
 from planner.problem import ThrowProblem
 from planner.seeds import Candidate
@@ -55,6 +55,22 @@ def arrival(problem: ThrowProblem, candidate: Candidate) -> Arrival | None:
         return None
 
 
+def joint_times(problem: ThrowProblem, start: State, end: State | None) -> Vector:
+    """Returns the least time of each joint alone (6,) [s] from one state to another.
+
+    Args:
+        problem: gives limits and tick.
+        start: q [rad], qd [rad/s], qdd [rad/s^2], each (6,).
+        end: the same quantities; None for rest, anywhere.
+
+    Raises:
+        SolverFailed: Ruckig refuses the states.
+        BackendUnavailable: ruckig is not installed.
+    """
+    motion = library.fastest_motion(start, end, problem.limits, problem.dt, on_ticks=False)
+    return np.array(motion.independent_min_durations)
+
+
 def least_times(problem: ThrowProblem, candidate: Candidate) -> Vector:
     """Returns each joint's own least time (6,) [s] to the candidate with zero acceleration there.
 
@@ -63,8 +79,7 @@ def least_times(problem: ThrowProblem, candidate: Candidate) -> Vector:
         BackendUnavailable: ruckig is not installed.
     """
     release = (candidate.q, candidate.qd, np.zeros(6))
-    motion = library.fastest_motion(problem.start_state, release, problem.limits, problem.dt, on_ticks=False)
-    return np.array(motion.independent_min_durations)
+    return joint_times(problem, problem.start_state, release)
 
 
 @lru_cache(maxsize=ARRIVALS_KEPT)

@@ -99,21 +99,6 @@ def leg(problem: ThrowProblem, start: State, end: State | None, pace: float, lea
     return samples
 
 
-def joint_times(problem: ThrowProblem, start: State, end: State | None) -> Vector:
-    """Returns the least time of each joint alone (6,) [s] from one state to another.
-
-    Args:
-        problem: gives limits and tick.
-        start, end: as of `leg`.
-
-    Raises:
-        SolverFailed: Ruckig refuses the states.
-        BackendUnavailable: ruckig is not installed.
-    """
-    motion = fastest_motion(start, end, problem.limits, problem.dt, on_ticks=False)
-    return np.array(motion.independent_min_durations)
-
-
 def least_leg_time(problem: ThrowProblem, start: State, end: State | None) -> float:
     """Returns the time of the fastest motion from one state to another [s]; infinite where Ruckig refuses them.
 
