@@ -325,9 +325,7 @@ def _planning_job(asked: PlanOrder, is_stored: bool) -> PlanningJob:
         request["start"] = {"positions": _current_positions(service, name)}
     elif "execution" in start:
         request["start"] = _state_in_execution(service, name, start["execution"], start["at_s"])
-    release = asked.body.get("release", {})
-    moves = "observed_at_s" in release and any(release["velocity"])
-    if moves and "starts_not_before_s" not in asked.body:
+    if target_moves(asked.body) and "starts_not_before_s" not in asked.body:
         request["starts_not_before_s"] = _controller_time_s(service, name) + START_IN_S
     version = service.note_cell_version(source)
     row = _profile(service, name, source.sha256, asked.profile_id)
@@ -348,6 +346,12 @@ def _profile(service: Service, cell: str, cell_sha256: str, id: str | None) -> P
     if row is None or (row.cell, row.cell_sha256) != (cell, cell_sha256):
         raise ProblemDetails("not-found", f"cell {cell!r}, as its file is now, has no profile {id!r}")
     return row
+
+
+def target_moves(body: Mapping[str, Any]) -> bool:
+    """Returns whether a request asks for a throw at a target that moves."""
+    release = body.get("release", {})
+    return "observed_at_s" in release and any(release["velocity"])
 
 
 def _controller_time_s(service: Service, cell: str) -> float:

@@ -13,7 +13,15 @@ from api.dependencies import Gone, OperateCaller, Origin, Service, ServiceDep
 from api.http import ProblemDetails, StrictJsonRoute, json_answer, problem_answers
 from api.routes.cells import CellName
 from api.routes.executions import join_plan, reason_not_executable
-from api.routes.plans import POST_PROBLEMS, SEARCH_PROBLEMS, PlanOrder, WithTrajectory, running_state, stored_plan
+from api.routes.plans import (
+    POST_PROBLEMS,
+    SEARCH_PROBLEMS,
+    PlanOrder,
+    WithTrajectory,
+    running_state,
+    stored_plan,
+    target_moves,
+)
 from api.schemas import RETARGET_EXAMPLES, PlanAnswer, RetargetRequestBody
 from planner.errors import FieldError, InvalidProblem
 from store import TICK_PASSED, AuditLine, ExecutionRow, PlanRow
@@ -54,8 +62,7 @@ async def retarget_motion(
     reason = reason_not_executable(service, caller, cell, status)
     if reason is not None:
         raise ProblemDetails("robot-not-ready", reason, cell=name, fault=None if status is None else status.fault)
-    release = body.get("release", {})
-    if release.get("kind") == "target" and "velocity" in release:
+    if target_moves(body):
         raise InvalidProblem([FieldError("release.velocity", "is for plans: a running motion waits for no target")])
     asked = PlanOrder({**body, "cell": name}, service, None, origin.request_id, gone, trajectory)
     attempt = _Retarget(asked, name, caller.name, origin.act(caller, "replace"))
