@@ -127,8 +127,6 @@ class ThrowProblem:
         if self.starts_not_before_s is None:
             reason = "is missing: a target that moves needs the earliest start on the controller's clock"
             errors.append(FieldError("starts_not_before_s", reason))
-        if self.passages:
-            errors.append(FieldError("passages", "hit no target that moves: give it as the release alone"))
         if not self.starts_at_rest:
             errors.append(FieldError("start", "is in motion: it cannot wait for a target that moves"))
         return errors

@@ -350,8 +350,8 @@ def _profile(service: Service, cell: str, cell_sha256: str, id: str | None) -> P
 
 def target_moves(body: Mapping[str, Any]) -> bool:
     """Returns whether a request asks for a throw at a target that moves."""
-    release = body.get("release", {})
-    return "observed_at_s" in release and any(release["velocity"])
+    states = [body.get("release"), *(each.get("state") for each in body.get("passages", ()))]
+    return any(state and "observed_at_s" in state and any(state["velocity"]) for state in states)
 
 
 def _controller_time_s(service: Service, cell: str) -> float:

@@ -164,10 +164,24 @@ def test_what_does_not_go_together_is_refused_by_its_field(changes: dict[str, An
         problem_from_request({**request(ACROSS), **changes}, cell())
 
 
-def test_a_target_that_moves_is_no_passage() -> None:
-    passages = [{"name": "throw", "state": ACROSS, "releases": True}]
-    with pytest.raises(InvalidProblem, match="passages"):
-        problem_from_request({"passages": passages, "starts_not_before_s": SEEN_S}, cell())
+def test_a_motion_of_passages_throws_at_a_target_that_moves() -> None:
+    passages = [
+        {"name": "throw", "state": {**ACROSS, "opening": BIN}, "releases": True},
+        {"name": "camera", "state": {"kind": "point", "position": [0.5, 0.2, 0.5], "velocity": [0.0, -0.5, 0.0]}},
+    ]
+    asked = {"passages": passages, "end": {"kind": "home"}, "starts_not_before_s": SEEN_S + 0.5}
+    chained = plan(problem_from_request(asked, cell()))
+    assert chained.certificate.valid
+    assert find_faults(chained.problem, chained.trajectory) == []
+    document = plan_document(chained, asked, "", "")
+    assert document["starts_at_s"] >= SEEN_S + 0.5
+    lands_s = document["starts_at_s"] + document["release_time_s"] + document["flight"]["time_of_flight_s"]
+    there = np.array(ACROSS["position"]) + (lands_s - SEEN_S) * np.array(ACROSS["velocity"])
+    np.testing.assert_allclose(document["flight"]["landing_point"], there, atol=5e-4)
+    problem, motion = plan_from_document(document, cell())
+    assert certify(problem, motion).valid
+    later, _ = plan_from_document({**document, "starts_at_s": document["starts_at_s"] + 0.01}, cell())
+    assert not certify(later, motion).valid
 
 
 def test_a_request_is_written_as_it_was_read() -> None:
