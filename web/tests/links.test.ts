@@ -22,6 +22,7 @@ describe("a request", () => {
   const drafts = [
     FIRST_DRAFT,
     { ...FIRST_DRAFT, target: ["1.1", "-0.4", "0.2"], bin: true, window: "0.005", hitProbability: "0.9", maxSpeed: "3" },
+    { ...FIRST_DRAFT, bin: true, moves: true, targetVelocity: ["0.1", "-0.2"], observedAt: "100.25", startsAfter: "3.7" },
     { ...FIRST_DRAFT, kind: "point" as const, velocityLimit: "2.5", jerkLimit: "1 2 3 4 5 6", frame: "base" as const },
     { ...FIRST_DRAFT, kind: "pose" as const, orientation: "quaternion" as const, start: "current" as const },
     { ...FIRST_DRAFT, kind: "joint" as const, start: "positions" as const, backend: "ruckig" as const, timeLimit: "3" },

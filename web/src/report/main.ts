@@ -93,7 +93,7 @@ function mountScene(host: HTMLElement, data: ReportData, theme: Theme): Pick<Sce
 
 function targetOf(plan: Plan): Parameters<Scene["setTarget"]>[0] {
   const release = (plan.request as { release?: { kind?: string; position?: number[]; opening?: { radius_m: number; rim_height_m: number } } }).release;
-  if (release?.kind !== "target" || !plan.flight) return null;
+  if (release?.kind !== "target" || !plan.flight || typeof plan.starts_at_s === "number") return null; // one that moves, the motion shows
   return { position: plan.flight.landing_point as unknown as [number, number, number], opening: release.opening ?? null };
 }
 

@@ -155,7 +155,8 @@ class TwoViews implements DrawnScene {
   }
 
   private drawn(): Drawn | null {
-    const { cell, parts, motion, live, time, target, landings, ellipse, map } = this;
+    const { cell, parts, motion, live, time, landings, ellipse, map } = this;
+    const target = motion?.targetAt(time) ?? this.target;
     if (cell === null) return null;
     const q = live?.positions ?? motion?.at(time).positions ?? cell.home;
     const object = motion?.flies && live === null && time >= motion.releaseTime ? motion.objectAt(time) : null;

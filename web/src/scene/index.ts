@@ -3,7 +3,7 @@
 import { type ArmGeometry, armGeometry, frozen, SolidArm } from "./arm/model";
 import { type CellDocument, type CellGeometry, geometryOf } from "../model/cell";
 import { toolPose } from "../model/chain";
-import { norm, positionOf, type Vector } from "../model/poses";
+import { norm, positionOf, scaled, type Vector } from "../model/poses";
 import { pngOf } from "../service/save";
 import { axisMarks, axisThings } from "./axes";
 import { CameraMove, NO_INSETS, type Subject, viewOf } from "./camera";
@@ -34,6 +34,7 @@ class ThrowScene implements face.Scene {
   private readonly layers = Object.fromEntries(LAYERS.map((name) => [name, new Layer()])) as Record<(typeof LAYERS)[number], Layer>;
   private readonly material = studioMaterial();
   private readonly thrown = new ThrownObject();
+  private readonly carried = new Layer(); // the target that moves, built where it is as the motion begins
   private readonly handles: Handles;
   private readonly camera: CameraMove;
   private palette: Palette;
@@ -64,14 +65,14 @@ class ThrowScene implements face.Scene {
     this.real = options.realArm ?? false;
     this.stage = new Stage(canvas);
     this.camera = new CameraMove(this.stage.camera, this.stage.lookedAt);
-    const drawn = (): void => [...Object.values(this.layers), this.handles.layer].forEach((layer) => layer.sweep());
+    const drawn = (): void => [...Object.values(this.layers), this.carried, this.handles.layer].forEach((layer) => layer.sweep());
     this.stage.setActors({ step: (now) => this.camera.step(now), drawn });
     this.stage.controls.addEventListener("start", () => {
       this.camera.stop();
       this.isOwnView = true;
     });
     this.stage.still.add(...Object.values(this.layers).map((layer) => layer.root));
-    this.stage.moving.add(this.thrown.root);
+    this.stage.moving.add(this.thrown.root, this.carried.root);
     this.handles = new Handles(
       this.stage,
       { ...options, changedTarget: (target) => this.draggedTo(target) },
@@ -208,7 +209,8 @@ class ThrowScene implements face.Scene {
 
   svg(): string {
     if (!this.cell || !this.geometry) throw new Error("there is nothing to draw yet");
-    const { motion, target, landings, ellipse, map, time } = this;
+    const { motion, landings, ellipse, map, time } = this;
+    const target = motion?.targetAt(time) ?? this.target;
     const object = motion?.flies && time >= motion.releaseTime ? motion.objectAt(time) : null;
     const drawn = { cell: this.cell, parts: this.geometry.parts, q: this.posture(), object, motion, target, landings, ellipse, map };
     const { clientWidth, clientHeight } = this.stage.canvas;
@@ -230,7 +232,7 @@ class ThrowScene implements face.Scene {
 
   dispose(): void {
     this.handles.dispose();
-    for (const layer of Object.values(this.layers)) layer.clear();
+    for (const layer of [...Object.values(this.layers), this.carried]) layer.clear();
     this.clearGhosts();
     this.thrown.dispose();
     this.material.dispose();
@@ -281,6 +283,8 @@ class ThrowScene implements face.Scene {
 
   private drawPlan(): void {
     this.show("plan", this.motion ? planThings(this.motion, this.palette, this.appearance === "stale") : []);
+    const target = this.motion?.targetAt(0);
+    this.carried.show(target ? targetThings(target, this.cell?.floorZ ?? 0, this.palette, false) : []);
     this.drawGhosts();
   }
 
@@ -346,6 +350,7 @@ class ThrowScene implements face.Scene {
     const held = positionOf(toolPose(this.cell.chain, q));
     this.thrown.root.visible = !gone || motion !== null;
     this.thrown.place(gone && motion ? motion.objectAt(Math.max(time, motion.releaseTime)) : held, this.cell.floorZ);
+    this.carried.root.position.set(...scaled(motion?.target?.velocity ?? [0, 0, 0], time));
     this.material.color.set(live && !live.connected ? 0x9aa3ad : 0xffffff);
     if (this.follower && motion && this.geometry) frozen(this.cell, this.geometry, motion.at(time).positions, this.follower.geometry);
     this.stage.moved();

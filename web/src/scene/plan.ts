@@ -5,9 +5,11 @@ import type { CellGeometry } from "../model/cell";
 import { toolPose, toolState } from "../model/chain";
 import { type Air, fly, path, sampledPath } from "../model/flight";
 import { plus, positionOf, scaled, type Vector } from "../model/poses";
+import { MovingTarget } from "../model/moving";
 import { endIndex, mainState, mainTime } from "../model/passages";
 import { durationOf, endOf, type JointState, type Samples, stateAt } from "../model/samples";
 import type { Plan } from "../service/types";
+import type { Target } from "./interface";
 import { polyline, thinned } from "./lines";
 import type { Palette } from "./palette";
 import { area, arrow, disc, ellipsePoints, ring } from "./shapes";
@@ -25,6 +27,7 @@ export class PlanMotion {
   readonly duration: number; // [s] of the arm's motion
   readonly end: number; // [s] of everything: arm at rest and object landed
   readonly flies: boolean;
+  readonly target: MovingTarget | null; // one that stands is the request's
   private readonly p: Vector;
   private readonly v: Vector; // of the object as it leaves [m/s]
   private readonly speedFactor: number; // the object's speed over the tool's
@@ -41,6 +44,7 @@ export class PlanMotion {
     this.duration = durationOf(this.samples, this.rate);
     this.flies = plan.flight !== null && plan.flight !== undefined;
     this.flightTime = plan.flight?.time_of_flight_s ?? 0;
+    this.target = MovingTarget.of(plan, cell.chain.base);
     this.end = endOf(plan);
     this.p = mainState(plan).pose.position as unknown as Vector;
     this.speedFactor = plan.flight?.release_speed_factor ?? 1;
@@ -53,10 +57,17 @@ export class PlanMotion {
     return stateAt(this.samples, this.rate, t);
   }
 
-  /** Returns where the object is at a time [s]: in the tool, in flight, at rest where it landed. */
+  /** Returns where the object is at a time [s]: in the tool, in flight, where it landed, at rest or carried on. */
   objectAt(t: number): Vector {
     if (!this.flies || t < this.releaseTime) return positionOf(toolPose(this.cell.chain, this.at(t).positions));
-    return path(this.p, this.v, [Math.min(t - this.releaseTime, this.flightTime)], this.air)[0]!;
+    const flown = t - this.releaseTime;
+    const there = path(this.p, this.v, [Math.min(flown, this.flightTime)], this.air)[0]!;
+    return this.target ? plus(there, this.target.velocity, Math.max(0, flown - this.flightTime)) : there;
+  }
+
+  /** Returns the target that moves as it is at a time [s]; null where none does. */
+  targetAt(t: number): Target | null {
+    return this.target && { position: this.target.at(t), opening: this.target.opening };
   }
 
   /** Returns the way of the tool, cut at the release, or where the last passage ends. */
@@ -117,6 +128,7 @@ export function planThings(motion: PlanMotion, palette: Palette, stale: boolean)
   const { flight } = motion.plan;
   const release = mainState(motion.plan);
   const [p, v] = [release.pose.position, release.twist.linear] as unknown as [Vector, Vector];
+  if (motion.target) things.push(polyline([motion.target.at(0), motion.target.at(motion.end)], { colour: palette.target, width: 1.6, opacity: 0.8, dash: 0.03 }));
   const landing = flight!.landing_point as unknown as Vector;
   return [
     ...things,

@@ -8,7 +8,7 @@ import { doubtfulDistance, placeReport } from "./landing-report";
 import { hashOf, type Link } from "./links";
 import { aimOf, placeWords } from "./machine";
 import {
-  access, armed, cellStates, curves, dispatch, doubt, driving, failed, faults, floorZ, landings, landingStd, notice, picking, playing, profiles, progress, reached, runPlan, shownId, state, throwMap, time, viewing,
+  access, armed, cellStates, clockLeads, controllerTime, curves, dispatch, doubt, driving, failed, faults, floorZ, landings, landingStd, notice, picking, playing, profiles, progress, reached, runPlan, shownId, state, throwMap, time, viewing,
 } from "./store";
 import { cancelledWords, dateWords, landingWords } from "./words";
 
@@ -46,7 +46,7 @@ export async function plan(): Promise<void> {
   const mine = new AbortController();
   search = mine;
   try {
-    const answer = await planned(requestOf(request, cell), (told) => search === mine && (progress.value = told), mine.signal);
+    const answer = await planned(requestOf(request, cell, controllerTime()), (told) => search === mine && (progress.value = told), mine.signal);
     reached();
     dispatch({ type: "planned", revision, plan: answer });
     nameInAddress({ kind: "plan", id: answer.id });
@@ -126,7 +126,7 @@ async function askPreviews(): Promise<void> {
     const { cell } = state.value;
     if (cell === null) break;
     try {
-      const answer = await call("POST", "/plan?store=false", { body: previewOf(draft, cell), patient: true });
+      const answer = await call("POST", "/plan?store=false", { body: previewOf(draft, cell, controllerTime()), patient: true });
       const preview = (await answer.json()) as Plan;
       if (mine === generation) dispatch({ type: "preview", plan: preview });
     } catch (error) {
@@ -250,6 +250,8 @@ export async function acknowledge(cell: string): Promise<void> {
 export async function refreshCell(cell: string): Promise<CellState> {
   const answer = await get<CellState>(`/cells/${cell}/state`);
   cellStates.value = { ...cellStates.value, [cell]: answer };
+  const told_s = answer.executor?.alive ? answer.robot?.timestamp_s : null;
+  if (typeof told_s === "number") clockLeads.value = { ...clockLeads.value, [cell]: told_s + answer.executor!.heartbeat_age_s - Date.now() / 1000 };
   return answer;
 }
 

@@ -8,7 +8,7 @@ import type { CalibrationMoves, Execution, Plan, PlanProgress, PlanRequest, Prof
 import { adopt, leavePast, loadProfiles, start, stop } from "./actions";
 import { begun, type Calibration, candidates, ended, keep, kept, moveWords, next, type Odds, type OddsChange, THROWS } from "./calibration";
 import { requestOf } from "./draft";
-import { calibration, cell, cellName, driving, failed, guided, isReal, mode, profiles, running, state } from "./store";
+import { calibration, cell, cellName, controllerTime, driving, failed, guided, isReal, mode, profiles, running, state } from "./store";
 import { armKind } from "./readiness";
 import { outcomeWords } from "./words";
 
@@ -216,7 +216,7 @@ async function estimate(now: Calibration, signal: AbortSignal): Promise<void> {
 /** The odds of the form's own throw, with the profile of before and with this one; null where the form asks for none. */
 async function oddsChange(now: Calibration, profile: string, signal: AbortSignal): Promise<OddsChange | null> {
   try {
-    const { min_hit_probability: _, ...request } = requestOf(state.value.request, now.cell) as PlanRequest & { min_hit_probability?: number };
+    const { min_hit_probability: _, ...request } = requestOf(state.value.request, now.cell, controllerTime()) as PlanRequest & { min_hit_probability?: number };
     if (request.release?.kind !== "target") return null;
     const odds = async (id: string): Promise<Odds | null> =>
       (await post<Plan>(`/plan?store=false&trajectory=false&profile=${id}`, request, { signal })).hit_probability ?? null;

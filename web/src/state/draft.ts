@@ -16,6 +16,10 @@ export interface Draft {
   readonly bin: boolean;
   readonly binRadius: string; // [m]
   readonly binRim: string; // [m]
+  readonly moves: boolean;
+  readonly targetVelocity: readonly string[]; // (2) of a target that moves, along x and y [m/s]
+  readonly observedAt: string; // when it is at `target`, on the controller's clock [s]; empty: now
+  readonly startsAfter: string; // least time from then to the motion's start [s]
   readonly maxSpeed: string; // [m/s]
   readonly minElevation: string; // [rad]
   readonly maxElevation: string; // [rad]
@@ -51,6 +55,10 @@ export const FIRST_DRAFT: Draft = {
   bin: false,
   binRadius: "0.12",
   binRim: "0.2",
+  moves: false,
+  targetVelocity: ["0", "0.1"],
+  observedAt: "",
+  startsAfter: "10",
   maxSpeed: "",
   minElevation: "",
   maxElevation: "",
@@ -125,8 +133,8 @@ function defined<T extends object>(fields: T): T {
   return Object.fromEntries(Object.entries(fields).filter(([, value]) => value !== undefined)) as T;
 }
 
-function releaseOf(draft: Draft): PlanRequest["release"] {
-  if (draft.kind === "target") return targetOf(draft);
+function releaseOf(draft: Draft, observed_at_s: number | undefined): PlanRequest["release"] {
+  if (draft.kind === "target") return targetOf(draft, observed_at_s);
   if (draft.kind === "joint") {
     return {
       kind: "joint",
@@ -146,7 +154,15 @@ function releaseOf(draft: Draft): PlanRequest["release"] {
   return { kind: "pose", pose: { position, ...orientation }, twist: { linear: velocity, angular } };
 }
 
-function targetOf(draft: Draft): PlanRequest["release"] {
+/** Returns when a target that moves is where the form says, on the controller's clock [s]; undefined for one that stands. */
+function observedAt(draft: Draft, now_s: number | null): number | undefined {
+  if (draft.kind !== "target" || !draft.moves) return undefined;
+  return draft.observedAt.trim() === "" && now_s !== null ? rounded(now_s) : numberOf(draft.observedAt, "seen at", "release.observed_at_s");
+}
+
+const rounded = (time_s: number): number => Number(time_s.toFixed(3));
+
+function targetOf(draft: Draft, observed_at_s: number | undefined): PlanRequest["release"] {
   const from = draft.releasePosition.every((text) => text.trim() === "") ? undefined : draft.releasePosition;
   return defined({
     kind: "target" as const,
@@ -154,6 +170,8 @@ function targetOf(draft: Draft): PlanRequest["release"] {
     opening: draft.bin
       ? { radius_m: numberOf(draft.binRadius, "bin radius", "release.opening.radius_m"), rim_height_m: numberOf(draft.binRim, "bin rim", "release.opening.rim_height_m") }
       : undefined,
+    velocity: observed_at_s === undefined ? undefined : [...numbersOf(draft.targetVelocity, "velocity", "release.velocity"), 0],
+    observed_at_s,
     max_release_speed_m_s: optional(draft.maxSpeed, "largest release speed", "release.max_release_speed_m_s"),
     min_elevation_rad: optional(draft.minElevation, "least elevation", "release.min_elevation_rad"),
     max_elevation_rad: optional(draft.maxElevation, "largest elevation", "release.max_elevation_rad"),
@@ -162,8 +180,13 @@ function targetOf(draft: Draft): PlanRequest["release"] {
   }) as PlanRequest["release"];
 }
 
-/** Returns the request for `POST /plan`. Throws InvalidDraft for text that is no number. */
-export function requestOf(draft: Draft, cell: string): PlanRequest {
+/**
+ * Returns the request for `POST /plan`; `now_s` is the controller's time, null where nobody tells it.
+ *
+ * Throws InvalidDraft for text that is no number.
+ */
+export function requestOf(draft: Draft, cell: string, now_s: number | null = null): PlanRequest {
+  const seen_s = observedAt(draft, now_s);
   const limits = defined({
     velocity: perJoint(draft.velocityLimit, "velocity limit", "limits.velocity"),
     acceleration: perJoint(draft.accelerationLimit, "acceleration limit", "limits.acceleration"),
@@ -172,7 +195,8 @@ export function requestOf(draft: Draft, cell: string): PlanRequest {
   return defined({
     cell,
     start: startOf(draft),
-    release: releaseOf(draft),
+    release: releaseOf(draft, seen_s),
+    starts_not_before_s: seen_s === undefined ? undefined : rounded(seen_s + numberOf(draft.startsAfter, "start", "starts_not_before_s")),
     frame: draft.frame,
     backend: draft.backend,
     limits: Object.keys(limits).length > 0 ? limits : undefined,
@@ -191,8 +215,8 @@ function startOf(draft: Draft): PlanRequest["start"] | undefined {
 }
 
 /** Returns the request of a preview while dragging: the fast back end, for a release on time alone. */
-export function previewOf(draft: Draft, cell: string): PlanRequest {
-  const { min_hit_probability: _, ...request } = requestOf(draft, cell) as PlanRequest & { min_hit_probability?: number };
+export function previewOf(draft: Draft, cell: string, now_s: number | null = null): PlanRequest {
+  const { min_hit_probability: _, ...request } = requestOf(draft, cell, now_s) as PlanRequest & { min_hit_probability?: number };
   return { ...request, backend: "ruckig", release_window_s: 0, landing_tolerance_m: 0 };
 }
 
@@ -257,12 +281,19 @@ export function draftOf(request: PlanRequest): Draft {
     target: texts(release.position),
     bin: Boolean(release.opening),
     ...(release.opening ? { binRadius: String(release.opening.radius_m), binRim: String(release.opening.rim_height_m) } : {}),
+    ...(release.velocity && typeof release.observed_at_s === "number" ? motionTexts(release.velocity, release.observed_at_s, request.starts_not_before_s) : {}),
     maxSpeed: number(release.max_release_speed_m_s),
     minElevation: number(release.min_elevation_rad),
     maxElevation: number(release.max_elevation_rad),
     minDistance: number(release.min_horizontal_distance_m),
     releasePosition: release.release_position ? texts(release.release_position) : NONE3,
   };
+}
+
+/** Returns how a target moves, as the form holds it. */
+function motionTexts(velocity: readonly number[], observed_at_s: number, starts_s: number | null | undefined): Partial<Draft> {
+  const after = typeof starts_s === "number" ? { startsAfter: String(rounded(starts_s - observed_at_s)) } : {};
+  return { moves: velocity.some((v) => v !== 0), targetVelocity: texts(velocity.slice(0, 2)), observedAt: String(observed_at_s), ...after };
 }
 
 function poseTexts(release: Extract<NonNullable<PlanRequest["release"]>, { kind: "pose" }>): Partial<Draft> {

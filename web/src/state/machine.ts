@@ -217,10 +217,10 @@ export function isArmed(state: State): boolean {
   return planStanding(state) === "valid" && state.planning === null && state.preview === null && !isRunning(state);
 }
 
-/** Where a plan aims, in the world: its target, or where its object lands; null for a move that ends at rest. */
+/** Where a plan aims, in the world: its target, or where its object lands or meets it; null for a move to rest. */
 export function aimOf(plan: Plan): readonly number[] | null {
   const release = plan.request["release"] as { kind?: string; position?: number[] } | undefined;
-  const inWorld = release?.kind === "target" && plan.request["frame"] !== "base";
+  const inWorld = release?.kind === "target" && plan.request["frame"] !== "base" && typeof plan.starts_at_s !== "number";
   return (inWorld ? release.position : plan.flight?.landing_point) ?? null;
 }
 

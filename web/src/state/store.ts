@@ -20,6 +20,8 @@ export function dispatch(what: Change): void {
 /** Cells of the service; null until the first answer. */
 export const cells = signal<readonly CellSummary[] | null>(null);
 export const cellStates = signal<Readonly<Record<string, CellState>>>({});
+/** What the controllers' clocks are ahead of this machine's, by cell [s]. */
+export const clockLeads = signal<Readonly<Record<string, number>>>({});
 export const model = signal<CellModel | null>(null);
 /** Samples and curves of the plan on the screen. */
 export const curves = signal<{ readonly planId: string; readonly value: Curves } | null>(null);
@@ -150,6 +152,12 @@ export function failed(error: unknown): string {
     return `${error.problem.title}: ${error.problem.detail}`;
   }
   return error instanceof Error ? error.message : String(error);
+}
+
+/** The time of the cell's controller now [s]; null where no executor tells it. */
+export function controllerTime(): number | null {
+  const lead_s = clockLeads.value[cellName.value ?? ""];
+  return lead_s === undefined ? null : lead_s + Date.now() / 1000;
 }
 
 export function reached(): void {

@@ -338,7 +338,7 @@ export function planWords(plan: Plan): string {
   if (!flight) return `${release}; at rest after ${plan.duration_s.toFixed(2)} s. Nothing flies.`;
   return (
     `${release} at ${flight.speed_m_s.toFixed(1)} m/s, ${flight.time_of_flight_s.toFixed(2)} s of flight, ` +
-    `at rest after ${plan.duration_s.toFixed(2)} s.`
+    `at rest after ${plan.duration_s.toFixed(2)} s.${typeof plan.starts_at_s === "number" ? ` It starts at ${plan.starts_at_s.toFixed(2)} s of the controller's clock.` : ""}`
   );
 }
 

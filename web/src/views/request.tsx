@@ -52,6 +52,19 @@ function TargetFields({ draft }: { draft: Draft }): JSX.Element {
           <NumberField label="Rim height" unit="m" path="release.opening.rim_height_m" value={draft.binRim} onInput={(binRim) => edit({ binRim })} />
         </div>
       ) : null}
+      <label class="check">
+        <input type="checkbox" checked={draft.moves} onChange={(event) => edit({ moves: event.currentTarget.checked })} />
+        <span>It moves</span>
+      </label>
+      {draft.moves ? (
+        <>
+          <VectorField legend="Its velocity" unit="m/s" path="release.velocity" names={["x", "y"]} values={draft.targetVelocity} onInput={(targetVelocity) => edit({ targetVelocity })} />
+          <div class="numbers of-2">
+            <NumberField label="Seen there at" unit="s" path="release.observed_at_s" placeholder="now" value={draft.observedAt} onInput={(observedAt) => edit({ observedAt })} />
+            <NumberField label="Starts after" unit="s" path="starts_not_before_s" value={draft.startsAfter} onInput={(startsAfter) => edit({ startsAfter })} />
+          </div>
+        </>
+      ) : null}
     </>
   );
 }

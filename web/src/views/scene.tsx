@@ -258,7 +258,7 @@ function liveArm(): LiveState | null {
 function askedTarget(): Target | null {
   const asked = draft.value;
   const target = asked.kind === "target" && asked.frame === "world" ? vector(asked.target) : null;
-  const opening = asked.bin ? { radius_m: Number(asked.binRadius) || 0.1, rim_height_m: Number(asked.binRim) || 0 } : null;
+  const opening = asked.bin && !asked.moves ? { radius_m: Number(asked.binRadius) || 0.1, rim_height_m: Number(asked.binRim) || 0 } : null;
   return target ? { position: target, opening } : null;
 }
 
