@@ -30,7 +30,7 @@ def test_the_form_asks_for_a_target_that_moves(guest: Visit, desk: Desk) -> None
     guest.page.get_by_label("It moves").check()
     guest.field("Its velocity y [m/s]").fill("0.2")
     guest.field("Seen there at [s]").fill("100")
-    guest.field("Starts after [s]").fill("1.5")
+    guest.field("Starts after it is seen [s]").fill("1.5")
     guest.button("Plan").click()
     expect(guest.page).to_have_url(re.compile("#/plan/"), timeout=PLANNED_MS)
     plan = desk.store.plan(guest.page.url.rsplit("/", 1)[1])
@@ -45,5 +45,5 @@ def test_a_plan_by_its_address_fills_the_form(guest: Visit, desk: Desk) -> None:
     guest.page.goto(f"{desk.url}/#/plan/{id}")
     expect(guest.page.get_by_label("It moves")).to_be_checked(timeout=PLANNED_MS)
     expect(guest.field("Seen there at [s]")).to_have_value("100")
-    expect(guest.field("Starts after [s]")).to_have_value("1.5")
+    expect(guest.field("Starts after it is seen [s]")).to_have_value("1.5")
     assert guest.complaints == []

@@ -32,7 +32,6 @@ def row_id(served: Desk) -> str:
 
 def test_the_time_line_shows_what_happens_in_passing(guest: Visit, desk: Desk, row_id: str) -> None:
     guest.page.goto(f"{desk.url}/#/plan/{row_id}")
-    guest.page.reload()
     flags = guest.region("Timeline").get_by_role("list", name="Passages and outputs").get_by_role("button")
     expect(flags).to_have_count(6, timeout=SOON_MS)
     expect(flags.nth(0)).to_contain_text("part 0")
@@ -43,7 +42,7 @@ def test_the_time_line_shows_what_happens_in_passing(guest: Visit, desk: Desk, r
     expect(guest.region("Timeline").get_by_role("slider")).to_have_attribute("aria-valuetext", f"{at_s} s")
     expect(guest.page.locator("body")).to_contain_text("Passes part 0 after")
     expect(guest.button("Throw on ur5e-sim: a motion through part 0, part 1")).to_be_enabled()
-    guest.field("x [m]").fill("1.1")
+    guest.field("Tool at the release x [m]").fill("0.52")
     expect(guest.button("Throw on")).to_be_disabled()  # the form asks for something else now
     assert guest.complaints == []
 

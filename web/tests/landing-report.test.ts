@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { InvalidDraft } from "../src/state/draft";
+import { InvalidDraft } from "../src/state/numbers";
 import { doubtfulDistance, newestResult, placeReport, resultReport, targetRadius } from "../src/state/landing-report";
 import { offsetFrom } from "../src/state/scatter";
 import { landingWords } from "../src/state/words";

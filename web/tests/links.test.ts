@@ -4,6 +4,8 @@ import { describe, expect, it } from "vitest";
 
 import type { PlanRequest } from "../src/service/types";
 import { draftOf, FIRST_DRAFT, requestOf } from "../src/state/draft";
+import { FIRST_OUTPUT, moved, newPassage } from "../src/state/passage-draft";
+import { FIRST_STATE_DRAFT } from "../src/state/state-draft";
 import { hashOf, isSameRequest, linkOf } from "../src/state/links";
 import { change, FIRST_STATE, isArmed, planStanding } from "../src/state/machine";
 import { deviationOf, together } from "../src/state/recordings";
@@ -23,6 +25,13 @@ describe("a request", () => {
     FIRST_DRAFT,
     { ...FIRST_DRAFT, target: ["1.1", "-0.4", "0.2"], bin: true, window: "0.005", hitProbability: "0.9", maxSpeed: "3" },
     { ...FIRST_DRAFT, bin: true, moves: true, targetVelocity: ["0.1", "-0.2"], observedAt: "100.25", startsAfter: "3.7" },
+    {
+      ...FIRST_DRAFT, isMotion: true, end: "home" as const,
+      passages: [
+        { ...newPassage([]), name: "bead", isLine: true, outputs: [{ ...FIRST_OUTPUT, place: "0.1", offset: "-0.004" }, { ...FIRST_OUTPUT, level: false, place: "0.3" }] },
+        { ...newPassage([]), id: 2, name: "throw", releases: true, notBefore: "1.5", state: { ...FIRST_STATE_DRAFT, moves: true, observedAt: "7" } },
+      ],
+    },
     { ...FIRST_DRAFT, kind: "point" as const, velocityLimit: "2.5", jerkLimit: "1 2 3 4 5 6", frame: "base" as const },
     { ...FIRST_DRAFT, kind: "pose" as const, orientation: "quaternion" as const, start: "current" as const },
     { ...FIRST_DRAFT, kind: "joint" as const, start: "positions" as const, backend: "ruckig" as const, timeLimit: "3" },
@@ -40,6 +49,24 @@ describe("a request", () => {
   it("that the form has no field for is not what the form asks for", () => {
     const asked = { ...requestOf(FIRST_DRAFT, "c"), passages: [{ name: "camera" }] } as unknown as PlanRequest;
     expect(isSameRequest(requestOf(draftOf(asked), "c"), asked)).toBe(false);
+  });
+});
+
+describe("the passages of a motion", () => {
+  it("are moved within their list", () => {
+    expect(moved(["a", "b", "c"], 0, 2)).toEqual(["b", "c", "a"]);
+    expect(moved(["a", "b", "c"], 2, 0)).toEqual(["c", "a", "b"]);
+    expect(moved(["a", "b", "c"], 1, 1)).toEqual(["a", "b", "c"]);
+  });
+  it("have names and numbers of their own", () => {
+    const first = newPassage([]);
+    const other = newPassage([{ ...first, name: "passage 2" }]);
+    expect([other.name, other.id]).toEqual(["passage 3", 2]);
+  });
+  it("name the field that is no number by its path in the request", () => {
+    const lacking = { ...newPassage([]), outputs: [{ ...FIRST_OUTPUT, index: "two" }] };
+    const draft = { ...FIRST_DRAFT, isMotion: true, passages: [newPassage([]), lacking] };
+    expect(() => requestOf(draft, "c")).toThrow(expect.objectContaining({ path: "passages[1].outputs[0].index" }));
   });
 });
 

@@ -3,7 +3,8 @@ import { expect, test } from "vitest";
 import { MovingTarget } from "../src/model/moving";
 import { poseOfRows } from "../src/model/poses";
 import type { Plan } from "../src/service/types";
-import { FIRST_DRAFT, InvalidDraft, requestOf } from "../src/state/draft";
+import { FIRST_DRAFT, requestOf } from "../src/state/draft";
+import { InvalidDraft } from "../src/state/numbers";
 import { throwLabel } from "../src/state/machine";
 import { planWords } from "../src/state/words";
 

@@ -14,6 +14,7 @@ export type {
   LandingList,
   LandingRequest,
   MapBody as MapRequest,
+  PassageRequest,
   PlanCurves as Curves,
   PlanProgress,
   PlanRequest,

@@ -3,7 +3,8 @@
 import { call, ConnectionLost, get, keepToken, post, ProblemError, token } from "../service/client";
 import { planned } from "../service/events";
 import type { CellState, Curves, Execution, ExecutionMode, LandingAnswer, LandingRequest, MapRequest, Plan, ProfileList, ThrowMap } from "../service/types";
-import { type Draft, InvalidDraft, previewOf, requestOf, withNearest } from "./draft";
+import { type Draft, previewOf, requestOf, withNearest } from "./draft";
+import { InvalidDraft } from "./numbers";
 import { doubtfulDistance, placeReport } from "./landing-report";
 import { hashOf, type Link } from "./links";
 import { aimOf, placeWords } from "./machine";

@@ -259,7 +259,7 @@ function restore(plan: Plan, own: Draft | null): void {
   const asked = plan.request as unknown as PlanRequest;
   const stated = draftOf(asked);
   const request = own ?? stated;
-  // The form has no fields for passages: their plan answers it until it is edited, and then it asks for a release.
+  // The form has no fields for some of what a motion may ask for: its plan answers it until it is edited.
   const answers = asked.passages ? JSON.stringify(request) === JSON.stringify(stated) : answersTo(request, plan.cell, asked);
   dispatch({ type: "restored", cell: plan.cell, request, plan, answers });
 }

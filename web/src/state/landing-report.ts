@@ -1,7 +1,7 @@
 // Reports of landings, from what a person types; and what a list of them says. Pure.
 
 import type { LandingAnswer, LandingRequest, Plan } from "../service/types";
-import { numberOf, numbersOf } from "./draft";
+import { numberOf, numbersOf } from "./numbers";
 
 export type Result = NonNullable<LandingRequest["result"]>;
 export const RESULTS: readonly (readonly [Result, string])[] = [["hit", "Hit"], ["edge", "Edge"], ["miss", "Miss"]];

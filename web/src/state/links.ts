@@ -1,7 +1,7 @@
 // Addresses of plans and executions, and what a tab keeps of its form over a reload. Pure but for the tab's storage.
 
 import type { PlanRequest } from "../service/types";
-import type { Draft } from "./draft";
+import { type Draft, FIRST_DRAFT } from "./draft";
 
 /** What an address names. */
 export interface Link {
@@ -56,7 +56,8 @@ export function keepDraft(kept: Kept): void {
 /** Returns the form that this tab kept; null without one. */
 export function keptDraft(): Kept | null {
   try {
-    return JSON.parse(sessionStorage.getItem(DRAFT_KEY) ?? "null") as Kept | null;
+    const kept = JSON.parse(sessionStorage.getItem(DRAFT_KEY) ?? "null") as Kept | null;
+    return kept && { ...kept, draft: { ...FIRST_DRAFT, ...kept.draft } }; // an older page kept fewer fields
   } catch {
     return null;
   }

@@ -89,6 +89,9 @@ export const guided = computed(() => calibration.value !== null && calibration.v
 /** What moves the arm by itself, one move after another; a stop ends it. */
 export const driving = signal<{ readonly cell: string; readonly abort: AbortController } | null>(null);
 
+/** The passage whose fields are open, and that is dragged in the scene, by its id; null for none. */
+export const openPassage = signal<number | null>(1);
+
 /** How a plan is executed. */
 export const mode = signal<ExecutionMode>("speedj");
 export const dryRun = signal(false);

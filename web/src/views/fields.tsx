@@ -3,7 +3,7 @@
 import type { ComponentChildren, JSX } from "preact";
 import { useId, useState } from "preact/hooks";
 
-import { isNumber } from "../state/draft";
+import { isNumber } from "../state/numbers";
 import { faults } from "../state/store";
 
 /** A long number as it is shown: the exact one stays in the request. */

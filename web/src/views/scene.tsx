@@ -11,9 +11,11 @@ import { type Quaternion, quaternionOf, rotationVectorOf } from "../model/poses"
 import { landingCellAt } from "../model/throw-map";
 import { save } from "../service/save";
 import { drag, drop, reportPointedAt, takeNearest } from "../state/actions";
-import { type Draft, vector } from "../state/draft";
+import type { Draft } from "../state/draft";
+import { vector } from "../state/numbers";
+import type { StateDraft } from "../state/state-draft";
 import {
-  answered, cellName, cellState, dark, draft, execution, history, isReal, landings, mapPicture, model, picking, preview, problem, runId, running,
+  answered, cellName, cellState, dark, draft, execution, history, isReal, landings, mapPicture, model, openPassage, picking, preview, problem, runId, running,
   shown, standing, strayed, throwMap, time,
 } from "../state/store";
 import { seenAt } from "../state/scatter";
@@ -144,15 +146,31 @@ const UNTOLD_MS = 3000; // [ms] after a frame: this browser does not tell when i
 
 const rounded = (values: readonly number[]): string[] => values.map((value) => String(Number(value.toFixed(3))));
 
+/** The state that is dragged in the scene: the request's, or that of the motion's open passage; null for none. */
+function askedState(): StateDraft | null {
+  const asked = draft.value;
+  if (!asked.isMotion) return asked;
+  const passage = asked.passages.find(({ id }) => id === openPassage.value);
+  return passage && !passage.isLine ? passage.state : null;
+}
+
+/** Returns what changes the state that is dragged in the scene. */
+function ofState(fields: Partial<StateDraft>): Partial<Draft> {
+  const asked = draft.value;
+  if (!asked.isMotion) return { ...fields, frame: "world" };
+  const passages = asked.passages.map((each) => (each.id === openPassage.value ? { ...each, state: { ...each.state, ...fields } } : each));
+  return { passages, frame: "world" };
+}
+
 function asTarget(position: Vector3): Partial<Draft> {
-  return { target: rounded(position), frame: "world" };
+  return ofState({ target: rounded(position) });
 }
 
 function asRelease(release: ReleaseGizmo): Partial<Draft> {
-  const pose = { position: rounded(release.position), velocity: rounded(release.velocity), frame: "world" as const };
-  if (release.quaternion === null) return pose;
-  if (draft.value.orientation === "rotation_vector") return { ...pose, rotationVector: rounded(rotationVectorOf(release.quaternion)) };
-  return { ...pose, quaternion: release.quaternion.map((x) => x.toFixed(6)) };
+  const pose = { position: rounded(release.position), velocity: rounded(release.velocity) };
+  if (release.quaternion === null) return ofState(pose);
+  if (askedState()?.orientation === "rotation_vector") return ofState({ ...pose, rotationVector: rounded(rotationVectorOf(release.quaternion)) });
+  return ofState({ ...pose, quaternion: release.quaternion.map((x) => x.toFixed(6)) });
 }
 
 /** Hands every change of the state on to the scene; returns what ends that. */
@@ -256,26 +274,27 @@ function liveArm(): LiveState | null {
 }
 
 function askedTarget(): Target | null {
-  const asked = draft.value;
-  const target = asked.kind === "target" && asked.frame === "world" ? vector(asked.target) : null;
+  const asked = askedState();
+  const target = asked?.kind === "target" && draft.value.frame === "world" ? vector(asked.target) : null;
+  if (asked === null || target === null) return null;
   const opening = asked.bin && !asked.moves ? { radius_m: Number(asked.binRadius) || 0.1, rim_height_m: Number(asked.binRim) || 0 } : null;
-  return target ? { position: target, opening } : null;
+  return { position: target, opening };
 }
 
 function showRequest(scene: Scene): void {
   void model.value;
-  const asked = draft.value;
+  const asked = askedState();
   const target = askedTarget();
   scene.setTarget(target);
-  const tool = (asked.kind === "point" || asked.kind === "pose") && asked.frame === "world";
-  const position = tool ? vector(asked.position) : null;
-  const velocity = tool ? vector(asked.velocity) : null;
-  scene.setRelease(position && velocity ? { position, velocity, quaternion: orientationOf(asked) } : null);
+  const tool = (asked?.kind === "point" || asked?.kind === "pose") && draft.value.frame === "world" ? asked : null;
+  const position = tool && vector(tool.position);
+  const velocity = tool && vector(tool.velocity);
+  scene.setRelease(position && velocity ? { position, velocity, quaternion: orientationOf(tool) } : null);
   scene.setHandle(running.value ? "none" : target ? "target" : position ? "release" : "none");
 }
 
 /** Returns the orientation that is asked for as a unit quaternion; null where it is free or not yet one. */
-function orientationOf(asked: Draft): Quaternion | null {
+function orientationOf(asked: StateDraft): Quaternion | null {
   if (asked.kind !== "pose") return null;
   if (asked.orientation === "rotation_vector") {
     const rotation = vector(asked.rotationVector);
@@ -326,7 +345,7 @@ function showMap(scene: Pick<Scene, "setMap">): void {
 /** Plans a throw to the landing cell that was clicked on. */
 function planAt([x, y, z]: Vector3): void {
   const centre = throwMap.value && landingCellAt(throwMap.value, x, y);
-  if (centre) drop({ kind: "target", frame: "world", target: rounded([...centre, z]) });
+  if (centre) drop({ isMotion: false, kind: "target", frame: "world", target: rounded([...centre, z]) });
 }
 
 function showLandings(scene: Pick<Scene, "setLandings">): void {
