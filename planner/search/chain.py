@@ -8,8 +8,9 @@
 
 A state is passed with zero acceleration, or with that at which the tool keeps its twist, as far as the graph knows;
 along a way, with what makes the legs beside it sooner, where that is certified. A point, whose orientation is free, is
-passed in postures near those of its neighbours, too. A line is one node, too, which takes its time: its motion follows
-from the branch. Counts alone decide what is tried; the only clock is the request's time limit.
+passed in postures near those of its neighbours, too, and an object is let go of as in throws of its own. A line is one
+node, too, which takes its time: its motion follows from the branch. Counts alone decide what is tried; the only clock
+is the request's time limit.
 """
 
 from __future__ import annotations
@@ -27,13 +28,14 @@ from planner.arrays import Array
 from planner.backends import ruckig_otg
 from planner.backends.solution import Solution
 from planner.certificate import SINGULARITY_WINDOW_S, Check
-from planner.errors import TIME_LIMIT, Infeasible, SolverFailed, Violation, nothing_found
+from planner.errors import TIME_LIMIT, Infeasible, InvalidProblem, SolverFailed, Violation, nothing_found
 from planner.kinematics import inverse_velocity, jacobian, singularity_distances, tcp_acceleration
 from planner.passages import passed_until
 from planner.problem import ThrowProblem
 from planner.releases import SteadyLine
 from planner.search.passing import State, passing_accelerations
 from planner.search.record import PlanningSearch
+from planner.search.search import search_candidates
 from planner.search.tool_lines import line_motions
 from planner.seeds import Candidate, candidates, near_candidates
 from planner.trajectory import Trajectory
@@ -41,6 +43,9 @@ from planner.trajectory import Trajectory
 PACES = (1.0, 0.5, 0.25)  # [-] of a leg, tried in turn: torques, tool speed and what is near may ask for a gentler one
 STATES = 24  # [-] joint states kept of a passage: a pose has eight branches, each with full turns and two accelerations
 MOTIONS = 200  # [-] motions certified before a search gives up: two along a way, with chosen accelerations and without
+THROWN_FROM = 2  # [-] postures of the passage before that throws of their own are looked for from, besides the start
+THROWN_SHARE = 0.9  # [-] of the accelerations, in these throws: legs on ticks reach no state at the limit
+LEAVES_S = 0.04  # [s] after the release in which the object leaves the open grip: 1 cm under gravity takes 45 ms
 BESIDE = 6  # [-] of these of each neighbour a point is passed in postures nearby
 WAYS = 1000  # [-] ways looked at: most that do not come to a motion have a leg that Ruckig refuses
 EASED = 0.8  # [-] of the time to a passage with an instant of its own: chosen accelerations seldom spare more
@@ -116,9 +121,9 @@ def _motion(legs: _Legs, way: list[int]) -> Trajectory | None:
             legs.give_way(number, way, obstacle)
             return None
         tick += len(made[-1][0]) - 1
-        passed.append(tick)
+        passed.append(tick + legs.lead(number + 1, way[number + 1]))
         made.append(legs.piece(number + 1, way))
-        tick += legs.lasts(number + 1)
+        tick += legs.lasts(number + 1, way[number + 1])
     return _joined(legs.problem, made, passed)
 
 
@@ -177,6 +182,7 @@ class _Legs:
         problem: gives limits and tick.
         names: of start, passages and end, in words.
         states: samples of each from every joint state in which it may begin; None: rest, anywhere.
+        leads: of each, ticks from where samples that last begin to where it is passed.
         ticks: from every state of one to every state of the next by the fastest leg (n, m): whole numbers, whose sums
             are exact; infinite for none.
         paces: number of the pace of each leg (n, m).
@@ -186,6 +192,7 @@ class _Legs:
     problem: ThrowProblem
     names: list[str]
     states: list[list[Piece | None]]
+    leads: list[int]
     ticks: list[Array]
     paces: list[Array]
     obstacles: dict[int, Violation] = field(default_factory=dict)
@@ -214,12 +221,13 @@ class _Legs:
         if number >= len(self.problem.passages):
             return arrivals
         passage = self.problem.passages[number]
-        first = passage.first_tick(1.0 / self.problem.dt)
-        in_time = np.maximum(arrivals, float(first))
+        leads = np.array([self.lead(number + 1, state) for state in range(len(arrivals))])
+        first = passage.first_tick(1.0 / self.problem.dt) - leads
+        in_time = np.maximum(arrivals, first)
         if passage.at_s is None:
             return in_time
-        soonest = float(arrivals.min())
-        if soonest > first and math.isfinite(soonest):
+        soonest = float((arrivals + leads).min())
+        if soonest > passage.first_tick(1.0 / self.problem.dt) and math.isfinite(soonest):
             late = Violation(
                 "passage", soonest * self.problem.dt, passage.at_s, "s", detail="the soonest that was found"
             )
@@ -231,9 +239,13 @@ class _Legs:
         none = np.empty((0, 6))
         return self.states[number][way[number]] or (none, none, none)
 
-    def lasts(self, number: int) -> int:
-        """Returns the number of ticks that start, a passage or the end lasts."""
-        piece = self.states[number][0]
+    def lead(self, number: int, state: int) -> int:
+        """Returns the ticks from where the samples of one of a passage's states begin to where it is passed."""
+        return self.leads[number] if self.lasts(number, state) else 0
+
+    def lasts(self, number: int, state: int = 0) -> int:
+        """Returns the number of ticks that start, a passage or the end lasts, in one of its states."""
+        piece = self.states[number][state]
         return 0 if piece is None else len(piece[0]) - 1
 
     def samples(self, number: int, way: Sequence[int], begun: int | None = None) -> Piece:
@@ -253,10 +265,11 @@ class _Legs:
         pace = PACES[int(self.paces[number][way[number], way[number + 1]])]
         problem = self.problem
         timed = None if begun is None or number >= len(problem.passages) else problem.passages[number]
-        least_s = 0.0 if timed is None else (timed.first_tick(1.0 / problem.dt) - (begun or 0)) * problem.dt
+        lead = self.lead(number + 1, way[number + 1])
+        least_s = 0.0 if timed is None else (timed.first_tick(1.0 / problem.dt) - lead - (begun or 0)) * problem.dt
         made = ruckig_otg.leg(problem, start, end, pace, least_s)
         self._check_singularities(number, made[0])
-        tick = (begun or 0) + len(made[0]) - 1
+        tick = (begun or 0) + len(made[0]) - 1 + lead
         if timed is not None and not timed.is_in_time(tick, 1.0 / problem.dt):
             late = Violation("passage", tick * problem.dt, timed.at_s, "s", detail="no motion was found to be in time")
             raise SolverFailed(str(late), violations=[late])
@@ -300,7 +313,7 @@ class _Legs:
         for pace in range(int(self.paces[number][at]) + 1, len(PACES)):
             self.paces[number][at] = pace
             with suppress(SolverFailed):
-                self.ticks[number][at] = self.lasts(number) + len(self.samples(number, way)[0]) - 1
+                self.ticks[number][at] = self.lasts(number, at[0]) + len(self.samples(number, way)[0]) - 1
                 return
         self.ticks[number][at] = math.inf
 
@@ -331,24 +344,30 @@ def _legs(search: PlanningSearch) -> _Legs:
     if problem.end is not None:
         asked.append(("the end", problem.end, False))
     names = ["the start"]
+    leads = [0]
     q, qd, qdd = problem.start_state
     states: list[list[Piece | None]] = [[(q[None], qd[None], qdd[None])]]
     alone = [problem.through(each[1], each[2], problem.is_thrown_before(number)) for number, each in enumerate(asked)]
     found = [_found(search, each[0], one) for each, one in zip(asked, alone, strict=True)]
     for number, one in enumerate(alone):
         after = found[number + 1] if number + 1 < len(found) else []
-        both = [*found[number], *_between(one, states[-1], after)]
+        lead = math.ceil(one.opening_spread_s / one.dt) + 1
+        thrown = _thrown(search, one, states[-1], lead) if one.throws else []
+        leads.append(lead if one.throws else 0)
+        both = [*thrown, *found[number], *_between(one, states[-1], after)]
         states.append(_kept(problem, both, states[-1], after))
         names.append(asked[number][0])
     if problem.end is None:
         names.append("rest")
         states.append([None])
+        leads.append(0)
     ticks = []
     for before, after in pairwise(states):
         starts = [piece for piece in before if piece is not None]
         rows = [[ruckig_otg.least_leg_time(problem, _last(a), _first(b)) for b in after] for a in starts]
-        ticks.append(len(starts[0][0]) - 1 + np.ceil(np.array(rows) / problem.dt - ROUNDING))
-    return _Legs(problem, names, states, ticks, [np.zeros(each.shape, np.int64) for each in ticks])
+        lasting = np.array([len(piece[0]) - 1 for piece in starts])
+        ticks.append(lasting[:, None] + np.ceil(np.array(rows) / problem.dt - ROUNDING))
+    return _Legs(problem, names, states, leads, ticks, [np.zeros(each.shape, np.int64) for each in ticks])
 
 
 def _first(piece: Piece | None) -> State | None:
@@ -385,6 +404,40 @@ def _samples(problem: ThrowProblem, found: Sequence[Candidate]) -> list[Piece | 
     usable = (np.abs(steady) <= problem.limits.qdd_max).all(axis=1) & steady.any(axis=1)
     kinds = ((q, qd, np.zeros_like(q)), (q[usable], qd[usable], steady[usable]))
     return [(a[None], b[None], c[None]) for arrays in kinds for a, b, c in zip(*arrays, strict=True)]
+
+
+def _thrown(
+    search: PlanningSearch, alone: ThrowProblem, before: Sequence[Piece | None], lead: int
+) -> list[Piece | None]:
+    """Returns the samples about the release of throws of their own, from rest in the start and in the passage before.
+
+    Candidates are what the optimiser starts from; a leg alone does not move them to where the object clears a rim, or
+    lands within its tolerance early and late. How it does follows from the motion while it may leave, which is kept.
+
+    Args:
+        search: of the chain.
+        alone: the problem of the throw alone.
+        before: samples of the passage before.
+        lead: ticks before the release with which they begin.
+    """
+    if search.problem.backend != "auto":
+        return []
+    rest = lead + round(LEAVES_S / alone.dt)
+    states: list[Piece | None] = []
+    limits = replace(alone.limits, qdd_max=THROWN_SHARE * alone.limits.qdd_max)
+    alone = replace(alone, limits=limits)
+    for q in [search.problem.start, *(piece[0][-1] for piece in before[:THROWN_FROM] if piece is not None)]:
+        own = PlanningSearch(alone.at_rest_from(q), search.deadline_s, tell=search.tell_inner)
+        with suppress(Infeasible, InvalidProblem, SolverFailed):
+            search_candidates(own, candidates(own.problem, search.deadline_s))
+        search.iterations += own.iterations
+        for each in own.by_rank():
+            motion = each.solution.trajectory
+            k = motion.release_index
+            if k >= lead and k + rest < len(motion.q):
+                about = slice(k - lead, k + rest + 1)
+                states.append((motion.q[about], motion.qd[about], motion.qdd[about]))
+    return states
 
 
 def _between(alone: ThrowProblem, before: Sequence[Piece | None], after: Sequence[Piece | None]) -> list[Piece | None]:

@@ -85,8 +85,9 @@ def leg(problem: ThrowProblem, start: State, end: State | None, pace: float, lea
         SolverFailed: Ruckig refuses the states, or its motion exceeds a limit once it is on ticks.
         BackendUnavailable: ruckig is not installed.
     """
-    speeds = np.abs(start[1]) if end is None else np.maximum(np.abs(start[1]), np.abs(end[1]))
-    limited = _gentle(problem.limits, speeds, pace) if pace < 1.0 else problem.limits
+    ends = [start] if end is None else [start, end]
+    speeds, least_qdd = (np.abs([state[k] for state in ends]).max(axis=0) for k in (1, 2))
+    limited = _gentle(problem.limits, speeds, pace, least_qdd) if pace < 1.0 else problem.limits
 
     def phase(limits: Limits) -> tuple[State, Vector]:
         if end is None:
@@ -163,11 +164,12 @@ def initial_guess(problem: ThrowProblem, candidate: Candidate) -> RuckigMotion:
     return RuckigMotion(launch, brake, launch.duration, launch.duration + brake.duration)
 
 
-def _gentle(limits: Limits, speeds: Vector, pace: float) -> Limits:
-    """Returns the limits of a pace; those on velocity are no less than given speeds (6,) [rad/s]."""
+def _gentle(limits: Limits, speeds: Vector, pace: float, least_qdd: Vector | float = 0.0) -> Limits:
+    """Returns the limits of a pace; no less than given speeds (6,) [rad/s] and accelerations (6,) [rad/s^2]."""
     share = (1.0 + 4.0 * pace) / 5.0  # of the velocity: a fifth at no pace, 0.6 at half the acceleration
     qd_max = np.maximum(share * limits.qd_max, np.minimum(speeds, limits.qd_max))
-    return replace(limits, qd_max=qd_max, qdd_max=pace * limits.qdd_max, jerk_max=pace * limits.jerk_max)
+    qdd_max = np.maximum(pace * limits.qdd_max, np.minimum(least_qdd, limits.qdd_max))
+    return replace(limits, qd_max=qd_max, qdd_max=qdd_max, jerk_max=pace * limits.jerk_max)
 
 
 def _on_grid(limits: Limits, dt: float, start: State, phase: Callable[[Limits], tuple[State, Vector]]) -> State:

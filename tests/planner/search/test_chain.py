@@ -95,6 +95,16 @@ def test_an_object_is_thrown_between_two_passages() -> None:
     assert found.certificate.check("flight_clearance").ok
 
 
+def test_an_object_is_thrown_into_a_bin_in_passing() -> None:
+    camera = {"name": "camera", "state": {"kind": "point", "position": [0.5, 0.2, 0.5], "velocity": [0.0, -0.5, 0.0]}}
+    into = {**TARGET, "position": [1.1, -0.1, 0.0], "opening": {"radius_m": 0.12, "rim_height_m": 0.2}}
+    throw = {"name": "throw", "state": into, "releases": True}
+    found = planned({"passages": [camera, throw], "end": {"kind": "home"}})
+    assert found.certificate.check("landing_window").ok
+    alone = planned({"release": into})
+    assert found.trajectory.duration_s < 3.0 * alone.trajectory.duration_s
+
+
 def test_one_passage_that_lets_nothing_go_has_no_flight() -> None:
     """An object let go there would fly into the arm's base: as a release the state is refused."""
     inwards = {"kind": "point", "position": [-0.4, 0.0, 0.6], "velocity": [0.9, 0.0, 0.0]}
