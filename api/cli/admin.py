@@ -142,6 +142,42 @@ def _tool_shapes_of(cell: Cell) -> list[str]:
 
 
 def _meshes_of(cell: Cell) -> list[str]:
+    """Returns as what each mesh of a cell, and each cloud of points, counts, in words."""
+    return [*_kept_out_meshes_of(cell), *_rooms_of(cell), *_object_mesh_of(cell)]
+
+
+def _object_mesh_of(cell: Cell) -> list[str]:
+    """Returns as what the mesh of a cell's object counts, in words."""
+    from planner.cell import enclosed_object
+
+    table = cell.document["object"]
+    made = enclosed_object(table, cell.meshes)
+    if made is None:
+        return []
+    size = " × ".join(f"{each:.3g}" for each in made.size_m)
+    middle, along = (", ".join(f"{each:.3g}" for each in column) for column in (made.X_MO[:3, 3], made.X_MO[:3, 2]))
+    ratio = "" if made.volume_ratio is None else f" and {made.volume_ratio:.3g} times its volume"
+    told = (
+        f"object: {table['file']}, as a {made.kind} of {size} m, at most {1e3 * made.beyond_m:.3g} mm beyond it{ratio}"
+    )
+    place = f"; in the file's axes its centre is at ({middle}) m"
+    return [f"{told}{place}" + ("" if made.kind == "sphere" else f" and its z axis along ({along})")]
+
+
+def _rooms_of(cell: Cell) -> list[str]:
+    """Returns as what each mesh counts in which a cell's tool stays, in words."""
+    from planner.cell import WALLED, cover_key, walls_in
+
+    found = []
+    for i, entry in enumerate(cell.document["surroundings"]["keep_in"]):
+        known = walls_in(cell.meshes, key) if (key := cover_key(entry, WALLED)) is not None else "no mesh"
+        if not isinstance(known, str):
+            boxes = f"what {len(known)} boxes have in common" if len(known) > 1 else "a box"
+            found.append(f"{entry.get('name') or f'mesh {i}'}: {entry['file']}, to stay in, as {boxes}")
+    return found
+
+
+def _kept_out_meshes_of(cell: Cell) -> list[str]:
     """Returns as what each mesh of a cell, and each cloud of points, is kept out, in words."""
     from planner.cell import cover_in, cover_key
 

@@ -3,7 +3,8 @@
 from benchmarks.audit.checks import find_faults, motion_faults
 from benchmarks.audit.distances import coal_mesh, coal_solid, self_pairs
 from benchmarks.audit.fault import AuditFault, over, under
-from benchmarks.audit.flights import clearance_faults, flight_faults, landing_errors, release_state
+from benchmarks.audit.flights import clearance_faults, release_state
+from benchmarks.audit.landings import flight_faults, landing_errors
 from benchmarks.audit.run import AuditResult, run_audit
 
 __all__ = [

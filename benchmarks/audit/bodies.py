@@ -77,12 +77,10 @@ def axes_along(thing: ThrownBody, R_WO: Vector, w_W: Vector, t: Vector) -> Vecto
     return found.y[:9].T.reshape(-1, 3, 3)
 
 
-def heights(thing: ThrownBody, x: Vector, R_WO: Vector) -> tuple[Vector, Vector]:
-    """Returns the lowest point (n, 3) [m] of a body at centres (n, 3) with axes (n, 3, 3), and its height (n,) [m]."""
+def heights(thing: ThrownBody, x: Vector, R_WO: Vector) -> Vector:
+    """Returns the heights (n,) [m] of the lowest points of a body at centres (n, 3) with axes (n, 3, 3)."""
     points, radius = body_points(thing)
-    places = x[:, None] + np.einsum("nij,pj->npi", R_WO, points)
-    lowest = places[np.arange(len(x)), places[..., 2].argmin(axis=1)]
-    return lowest, lowest[:, 2] - radius
+    return x[:, 2] + (R_WO[:, 2] @ points.T).min(axis=1) - radius
 
 
 def gaps(thing: ThrownBody, x: Vector, R_WO: Vector, solid: coal.ShapeBase, places: list[coal.Transform3s]) -> Vector:

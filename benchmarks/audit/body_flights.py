@@ -34,6 +34,8 @@ from planner.trajectory import Trajectory
 
 Vector = NDArray[np.float64]
 
+ADJOIN_M = 5e-4  # [m] beside a top: between two that are a millimetre apart, and so one surface, there is no edge
+ROUND = 64  # [-] directions of a ball's outline as it is seen from above: off by 0.1 % of its radius
 COARSE = 8  # [-] instants of which one is compared with arm and shapes: at 5 m/s the object moves by 4 cm in between
 
 
@@ -43,20 +45,19 @@ class BodyPath:
 
     Attributes:
         x, R_WO: its centres (n, 3) [m] and axes (n, 3, 3).
-        lowest: its lowest points (n, 3) [m], and `height` theirs (n,) with the radius about them [m].
+        height: of its lowest points (n,) [m].
         count: number of instants before the landing.
         landed, axis: place of the centre (3,) [m] and z axis (3,) as it lands; NaN where it does not.
-        touched: the lowest point then (3,) [m].
+        outline: points (k, 3) [m] then, of which the balls about them of `body_points`' radius have it as their hull.
     """
 
     x: Vector
     R_WO: Vector
-    lowest: Vector
     height: Vector
     count: int
     landed: Vector
     axis: Vector
-    touched: Vector
+    outline: Vector
 
 
 def body_flight_faults(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
@@ -82,7 +83,7 @@ def flown(problem: ThrowProblem, arm: MovingArm, delay: float) -> BodyPath:
     paths = integrate(held.translation[None], factor * v[None], problem.plane_z - 0.05, 0.0, problem.gravity, drag)
     x = paths.x[:, 0]
     R_WO = axes_along(thing, held.rotation, w, np.arange(len(x), dtype=np.float64) * STEP_S)
-    lowest, height = heights(thing, x, R_WO)
+    height = heights(thing, x, R_WO)
     in_bin = isinstance(problem.release, TargetRelease) and problem.release.opening is not None
     surface_z = problem.plane_z if in_bin else height_below_target(problem, 0.5 * float(thing.size_m.min()))
     level = x[:, 2] if surface_z is None else height
@@ -91,12 +92,23 @@ def flown(problem: ThrowProblem, arm: MovingArm, delay: float) -> BodyPath:
     met = np.flatnonzero(falls & (level[:-1] >= down_to) & (level[1:] < down_to))
     if len(met) == 0:
         nothing = np.full(3, np.nan)
-        return BodyPath(x, R_WO, lowest, height, len(x), nothing, nothing, nothing)
+        return BodyPath(x, R_WO, height, len(x), nothing, nothing, nothing[None])
     i = int(met[0])
     share = (level[i] - down_to) / (level[i] - level[i + 1])
-    landed, touched = (each[i] + share * (each[i + 1] - each[i]) for each in (x, lowest))
+    points, _ = body_points(thing)
+    begin, end = (np.concatenate([x[k, None], points @ R_WO[k].T + x[k]]) for k in (i, i + 1))
+    landed, *outline = begin + share * (end - begin)
     axis = R_WO[i, :, 2] + share * (R_WO[i + 1, :, 2] - R_WO[i, :, 2])
-    return BodyPath(x, R_WO, lowest, height, i + 1, landed, axis / np.linalg.norm(axis), touched)
+    return BodyPath(x, R_WO, height, i + 1, landed, axis / np.linalg.norm(axis), np.array(outline))
+
+
+def body_landing_errors(problem: ThrowProblem, motion: Trajectory, delays: Vector) -> Vector:
+    """Returns how far beside its target a body lands (m,) [m] for delays of the release (m,) [s]; NaN: it does not."""
+    release = problem.release
+    assert isinstance(release, TargetRelease)
+    arm = MovingArm(problem, motion)
+    landed = np.array([flown(problem, arm, float(delay)).landed for delay in delays])
+    return np.linalg.norm((landed - release.p_W)[:, :2], axis=1)
 
 
 def _landing(problem: ThrowProblem, path: BodyPath, delay: float) -> list[AuditFault]:
@@ -145,10 +157,10 @@ def _clearance(problem: ThrowProblem, arm: MovingArm, path: BodyPath, delay: flo
 
 
 def _beside(problem: ThrowProblem, path: BodyPath, late: str) -> list[AuditFault]:
-    """Returns whether the body first touches the height of what it is to land on beside it."""
+    """Returns whether a part of the body is beside what it is to land on as it touches the height of that."""
     release = problem.release
     around = problem.cell.surroundings
-    if not isinstance(release, TargetRelease) or release.opening is not None or np.isnan(path.touched).any():
+    if not isinstance(release, TargetRelease) or release.opening is not None or np.isnan(path.outline).any():
         return []
     thing = problem.cell.object
     assert isinstance(thing, ThrownBody)
@@ -156,9 +168,15 @@ def _beside(problem: ThrowProblem, path: BodyPath, late: str) -> list[AuditFault
     if height is None or height <= around.floor_z_m:
         return []
     tops = [shape for shape in around.keep_out if abs(float(shape.upper[2]) - height) <= 1e-3]
-    if any(is_over_top(path.touched[None], shape)[0] for shape in tops):
+    _, radius = body_points(thing)
+    turn = np.linspace(0.0, 2.0 * np.pi, ROUND, endpoint=False)
+    around_each = radius * np.column_stack([np.cos(turn), np.sin(turn), np.zeros(ROUND)])
+    points = (path.outline[:, None] + around_each).reshape(-1, 3)
+    is_over = np.any([is_over_top(points, shape, ADJOIN_M) for shape in tops], axis=0)
+    if is_over.all():
         return []
-    return [AuditFault("flight_clearance", f"{late} what it is to land on: beside it", 0.0, 0.0, "m")]
+    share = float(np.mean(~is_over))
+    return [AuditFault("flight_clearance", f"{late} what it is to land on: a share beside it", share, 0.0, "-")]
 
 
 def _through_wall(problem: ThrowProblem, path: BodyPath, late: str) -> list[AuditFault]:

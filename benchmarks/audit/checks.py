@@ -13,14 +13,12 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
-from benchmarks.audit.body_flights import body_flight_faults
 from benchmarks.audit.distances import LENGTH_SLACK_M, SPARSE_S, spatial_faults
 from benchmarks.audit.fault import AuditFault, joint_faults, over
-from benchmarks.audit.flights import flight_faults
+from benchmarks.audit.landings import flight_faults
 from benchmarks.audit.mujoco_model import inverse_dynamics
 from benchmarks.audit.pinocchio_arm import arm_model, dh_frames_in_urdf, poses_and_velocity
 from benchmarks.audit.safety import grip_faults, object_times, safety_faults
-from planner.cell import ThrownBody
 from planner.problem import JointRelease, PointRelease, PoseRelease, Release, ThrowProblem
 from planner.releases import SteadyLine
 from planner.trajectory import Trajectory
@@ -89,9 +87,7 @@ def find_faults(problem: ThrowProblem, motion: Trajectory, step_s: float = SPARS
     """
     found = motion_faults(problem, motion, step_s=step_s)
     found += [*safety_faults(problem, motion), *grip_faults(problem, motion)]
-    is_body = problem.throws and isinstance(problem.cell.object, ThrownBody)
-    found += body_flight_faults(problem, motion) if is_body else flight_faults(problem, motion)
-    return found + _passages(problem, motion)
+    return found + flight_faults(problem, motion) + _passages(problem, motion)
 
 
 def motion_faults(

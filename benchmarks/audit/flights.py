@@ -93,9 +93,9 @@ def _landing(x: Vector, plane_z: float, radius: float) -> tuple[Vector, float, i
     return landed, (i + share) * STEP_S, int(touches[-1]) + 1 if len(touches) else i + 1, i + 1
 
 
-def flight_faults(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
+def ball_flight_faults(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
     """Returns what is wrong with landing and flight of every release in the window."""
-    return [*_landings(problem, motion), *clearance_faults(problem, motion)] if problem.throws else []
+    return [*_landings(problem, motion), *clearance_faults(problem, motion)]
 
 
 def clearance_faults(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
@@ -111,7 +111,7 @@ def clearance_faults(problem: ThrowProblem, motion: Trajectory) -> list[AuditFau
     return []
 
 
-def landing_errors(problem: ThrowProblem, motion: Trajectory, delays: Vector) -> Vector:
+def ball_landing_errors(problem: ThrowProblem, motion: Trajectory, delays: Vector) -> Vector:
     """Returns how far from the target the object lands (m,) [m] for delays of the release (m,) [s].
 
     NaN where it does not land.
@@ -160,7 +160,7 @@ def _landings(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
         return []
     found = []
     delays = window_delays(problem)
-    for delay, missed in zip(delays, landing_errors(problem, motion, delays), strict=True):
+    for delay, missed in zip(delays, ball_landing_errors(problem, motion, delays), strict=True):
         rule, allowed = ("landing", 0.0) if delay == 0.0 else ("landing_window", problem.landing_tolerance_m)
         found += over(rule, f"released {delay:+.4f} s late, lands at a distance", missed, allowed, LANDING_SLACK_M, "m")
     return found[:1]
@@ -249,13 +249,13 @@ def _first_contact(problem: ThrowProblem, x: Vector, begins_s: float) -> int:
     return int(landed.argmax()) if landed.any() else len(x)
 
 
-def is_over_top(x: Vector, shape: Solid) -> NDArray[np.bool_]:
-    """Returns whether points (n, 3) are over a shape that an object can lie on, or within it."""
+def is_over_top(x: Vector, shape: Solid, beside_m: float = 0.0) -> NDArray[np.bool_]:
+    """Returns whether points (n, 3) are over a shape that an object can lie on, within it, or so little beside [m]."""
     upright = np.abs(shape.X_WC[2, :3]) > LEVEL_COSINE
     if shape.kind in ("sphere", "capsule") or not (upright[2] if shape.kind == "cylinder" else upright.any()):
         return np.zeros(len(x), bool)
     middle = np.column_stack([x[:, :2], np.full(len(x), shape.X_WC[2, 3])])
-    return _from_shape(middle, shape) <= 0.0
+    return _from_shape(middle, shape) <= beside_m
 
 
 def _from_shape(x: Vector, shape: Solid) -> Vector:

@@ -9,8 +9,19 @@ from planner.cell.faults import mended_cell
 from planner.cell.fields import choice, merge_defaults, number, vector
 from planner.cell.file import DEFAULTS, NAME_PATTERN, cell_of, checked_polyscope, load_cell, parse_cell
 from planner.cell.keep_out import is_reserved, tool_shapes
-from planner.cell.mesh_cover import cover
-from planner.cell.mesh_file import CELL_M, MESH_BYTES, MESH_KINDS, cover_in, cover_key, mesh_hashes, point_cloud
+from planner.cell.meshes import (
+    CELL_M,
+    MESH_BYTES,
+    MESH_KINDS,
+    WALLED,
+    cover,
+    cover_in,
+    cover_key,
+    full_cells,
+    mesh_hashes,
+    point_cloud,
+    walls_in,
+)
 from planner.cell.model import (
     CONTACT_M,
     FARTHEST_M,
@@ -24,10 +35,9 @@ from planner.cell.model import (
     Surroundings,
     ToolCapsule,
 )
-from planner.cell.point_cover import full_cells
 from planner.cell.shapes import Box, Solid, nearest_on_cores, shape_of
 from planner.cell.source import CellSource, calibration_path, mesh_paths, read_source, source_of
-from planner.cell.thrown_object import ThrownBody, ThrownObject
+from planner.cell.thrown_object import ThrownBody, ThrownObject, enclosed_object
 
 __all__ = [
     "CELL_M",
@@ -60,6 +70,7 @@ __all__ = [
     "cover",
     "cover_in",
     "cover_key",
+    "enclosed_object",
     "full_cells",
     "is_reserved",
     "load_cell",
@@ -76,4 +87,6 @@ __all__ = [
     "source_of",
     "tool_shapes",
     "vector",
+    "WALLED",
+    "walls_in",
 ]

@@ -78,7 +78,8 @@ def _key(field: str) -> str:
 def _mend(given: dict[str, Any], key: str, is_unknown: bool) -> bool:
     """Replaces the value of a key by a good one; removes an unknown key. Returns whether that could be done.
 
-    A shape of an unknown kind, or a mesh that is none, becomes a box: its other keys are not judged.
+    A shape of an unknown kind, or a mesh that is none, becomes a box, and such an object a ball: its other keys are not
+    judged.
     """
     *path, leaf = re.findall(r"[^.\[\]]+", key)
     table: Any = given
@@ -95,7 +96,8 @@ def _mend(given: dict[str, Any], key: str, is_unknown: bool) -> bool:
             del table[leaf]
         elif leaf in ("shape", "file", "scale"):
             table.clear()
-            table.update({corner: ENTRY[corner] for corner in ("lower_m", "upper_m")})
+            if path != ["object"]:
+                table.update({corner: ENTRY[corner] for corner in ("lower_m", "upper_m")})
         else:
             table[leaf] = copy.deepcopy(STAND_IN.get(key, defaults[leaf]))
             if table[leaf] is None:

@@ -197,7 +197,7 @@ def _cell(document: dict[str, Any], source: CellSource) -> Cell:
         if not limits.q_lower[i] <= home[i] <= limits.q_upper[i]:
             bounds = f"[{limits.q_lower[i]:.6g}, {limits.q_upper[i]:.6g}]"
             raise CellError(f"home_rad[{i}]", float(home[i]), f"is outside the joint's limits {bounds}")
-    thing, p_TO = object_of(document["object"])
+    thing, p_TO = object_of(document["object"], source.meshes)
     tool = _tool(document["tool"], p_TO, source.meshes)
     controller = _link(document["link"])
     X_WB = placement(document["base_in_world"], "position_m", "rotation_vector_rad", "base_in_world.", FARTHEST_M)
@@ -292,7 +292,7 @@ def _surroundings(table: dict[str, Any], base: Array, meshes: bytes | None, arm:
     clearance_m = number(table, "clearance_m", where, 0.0, 1.0)
     if table["flight_clearance_m"] is None:
         table["flight_clearance_m"] = max(clearance_m, FLIGHT_CLEARANCE_MIN_M)
-    keep_in = keep_in_shapes(table, base)
+    keep_in = keep_in_shapes(table, base, meshes)
     keep_out, bodies = keep_out_shapes(table, meshes)
     return Surroundings(
         floor_z_m=number(table, "floor_z_m", where),

@@ -1,6 +1,7 @@
 """Reading shapes, of the surroundings and of the tool, and which of them may touch.
 
-Boxes are read by their corners, others by pose and size, meshes and points by the boxes that cover them.
+Boxes are read by their corners, others by pose and size, meshes and points by the boxes that cover them, and a mesh
+that is a room by the boxes whose common part it is.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 from planner.arrays import Array, read_only
 from planner.cell.capsule_cover import boxes_cover, cylinder_cover, round_cover
 from planner.cell.fields import UNKNOWN_KEY, choice, exactly, merge_defaults, number, placement, tables, vector
-from planner.cell.mesh_file import CELL_M, cover_in, cover_key
+from planner.cell.meshes import CELL_M, WALLED, MeshCover, cover_in, cover_key, walls_in
 from planner.cell.model import FARTHEST_M, AllowedContact, ToolCapsule
 from planner.cell.shapes import SIZE_MIN_M, SIZES, Box, Solid, shape_of
 from planner.errors import CellError
@@ -23,6 +24,7 @@ from planner.fields import did_you_mean
 from planner.robots import Robot, capsule_rows
 from planner.rotations import pose
 
+KEEP_IN = (*SIZES, "mesh")
 COVERED = {"mesh": ".stl, .obj or .ply", "points": ".ply"}  # shapes of files, and the kinds of these
 CELL_MIN_M = 1e-3  # [m] of a grid about points
 POSE = {"position_m": None, "rotation_vector_rad": [0.0, 0.0, 0.0]}
@@ -76,9 +78,13 @@ def keep_out_shapes(
         for shape, name in zip(shapes, names, strict=True):
             if name in found:
                 raise CellError(f"{where}[{i}].name", name, "is what another one is called")
-            # Behind a mesh a shape has another number than its table.
-            found[name] = shape if shape.called(len(found)) == name else replace(shape, name=name)
+            found[name] = _numbered(shape, name, len(found))
     return tuple(found.values()), bodies
+
+
+def _numbered(shape: Solid, name: str, number_: int) -> Solid:
+    """Returns a shape that is called `name` as the one of a number: behind a mesh it is not that of its table."""
+    return shape if shape.called(number_) == name else replace(shape, name=name)
 
 
 def _body_name(entry: Mapping[str, Any], names: tuple[str, ...], number_: int) -> str:
@@ -86,12 +92,13 @@ def _body_name(entry: Mapping[str, Any], names: tuple[str, ...], number_: int) -
     return names[0] if len(names) == 1 else str(entry.get("name") or f"{entry['shape']} {number_}")
 
 
-def keep_in_shapes(table: Mapping[str, Any], base: Array) -> tuple[Solid, ...]:
-    """Returns the keep-in shapes of the table `[surroundings]`.
+def keep_in_shapes(table: Mapping[str, Any], base: Array, meshes: bytes | None = None) -> tuple[Solid, ...]:
+    """Returns the keep-in shapes of the table `[surroundings]`; a convex mesh is the common part of several boxes.
 
     Args:
         table: the table.
         base: where the arm stands in the world (3,) [m].
+        meshes: what became of the mesh files, see `covers_of`.
 
     Raises:
         CellError: a field of one is refused, two have the same name, or one reaches far from the arm.
@@ -99,11 +106,14 @@ def keep_in_shapes(table: Mapping[str, Any], base: Array) -> tuple[Solid, ...]:
     found: dict[str, Solid] = {}
     for i, entry in enumerate(tables(table["keep_in"], "surroundings.keep_in")):
         where = f"surroundings.keep_in[{i}]."
-        shape = _shape(entry, where, tuple(SIZES))
-        if shape.called(i) in found:
-            raise CellError(f"{where}name", shape.called(i), "is what another one is called")
-        _check_near(entry, where, shape, base)
-        found[shape.called(i)] = shape
+        is_mesh = entry.get("shape") == "mesh"
+        shapes = _covered(entry, where, i, meshes, WALLED) if is_mesh else [_shape(entry, where, KEEP_IN)]
+        for shape in shapes:
+            name = shape.called(i)
+            if name in found:
+                raise CellError(f"{where}name", name, "is what another one is called")
+            _check_near(entry, where, shape, base)
+            found[name] = _numbered(shape, name, len(found))
     return tuple(found.values())
 
 
@@ -192,8 +202,8 @@ def _moved(X: Array, p: Array) -> Array:
     return read_only(X[:3, :3] @ p + X[:3, 3])
 
 
-def _covered(entry: Mapping[str, Any], where: str, number_: int, meshes: bytes | None) -> list[Solid]:
-    """Returns the boxes that cover a mesh or points, called like it, with numbers where there are several."""
+def _covered(entry: Mapping[str, Any], where: str, number_: int, meshes: bytes | None, use: str = "") -> list[Solid]:
+    """Returns the boxes that stand for a mesh or points, called like it, with numbers where there are several."""
     kind = entry["shape"]
     name, clearance_m, rest = _named(entry, where)
     defaults = {"scale": 1.0} if kind == "mesh" else {"scale": 1.0, "cell_m": CELL_M, "pose": IN_THE_WORLD}
@@ -202,23 +212,38 @@ def _covered(entry: Mapping[str, Any], where: str, number_: int, meshes: bytes |
     scale = number(rest, "scale", where, SCALE_MIN, 1.0 / SCALE_MIN)
     if kind == "points":
         number(rest, "cell_m", where, CELL_MIN_M, SIZE_MAX_M)
-    key = cover_key(rest)
-    if key is None:
-        raise CellError(f"{where}file", rest["file"], f"must name a file beside the cell file: {COVERED[kind]}")
-    known = cover_in(meshes, key)
-    if isinstance(known, str):
-        raise CellError(f"{where}file", rest["file"], known)
-    made, _ = known
-    sizes_m = scale * (made.upper - made.lower)
-    largest_m = float(np.ptp([made.lower.min(axis=0), made.upper.max(axis=0)], axis=0).max()) * scale
+    covers = _covers(rest, where, meshes, use)
+    extents = [np.ptp([made.lower.min(axis=0), made.upper.max(axis=0)], axis=0) for made in covers]
+    largest_m = float(np.max(extents)) * scale
     if not SIZE_MIN_M <= largest_m <= SIZE_MAX_M:
         reason = f"makes the {kind} {largest_m:.6g} m large: a file in millimetres has 0.001"
         raise CellError(f"{where}scale", scale, reason)
-    middles = 0.5 * scale * (made.upper + made.lower) @ made.axes.T
-    poses = [X_WM @ pose(middle, made.axes) for middle in middles]
+    places = []
+    sizes_m = []
+    for made in covers:
+        middles = 0.5 * scale * (made.upper + made.lower) @ made.axes.T
+        places += [X_WM @ pose(middle, made.axes) for middle in middles]
+        sizes_m += list(scale * (made.upper - made.lower))
     called = name or f"{kind} {number_}"
-    names = [called] if len(poses) == 1 else [f"{called} {k}" for k in range(len(poses))]
-    return [shape_of("box", *each, clearance_m) for each in zip(poses, sizes_m, names, strict=True)]
+    names = [called] if len(places) == 1 else [f"{called} {k}" for k in range(len(places))]
+    return [shape_of("box", *each, clearance_m) for each in zip(places, sizes_m, names, strict=True)]
+
+
+def _covers(entry: Mapping[str, Any], where: str, meshes: bytes | None, use: str) -> list[MeshCover]:
+    """Returns what was made of the file of a mesh or of points.
+
+    Raises:
+        CellError: it names no file, or one that is refused.
+    """
+    key = cover_key(entry, use)
+    if key is None:
+        raise CellError(
+            f"{where}file", entry["file"], f"must name a file beside the cell file: {COVERED[entry['shape']]}"
+        )
+    known = walls_in(meshes, key) if use == WALLED else cover_in(meshes, key)
+    if isinstance(known, str):
+        raise CellError(f"{where}file", entry["file"], known)
+    return known if isinstance(known, list) else [known[0]]
 
 
 def _named(entry: Mapping[str, Any], where: str) -> tuple[str, float | None, dict[str, Any]]:

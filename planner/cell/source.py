@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from planner.cell.mesh_file import cover_keys, covers_of, file_of, mesh_hashes
+from planner.cell.meshes import cover_keys, covers_of, file_of, mesh_hashes
 from planner.documents import NotToml, parse_toml, read_file
 from planner.errors import CellError, FileRefused
 

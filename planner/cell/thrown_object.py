@@ -2,7 +2,8 @@
 
 Every clearance of a body is that of its hull, the capsule about its longest axis: while it is held, of the capsule;
 in flight, of balls along its axis, which move with it. A body that is not longer than thick has a single ball about all
-of it. Where a body comes down is told by its own shape (`ThrownBody.below`).
+of it. Where a body comes down is told by its own shape (`ThrownBody.below`). A mesh is the simple shape that encloses
+it: of the file only that is known to what follows.
 """
 
 from __future__ import annotations
@@ -17,8 +18,10 @@ import numpy as np
 
 from planner.arrays import Array, read_only
 from planner.cell.fields import choice, number, placement, vector
+from planner.cell.meshes import ENCLOSED, EnclosedMesh, cover_key, shape_in
 from planner.cell.shapes import SIZE_MIN_M, SIZES
 from planner.errors import CellError
+from planner.rotations import pose
 
 OUT_M = 0.01  # [m] least displacement at which an object is out of the grip
 RADIUS_M = 0.02  # [m] of a ball whose radius is not given
@@ -31,12 +34,18 @@ INERTIA_MAX_KG_M2 = 100.0
 ROUNDING = 1e-6  # [-] of moments of inertia, as written, that add up to the third: those of a thin plate
 APART = 1.5  # [-] distance of a hull's balls over the radius of the body: they are a quarter thicker than it
 BALLS_MAX = 9  # [-] along one body; a thinner one has balls farther apart, and thicker
+SCALE_MIN = 1e-6  # [-] of a mesh
+KEYS = {**SIZES, "mesh": ("file", "scale")}  # of each shape
+WHICH = {"mesh": ", which encloses the mesh best"}
+PRESET = {("sphere", "radius_m"): RADIUS_M, ("mesh", "scale"): 1.0}  # where they are not given
 OBJECT = {
     "shape": "sphere",
     "mass_kg": 0.05,
     "radius_m": None,
     "length_m": None,
     "size_m": None,
+    "file": None,
+    "scale": None,
     "inertia_kg_m2": None,
     "drag_coefficient": 0.0,
     "in_tool": {"position_m": [0.0, 0.0, 0.0], "rotation_vector_rad": [0.0, 0.0, 0.0]},
@@ -220,38 +229,113 @@ def _uniform_inertia(kind: str, mass: float, size: Array) -> Array:
     return np.array([across, across, 0.5 * middle * r * r + 0.4 * ends * r * r])
 
 
-def object_of(table: dict[str, Any]) -> tuple[ThrownObject, Array]:
+class EnclosedObject(NamedTuple):
+    """The shape about the mesh of an object.
+
+    Attributes:
+        kind: sphere, capsule, cylinder or box.
+        X_MO: its pose in the frame of the file, of which a unit is 1 m times the scale (4, 4).
+        size_m: its extent along its own axes (3,) [m].
+        beyond_m: distance from the mesh that no point of its surface exceeds [m].
+        volume_ratio: its volume over that of the mesh [-]; None of an open mesh.
+    """
+
+    kind: str
+    X_MO: Array
+    size_m: Array
+    beyond_m: float
+    volume_ratio: float | None
+
+
+def enclosed_object(table: Mapping[str, Any], meshes: bytes | None) -> EnclosedObject | None:
+    """Returns what stands for the mesh of a table `[object]` as read; None where it has none.
+
+    Args:
+        table: the table.
+        meshes: what became of the mesh files, see `covers_of`.
+
+    Raises:
+        CellError: file or scale are refused.
+    """
+    return _enclosed(table, meshes) if table["shape"] == "mesh" else None
+
+
+def _enclosed(table: Mapping[str, Any], meshes: bytes | None) -> EnclosedObject:
+    where = "object."
+    key = cover_key(table, ENCLOSED)
+    if key is None:
+        raise CellError(f"{where}file", table["file"], "must name a file beside the cell file: .stl, .obj or .ply")
+    known = shape_in(meshes, key)
+    if not isinstance(known, EnclosedMesh):
+        raise CellError(f"{where}file", table["file"], known)
+    scale = number(table, "scale", where, SCALE_MIN, 1.0 / SCALE_MIN)
+    shape, volume = known
+    size = scale * shape.size
+    if not SIZE_MIN_M <= size.min() <= size.max() <= SIZE_MAX_M:
+        measured = " x ".join(f"{each:.3g}" for each in size)
+        reason = f"makes the {shape.kind} about the mesh {measured} m large, and each must lie in"
+        millimetres = "a file in millimetres has 0.001"
+        raise CellError(f"{where}scale", scale, f"{reason} [{SIZE_MIN_M:g}, {SIZE_MAX_M:g}] m; {millimetres}")
+    X_MO = pose(scale * shape.centre, shape.axes)
+    ratio = shape.volume / volume if volume else None
+    return EnclosedObject(shape.kind, X_MO, size, scale * shape.beyond, ratio)
+
+
+def object_of(table: dict[str, Any], meshes: bytes | None = None) -> tuple[ThrownObject, Array]:
     """Returns the object of the table `[object]`, and where its centre lies in the tool (3,) [m].
+
+    Args:
+        table: the table.
+        meshes: what became of the mesh files, see `covers_of`.
 
     Raises:
         CellError: a field of it is refused, is missing for its shape, or is of another one.
     """
     where = "object."
-    kind = choice(table, "shape", where, SIZES)
-    for key in ("size_m", "radius_m", "length_m"):
-        if kind == "sphere" and key == "radius_m" and table[key] is None:
-            table[key] = RADIUS_M
-        if (table[key] is None) == (key in SIZES[kind]):
+    kind = choice(table, "shape", where, KEYS)
+    for key in ("size_m", "radius_m", "length_m", "file", "scale"):
+        if table[key] is None:
+            table[key] = PRESET.get((kind, key))
+        if (table[key] is None) == (key in KEYS[kind]):
             reason = "is missing" if table[key] is None else f"does not belong to a {kind}"
             raise CellError(where + key, table[key], reason)
     X_TO = placement(table["in_tool"], "position_m", "rotation_vector_rad", f"{where}in_tool.", SIZE_MAX_M)
     mass = number(table, "mass_kg", where, MASS_MIN_KG, MASS_MAX_KG)
     drag = number(table, "drag_coefficient", where, 0.0, DRAG_MAX)
+    kind, size, X_MO = _shaped(kind, table, meshes)
+    X_TO = X_TO if X_MO is None else read_only(X_TO @ X_MO)
     if kind == "sphere":
         if table["inertia_kg_m2"] is not None:
-            raise CellError(f"{where}inertia_kg_m2", table["inertia_kg_m2"], "does not belong to a sphere")
-        return ThrownObject(mass, number(table, "radius_m", where, 0.0, SIZE_MAX_M), drag), X_TO[:3, 3]
-    size = _size(kind, table, where)
-    inertia = _uniform_inertia(kind, mass, size)
-    if table["inertia_kg_m2"] is not None:
-        inertia = vector(table, "inertia_kg_m2", where, 3, INERTIA_MIN_KG_M2, INERTIA_MAX_KG_M2)
-        others = float(inertia.sum() - inertia.max())
-        if inertia.max() > others * (1.0 + ROUNDING):
-            worst = int(inertia.argmax())
-            reason = f"is more than the other two moments together, {others:g} kg m^2: no body has such an inertia"
-            raise CellError(f"{where}inertia_kg_m2[{worst}]", float(inertia[worst]), reason)
+            of = f"{where}inertia_kg_m2"
+            raise CellError(of, table["inertia_kg_m2"], f"does not belong to a sphere{WHICH.get(table['shape'], '')}")
+        return ThrownObject(mass, 0.5 * float(size[0]), drag), X_TO[:3, 3]
+    inertia = _inertia(kind, mass, size, table)
     radius = _hull_of(kind, size).radius_m
     return ThrownBody(mass, radius, drag, kind, read_only(size), read_only(inertia), X_TO[:3, :3]), X_TO[:3, 3]
+
+
+def _shaped(kind: str, table: Mapping[str, Any], meshes: bytes | None) -> tuple[str, Array, Array | None]:
+    """Returns kind and extent (3,) [m] of an object, and its pose in a mesh's frame (4, 4); None without a mesh."""
+    if kind == "mesh":
+        made = _enclosed(table, meshes)
+        return made.kind, made.size_m, made.X_MO
+    if kind == "sphere":
+        return kind, np.full(3, 2.0 * number(table, "radius_m", "object.", 0.0, SIZE_MAX_M)), None
+    return kind, _size(kind, table, "object."), None
+
+
+def _inertia(kind: str, mass: float, size: Array, table: Mapping[str, Any]) -> Array:
+    """Returns the moments of inertia (3,) [kg m^2] of a body: those given, or those of one density."""
+    where = "object."
+    if table["inertia_kg_m2"] is None:
+        return _uniform_inertia(kind, mass, size)
+    inertia = vector(table, "inertia_kg_m2", where, 3, INERTIA_MIN_KG_M2, INERTIA_MAX_KG_M2)
+    others = float(inertia.sum() - inertia.max())
+    if inertia.max() > others * (1.0 + ROUNDING):
+        worst = int(inertia.argmax())
+        reason = f"is more than the other two moments together, {others:g} kg m^2: no body has such an inertia"
+        raise CellError(f"{where}inertia_kg_m2[{worst}]", float(inertia[worst]), reason)
+    return inertia
 
 
 def _size(kind: str, table: Mapping[str, Any], where: str) -> Array:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from benchmarks.audit import find_faults
-from benchmarks.audit.flights import drag_constant, flight_faults, integrate, obstacles_of_path
+from benchmarks.audit import find_faults, flight_faults
+from benchmarks.audit.flights import drag_constant, integrate, obstacles_of_path
 from benchmarks.audit.safety import grip_faults, object_times, safety_faults
 from benchmarks.problem_sets import (
     build,

@@ -286,7 +286,8 @@ def test_keep_in_takes_the_shapes_that_keep_out_takes():
 @pytest.mark.parametrize(
     ("entry", "field", "reason"),
     [
-        ('{ shape = "mesh", file = "a.stl", pose = { position_m = [1, 0, 0] } }', "[0].shape", "box, cylinder, sphere"),
+        ('{ shape = "points", file = "a.ply" }', "[0].shape", "box, cylinder, sphere, capsule, mesh"),
+        ('{ shape = "mesh", file = "a.stl", pose = { position_m = [1, 0, 0] } }', "[0].file", "beside the cell file"),
         ('{ shape = "sphere", pose = { position_m = [90, 0, 0] }, radius_m = 20 }', "[0].pose", "110 m from the arm"),
         (f"{{ {POST} }}, {{ {POST} }}", "[1].name", "another one"),
         (f"{{ {POST}, clearance_m = -1 }}", "[0].clearance_m", "must lie in"),

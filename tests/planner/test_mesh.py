@@ -12,7 +12,7 @@ import trimesh
 from benchmarks.audit import coal_mesh
 from planner.arrays import Array
 from planner.cell import load_cell, mended_cell, read_source
-from planner.cell.mesh_cover import BOXES_MAX, cover
+from planner.cell.meshes.boxes import BOXES_MAX, cover
 from planner.certificate import certify
 from planner.errors import CellError
 from planner.flight import path as path_of
@@ -174,7 +174,7 @@ def test_a_cell_of_another_mesh_is_another_cell(tmp_path: Path) -> None:
 
 def test_a_mesh_is_covered_once(tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     source = read_source(with_ball(tmp_path))
-    monkeypatch.setattr("planner.cell.mesh_file.cover", None)
+    monkeypatch.setattr("planner.cell.meshes.files.cover", None)
     assert read_source(tmp_path / "lab.toml") == source
     for kept in (cache / "fling" / "meshes").iterdir():
         kept.write_bytes(b"half of")
@@ -193,6 +193,7 @@ def test_a_mesh_is_covered_once(tmp_path: Path, cache: Path, monkeypatch: pytest
         ("part.ply", b"garbage", "is no mesh in PLY format"),
         ("part.obj", b"v 0 0 0\nf 1 2 3\n", "is no mesh in OBJ format"),
         ("part.obj", b"v 0 0 0\nv 1 0 0\nv nan 1 0\nf 1 2 3\n", "has corners that are no numbers"),
+        ("part.obj", b"v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "has no faces"),
         ("part.obj", b"v 0 0 0\nv 9000 0 0\nv 0 9000 0\nf 1 2 3\n", "makes the mesh 9000 m large"),
     ],
 )

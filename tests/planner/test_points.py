@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from planner.cell import load_cell
-from planner.cell.point_cover import points_cover
+from planner.cell.meshes.points import points_cover
 from planner.errors import CellError, FileRefused
 from planner.geometry import body_model
 from planner.scenes import points_ply, read_points, scanned

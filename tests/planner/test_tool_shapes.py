@@ -66,6 +66,12 @@ def gap(one, at, other, there):
     return coal.distance(one, at, other, there, coal.DistanceRequest(), coal.DistanceResult())
 
 
+def gaps_from(solid, place, p, radius):
+    """The distances of a solid from balls of a radius about points (n, 3), as `gap` (n,)."""
+    ball = coal.Sphere(radius)
+    return [gap(solid, place, ball, placed(np.eye(3), at)) for at in p]
+
+
 def surfaces(capsules, rng):
     """Points on the capsules (n, 3)."""
     out = rng.normal(size=(len(capsules), 1500, 3))
@@ -100,17 +106,7 @@ def test_the_capsules_contain_the_shape_and_reach_as_far_beyond_it_as_is_told(ki
     solid = coal_solid(solid_of(kind, sizes))
     X = solid_of(kind, sizes).X_WC
     place = placed(X[:3, :3], X[:3, 3])
-    gaps = [
-        coal.distance(
-            solid,
-            place,
-            coal.Sphere(1e-6),
-            coal.Transform3s(np.eye(3), at),
-            coal.DistanceRequest(),
-            coal.DistanceResult(),
-        )
-        for at in surfaces(shape.capsules, rng)
-    ]
+    gaps = gaps_from(solid, place, surfaces(shape.capsules, rng), 1e-6)
     assert max(gaps) <= shape.beyond_m + SAMPLED_M
     assert max(gaps) >= shape.beyond_m - 2.0 * SAMPLED_M
     if kind in ("sphere", "capsule"):
@@ -135,18 +131,7 @@ def test_a_mesh_is_contained_and_told_by_the_command(tmp_path):
     assert outside(shape.capsules, 0.001 * p + [0.0, 0.0, 0.02]).max() <= ROUNDING_M
     tree = coal_mesh(mesh)
     at = 1000.0 * (surfaces(shape.capsules, np.random.default_rng(3))[::20] - [0.0, 0.0, 0.02])
-    still = coal.Transform3s(np.eye(3), np.zeros(3))
-    gaps = [
-        coal.distance(
-            tree,
-            still,
-            coal.Sphere(1e-3),
-            coal.Transform3s(np.eye(3), x),
-            coal.DistanceRequest(),
-            coal.DistanceResult(),
-        )
-        for x in at
-    ]
+    gaps = gaps_from(tree, placed(np.eye(3), np.zeros(3)), at, 1e-3)
     assert 0.001 * max(gaps) <= shape.beyond_m + SAMPLED_M
     told = CliRunner().invoke(main, ["cell", "check", str(tmp_path / "c.toml")])
     assert f"tool.shapes[0]: a mesh, as tool_1 to tool_{len(shape.capsules)}" in told.output

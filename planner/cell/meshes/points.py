@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from planner.arrays import Array, Index, Mask
-from planner.cell.mesh_cover import MeshCover
+from planner.cell.meshes.boxes import MeshCover
 
 CELLS_MAX = 50_000_000  # [-] of a grid: as many bytes of memory
 FARTHEST = 1e9  # [-] of a cell's edge: numbers of cells are exact

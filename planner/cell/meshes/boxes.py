@@ -8,6 +8,7 @@ beyond the mesh first.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -88,16 +89,22 @@ def _axes(triangles: Array) -> Array:
 def _marked(triangles: Array, planes: list[Array], finest: float) -> Mask:
     """Returns the cells that the boxes about a mesh's triangles meet, once those have no edge longer than `finest`."""
     marked = np.zeros([len(each) - 1 for each in planes], np.bool_)
+    for fine in fine_triangles(triangles, finest):
+        _mark(marked, fine, planes)
+    return marked
+
+
+def fine_triangles(triangles: Array, finest: float) -> Iterator[Array]:
+    """Yields triangles (k, 3, 3) that a mesh's (n, 3, 3) are of together, none with an edge longer than `finest`."""
     while len(triangles):
         edges = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2)  # each from the corner before
         is_fine = edges.max(axis=1) <= finest
-        _mark(marked, triangles[is_fine], planes)
+        yield triangles[is_fine]
         coarse = triangles[~is_fine]
         first = edges[~is_fine].argmax(axis=1)[:, None] + np.array([-1, 0, 1])  # the longest edge, then the rest
         a, b, c = np.moveaxis(np.take_along_axis(coarse, (first % 3)[..., None], axis=1), 1, 0)
         middle = 0.5 * (a + b)
         triangles = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
-    return marked
 
 
 def _mark(marked: Mask, triangles: Array, planes: list[Array]) -> None:
