@@ -102,6 +102,25 @@ def test_a_daemon_that_dies_or_freezes(rig: Rig, number: signal.Signals, when: s
     refuses_until_acknowledged(rig)
 
 
+def test_a_stream_that_is_frozen_as_its_daemon_dies_is_ended_by_the_next(rig: Rig) -> None:
+    """It would keep the controller's inputs, and go on with its tick whenever somebody wakes it."""
+    id, at = launched(rig, "launch")
+    streamer = rig.streamer()
+    rig.executor.send_signal(signal.SIGSTOP)
+    rig.until(lambda: psutil.Process(rig.executor.pid).status() == psutil.STATUS_STOPPED, period=0.001)
+    streamer.send_signal(signal.SIGSTOP)  # in its brake
+    rig.rest_time(at)  # by the watchdog
+    rig.executor.kill()
+    rig.executor.wait(10.0)
+    assert streamer.status() == psutil.STATUS_STOPPED
+    rig.start_executor()
+    row = rig.end(id)
+    assert row.outcome == "executor_lost", row.reason
+    rig.until(lambda: not streamer.is_running())
+    refuses_until_acknowledged(rig)
+    assert rig.throw(NUDGE).outcome == "completed"
+
+
 def test_a_daemon_that_is_terminated_brakes_first(rig: Rig) -> None:
     released = len(rig.world()["releases"])
     id, _ = launched(rig, "launch")
