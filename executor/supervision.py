@@ -54,6 +54,7 @@ EXPLAINED_BY_FOREIGN = ("aborted", "tracking", "late", "link_lost")  # what anot
 # Return codes that only the library causes: ur_rtde 1.6.5 crashes as it reconnects to a controller without dashboard.
 CRASHES = (-signal.SIGSEGV, -signal.SIGABRT, -signal.SIGBUS)
 EXTERNAL_SIGNALS = (-signal.SIGKILL, -signal.SIGTERM, -signal.SIGINT)  # return codes that no library causes
+HUNG = -signal.SIGALRM  # return code of a stream that hung in the library: `executor.streaming.rtde_connection`
 LOCK = struct.Struct("hhqqi4x")  # source: fcntl(2), struct flock on 64-bit Linux: type, whence, start, length, process
 
 
@@ -320,6 +321,7 @@ class StreamRun:
         self._failed_by_itself = not child.was_killed
         code = child.poll()
         how = f"ur_rtde crashed ({code})" if code in CRASHES else f"the streaming process ended with {code}"
+        how = "ur_rtde hung in a call" if code == HUNG else how
         return ": ".join([how, *child.last_line()])
 
     def _make_safe(self, failure: str) -> None:
