@@ -14,6 +14,7 @@ Steps = Callable[[ProtocolState], list[tuple[str, ProtocolState]]]
 # Planted fault: the invariant that it breaks; "" where it breaks none, and an execution never gets its outcome.
 PLANTED = {
     streaming.ALONE: "the arm never moves without somebody alive who can stop it",
+    streaming.HANGS: "the arm never moves without somebody alive who can stop it",
     streaming.LATE_SWAP: "a plan takes over before the tick at which it begins",
     executing.REPEATED: "an object is let go at most once",
     executing.TWO_WRITERS: "no outcome is written while the arm moves on a command",

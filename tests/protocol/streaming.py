@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from tests.protocol.state import CONNECTED, ENDED, STANDING, ProtocolState, StreamerState, is_awake
+from tests.protocol.state import CONNECTED, ENDED, MOVING, STANDING, ProtocolState, StreamerState, is_awake
 from tests.protocol.transitions import FAULT, PROGRESS, Happening, Planted, published, transition
 
 SLOTS = ("stream", "orphan")
 ALONE = "a stream goes on without its executor and without the watchdog"
 LATE_SWAP = "a plan takes over after the tick at which it begins"
+HANGS = "a stream that hangs in its library comes to the end of its call"
 BRAKED = ("approaching", "launching", "joined", "told", "flown")  # phases from which a stream brakes
 
 
@@ -276,6 +277,23 @@ def lose(state: ProtocolState, planted: Planted) -> Iterator[Happening]:
     for slot, streamer in _awake(state, *CONNECTED):
         if (not state.link or state.program != slot) and streamer.phase not in ("opening", "stopping"):
             yield "", ended(state, slot, "failed", "fault")
+
+
+@transition(
+    "the stream hangs in a call of its library",
+    FAULT,
+    "executor.streaming.rtde_connection.RtdeConnection._command",
+)
+def hang(state: ProtocolState, planted: Planted) -> Iterator[Happening]:
+    """The kernel ends it; the library would connect again, and repeat its command in a program without a watchdog."""
+    for slot, streamer in _awake(state, *MOVING):
+        if state.program != "" or streamer.phase == "opening":
+            continue
+        after = ended(state, slot, "failed", "fault")
+        if HANGS in planted and state.link:
+            yield "plays", after._replace(program=slot, arm="moving")
+        else:
+            yield "", after
 
 
 # Controller and gripper
