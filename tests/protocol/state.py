@@ -11,7 +11,7 @@ from typing import NamedTuple
 # Phases of a streaming process, in order. What is told apart are the moments between which it can be killed or frozen.
 STANDING = ("connected", "gripping", "arming", "ready", "begun")
 MOVING = ("approaching", "starts moving", "launching", "joined", "opening", "told", "flown", "shut again", "braking")
-CONNECTED = (*STANDING, *MOVING, "stopping")
+CONNECTED = (*STANDING, *MOVING, "stopping", "leaving")
 ENDED = ("done", "failed", "dead")
 LATCHING = ("executor_lost", "fault")  # outcomes that latch a fault; "fault" stands for all that a stream reports
 

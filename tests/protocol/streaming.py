@@ -256,13 +256,27 @@ def come_to_rest(state: ProtocolState, planted: Planted) -> Iterator[Happening]:
 
 @transition("the stream ends its program", PROGRESS, "executor.streaming.rtde_connection.RtdeConnection.stop")
 def end_program(state: ProtocolState, planted: Planted) -> Iterator[Happening]:
-    for slot, streamer in _awake(state, "stopping"):
+    for slot, _ in _awake(state, "stopping"):
         if not state.link:
             yield "", ended(state, slot, "failed", "fault")
         elif state.program == slot:
-            yield "ends", ended(program_ended(state), slot, "done", streamer.verdict)
+            yield "ends", _on(program_ended(state), slot, "leaving")
         else:
+            yield "", _on(state, slot, "leaving")
+
+
+@transition(
+    "the stream ends",
+    PROGRESS,
+    "executor.streaming.rtde_connection.RtdeConnection.wait_for_rest",
+    "executor.streaming.__main__.main",
+)
+def end(state: ProtocolState, planted: Planted) -> Iterator[Happening]:
+    for slot, streamer in _awake(state, "leaving"):
+        if state.link:
             yield "", ended(state, slot, "done", streamer.verdict)
+        else:
+            yield "", ended(state, slot, "failed", "fault")
 
 
 @transition(
@@ -275,7 +289,7 @@ def end_program(state: ProtocolState, planted: Planted) -> Iterator[Happening]:
 def lose(state: ProtocolState, planted: Planted) -> Iterator[Happening]:
     """It sends nothing any more."""
     for slot, streamer in _awake(state, *CONNECTED):
-        if (not state.link or state.program != slot) and streamer.phase not in ("opening", "stopping"):
+        if (not state.link or state.program != slot) and streamer.phase not in ("opening", "stopping", "leaving"):
             yield "", ended(state, slot, "failed", "fault")
 
 

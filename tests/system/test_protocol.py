@@ -60,11 +60,12 @@ def kill_the_executor(rig: Rig, record: ProtocolRecorder) -> None:
 
 def freeze_both_and_kill_the_executor(rig: Rig, record: ProtocolRecorder) -> None:
     id = record.follow(rig.queue(LONG_LOB))
-    rig.in_launch(id, FAST_RAD_S)
+    rig.in_launch(id, 0.1)
     streamer = rig.streamer()
     record.act("freezes executor", lambda: rig.executor.send_signal(signal.SIGSTOP))
     rig.until(lambda: psutil.Process(rig.executor.pid).status() == psutil.STATUS_STOPPED, period=0.001)
     record.act("freezes stream", lambda: streamer.send_signal(signal.SIGSTOP))
+    assert streamer.status() == psutil.STATUS_STOPPED, "it had ended"
     rig.rest_time(0.0)
     record.act("kills executor", rig.executor.kill)
     rig.executor.wait(10.0)
