@@ -22,6 +22,7 @@ from executor.replacer import Replacer
 from executor.robot import ActionRefused, DashboardClient, RobotSession, stop_program
 from executor.stop_listener import StopListener
 from executor.streaming.state_checks import safety_words
+from executor.supervision import end_orphan
 from executor.worker import Worker
 from fling import tracing
 from planner.cell import Cell, read_source
@@ -111,6 +112,9 @@ class Daemon:
         a kill before that the next daemon finds them open. What the database cannot take now is done before the next
         claim.
         """
+        orphan = end_orphan(self._stream_log)
+        if orphan is not None:
+            log("a streaming process of an earlier executor was killed", process=orphan)
         self._deliver_kept()
         if self.journal.has_undelivered():
             return
@@ -196,6 +200,8 @@ class Daemon:
         if time.monotonic() >= self._operate_at:
             self._operate_at = time.monotonic() + OPERATE_S
             self._operate()
+        if self.journal.has_undelivered():  # what has run is not claimed again
+            return
         row = self._try_store(lambda: self.store.claim_execution(self.cell, self.executor_id))
         if row is not None:
             self._execute(row, ended)

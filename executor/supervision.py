@@ -8,10 +8,12 @@ over the dashboard where there is one.
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import math
 import os
 import select
 import signal
+import struct
 import subprocess
 import sys
 import threading
@@ -44,11 +46,16 @@ LIMIT_S = {  # longest silence in each state [s]
     shm.DONE: 1.0,
     shm.FAULT: 1.0,
 }
+ORPHAN_S = (
+    2.0  # [s] for the stream of an executor that has died to brake and end: it brakes in 0.2 s, and waits 1 s for rest
+)
 FOREIGN_WAIT_S = 0.35  # [s] messages come ten times a second; some more for a program that begins only now
 EXPLAINED_BY_FOREIGN = ("aborted", "tracking", "late", "link_lost")  # what another program looks like to the stream
 # Return codes that only the library causes: ur_rtde 1.6.5 crashes as it reconnects to a controller without dashboard.
 CRASHES = (-signal.SIGSEGV, -signal.SIGABRT, -signal.SIGBUS)
 EXTERNAL_SIGNALS = (-signal.SIGKILL, -signal.SIGTERM, -signal.SIGINT)  # return codes that no library causes
+HUNG = -signal.SIGALRM  # return code of a stream that hung in the library: `executor.streaming.rtde_connection`
+LOCK = struct.Struct("hhqqi4x")  # source: fcntl(2), struct flock on 64-bit Linux: type, whence, start, length, process
 
 
 class ChildProcess(subprocess.Popen[bytes]):
@@ -96,6 +103,39 @@ class ChildProcess(subprocess.Popen[bytes]):
         """Waits for its end and releases its resources."""
         self.wait()
         os.close(self._descriptor)
+
+
+def end_orphan(log: Path) -> int | None:
+    """Ends the streaming process that an executor left which has died; returns its number, None without one.
+
+    A frozen one (SIGSTOP) does not take the SIGTERM that comes with its executor's death. It would keep the
+    controller's inputs, so that every further run is refused, and finish the tick in which it was frozen once somebody
+    wakes it. Each locks its log for as long as it lives.
+
+    Args:
+        log: file for its output.
+    """
+    end = time.monotonic() + ORPHAN_S
+    while (process := _locked_by(log)) is not None:
+        if time.monotonic() > end:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(process, signal.SIGKILL)
+            while _locked_by(log) == process:
+                time.sleep(PERIOD_S)
+            return process
+        time.sleep(PERIOD_S)
+    return None
+
+
+def _locked_by(file: Path) -> int | None:
+    """Returns the number of the process that holds the lock of a file; None without one."""
+    try:
+        with file.open("rb") as stream:
+            found = fcntl.fcntl(stream, fcntl.F_GETLK, LOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, 0, 0, 0))
+    except OSError:  # there was no run yet
+        return None
+    kind, _, _, _, process = LOCK.unpack(found)
+    return None if kind == fcntl.F_UNLCK else process
 
 
 class StreamRun:
@@ -281,6 +321,7 @@ class StreamRun:
         self._failed_by_itself = not child.was_killed
         code = child.poll()
         how = f"ur_rtde crashed ({code})" if code in CRASHES else f"the streaming process ended with {code}"
+        how = "ur_rtde hung in a call" if code == HUNG else how
         return ": ".join([how, *child.last_line()])
 
     def _make_safe(self, failure: str) -> None:

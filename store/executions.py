@@ -174,22 +174,24 @@ class ExecutionRepository(Repository):
     def claim_execution(self, cell: str, executor_id: str) -> ExecutionRow | None:
         """Claims the cell's queued execution, if any, and sets it to `preparing`; only the cell's executor can.
 
-        Compare and set: if two executors try at once, one of them gets it.
+        Compare and set: if two executors try at once, one of them gets it. An executor runs nothing while it claims, so
+        one that it has claimed before is its own again: the answer to that claim was lost.
         """
-        queued = select(executions.c.id).where(executions.c.cell == cell, executions.c.state == "queued")
-        id = self._value(queued.limit(1))  # polling takes no lock
+        holder = select(cells.c.executor_id).where(cells.c.cell == cell).scalar_subquery()
+        queued = executions.c.state == "queued"
+        own = (executions.c.state == "preparing") & (executions.c.executor_id == executor_id)
+        claimable = select(executions.c.id).where(executions.c.cell == cell, queued | own)
+        id = self._value(claimable.limit(1))  # polling takes no lock
         if id is None:
             return None
         now = time.time()
         with writing(self._engine) as connection:
-            holder = select(cells.c.executor_id).where(cells.c.cell == cell).scalar_subquery()
-            claim = update(executions).where(executions.c.id == id, executions.c.state == "queued")
-            claim = claim.where(holder == executor_id)
+            claim = update(executions).where(executions.c.id == id, queued, holder == executor_id)
             claim = claim.values(state="preparing", executor_id=executor_id, claimed_at=now)
-            if not connection.execute(claim).rowcount:
-                return None
-            _write_event(connection, id, "state", {"state": "preparing"}, now)
-            return _read_execution(connection, id)
+            if connection.execute(claim).rowcount:
+                _write_event(connection, id, "state", {"state": "preparing"}, now)
+            claimed = select(executions.c.id).where(executions.c.id == id, own, holder == executor_id)
+            return _read_execution(connection, id) if connection.execute(claimed).first() else None
 
     def set_state(self, id: str, state: str, data: Mapping[str, Any] | None = None) -> bool:
         """Sets the state and writes its event. Returns False if the execution is finished or already in that state."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import sys
 import traceback
@@ -61,6 +62,8 @@ def run(
 
 def main(job_fd: int, memory_fd: int, parent: int, pulse: int) -> None:
     """Runs the job, writes its end to the shared memory and exits at once, past the library's destructors."""
+    with suppress(OSError):  # where the disk of its log knows no locks, nobody finds it
+        fcntl.lockf(sys.stdout, fcntl.LOCK_EX | fcntl.LOCK_NB)  # by this the next executor finds it
     memory = shm.SharedMemory.attach(memory_fd)
     job = StreamJob.read(job_fd)
     connections: list[RtdeConnection] = []

@@ -3,12 +3,14 @@
 Every call is checked: an exception, a False, or a call over 5 ms ends the run for good. After a lost connection the
 library returns True for ever, reconnects by itself and resumes (measured with ur_rtde 1.6.5); a new socket in the place
 of one of the first shows it. A long call counts only if the library slept in it, as it does to reconnect; otherwise the
-machine stalled.
+machine stalled. A call that hangs is ended with the process, by a signal that needs neither this thread nor the daemon:
+reconnected, the library would repeat its command in a program without a watchdog.
 """
 
 from __future__ import annotations
 
 import math
+import signal
 from collections.abc import Callable
 from time import monotonic, sleep
 from typing import Any, NamedTuple
@@ -26,6 +28,9 @@ from executor.streaming.library_sockets import LibrarySockets
 from executor.streaming.state_checks import StreamFault
 from planner import controller_program as registers
 
+# [s] within a real-time call after which the kernel ends this process: the watchdog has stopped the arm by then, and it
+# would move again where the library came to its own end of the call, which reconnects and starts its program anew
+HANGS_S = 0.050
 CALL_MAX_S = 0.005  # [s] a real-time call takes 30 us, one that reconnects itself takes 160 ms (ur_rtde 1.6.5)
 WATCHDOG_HZ = 50.0  # [Hz] 20 ms, just above the 16 ms after which the loop itself gives up as late
 WATCHDOG_ORDINARY_HZ = 20.0  # [Hz] 50 ms, just above the 40 ms accepted without real-time scheduling
@@ -222,14 +227,18 @@ class RtdeConnection:
             self.read()
 
     def _command(self, name: str, call: Callable[..., Any], *args: Any) -> None:
-        """Makes one real-time call and checks its answer and its duration."""
+        """Makes one real-time call and checks its answer and its duration; one that hangs is this process's end."""
         self.memory.fields[IN_CALL] = 1.0
         slept = sleep_count()
         begin = monotonic()
+        if self.control is not None:
+            signal.setitimer(signal.ITIMER_REAL, HANGS_S)
         try:
             answer = call(*args)
         except RuntimeError as error:
             raise StreamFault("link_lost", f"{name}: {error}") from error
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
         self.call_s = spent = monotonic() - begin
         self.memory.fields[IN_CALL] = 0.0
         self.sent_at = begin

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from executor.daemon import Daemon
-from executor.records import Journal
+from executor.records import ExecutionResult, Journal
 from executor.robot import ActionRefused, RobotSession
 from planner.cell import load_cell
 from store import PlanRow, Store, StoreUnavailable, new_id
@@ -90,6 +90,47 @@ def test_what_a_lost_execution_implies_is_latched_before_it_is_closed(
     third.recover()
     assert third.journal.fault()["execution_id"] == id
     assert store.cell_status(CELL).fault == third.journal.fault()  # who reads that it is finished reads this, too
+
+
+def test_a_claim_whose_answer_was_lost_gets_its_outcome(
+    store: Store, start: Callable[[], Daemon], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The database takes the claim, and its connection ends before it says so."""
+    daemon = start()
+    daemon.recover()
+    plan = PlanRow(new_id(), 0.0, CELL, "0" * 64, "ruckig", b"{}")
+    store.add_plan(plan)
+    id = store.queue_execution(plan.id, CELL).id
+    with monkeypatch.context() as patch:
+        claim = store.claim_execution
+
+        def lose_answer(*given: str) -> None:
+            claim(*given)
+            lose()
+
+        patch.setattr(store, "claim_execution", lose_answer)
+        daemon._poll(threading.Event())
+    assert store.execution(id).state == "preparing"
+    daemon._store_paused_until = 0.0
+    daemon._poll(threading.Event())
+    assert store.execution(id).outcome == "refused"  # its plan is none
+    states = [event.data["state"] for event in store.events(id)]
+    assert states == ["queued", "preparing", "finished"]
+
+
+def test_a_result_that_was_not_delivered_is_not_claimed_again(
+    store: Store, start: Callable[[], Daemon], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    daemon = start()
+    daemon.recover()
+    id = run_and_lose_an_execution(store, daemon)
+    daemon.journal.keep(ExecutionResult(id, "completed", "", None))
+    with monkeypatch.context() as patch:
+        patch.setattr(daemon, "_deliver_kept", lambda: None)  # as where the database comes back in between
+        daemon._poll(threading.Event())
+    daemon._poll(threading.Event())
+    assert store.execution(id).outcome == "completed"
+    assert daemon.journal.fault() is None
 
 
 def test_an_execution_that_nobody_claimed_is_closed_without_a_fault(store: Store, start: Callable[[], Daemon]) -> None:

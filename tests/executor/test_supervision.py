@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from executor.supervision import ChildProcess, StreamRun
+from executor.supervision import ChildProcess, StreamRun, end_orphan
 from tests.executor.conftest import Prepared
 
 
@@ -51,6 +51,32 @@ def test_a_child_that_fails_by_itself_leaves_its_last_line(tmp_path: Path) -> No
     child.reap()
     assert not child.was_killed
     assert child.last_line() == ["it broke"]
+
+
+LOCKS = "import fcntl, sys, time; fcntl.lockf(sys.stdout, fcntl.LOCK_EX); print('locked', flush=True); time.sleep(60)"
+
+
+@pytest.mark.parametrize("number", [signal.SIGSTOP, signal.SIGCONT], ids=["frozen", "hanging"])
+def test_a_stream_that_an_executor_left_is_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: signal.Signals
+) -> None:
+    monkeypatch.setattr("executor.supervision.ORPHAN_S", 0.1)
+    log = tmp_path / "log"
+    child = ChildProcess([sys.executable, "-c", LOCKS], (), log)
+    while "locked" not in log.read_text():
+        pass
+    os.kill(child.pid, number)
+    assert end_orphan(log) == child.pid
+    child.reap()
+    assert child.was_killed
+    assert end_orphan(log) is None
+
+
+def test_nobody_is_ended_where_no_stream_is_left(tmp_path: Path) -> None:
+    assert end_orphan(tmp_path / "log") is None  # there was no run yet
+    child = ChildProcess([sys.executable, "-c", LOCKS.replace("60", "0.1")], (), tmp_path / "log")
+    child.reap()
+    assert end_orphan(tmp_path / "log") is None
 
 
 def descriptors() -> list[str]:

@@ -68,6 +68,22 @@ def test_only_the_executor_of_the_cell_claims(store, queued):
     assert store.claim_execution("ur5e-sim", "next").id == queued.id
 
 
+def test_a_claim_whose_answer_was_lost_is_claimed_again_by_its_executor_alone(store, queued):
+    store.claim_execution("ur5e-sim", "x")
+    assert store.claim_execution("ur5e-sim", "x").id == queued.id
+    assert states(store, queued.id) == ["queued", "preparing"]
+    seen = store.cell_status("ur5e-sim")
+    assert store.take_cell("ur5e-sim", "next", "sim", "a test", seen)
+    assert store.claim_execution("ur5e-sim", "x") is None
+    assert store.claim_execution("ur5e-sim", "next") is None
+
+
+def test_what_has_begun_is_not_claimed_again(store, queued):
+    store.claim_execution("ur5e-sim", "x")
+    store.set_state(queued.id, "approaching")
+    assert store.claim_execution("ur5e-sim", "x") is None
+
+
 def test_nothing_to_claim(store, queued):
     assert store.claim_execution("other-cell", "x") is None
     store.finish_execution(queued.id, "completed")

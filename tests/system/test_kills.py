@@ -20,6 +20,7 @@ REST_S = 0.150  # [s] of the controller's time from the kill to rest: rows H1 an
 LANDED_S = 1.5  # [s] after the arm has come to rest: the object has landed, and the result exists
 FULL_AT_BYTES = 1000  # [bytes] limit of every file; written data stays
 ORPHANS_GONE_S = 10.0  # [s] within which planner processes follow their service
+RECONNECTED_S = 1.0  # [s] the library reconnects within 0.2
 MOMENTS = ("launch", "release")
 SIGNALS = pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP], ids=lambda n: n.name)
 
@@ -99,6 +100,42 @@ def test_a_daemon_that_dies_or_freezes(rig: Rig, number: signal.Signals, when: s
     if when == "release":
         assert "the gripper was told to close" in row.reason or "the object left" in row.reason, row.reason
     rig.until(lambda: not streamer.is_running())
+    refuses_until_acknowledged(rig)
+
+
+def test_a_stream_that_is_frozen_as_its_daemon_dies_is_ended_by_the_next(rig: Rig) -> None:
+    """It would keep the controller's inputs, and go on with its tick whenever somebody wakes it."""
+    id, at = launched(rig, "launch")
+    streamer = rig.streamer()
+    rig.executor.send_signal(signal.SIGSTOP)
+    rig.until(lambda: psutil.Process(rig.executor.pid).status() == psutil.STATUS_STOPPED, period=0.001)
+    streamer.send_signal(signal.SIGSTOP)  # in its brake
+    rig.rest_time(at)  # by the watchdog
+    rig.executor.kill()
+    rig.executor.wait(10.0)
+    assert streamer.status() == psutil.STATUS_STOPPED
+    rig.start_executor()
+    row = rig.end(id)
+    assert row.outcome == "executor_lost", row.reason
+    rig.until(lambda: not streamer.is_running())
+    refuses_until_acknowledged(rig)
+    assert rig.throw(NUDGE).outcome == "completed"
+
+
+def test_a_connection_that_is_reset_as_the_daemon_dies_moves_nothing_again(rig: Rig) -> None:
+    """The library would reconnect within its call, and repeat its command in a program without a watchdog."""
+    id = rig.far_from_its_start()
+    streamer = rig.streamer()
+    rig.fault("close_connection", role="inputs", reset=True)
+    rig.executor.kill()
+    rig.executor.wait(10.0)
+    rig.until(lambda: not streamer.is_running())
+    rig.rest_time(0.0)
+    rested = rig.state()["moved_at"]
+    rig.until(lambda: rig.state()["t"] > rested + RECONNECTED_S)
+    assert rig.state()["moved_at"] == rested
+    rig.start_executor()
+    assert rig.end(id).outcome == "executor_lost"
     refuses_until_acknowledged(rig)
 
 
