@@ -25,6 +25,7 @@ COMMANDS = {
     "calibrate": ("calibrate", "calibrate", "Measure what a cell's own motions and throws teach."),
     "landing": ("landing", "landing", "Report where an object landed, or list the reports."),
     "report": ("report", "report", "A plan, an execution or an experiment as a self-contained HTML file."),
+    "verify": ("verify", "verify", "Prove a plan anew, by arithmetic that rounds outwards."),
     "export": ("export", "export", "A plan as a URScript program for the pendant."),
     "retarget": ("throw", "retarget", "Give a running throw another target."),
     "abort": ("throw", "abort", "Ask for the brake of a running execution."),
