@@ -6,12 +6,13 @@ import numpy as np
 
 from planner.cell import Cell
 from verifier.arm import ArmPieces
+from verifier.capsules import MovingCapsule
 from verifier.elementary import Array
 from verifier.finding import Finding, Status
-from verifier.flights import STEPS, Patches, Releases, tick_parts
+from verifier.flights import STEPS, Patches, Releases
 from verifier.landing_place import LandingPlace
 from verifier.pieces import Index, Pieces
-from verifier.solids import MovingCapsule, lengths_up, shortened, toward
+from verifier.solids import lengths_up, shortened, toward
 from verifier.taylor import TaylorModel, dot
 
 CLEAR_M = 2e-4  # [m] from what gripped it, beyond which the object has left: more than rounding, less than any play
@@ -25,7 +26,7 @@ class ArmAfter:
     def __init__(self, cell: Cell, releases: Releases) -> None:
         """Takes the releases."""
         self.cell, self.releases = cell, releases
-        self._parts = tick_parts(releases.pieces.motion)
+        self._parts = releases.parts
         pieces = releases.pieces
         self._part = np.minimum((pieces.begin * self._parts).astype(np.intp), self._parts - 1)
         self._kept: dict[bytes, tuple[ArmPieces, Index]] = {}

@@ -8,19 +8,17 @@ import numpy as np
 
 from planner.cell import Cell, Solid, shape_of
 from verifier.arm import ArmPieces
+from verifier.capsules import OBJECT, MovingCapsule, capsules_of
 from verifier.elementary import Array
 from verifier.finding import Finding, Rooms, prove
 from verifier.load_checks import HeldObject
 from verifier.plan_document import Demands, SampledMotion
 from verifier.solids import (
-    OBJECT,
     SELF_CLEARANCE_M,
     ArmEnds,
-    MovingCapsule,
     apart_between,
     apart_from_solid,
     apart_in_middle,
-    capsules_of,
     from_solid,
     judged_pairs,
     nearest_on_segments,

@@ -9,6 +9,7 @@ import numpy as np
 from planner.cell import Cell, Solid
 from verifier.arm import ArmPieces
 from verifier.arm_in_flight import ArmAfter, CapsuleWatch, accelerations
+from verifier.capsules import MovingCapsule, capsules_of
 from verifier.clearance_checks import LENGTH_M
 from verifier.elementary import ROUNDING, Array
 from verifier.finding import Finding, Status, not_covered
@@ -24,16 +25,7 @@ from verifier.flights import (
 from verifier.landing_place import LEVEL_M, LandingPlace, LevelTop, landing_place
 from verifier.pieces import all_pieces
 from verifier.plan_document import Demands, SampledMotion
-from verifier.solids import (
-    MovingCapsule,
-    capsules_of,
-    from_solid,
-    judged_pairs,
-    lengths_up,
-    shortened,
-    support,
-    toward,
-)
+from verifier.solids import from_solid, judged_pairs, lengths_up, shortened, support, toward
 from verifier.taylor import TaylorModel, dot, stacked
 
 NAME = "flight_clearance"

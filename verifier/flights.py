@@ -36,10 +36,13 @@ def tick_parts(motion: SampledMotion) -> int:
     return parts
 
 
-def release_pieces(motion: SampledMotion, spread_s: float) -> Pieces:
+def release_pieces(motion: SampledMotion, spread_s: float, finer: int = 1) -> Pieces:
     """Returns the pieces of a motion in which the object may leave: the release alone without a spread.
 
-    Each is within one of the parts of a tick, see `tick_parts`.
+    Args:
+        motion: the motion.
+        spread_s: how early or late it may leave [s].
+        finer: each piece is within one of so many times `tick_parts` parts of a tick; a power of two.
 
     Raises:
         OutsideMotion: that is outside the motion.
@@ -55,7 +58,7 @@ def release_pieces(motion: SampledMotion, spread_s: float) -> Pieces:
     begin, end = index - ticks, index + ticks
     if begin < 0.0 or end > last:
         raise OutsideMotion("the window of the release is not within the motion")
-    parts = tick_parts(motion)
+    parts = tick_parts(motion) * finer
     place = np.arange(int(np.floor(begin * parts)), int(np.ceil(end * parts)))
     tick = place // parts
     first = (place % parts) / parts
@@ -69,10 +72,12 @@ class Releases:
     Attributes:
         cell: the cell.
         pieces: the pieces.
+        finer: the flights are followed on a grid of so many times `tick_parts` parts of a tick.
     """
 
     cell: Cell
     pieces: Pieces
+    finer: int = 1
 
     @cached_property
     def states(self) -> tuple[TaylorModel, TaylorModel]:
@@ -82,10 +87,15 @@ class Releases:
         v = arm.v_WT
         return arm.p_WT, v if factor == 1.0 else v * factor
 
-    @cached_property
+    @property
+    def parts(self) -> int:
+        """Parts of a tick in the grid on which flights are followed."""
+        return tick_parts(self.pieces.motion) * self.finer
+
+    @property
     def grid_hz(self) -> float:
-        """Parts of ticks a second, see `tick_parts`."""
-        return self.pieces.motion.rate_hz * tick_parts(self.pieces.motion)
+        """The same, a second."""
+        return self.pieces.motion.rate_hz * self.parts
 
     @property
     def bending(self) -> float:
@@ -119,7 +129,7 @@ class Releases:
 
     def halves(self) -> Releases:
         """Returns both halves of every piece."""
-        return Releases(self.cell, self.pieces.halves())
+        return Releases(self.cell, self.pieces.halves(), self.finer)
 
 
 @dataclass(frozen=True, eq=False)

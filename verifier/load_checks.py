@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from planner.cell import Cell
 from verifier.arm import ArmPieces, empty_masses, object_mass
+from verifier.capsules import capsules_of
 from verifier.elementary import Array
 from verifier.finding import Finding, Rooms, prove
 from verifier.joint_checks import SHARE
 from verifier.pieces import Pieces, all_pieces
 from verifier.plan_document import Demands, SampledMotion
-from verifier.solids import capsules_of
 from verifier.taylor import TaylorModel, dot
 
 TICK_SHARE = 1e-6  # [-] of a tick, 2 ns: a spread that is longer by it is not a tick longer

@@ -181,9 +181,6 @@ def _not_covered(
         found["flight_clearance"] = found["landing"] = found["keep_out"] = "a target that moves"
     if isinstance(cell.object, ThrownBody) and release and not _is_at_rest(release):
         found["flight_clearance"] = found["landing"] = "the flight of a body that is no ball"
-    if cell.robot.shape.is_estimate:
-        reason = "an arm whose capsules are an estimate"
-        found |= {name: reason for name in ("floor", "keep_out", "self_collision", "flight_clearance")}
     return found
 
 

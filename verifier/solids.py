@@ -7,18 +7,15 @@ distance of the projections, all along the piece.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cache, lru_cache
-from importlib.resources import files
-from typing import Any
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planner.cell import Cell, Solid, ThrownBody
 from verifier.arm import ArmPieces, fixed_transforms
+from verifier.capsules import MovingCapsule, capsules_of
 from verifier.elementary import ROUNDING, Array
 from verifier.taylor import TaylorModel, dot
 
@@ -28,39 +25,6 @@ POSTURES = 600  # random ones in which pairs are looked at first, and then those
 MORE_POSTURES = 6000
 STEPS = 40  # [-] of a search along a segment: 0.62^40 of its length
 LENGTHENED = 1.0 + 64.0 * ROUNDING  # [-] rounds the length of a direction up
-OBJECT = "object"
-
-
-@dataclass(frozen=True, eq=False)
-class MovingCapsule:
-    """All points within a radius of a segment that is fixed in a frame of the arm: its ends (2, 3) [m]."""
-
-    name: str
-    frame: int
-    ends: Array
-    radius_m: float
-
-
-@cache
-def _published(of: str) -> dict[str, Any]:
-    text = (files("planner") / "robot_data" / "capsules.toml").read_text(encoding="utf-8")
-    return tomllib.loads(text)[of]
-
-
-def capsules_of(cell: Cell) -> list[MovingCapsule]:
-    """Returns the capsules of arm and tool, and that of the held object last: the hull of a body."""
-    rows = _published(cell.robot.shape.of)
-    found = [
-        MovingCapsule(name, row["frame"], np.array([row["from_m"], row["to_m"]]), float(row["radius_m"]))
-        for name, row in rows.items()
-    ]
-    for i, capsule in enumerate(cell.tool.capsules):
-        ends = np.array([capsule.from_m, capsule.to_m])
-        found.append(MovingCapsule(f"tool_{i}", 6, ends, capsule.radius_m))
-    thing = cell.object
-    along = thing.reach_m * (cell.tool.X_FT[:3, :3] @ thing.hull_axis)
-    p_FT = cell.tool.X_FT[:3, 3]
-    return [*found, MovingCapsule(OBJECT, 6, np.array([p_FT - along, p_FT + along]), thing.radius_m)]
 
 
 class ArmEnds:
