@@ -124,8 +124,8 @@ class CapsuleWatch:
                 step = 1
             else:
                 used, where = np.unique(rows, return_inverse=True)
-                halved = after.releases.pieces.chosen(used).halves()
-                after = ArmAfter(after.cell, Releases(after.cell, halved))
+                halved = after.releases.of(after.releases.pieces.chosen(used).halves())
+                after = ArmAfter(after.cell, halved)
                 rows, first = np.concatenate([where, where + len(used)]), np.tile(first, 2)
                 begins = np.tile(begins[used], 2)
         return Finding(name, Status.NOT_PROVEN, float(at_s[0]), self.capsule.name)

@@ -16,6 +16,7 @@ import numpy as np
 from planner.cell import Cell
 from verifier.arm import ArmPieces
 from verifier.arm_in_flight import AT_REST_M, ArmAfter, largest
+from verifier.drag import releases_of
 from verifier.elementary import Array
 from verifier.finding import Finding, Status, not_covered
 from verifier.flights import OutsideMotion, Releases, release_pieces
@@ -42,7 +43,7 @@ def exit_findings(cell: Cell, motion: SampledMotion, demands: Demands) -> Iterat
     at_s = 0.0
     for finer in FINER:
         try:
-            releases = Releases(cell, release_pieces(motion, demands.spread_s, finer), finer)
+            releases = releases_of(cell, release_pieces(motion, demands.spread_s, finer), finer)
         except OutsideMotion as error:
             yield not_covered(NAME, str(error))
             return

@@ -11,6 +11,7 @@ from verifier.arm import ArmPieces
 from verifier.arm_in_flight import ArmAfter, CapsuleWatch, accelerations
 from verifier.capsules import MovingCapsule, capsules_of
 from verifier.clearance_checks import LENGTH_M
+from verifier.drag import releases_of
 from verifier.elementary import ROUNDING, Array
 from verifier.finding import Finding, Status, not_covered
 from verifier.flights import (
@@ -36,11 +37,8 @@ def flight_findings(cell: Cell, motion: SampledMotion, demands: Demands) -> Iter
     """Returns the findings about the flight."""
     if not demands.throws or NAME in demands.not_covered:
         return
-    if cell.object.drag_coefficient > 0.0:
-        yield not_covered(NAME, "a flight with drag")
-        return
     try:
-        releases = Releases(cell, release_pieces(motion, demands.spread_s))
+        releases = releases_of(cell, release_pieces(motion, demands.spread_s))
     except OutsideMotion as error:
         yield not_covered(NAME, str(error))
         return

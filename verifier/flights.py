@@ -21,7 +21,6 @@ PATCHES_MAX = 20_000  # [-] that are looked at again at once
 STEPS = 4  # [-] of a grid in the first patches of flights: 8 ms, in which a fall bends by 0.1 mm
 GRID_S = 0.002  # [s] parts of a tick by which flights are followed beside the arm are no longer
 BEYOND = 1e-9  # [-] of a tick, by which a spread is taken longer than it is: rounding
-AIR_KG_M3 = 1.204  # source: ISO 2533, dry air at 20 degC and 101,325 Pa
 
 
 class OutsideMotion(ValueError):
@@ -127,9 +126,18 @@ class Releases:
         p, v = self.states
         return p + v * self.falls_to(z)
 
+    @property
+    def bends_down(self) -> bool:
+        """Whether flights bend downwards at any time."""
+        return True
+
+    def of(self, pieces: Pieces) -> Releases:
+        """Returns other pieces of the same."""
+        return Releases(self.cell, pieces, self.finer)
+
     def halves(self) -> Releases:
         """Returns both halves of every piece."""
-        return Releases(self.cell, self.pieces.halves(), self.finer)
+        return self.of(self.pieces.halves())
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,9 +168,9 @@ class Patches:
 
     @property
     def lowest(self) -> Array:
-        """Bounds (m,) on the height of the centre from below: a flight bends downwards, and is above its chord [m]."""
+        """Bounds (m,) on the height of the centre from below [m]: a flight that bends downwards is above its chord."""
         first, last = self.ends
-        return np.minimum(first[2].lower, last[2].lower)
+        return np.minimum(first[2].lower, last[2].lower) - (0.0 if self.releases.bends_down else self.bend)
 
     @property
     def highest(self) -> Array:
@@ -205,7 +213,7 @@ class Patches:
         if not of_releases:
             return Patches(self.releases, rows, s0, s1)
         used, where = np.unique(rows, return_inverse=True)
-        halved = Releases(self.releases.cell, self.releases.pieces.chosen(used).halves())
+        halved = self.releases.of(self.releases.pieces.chosen(used).halves())
         rows = np.concatenate([where, where + len(used)])
         return Patches(halved, rows, np.tile(s0, 2), np.tile(s1, 2))
 

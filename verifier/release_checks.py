@@ -10,6 +10,7 @@ import numpy as np
 
 from planner.cell import Cell
 from verifier.arm import ArmPieces
+from verifier.drag import releases_of
 from verifier.elementary import Array
 from verifier.finding import Finding, Status, judged, not_covered
 from verifier.flights import OutsideMotion, Releases, release_pieces
@@ -114,14 +115,14 @@ def landing_findings(cell: Cell, motion: SampledMotion, demands: Demands) -> Ite
     aim = demands.aim
     if not demands.throws or aim is None:
         return
-    yield _landing("landing", Releases(cell, release_pieces(motion, 0.0)), aim, LANDING_M)
+    yield _landing("landing", releases_of(cell, release_pieces(motion, 0.0)), aim, LANDING_M)
     if aim.window_s > 0.0 and aim.tolerance_m > 0.0:
         try:
             window = release_pieces(motion, aim.window_s)
         except OutsideMotion as error:
             yield not_covered("landing_window", str(error))
             return
-        yield _landing("landing_window", Releases(cell, window), aim, aim.tolerance_m * (1.0 + SHARE))
+        yield _landing("landing_window", releases_of(cell, window), aim, aim.tolerance_m * (1.0 + SHARE))
 
 
 def _landing(name: str, releases: Releases, aim: Aim, allowed: float) -> Finding:
@@ -140,5 +141,5 @@ def _landing(name: str, releases: Releases, aim: Aim, allowed: float) -> Finding
         if turn == HALVINGS:
             first = int(np.flatnonzero(is_open)[0])
             return Finding(name, Status.NOT_PROVEN, float(at_s[first]), "lands off the target, or never")
-        releases = Releases(releases.cell, releases.pieces.chosen(is_open).halves())
+        releases = releases.of(releases.pieces.chosen(is_open).halves())
     raise AssertionError("the last turn returns")
