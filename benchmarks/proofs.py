@@ -1,6 +1,6 @@
 """How many certified plans `fling verify` proves, in what time, and whether it accepts one that breaks a limit.
 
-`python -m benchmarks.proofs --count 2000 --seed 1 [--resume]`. Plans are those of `benchmarks.mutations`, of all arms
+`python -m benchmarks.proofs --count 2000 [--cells 50] [--resume]`. Plans are those of `benchmarks.mutations`, of all arms
 and kinds of release in cells with every limit, and those of the audit's problems, in turns. Of the first every limit is
 drawn inside what the plan needs: a thousandth of its peak, or a millimetre. The verifier has to refuse each.
 """
@@ -56,16 +56,16 @@ def is_accepted(problem: ThrowProblem, trajectory: Trajectory) -> bool:
     return all(each.status is Status.PROVEN for each in findings(*document_of(problem, trajectory)))
 
 
-def _plans(count: int, seed: int) -> Iterator[tuple[str, ThrowProblem, Trajectory, bool]]:
+def _plans(count: int, seed: int, cells: int) -> Iterator[tuple[str, ThrowProblem, Trajectory, bool]]:
     """Yields plans by their names, and whether their limits are drawn in: those of cells with every limit."""
     own = ((name, problem, motion, True) for name, problem, motion in certified_plans(count, seed))
-    audited = _audited(count, seed)
+    audited = _audited(count, seed, cells)
     for both in zip_longest(own, audited):
         yield from (each for each in both if each is not None)
 
 
-def _audited(count: int, seed: int) -> Iterator[tuple[str, ThrowProblem, Trajectory, bool]]:
-    for task in drawn_tasks(count, seed):
+def _audited(count: int, seed: int, cells: int) -> Iterator[tuple[str, ThrowProblem, Trajectory, bool]]:
+    for task in drawn_tasks(count, seed, cells):
         try:
             yield task.name, task.problem, plan(task.problem).trajectory, False
         except (Infeasible, SolverFailed):
@@ -120,12 +120,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.proofs", description=__doc__)
     parser.add_argument("--count", type=int, default=2000, help="plans")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--cells", type=int, default=0, help="random cells of the audit's problems; 0: the named sets")
     parser.add_argument("--rows", type=Path, default=ROWS)
     parser.add_argument("--resume", action="store_true", help="continue an interrupted run")
     parser.add_argument("--tell", action="store_true", help="say what the rows so far say")
     asked = parser.parse_args()
     done = {row["task"] for row in kept_rows(asked.rows, asked.resume or asked.tell)}
-    for name, *rest in _plans(-(-asked.count // 2), asked.seed) if not asked.tell else ():
+    for name, *rest in _plans(-(-asked.count // 2), asked.seed, asked.cells) if not asked.tell else ():
         if name not in done:
             add_row(asked.rows, row_of(name, *rest))
     print(summary(kept_rows(asked.rows, True)))

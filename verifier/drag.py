@@ -25,9 +25,9 @@ FLIGHT_MAX_S = 10.0  # [s] no throw of an arm flies for longer
 
 
 def drag_of(cell: Cell) -> float:
-    """Returns k of the deceleration k |w|^2 of a cell's ball [1/m], to rounding."""
+    """Returns k of the deceleration k |w|^2 of a cell's object [1/m], to rounding."""
     thing = cell.object
-    return AIR_KG_M3 * thing.drag_coefficient * math.pi * thing.radius_m**2 / (2.0 * thing.mass_kg)
+    return AIR_KG_M3 * thing.drag_coefficient * math.pi * thing.drag_radius_m**2 / (2.0 * thing.mass_kg)
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,6 +18,13 @@ LEAST_WINDOW_S = 0.005  # [s] half of the window of a target without one. source
 LEAST_TOLERANCE_M = 0.01  # [m] of a target without an opening and a tolerance. source: contract, section 8
 
 
+OF_FLIGHT = ("flight_clearance", "landing", "landing_window")  # checks of where the object goes
+OF_OBJECT = (  # checks that depend on when the object may leave
+    *("joint_torque", "momentum", "power", "stopping_time", "stopping_distance", "grip_acceleration"),
+    *("floor", "keep_out", "self_collision", "opening_direction"),
+)
+
+
 class NotAPlan(ValueError):
     """A document is no plan of this cell; the message says why."""
 
@@ -133,7 +140,7 @@ def read_demands(document: Mapping[str, Any], cell: Cell) -> Demands:
 def _demands(document: Mapping[str, Any], cell: Cell) -> Demands:
     asked = document["request"]
     limits = asked.get("limits") or {}
-    release = asked.get("release") or {}
+    release = _released(asked)
     own = cell.limits
     least = asked.get("singularity_distance_min")
     is_base = asked.get("frame", "world") == "base"
@@ -170,18 +177,26 @@ def _not_covered(
     """Returns what nobody verifies here, by check; of these no plan is proven."""
     found: dict[str, str] = {}
     if asked.get("passages"):
-        found["passage"] = "passages and lines"
+        found["passage"] = found["singularity_distance"] = "passages and lines"
     if asked.get("end"):
         found["passage"] = "an end that the request states"
     if document.get("profile") is not None:
-        found["flight_clearance"] = found["landing"] = "a learnt profile"
-    if asked.get("min_hit_probability"):
+        found |= dict.fromkeys((*OF_FLIGHT, *OF_OBJECT), "a learnt profile")
+    if asked.get("min_hit_probability") and asked.get("release_window_s") is None:
         found["landing_window"] = "a window that the odds decide"
     if any(release.get("velocity") or []) and release.get("kind") == "target":
-        found["flight_clearance"] = found["landing"] = found["keep_out"] = "a target that moves"
+        found |= dict.fromkeys((*OF_FLIGHT, "keep_out"), "a target that moves")
     if isinstance(cell.object, ThrownBody) and release and not _is_at_rest(release):
-        found["flight_clearance"] = found["landing"] = "the flight of a body that is no ball"
+        found |= dict.fromkeys(OF_FLIGHT, "the flight of a body that is no ball")
     return found
+
+
+def _released(asked: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Returns the release that a request asks for, among its passages too; empty without one."""
+    passages = asked.get("passages") or []
+    if not passages:
+        return asked.get("release") or {}
+    return next((each["state"] for each in passages if each.get("releases") and "state" in each), {})
 
 
 def _is_at_rest(release: Mapping[str, Any]) -> bool:
@@ -215,6 +230,8 @@ def _aim(asked: Mapping[str, Any], release: Mapping[str, Any], cell: Cell, X_WR:
     radius = cell.object.radius_m
     room_m = max(float(opening["radius_m"]) - radius, 0.0) if opening else max(radius, LEAST_TOLERANCE_M)
     window_s = max(JITTERS * cell.gripper.jitter_s, LEAST_WINDOW_S)
+    if asked.get("min_hit_probability"):
+        window_s = 0.0  # nobody tells here which one the odds take
     asked_s, asked_m = asked.get("release_window_s"), asked.get("landing_tolerance_m")
     return Aim(
         p_W=X_WR[:3, :3] @ np.asarray(release["position"], np.float64) + X_WR[:3, 3],
