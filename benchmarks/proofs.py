@@ -1,8 +1,8 @@
 """How many certified plans `fling verify` proves, in what time, and whether it accepts one that breaks a limit.
 
-`python -m benchmarks.proofs --count 2000 [--cells 50] [--resume]`. Plans are those of `benchmarks.mutations`, of all arms
-and kinds of release in cells with every limit, and those of the audit's problems, in turns. Of the first every limit is
-drawn inside what the plan needs: a thousandth of its peak, or a millimetre. The verifier has to refuse each.
+`python -m benchmarks.proofs --count 2000 [--cells 50] [--resume]`. Plans are those of `benchmarks.mutations`, of all
+arms and kinds of release in cells with every limit, and those of the audit's problems, in turns. Of the first every
+limit is drawn inside what the plan needs: a thousandth of its peak, or a millimetre. The verifier has to refuse each.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, zip_longest
 from pathlib import Path
@@ -96,7 +96,7 @@ def row_of(name: str, problem: ThrowProblem, trajectory: Trajectory, has_mutants
     }
 
 
-def summary(rows: list[Mapping[str, Any]]) -> str:
+def summary(rows: Sequence[Mapping[str, Any]]) -> str:
     """Returns the result in lines."""
     seconds = np.array([row["seconds"] for row in rows])
     proven = [row for row in rows if not row["open"]]
@@ -126,9 +126,9 @@ def main() -> None:
     parser.add_argument("--tell", action="store_true", help="say what the rows so far say")
     asked = parser.parse_args()
     done = {row["task"] for row in kept_rows(asked.rows, asked.resume or asked.tell)}
-    for name, *rest in _plans(-(-asked.count // 2), asked.seed, asked.cells) if not asked.tell else ():
-        if name not in done:
-            add_row(asked.rows, row_of(name, *rest))
+    for each in _plans(-(-asked.count // 2), asked.seed, asked.cells) if not asked.tell else ():
+        if each[0] not in done:
+            add_row(asked.rows, row_of(*each))
     print(summary(kept_rows(asked.rows, True)))
 
 

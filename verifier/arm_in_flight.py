@@ -7,7 +7,7 @@ import numpy as np
 from planner.cell import Cell
 from verifier.arm import ArmPieces
 from verifier.capsules import MovingCapsule
-from verifier.elementary import Array
+from verifier.elementary import Array, Mask
 from verifier.finding import Finding, Status
 from verifier.flights import STEPS, Patches, Releases
 from verifier.landing_place import LandingPlace
@@ -106,6 +106,7 @@ class CapsuleWatch:
             at_s = float(releases.pieces.middle_s[np.flatnonzero(begins < 0)[0]])
             return Finding(name, Status.NOT_PROVEN, at_s, f"{self.capsule.name}: stays in it")
         step = STEPS
+        at_s = releases.pieces.middle_s
         for _ in range(ARM_ROUNDS):
             lower, upper, counts = self._gaps(after, rows, first, step)
             counts &= first + step > begins[rows]
@@ -130,7 +131,7 @@ class CapsuleWatch:
                 begins = np.tile(begins[used], 2)
         return Finding(name, Status.NOT_PROVEN, float(at_s[0]), self.capsule.name)
 
-    def _gaps(self, after: ArmAfter, rows: Index, first: Index, step: int) -> tuple[Array, Array, Array]:
+    def _gaps(self, after: ArmAfter, rows: Index, first: Index, step: int) -> tuple[Array, Array, Mask]:
         """Returns bounds (m,) [m] on the distance of flights from the axis, and which patches count.
 
         Args:

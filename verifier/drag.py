@@ -74,15 +74,18 @@ class DragReleases(Releases):
         x, w = (each[:, node, rows] for each in nodes)
         return self._step(x, w, s - node * STEP_S)
 
+    @cached_property
+    def _kept(self) -> list[tuple[TaylorModel, TaylorModel]]:
+        """Places and velocities (3, n) a step apart, from the release on, as many as were asked for."""
+        return [self.states]
+
     def _nodes(self, count: int) -> tuple[TaylorModel, TaylorModel]:
-        """Returns places and velocities (3, k, n) a step apart, `count` of them at least after the release."""
-        kept = self.__dict__.setdefault("_kept", [self.states])
-        while len(kept) <= count:
-            kept.append(self._step(*kept[-1], np.full(len(self.pieces.tick), STEP_S)))
-        if self.__dict__.get("_stacked_count") != len(kept):
-            self.__dict__["_stacked_count"] = len(kept)
-            self.__dict__["_stacked"] = tuple(_second(stacked([each[i] for each in kept])) for i in range(2))
-        return self.__dict__["_stacked"]
+        """Returns places and velocities (3, k, n) a step apart: `count` of them after the release, or more."""
+        while len(self._kept) <= count:
+            x, w = self._kept[-1]
+            self._kept.append(self._step(x, w, np.full(len(self.pieces.tick), STEP_S)))
+        places, velocities = zip(*self._kept, strict=True)
+        return _second(stacked(places)), _second(stacked(velocities))
 
     def _step(self, x: TaylorModel, w: TaylorModel, h: Array) -> tuple[TaylorModel, TaylorModel]:
         """Returns place and velocity (3, m) a time (m,) [s] later, no more than a step."""

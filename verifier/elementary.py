@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Index = NDArray[np.intp]
 
 ROUNDING = 2.0**-53  # [-] u: the relative error of one operation, IEEE 754
 LARGEST_RAD = 1e5  # [rad] of an angle: the reduction is exact far beyond it

@@ -17,7 +17,7 @@ from planner.cell import Cell
 from verifier.arm import ArmPieces
 from verifier.arm_in_flight import AT_REST_M, ArmAfter, largest
 from verifier.drag import releases_of
-from verifier.elementary import Array
+from verifier.elementary import Array, Mask
 from verifier.finding import Finding, Status, not_covered
 from verifier.flights import OutsideMotion, Releases, release_pieces
 from verifier.pieces import Index, all_pieces
@@ -90,7 +90,7 @@ class _ExitWatch:
         wrong = (before & ~(room >= 0.0)).any(axis=1) | ~is_out.any(axis=1)
         return int(np.flatnonzero(wrong)[0]) if wrong.any() else None
 
-    def _rooms(self, releases: Releases, count: int) -> tuple[Array, Array]:
+    def _rooms(self, releases: Releases, count: int) -> tuple[Array, Mask]:
         """Returns f in patches (n, count) [m], infinite where the object is still in its place, and where it is out.
 
         The latter at the patches' ends (n, count + 1).

@@ -80,7 +80,7 @@ def prove(name: str, arm: ArmPieces, rooms: Rooms, items: Sequence[str]) -> Find
             left = f"{items[item]}, left: {upper[item, piece]:.3g} at most"
             return Finding(name, Status.VIOLATED, float(arm.pieces.middle_s[piece]), left)
         is_open = ~(lower >= 0.0)  # not a number is undecided
-        again = is_open.any(axis=0)
+        again = np.asarray(is_open.any(axis=0))
         if not again.any():
             break
         if halvings == HALVINGS or again.sum() > PIECES_MAX:

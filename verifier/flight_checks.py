@@ -26,10 +26,11 @@ from verifier.flights import (
 from verifier.landing_place import LEVEL_M, LandingPlace, LevelTop, landing_place
 from verifier.pieces import all_pieces
 from verifier.plan_document import Demands, SampledMotion
-from verifier.solids import from_solid, judged_pairs, lengths_up, shortened, support, toward
+from verifier.solids import from_solid, lengths_up, shortened, support, toward
 from verifier.taylor import TaylorModel, dot, stacked
 
 NAME = "flight_clearance"
+GRIPPED_FRAMES = (4, 5, 6)  # of the links that hold the hand, and of the tool: what the object may be released beside
 LOW_M = 1e-4  # [m] below the height at which it ends, to which a flight is looked at
 
 
@@ -196,13 +197,11 @@ def _arm_findings(
 ) -> Iterator[Finding]:
     """Returns the findings about the arm, which moves on: one a capsule."""
     capsules = capsules_of(cell)
-    pairs = judged_pairs(cell)
-    last = len(capsules) - 1
     whole = ArmPieces(cell, all_pieces(motion))
     after = ArmAfter(cell, releases)
     clearance = cell.surroundings.flight_clearance_m
-    for i, capsule in enumerate(capsules[:last]):
-        grips = capsule.frame > 0 and (i, last) not in pairs and _gap_at_release(cell, motion, capsule) < clearance
+    for capsule in capsules[:-1]:
+        grips = capsule.frame in GRIPPED_FRAMES and _gap_at_release(cell, motion, capsule) < clearance
         required = 0.0 if grips else clearance
         if capsule.frame == 0:
             required = _beside_base(cell, place, capsule, clearance)

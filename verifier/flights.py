@@ -10,7 +10,7 @@ import numpy as np
 
 from planner.cell import Cell
 from verifier.arm import ArmPieces
-from verifier.elementary import ROUNDING, Array
+from verifier.elementary import ROUNDING, Array, Mask
 from verifier.finding import Finding, Status
 from verifier.pieces import Index, Pieces
 from verifier.plan_document import SampledMotion
@@ -184,16 +184,16 @@ class Patches:
         return self.releases.pieces.middle_s[self.rows] + 0.5 * (self.s0 + self.s1)
 
     @property
-    def falls(self) -> Array:
+    def falls(self) -> Mask:
         """Whether the flights fall all along (m,): upward speeds only shrink."""
         return self._rise.upper < self.releases.cell.surroundings.gravity_m_s2 * self.s0 * (1.0 - 1e-12)
 
     @property
-    def rises(self) -> Array:
+    def rises(self) -> Mask:
         """Whether the flights rise all along (m,), by the least that gravity alone leaves."""
         return self._rise.lower > self.releases.slowing * self.s1 * (1.0 + 1e-12)
 
-    def counts(self, ends_z: float) -> Array:
+    def counts(self, ends_z: float) -> Mask:
         """Returns which patches (m,) count: where the centre may be above a height [m], or has not fallen yet."""
         return (self.highest >= ends_z) | ~self.falls
 
@@ -201,7 +201,7 @@ class Patches:
     def _rise(self) -> TaylorModel:
         return self.releases.states[1][2, self.rows]
 
-    def chosen(self, which: Array) -> Patches:
+    def chosen(self, which: Mask) -> Patches:
         """Returns some of the patches."""
         return Patches(self.releases, self.rows[which], self.s0[which], self.s1[which])
 
@@ -221,7 +221,7 @@ class Patches:
 def first_patches(releases: Releases, until_s: float) -> Patches:
     """Returns patches of all releases from each until a time after it [s]."""
     step = STEPS / releases.grid_hz
-    times = step * np.arange(int(np.ceil(until_s / step)) + 1)
+    times = np.float64(step) * np.arange(int(np.ceil(until_s / step)) + 1, dtype=np.float64)
     count = len(releases.pieces.tick)
     rows = np.repeat(np.arange(count), len(times) - 1)
     return Patches(releases, rows, np.tile(times[:-1], count), np.tile(times[1:], count))
@@ -240,7 +240,7 @@ def prove_patches(name: str, patches: Patches, rooms: PatchRooms, items: list[st
             left = f"{items[item]}, left: {upper[item, patch]:.3g} at most"
             return Finding(name, Status.VIOLATED, float(patches.middle_s[patch]), left)
         is_open = ~(lower >= 0.0)
-        again = is_open.any(axis=0)
+        again = np.asarray(is_open.any(axis=0))
         if not again.any():
             break
         if turn == ROUNDS or again.sum() > PATCHES_MAX:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from planner.cell import Cell, Solid
-from verifier.elementary import Array
+from verifier.elementary import Array, Mask
 from verifier.plan_document import Demands
 from verifier.solids import from_solid
 
@@ -75,7 +75,7 @@ class LandingPlace:
     height_m: float | None
     tops: tuple[LevelTop, ...]
     ends_z: float
-    carries: Array
+    carries: Mask
     clearances: Array
     fits: bool
     target: Array | None = None
@@ -112,7 +112,7 @@ def _is_below(solid: Solid, height: float) -> bool:
     return bool(solid.upper[2] <= height + LEVEL_M)
 
 
-def _carriers(cell: Cell, p: Array) -> tuple[float | None, tuple[LevelTop, ...], Array]:
+def _carriers(cell: Cell, p: Array) -> tuple[float | None, tuple[LevelTop, ...], Mask]:
     """Returns height and tops of what a target (3,) is on, and which solids (b,) carry it, or lie below those."""
     around = cell.surroundings
     lowest = float(p[2]) - max(cell.object.radius_m, CONTACT_M)

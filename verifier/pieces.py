@@ -11,13 +11,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from verifier.elementary import Array
+from verifier.elementary import Array, Index, Mask
 from verifier.plan_document import SampledMotion
 from verifier.taylor import COEFFICIENT, UP, TaylorModel
-
-Index = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +37,7 @@ class Pieces:
         """Times (n,) of the middles [s], to rounding: to tell where something is."""
         return (self.tick + 0.5 * (self.begin + self.end)) / self.motion.rate_hz
 
-    def chosen(self, which: NDArray[np.bool_] | Index) -> Pieces:
+    def chosen(self, which: Mask | Index) -> Pieces:
         """Returns some of the pieces."""
         return Pieces(self.motion, self.tick[which], self.begin[which], self.end[which])
 

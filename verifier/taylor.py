@@ -12,6 +12,7 @@ are sums and products of numbers that are not negative, of fewer than forty oper
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -37,9 +38,9 @@ class TaylorModel:
         """Bounds (..., n) on the absolute value."""
         return (np.abs(self.c0) + np.abs(self.c1) + np.abs(self.c2) + self.r) * UP
 
-    def __getitem__(self, key: object) -> TaylorModel:
+    def __getitem__(self, key: Any) -> TaylorModel:
         """Returns a part of all arrays."""
-        return TaylorModel(self.c0[key], self.c1[key], self.c2[key], self.r[key])  # pyright: ignore[reportArgumentType]
+        return TaylorModel(self.c0[key], self.c1[key], self.c2[key], self.r[key])
 
     def __neg__(self) -> TaylorModel:
         """Returns the negative, which is exact."""
