@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.audit.run import drawn_tasks
+from benchmarks.audit import drawn_tasks
 from benchmarks.mutations import certified_plans, mutations
 from benchmarks.results import add_row, kept_rows
 from planner.cell import Cell

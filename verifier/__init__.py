@@ -6,6 +6,6 @@ says what it cannot prove, and where. See docs/decisions/0036-a-second-checker.m
 
 from verifier.finding import Finding, Status
 from verifier.plan_document import NotAPlan
-from verifier.verify import Verdict, findings, verify
+from verifier.verify import Verification, findings, verify
 
-__all__ = ["Finding", "NotAPlan", "Status", "Verdict", "findings", "verify"]
+__all__ = ["Finding", "NotAPlan", "Status", "Verification", "findings", "verify"]

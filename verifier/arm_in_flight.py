@@ -9,7 +9,7 @@ from verifier.arm import ArmPieces
 from verifier.capsules import MovingCapsule
 from verifier.elementary import Array, Mask
 from verifier.finding import Finding, Status
-from verifier.flights import STEPS, Patches, Releases
+from verifier.flights import STEPS, FlightPatches, Releases
 from verifier.landing_place import LandingPlace
 from verifier.pieces import Index, Pieces
 from verifier.solids import lengths_up, shortened, toward
@@ -141,7 +141,7 @@ class CapsuleWatch:
             step: parts of ticks that each lasts.
         """
         releases = after.releases
-        flown = Patches(releases, rows, first / releases.grid_hz, (first + step) / releases.grid_hz)
+        flown = FlightPatches(releases, rows, first / releases.grid_hz, (first + step) / releases.grid_hz)
         x, y = flown.ends
         before, later = after.ends(self.capsule, rows, first), after.ends(self.capsule, rows, first + step)
         middle = 0.5 * (x.c0 + y.c0)

@@ -15,15 +15,15 @@ from verifier.drag import releases_of
 from verifier.elementary import ROUNDING, Array
 from verifier.finding import Finding, Status, not_covered
 from verifier.flights import (
+    FlightPatches,
     OutsideMotion,
-    Patches,
     PatchRooms,
     Releases,
     first_patches,
     prove_patches,
     release_pieces,
 )
-from verifier.landing_place import LEVEL_M, LandingPlace, LevelTop, landing_place
+from verifier.landing_place import LEVEL_M, LandingPlace, LandingTop, landing_place
 from verifier.pieces import all_pieces
 from verifier.plan_document import Demands, SampledMotion
 from verifier.solids import from_solid, lengths_up, shortened, support, toward
@@ -78,7 +78,7 @@ def _floor(cell: Cell, place: LandingPlace) -> PatchRooms:
     floor = cell.surroundings.floor_z_m
     touches = floor + cell.object.radius_m
 
-    def rooms(patches: Patches) -> tuple[Array, Array]:
+    def rooms(patches: FlightPatches) -> tuple[Array, Array]:
         # On the floor it lands where it touches that: it only has to begin above. Elsewhere it touches it never.
         if place.height_m is not None and place.height_m <= floor and not place.tops:
             first = patches.s0 == 0.0
@@ -111,7 +111,7 @@ def _solid(cell: Cell, place: LandingPlace, k: int, solid: Solid, is_in_bin: boo
     lies_z = None if place.height_m is None or is_in_bin else place.height_m + cell.object.radius_m
     is_higher = lies_z is not None and bool(solid.upper[2] > lies_z - cell.object.radius_m + LEVEL_M)
 
-    def rooms(patches: Patches) -> tuple[Array, Array]:
+    def rooms(patches: FlightPatches) -> tuple[Array, Array]:
         x, y = patches.ends
         exempt = np.full(len(patches.rows), carries and not place.tops)  # it lands on the floor above it
         for top in place.tops if carries else ():
@@ -136,7 +136,7 @@ def _levelled(x: TaylorModel, z: float) -> TaylorModel:
     return stacked([x[0], x[1], x[2] * 0.0 + z])
 
 
-def _depth(patches: Patches, top: LevelTop) -> Array:
+def _depth(patches: FlightPatches, top: LandingTop) -> Array:
     """Returns lower bounds (m,) [m] on how far within a top's outline flights are."""
     depths = []
     for x in patches.ends:
@@ -152,7 +152,7 @@ def _depth(patches: Patches, top: LevelTop) -> Array:
 def _on_top(place: LandingPlace) -> PatchRooms:
     """Returns how far within the tops on which it lands the centre is as it comes down to their height."""
 
-    def rooms(patches: Patches) -> tuple[Array, Array]:
+    def rooms(patches: FlightPatches) -> tuple[Array, Array]:
         comes = (patches.lowest <= place.ends_z) & ~patches.rises & patches.counts(place.ends_z)
         depth = np.max([_depth(patches, top) for top in place.tops], axis=0)
         return np.where(comes, depth, np.inf)[None], np.full((1, len(depth)), np.inf)
@@ -168,7 +168,7 @@ def _wall(cell: Cell, p_W: Array, inner: float, rim: float) -> PatchRooms:
     thick = cell.object.radius_m - LENGTH_M
     top = float(p_W[2]) + rim
 
-    def rooms(patches: Patches) -> tuple[Array, Array]:
+    def rooms(patches: FlightPatches) -> tuple[Array, Array]:
         squares = []
         for x in patches.ends:
             u, v = x[0] - float(p_W[0]), x[1] - float(p_W[1])

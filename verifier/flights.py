@@ -141,7 +141,7 @@ class Releases:
 
 
 @dataclass(frozen=True, eq=False)
-class Patches:
+class FlightPatches:
     """m patches of flights: some releases, from one time to another.
 
     Attributes:
@@ -201,36 +201,36 @@ class Patches:
     def _rise(self) -> TaylorModel:
         return self.releases.states[1][2, self.rows]
 
-    def chosen(self, which: Mask) -> Patches:
+    def chosen(self, which: Mask) -> FlightPatches:
         """Returns some of the patches."""
-        return Patches(self.releases, self.rows[which], self.s0[which], self.s1[which])
+        return FlightPatches(self.releases, self.rows[which], self.s0[which], self.s1[which])
 
-    def halves(self, of_releases: bool) -> Patches:
+    def halves(self, of_releases: bool) -> FlightPatches:
         """Returns both halves of every patch in time, and of its releases too."""
         middle = 0.5 * (self.s0 + self.s1)
         rows = np.tile(self.rows, 2)
         s0, s1 = np.concatenate([self.s0, middle]), np.concatenate([middle, self.s1])
         if not of_releases:
-            return Patches(self.releases, rows, s0, s1)
+            return FlightPatches(self.releases, rows, s0, s1)
         used, where = np.unique(rows, return_inverse=True)
         halved = self.releases.of(self.releases.pieces.chosen(used).halves())
         rows = np.concatenate([where, where + len(used)])
-        return Patches(halved, rows, np.tile(s0, 2), np.tile(s1, 2))
+        return FlightPatches(halved, rows, np.tile(s0, 2), np.tile(s1, 2))
 
 
-def first_patches(releases: Releases, until_s: float) -> Patches:
+def first_patches(releases: Releases, until_s: float) -> FlightPatches:
     """Returns patches of all releases from each until a time after it [s]."""
     step = STEPS / releases.grid_hz
     times = np.float64(step) * np.arange(int(np.ceil(until_s / step)) + 1, dtype=np.float64)
     count = len(releases.pieces.tick)
     rows = np.repeat(np.arange(count), len(times) - 1)
-    return Patches(releases, rows, np.tile(times[:-1], count), np.tile(times[1:], count))
+    return FlightPatches(releases, rows, np.tile(times[:-1], count), np.tile(times[1:], count))
 
 
-PatchRooms = Callable[[Patches], tuple[Array, Array]]  # bounds on what is left of k limits in m patches (k, m)
+PatchRooms = Callable[[FlightPatches], tuple[Array, Array]]  # bounds on what is left of k limits in m patches (k, m)
 
 
-def prove_patches(name: str, patches: Patches, rooms: PatchRooms, items: list[str]) -> Finding:
+def prove_patches(name: str, patches: FlightPatches, rooms: PatchRooms, items: list[str]) -> Finding:
     """Returns whether nothing of k limits is exceeded in patches of flights; as `verifier.finding.prove`."""
     for turn in range(ROUNDS + 1):
         lower, upper = rooms(patches)

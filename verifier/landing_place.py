@@ -18,7 +18,7 @@ LEAST_CLEARANCE_M = 1e-3  # [m] source: docs/cells.md: a shape's own clearance i
 
 
 @dataclass(frozen=True)
-class LevelTop:
+class LandingTop:
     """The level top of a solid: its height [m], a place in its middle, its sides, and half of these (2,) [m].
 
     Attributes:
@@ -43,7 +43,7 @@ class LevelTop:
         return np.min(self.half.reshape(2, *[1] * (x.ndim - 1)) - np.abs(y), axis=0)
 
 
-def level_top(solid: Solid) -> LevelTop | None:
+def level_top(solid: Solid) -> LandingTop | None:
     """Returns the level top of a solid: of a box with a face above, or an upright cylinder; None without one."""
     R = solid.X_WC[:3, :3]
     half = 0.5 * solid.extent
@@ -52,7 +52,7 @@ def level_top(solid: Solid) -> LevelTop | None:
         return None
     across = [i for i in range(3) if i != axis]
     height = float(solid.X_WC[2, 3] + half[axis])
-    return LevelTop(height, solid.X_WC[:2, 3], R[:2, across].T, half[across], solid.kind == "cylinder")
+    return LandingTop(height, solid.X_WC[:2, 3], R[:2, across].T, half[across], solid.kind == "cylinder")
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +73,7 @@ class LandingPlace:
 
     plane_z: float
     height_m: float | None
-    tops: tuple[LevelTop, ...]
+    tops: tuple[LandingTop, ...]
     ends_z: float
     carries: Mask
     clearances: Array
@@ -112,7 +112,7 @@ def _is_below(solid: Solid, height: float) -> bool:
     return bool(solid.upper[2] <= height + LEVEL_M)
 
 
-def _carriers(cell: Cell, p: Array) -> tuple[float | None, tuple[LevelTop, ...], Mask]:
+def _carriers(cell: Cell, p: Array) -> tuple[float | None, tuple[LandingTop, ...], Mask]:
     """Returns height and tops of what a target (3,) is on, and which solids (b,) carry it, or lie below those."""
     around = cell.surroundings
     lowest = float(p[2]) - max(cell.object.radius_m, CONTACT_M)
@@ -138,13 +138,13 @@ def _carriers(cell: Cell, p: Array) -> tuple[float | None, tuple[LevelTop, ...],
     return height, tuple(near), np.array(carries, bool)
 
 
-def _corners(top: LevelTop) -> Array:
+def _corners(top: LandingTop) -> Array:
     """Returns the corners (2, 4) of the rectangle about a top [m]."""
     signs = np.array([[-1.0, -1.0, 1.0, 1.0], [-1.0, 1.0, -1.0, 1.0]])
     return top.centre[:, None] + top.sides.T @ (top.half[:, None] * signs)
 
 
-def _adjoins(top: LevelTop, other: LevelTop, height: float) -> bool:
+def _adjoins(top: LandingTop, other: LandingTop, height: float) -> bool:
     """Returns whether a top is another one, or beside it and as high, both rectangles along the axes."""
     if top is other:
         return True
@@ -156,7 +156,7 @@ def _adjoins(top: LevelTop, other: LevelTop, height: float) -> bool:
     return bool((gap <= CONTACT_M).all())
 
 
-def _is_under(solid: Solid, tops: list[LevelTop], height: float) -> bool:
+def _is_under(solid: Solid, tops: list[LandingTop], height: float) -> bool:
     """Returns whether a solid is lower than a top and within its outline."""
     corners = np.array(
         [[solid.lower[0], solid.lower[0], solid.upper[0], solid.upper[0]], [*solid.lower[[1]], *solid.upper[[1]]] * 2]

@@ -20,7 +20,7 @@ from verifier.release_checks import landing_findings, release_findings
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Verification:
     """What a verification found.
 
     Attributes:
@@ -43,9 +43,9 @@ class Verdict:
         return tuple(finding for finding in self.findings if finding.status is not Status.PROVEN)
 
 
-def verify(document: Mapping[str, Any], cell: Cell) -> Verdict:
+def verify(document: Mapping[str, Any], cell: Cell) -> Verification:
     """Returns what can be proven of a plan, for all times and all rounding; see `findings`."""
-    return Verdict(tuple(findings(document, cell)))
+    return Verification(tuple(findings(document, cell)))
 
 
 def findings(document: Mapping[str, Any], cell: Cell) -> Iterator[Finding]:

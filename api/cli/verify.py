@@ -13,7 +13,7 @@ from api.cli.support.options import json_option
 from api.cli.support.plan_file import cell_of_plan, plan_in
 
 if TYPE_CHECKING:
-    from verifier import Verdict
+    from verifier import Verification
 
 STATUSES = {"proven": 0, "not proven": 1, "violated": 2}  # source: contract, section 9
 
@@ -41,12 +41,12 @@ def verify(file: Path, cells: Path | None, as_json: bool) -> None:
     sys.exit(STATUSES[verdict.status.value])
 
 
-def _text(verdict: Verdict) -> str:
+def _text(verdict: Verification) -> str:
     checks = len({finding.name for finding in verdict.findings})
     return "\n".join([*map(str, verdict.open), f"{verdict.status}: {checks} checks"])
 
 
-def _document(verdict: Verdict) -> str:
+def _document(verdict: Verification) -> str:
     checks = [
         {"name": each.name, "status": each.status.value, "at_s": each.at_s, "detail": each.detail}
         for each in verdict.findings
