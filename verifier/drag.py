@@ -163,5 +163,5 @@ def _second(x: TaylorModel) -> TaylorModel:
 
 def releases_of(cell: Cell, pieces: Pieces, finer: int = 1) -> Releases:
     """Returns the releases of a cell's object: with drag where it has any."""
-    kind = DragReleases if cell.object.drag_coefficient > 0.0 else Releases
+    kind = DragReleases if drag_of(cell) > 0.0 else Releases
     return kind(cell, pieces, finer)

@@ -12,6 +12,7 @@ from planner.certificate import window_landing_points
 from planner.flight import path
 from planner.planning import plan
 from planner.problem import TargetRelease, ThrowProblem
+from planner.trajectory import Trajectory
 from tests.planner import problems
 from verifier import Status, verify
 from verifier.drag import DragReleases, releases_of
@@ -54,3 +55,17 @@ def test_flights_and_landings_hold_what_an_integration_comes_to(thrown):
     flown = path(p.c0[:, middle], v.c0[:, middle], times, problem.gravity, problem.drag)
     found = releases.at(np.full(len(times), middle), times)
     assert (np.abs(found.c0.T - flown) <= found.r.T + INTEGRATED_M).all()
+
+
+def test_a_point_has_no_drag():
+    here = problems.cell()
+    point = replace(here, object=replace(here.object, drag_coefficient=0.47, radius_m=0.0))
+    document, _ = document_of(*_still(point))
+    releases = releases_of(point, release_pieces(read_motion(document), 0.0))
+    assert not isinstance(releases, DragReleases)
+
+
+def _still(cell):
+    """A problem and a motion of which only its samples matter."""
+    rows = [np.tile(cell.home, (3, 1)), np.zeros((3, 6)), np.zeros((3, 6))]
+    return problems.joint_problem(cell=cell), Trajectory(cell.robot.sample_rate_hz, *rows, release_index=1)
