@@ -106,7 +106,7 @@ def test_a_landing_a_millimetre_off_is_violated(off: list[float]):
 NOT_COVERED = {
     "passage": {"request": {"passages": [{"name": "a"}]}},
     "landing": {"profile": "ball"},
-    "landing_window": {"request": {"min_hit_probability": 0.5}},
+    "landing_window": {"request": {"min_hit_probability": 0.5, "release_window_s": None}},
 }
 
 
@@ -180,14 +180,14 @@ def test_a_certificate_that_forgets_a_wall_is_found_out(monkeypatch: pytest.Monk
     assert "flight_clearance" in {each.name for each in verdict.open}
 
 
-@pytest.mark.parametrize(("change", "status"), [("", 0), ("passage", 1), ("velocity", 2)])
+@pytest.mark.parametrize(("change", "status"), [("", 0), ("profile", 1), ("velocity", 2)])
 def test_the_command_tells_by_its_status(tmp_path: Path, root: Path, change: str, status: int):
     document, _ = document_of(*planned("joint"))
     document["cell_sha256"] = problems.cell().sha256
     for key in ("certificate", "flight", "solver", "id"):
         document[key] = {}
-    if change == "passage":
-        document["request"]["min_hit_probability"] = 0.5
+    if change == "profile":
+        document["profile"] = "ball"
     elif change == "velocity":
         document["request"]["limits"]["velocity"] = [0.5] * 6
     file = tmp_path / "plan.json"
