@@ -146,20 +146,26 @@ def _problem(here: Cell, kind: str, rng: np.random.Generator) -> ThrowProblem | 
     return replace(plain, release_window_s=0.005, landing_tolerance_m=0.02) if kind == "target" else plain
 
 
-def mutations(problem: ThrowProblem, trajectory: Trajectory) -> Iterator[Mutation]:
-    """Yields the mutations of every limit of a plan."""
+def mutations(problem: ThrowProblem, trajectory: Trajectory, inside: float = INSIDE) -> Iterator[Mutation]:
+    """Yields the mutations of every limit of a plan.
+
+    Args:
+        problem: of the plan.
+        trajectory: its motion.
+        inside: share of a peak, or distance [m, rad], by which a limit is drawn inside it.
+    """
     motion = MotionSamples(problem, trajectory)
-    yield from _of_joints(problem, trajectory)
-    yield from _of_tool(problem, motion)
-    yield from _of_safety(problem, motion)
-    yield from _of_surroundings(problem, motion)
+    yield from _of_joints(problem, trajectory, inside)
+    yield from _of_tool(problem, motion, inside)
+    yield from _of_safety(problem, motion, inside)
+    yield from _of_surroundings(problem, motion, inside)
     if not problem.ends_at_rest:
-        yield from _of_object(problem, motion)
+        yield from _of_object(problem, motion, inside)
     if problem.is_robust:
-        yield _of_landing(problem, trajectory)
+        yield _of_landing(problem, trajectory, inside)
 
 
-def _of_joints(problem: ThrowProblem, trajectory: Trajectory) -> Iterator[Mutation]:
+def _of_joints(problem: ThrowProblem, trajectory: Trajectory, inside: float) -> Iterator[Mutation]:
     limits = problem.limits
     t = _dense(trajectory)
 
@@ -173,27 +179,27 @@ def _of_joints(problem: ThrowProblem, trajectory: Trajectory) -> Iterator[Mutati
     jerks = np.abs(trajectory.jerk).max(axis=0)
     farthest = _peaks(lambda t: np.concatenate([trajectory.at(t)[0], -trajectory.at(t)[0]], axis=1).T, t)
     for joint in range(6):
-        tight = 1.0 - INSIDE
+        tight = 1.0 - inside
         yield Mutation(f"qd_max[{joint}]", "joint_velocity", changed("qd_max", joint, speeds[joint] * tight))
         yield Mutation(
             f"qdd_max[{joint}]", "joint_acceleration", changed("qdd_max", joint, accelerations[joint] * tight)
         )
         yield Mutation(f"jerk_max[{joint}]", "joint_jerk", changed("jerk_max", joint, jerks[joint] * tight))
-        yield Mutation(f"q_upper[{joint}]", "joint_position", changed("q_upper", joint, farthest[joint] - INSIDE))
-        yield Mutation(f"q_lower[{joint}]", "joint_position", changed("q_lower", joint, INSIDE - farthest[6 + joint]))
+        yield Mutation(f"q_upper[{joint}]", "joint_position", changed("q_upper", joint, farthest[joint] - inside))
+        yield Mutation(f"q_lower[{joint}]", "joint_position", changed("q_lower", joint, inside - farthest[6 + joint]))
 
 
-def _of_tool(problem: ThrowProblem, motion: MotionSamples) -> Iterator[Mutation]:
+def _of_tool(problem: ThrowProblem, motion: MotionSamples, inside: float) -> Iterator[Mutation]:
     limits = problem.limits
     trajectory = motion.trajectory
     t = _dense(trajectory)
     for joint, peak in enumerate(_peaks(lambda t: torque_sizes(motion, motion.at(t)), t)):
         tau_max = np.array(limits.tau_max)
-        tau_max[joint] = peak * (1.0 - INSIDE)
+        tau_max[joint] = peak * (1.0 - inside)
         tight = replace(limits, tau_max=tau_max)
         yield Mutation(f"tau_max[{joint}]", "joint_torque", lambda tight=tight: replace(problem, limits=tight))
     (fastest,) = _peaks(lambda t: motion.at(t).tool_speed, t)
-    slow = replace(limits, tcp_speed_max=fastest * (1.0 - INSIDE))
+    slow = replace(limits, tcp_speed_max=fastest * (1.0 - inside))
     yield Mutation("tcp_speed_max", "tcp_speed", lambda: replace(problem, limits=slow))
 
     first, last = trajectory.t[list(ticks_around_release(trajectory, SINGULARITY_WINDOW_S))]
@@ -202,11 +208,11 @@ def _of_tool(problem: ThrowProblem, motion: MotionSamples) -> Iterator[Mutation]
     def nearness(t: Vector) -> Vector:
         return -np.abs(signed_singularity_distances(problem.cell.robot, trajectory.at(t)[0])).T
 
-    far = replace(limits, singularity_distance_min=-_peaks(nearness, around).max() + INSIDE)
+    far = replace(limits, singularity_distance_min=-_peaks(nearness, around).max() + inside)
     yield Mutation("singularity_distance_min", "singularity_distance", lambda: replace(problem, limits=far))
 
 
-def _of_safety(problem: ThrowProblem, motion: MotionSamples) -> Iterator[Mutation]:
+def _of_safety(problem: ThrowProblem, motion: MotionSamples, inside: float) -> Iterator[Mutation]:
     here = problem.cell
     t = _dense(motion.trajectory)
     sizes: dict[str, tuple[str, Sizes]] = {
@@ -219,25 +225,25 @@ def _of_safety(problem: ThrowProblem, motion: MotionSamples) -> Iterator[Mutatio
     }
     for name, (check, size) in sizes.items():
         (peak,) = _peaks(lambda t, size=size: size(motion.at(t)), t)
-        safety = replace(here.safety, **{name: peak * (1.0 - INSIDE)})
+        safety = replace(here.safety, **{name: peak * (1.0 - inside)})
         tight = replace(here, safety=safety)
         yield Mutation(name, check, lambda tight=tight: replace(problem, cell=tight))
     held = t[t <= motion.held_until_s]
     (felt,) = _peaks(lambda t: felt_sizes(motion.at(t), False), held)
-    yield _holding_less(problem, "hold_acceleration_m_s2", np.array([felt]))
+    yield _holding_less(problem, "hold_acceleration_m_s2", np.array([felt]), inside)
     for axis, felt in enumerate(_peaks(lambda t: felt_sizes(motion.at(t), True), held)):
         along = np.full(3, STRONG_M_S2)
         along[axis] = felt
-        yield _holding_less(problem, f"hold_acceleration_m_s2[{axis}]", along)
+        yield _holding_less(problem, f"hold_acceleration_m_s2[{axis}]", along, inside)
 
 
-def _holding_less(problem: ThrowProblem, limit: str, felt: Vector) -> Mutation:
-    gripper = replace(problem.cell.gripper, hold_acceleration_m_s2=felt * (1.0 - INSIDE))
+def _holding_less(problem: ThrowProblem, limit: str, felt: Vector, inside: float) -> Mutation:
+    gripper = replace(problem.cell.gripper, hold_acceleration_m_s2=felt * (1.0 - inside))
     weak = replace(problem.cell, gripper=gripper)
     return Mutation(limit, "grip_acceleration", lambda: replace(problem, cell=weak))
 
 
-def _of_surroundings(problem: ThrowProblem, motion: MotionSamples) -> Iterator[Mutation]:
+def _of_surroundings(problem: ThrowProblem, motion: MotionSamples, inside: float) -> Iterator[Mutation]:
     around = problem.cell.surroundings
     body = motion.body
     t = _dense(motion.trajectory)
@@ -253,20 +259,20 @@ def _of_surroundings(problem: ThrowProblem, motion: MotionSamples) -> Iterator[M
 
     lowest = -_peaks(heights, t).max()
     closest = -_peaks(gaps, t).max()
-    yield Mutation("floor_z_m", "floor", standing(floor_z_m=around.floor_z_m + lowest - around.clearance_m + INSIDE))
-    yield Mutation("clearance_m", "keep_out", standing(clearance_m=closest + INSIDE))
+    yield Mutation("floor_z_m", "floor", standing(floor_z_m=around.floor_z_m + lowest - around.clearance_m + inside))
+    yield Mutation("clearance_m", "keep_out", standing(clearance_m=closest + inside))
     places = _peaks(lambda t: np.concatenate([motion.at(t).p_WT, -motion.at(t).p_WT]), t)
     (room,) = around.keep_in
     for axis in range(3):
         upper = np.array(room.upper)
         lower = np.array(room.lower)
-        upper[axis] = places[axis] - INSIDE
-        lower[axis] = -places[3 + axis] + INSIDE
+        upper[axis] = places[axis] - inside
+        lower[axis] = -places[3 + axis] + inside
         yield Mutation(f"keep_in upper[{axis}]", "keep_in", standing(keep_in=(replace(room, upper=upper),)))
         yield Mutation(f"keep_in lower[{axis}]", "keep_in", standing(keep_in=(replace(room, lower=lower),)))
 
 
-def _of_object(problem: ThrowProblem, motion: MotionSamples) -> Iterator[Mutation]:
+def _of_object(problem: ThrowProblem, motion: MotionSamples, inside: float) -> Iterator[Mutation]:
     """Yields a larger object beside the arm, a narrower gripper, and a box that the flight touches."""
     here = problem.cell
     body = motion.body
@@ -279,20 +285,20 @@ def _of_object(problem: ThrowProblem, motion: MotionSamples) -> Iterator[Mutatio
             return -body.pair_distances(body.end_points(motion.poses_at(t)))[of_object]
 
         closest = -_peaks(gaps, held).max()
-        larger = replace(here.object, radius_m=here.object.radius_m + closest - SELF_CLEARANCE_M + INSIDE)
+        larger = replace(here.object, radius_m=here.object.radius_m + closest - SELF_CLEARANCE_M + inside)
         bulky = replace(here, object=larger)
         yield Mutation("object.radius_m", "self_collision", lambda: replace(problem, cell=bulky))
     spread = problem.opening_spread_s
     for delay in (-spread, 0.0, spread):
         arm = motion.at(np.array([motion.trajectory.release_time_s + delay]))
-        narrow = replace(here, gripper=replace(here.gripper, opening_cone_rad=_widest(motion, arm) - INSIDE))
+        narrow = replace(here, gripper=replace(here.gripper, opening_cone_rad=_widest(motion, arm) - inside))
         yield Mutation(
             f"opening_cone_rad, {1e3 * delay:+.0f} ms",
             "opening_direction",
             lambda narrow=narrow: replace(problem, cell=narrow),
         )
         around = here.surroundings
-        beside = replace(around, keep_out=(*around.keep_out, _box_beside(problem, arm)))
+        beside = replace(around, keep_out=(*around.keep_out, _box_beside(problem, arm, inside)))
         walled = replace(here, surroundings=beside)
         yield Mutation(
             f"keep_out beside the flight, {1e3 * delay:+.0f} ms",
@@ -331,12 +337,13 @@ def _widest(motion: MotionSamples, released: ArmSamples) -> float:
     return float(_peaks(angles, s[: len(s) if within.all() else int(within.argmin())])[0])
 
 
-def _box_beside(problem: ThrowProblem, released: ArmSamples) -> Box:
+def _box_beside(problem: ThrowProblem, released: ArmSamples, inside: float) -> Box:
     """Returns a box whose edge the object touches half-way to the ground: the flight's plane passes it by its radius.
 
     Args:
         problem: whose object flies without drag.
         released: the arm at the one instant of the release.
+        inside: by how much it touches it [m].
     """
     p = released.p_WT[:, 0]
     v = released.v_WT[:, 0]
@@ -345,18 +352,18 @@ def _box_beside(problem: ThrowProblem, released: ArmSamples) -> Box:
     s = 0.5 * flight.time_of_flight_s
     half_way = p + v * s - 0.5 * problem.gravity * s * s * np.array([0.0, 0.0, 1.0])
     aside = np.array([-v[1], v[0]]) / np.hypot(v[0], v[1])
-    edge = half_way[:2] + aside * (problem.cell.object.radius_m - INSIDE)
+    edge = half_way[:2] + aside * (problem.cell.object.radius_m - inside)
     corners = np.stack([edge, edge + np.copysign(BOX_M, aside)])
     lower = np.append(corners.min(axis=0), half_way[2] - BOX_M)
     upper = np.append(corners.max(axis=0), half_way[2] + BOX_M)
     return Box(lower, upper)
 
 
-def _of_landing(problem: ThrowProblem, trajectory: Trajectory) -> Mutation:
+def _of_landing(problem: ThrowProblem, trajectory: Trajectory, inside: float) -> Mutation:
     window = problem.release_window_s
     delays = np.linspace(-window, window, A_TICK * 2 * math.ceil(window / trajectory.dt) + 1)
     (farthest,) = _peaks(lambda delays: landing_errors(problem, trajectory, delays), delays)
-    narrow = farthest * (1.0 - INSIDE)
+    narrow = farthest * (1.0 - inside)
     return Mutation("landing_tolerance_m", "landing_window", lambda: replace(problem, landing_tolerance_m=narrow))
 
 

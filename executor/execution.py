@@ -15,7 +15,14 @@ from executor import records
 from executor import shared_memory as shm
 from executor.grippers import GripperConnection, GripperUnavailable
 from executor.lost_object import object_words, told_opening
-from executor.preflight import ExecutionRefused, gripper_is_open, output_level_warnings, readiness, verify_plan
+from executor.preflight import (
+    ExecutionRefused,
+    gripper_is_open,
+    output_level_warnings,
+    prove_plan,
+    readiness,
+    verify_plan,
+)
 from executor.preparation import landing_of, prepare_job
 from executor.replacement import CannotJoin, Certifier, Motion, Question
 from executor.robot import RobotSession, RobotState
@@ -67,7 +74,7 @@ class Execution:
         cell = self.session.cell
         session = self.session
         session.kinematics_reader.read()
-        self.motions = [Motion(*verify_plan(document, cell, self.profile))]
+        self.motions = [self._motion_of(document)]
         if not self.problem.starts_at_rest:
             raise ExecutionRefused("the plan starts in motion: it can only replace a running one")
         ready = readiness(session)
@@ -141,6 +148,17 @@ class Execution:
     def aim_shift(self) -> NDArray[np.float64]:
         """By how much the aim lies off the target (3,) [m]."""
         return self.motion.aim_shift
+
+    def _motion_of(self, document: bytes) -> Motion:
+        """Returns the motion of a plan, certified again, and proven where the settings say so.
+
+        Raises:
+            ExecutionRefused: it is not.
+        """
+        motion = Motion(*verify_plan(document, self.session.cell, self.profile))
+        if self.session.settings.must_be_proven:
+            prove_plan(document, self.session.cell)
+        return motion
 
     def replace(self, document: bytes, certifier: Certifier) -> float:
         """Goes on with a plan that begins on the running motion; returns when it begins, on this run's clock [s].

@@ -28,6 +28,7 @@ from planner.robots import ROBOT_NAMES, Robot, robot
 from planner.rotations import matrix_to_rotation_vector, rotation_vector_to_matrix
 from planner.trajectory import Trajectory
 from store import PlanRow, ProfileRow
+from verifier import NotAPlan, verify
 
 Vector = NDArray[np.float64]
 
@@ -118,6 +119,21 @@ def verify_plan(
         names = ", ".join(f"{c.name} ({c.value:.4g} against {c.limit:.4g} {c.unit})" for c in failures)
         raise ExecutionRefused(f"the plan fails the certificate that the executor made: {names}")
     return problem, trajectory, shift
+
+
+def prove_plan(document: bytes, cell: Cell) -> None:
+    """Proves a plan that was certified, by the verifier, which shares nothing with the certificate.
+
+    Raises:
+        ExecutionRefused: it is not proven; with the checks, and where.
+    """
+    try:
+        verdict = verify(orjson.loads(document), cell)
+    except NotAPlan as error:
+        raise ExecutionRefused(f"the plan cannot be verified: {error}") from error
+    if verdict.open:
+        why = "; ".join(map(str, verdict.open))
+        raise ExecutionRefused(f"FLING_VERIFY is on, and the plan is {verdict.status}: {why}")
 
 
 def _other_flight(plan: Mapping[str, Any], own: Cell) -> str | None:

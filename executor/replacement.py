@@ -22,7 +22,7 @@ import orjson
 from numpy.typing import NDArray
 
 from executor import realtime
-from executor.preflight import ExecutionRefused, verify_plan
+from executor.preflight import ExecutionRefused, prove_plan, verify_plan
 from executor.preparation import RunningRows, landing_of, prepare_job
 from executor.settings import ExecutorSettings
 from executor.shared_memory import OFFER_BYTES, SWITCHES_MAX
@@ -118,6 +118,8 @@ def _answer(question: Question) -> Replacement | str:
     try:
         asked_s = _asked_s(question)
         plan = Motion(*verify_plan(question.document, question.cell, question.profile), asked_s)
+        if question.settings.must_be_proven:
+            prove_plan(question.document, question.cell)
         motion = joined(question.running, job, plan, question.present)
         landing = landing_of(question.document, motion.problem, motion.trajectory, question.profile)
         made = joined_job(motion, job, question.settings, landing, question.present)

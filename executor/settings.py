@@ -34,6 +34,7 @@ class ExecutorSettings:
         core: processor of the streaming process; -1: any.
         keep_awake: keep that processor from sleeping during an execution.
         approach_pace: pace of the approach to the plan's start [-]; 2 takes half as long as 1.
+        must_be_proven: whether the verifier has to prove a plan, too, before it is made.
 
     Raises:
         ValueError: a value out of its range.
@@ -49,6 +50,7 @@ class ExecutorSettings:
     core: int = realtime.ANY_CORE
     keep_awake: bool = True
     approach_pace: float = 1.0
+    must_be_proven: bool = False
 
     def __post_init__(self) -> None:
         if self.watchdog_hz is not None and not WATCHDOG_MIN_HZ <= self.watchdog_hz <= WATCHDOG_MAX_HZ:
@@ -86,12 +88,13 @@ class ExecutorSettings:
             core=realtime.default_core(environment),
             keep_awake=_switch(environment, "FLING_KEEP_AWAKE"),
             approach_pace=float(environment.get("FLING_APPROACH_PACE") or 1.0),
+            must_be_proven=_switch(environment, "FLING_VERIFY", "off"),
         )
 
 
-def _switch(environment: Mapping[str, str], name: str) -> bool:
-    """Returns the value of an on/off variable; on by default."""
-    word = environment.get(name) or "on"
+def _switch(environment: Mapping[str, str], name: str, default: str = "on") -> bool:
+    """Returns the value of an on/off variable."""
+    word = environment.get(name) or default
     if word not in SWITCH:
         raise ValueError(f"{name} {word!r} is neither 'on' nor 'off'")
     return SWITCH[word]

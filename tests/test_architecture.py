@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-ROOMS = ("fling", "planner", "store", "learning", "jobs", "api", "executor", "simulator", "benchmarks")
+ROOMS = ("fling", "planner", "store", "learning", "jobs", "api", "executor", "simulator", "verifier", "benchmarks")
 FOLDERS = (*ROOMS, "tests", "docs")  # that hold code of this project
 # contract: (module of the copy, the module that a forbidden import of it names). One line each.
 PLANTED = {
@@ -22,6 +22,7 @@ PLANTED = {
     "planner": ("planner/certificate/__init__.py", "planner.backends.ruckig_otg"),
     "back-ends": ("planner/backends/ruckig_otg/__init__.py", "planner.backends.profiles"),
     "certificate": ("planner/backends/profiles.py", "planner.certificate"),
+    "verifier": ("verifier/joint_checks.py", "planner.certificate"),
     "pure": ("planner/cell/model.py", "pydantic"),
     "library": ("fling/planning.py", "store"),
     "executor": ("executor/stream_job.py", "planner.planning"),
@@ -50,6 +51,7 @@ FACES = (
     "planner.cell",
     "store",
     "store.many",
+    "verifier",
     "learning",
     "jobs.planning",
     "jobs.maps",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from api.cli.support.plan_file import plan_in
+from api.cli.support.plan_file import cell_of_plan, plan_in
 
 if TYPE_CHECKING:
     from planner.cell import Cell
@@ -57,7 +57,7 @@ def _program_text(plan: dict[str, Any], cells: Path | None) -> str:
     from planner.passages import output_edges
     from planner.stream_rows import controller_program, sample_rows
 
-    cell = _cell_of(plan, cells)
+    cell = cell_of_plan(plan, cells)
     problem, trajectory = plan_from_document(plan, cell)
     if problem.starts_at_s is not None:
         what = f"the plan starts at {problem.starts_at_s:.3f} s of the controller's clock, for a target that moves"
@@ -70,19 +70,6 @@ def _program_text(plan: dict[str, Any], cells: Path | None) -> str:
     brakes = find_brakes(problem.cell, rows.q, rows.qd, rows.qdd, trajectory.dt, problem.holds_object)
     program = controller_program(problem.cell, rows, brakes)
     return program.text(None, _head(plan, cell, trajectory, program))
-
-
-def _cell_of(plan: dict[str, Any], cells: Path | None) -> Cell:
-    from api.cell_repository import CellRepository
-    from api.settings import parse_settings
-
-    folder = cells or parse_settings().cells
-    cell = CellRepository(folder).cell(plan["cell"])
-    if cell is None:
-        raise click.ClickException(f"there is no cell {plan['cell']!r} in {folder}")
-    if cell.sha256 != plan["cell_sha256"]:
-        raise click.ClickException(f"the plan is for another version of cell {cell.name!r}: plan it again")
-    return cell
 
 
 def _head(plan: dict[str, Any], cell: Cell, trajectory: Trajectory, program: ControllerProgram) -> list[str]:

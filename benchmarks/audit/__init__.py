@@ -5,7 +5,7 @@ from benchmarks.audit.distances import coal_mesh, coal_solid, self_pairs
 from benchmarks.audit.fault import AuditFault, over, under
 from benchmarks.audit.flights import clearance_faults, release_state
 from benchmarks.audit.landings import flight_faults, landing_errors
-from benchmarks.audit.run import AuditResult, run_audit
+from benchmarks.audit.run import AuditResult, drawn_tasks, run_audit
 
 __all__ = [
     "AuditResult",
@@ -13,6 +13,7 @@ __all__ = [
     "clearance_faults",
     "coal_mesh",
     "coal_solid",
+    "drawn_tasks",
     "find_faults",
     "flight_faults",
     "landing_errors",

@@ -14,6 +14,7 @@ from executor.preflight import (
     control_warnings,
     gripper_is_open,
     output_level_warnings,
+    prove_plan,
     refusals,
     verify_plan,
 )
@@ -111,6 +112,19 @@ class TestPlan:
     def test_a_good_plan_passes(self, prepared: Prepared, document: dict) -> None:
         _, trajectory, _ = verify_plan(orjson.dumps(document), prepared.cell)
         assert np.array_equal(trajectory.q, document["trajectory"]["positions"])
+
+    def test_a_good_plan_is_proven(self, prepared: Prepared, document: dict) -> None:
+        prove_plan(orjson.dumps(document), prepared.cell)
+
+    def test_a_plan_that_is_not_proven_is_refused_with_check_and_time(self, prepared: Prepared, document: dict) -> None:
+        document["request"]["limits"] = {"velocity": 1.0}
+        with pytest.raises(ExecutionRefused, match=r"is violated: violated: joint_velocity at 0\.\d+ s: \w+_joint"):
+            prove_plan(orjson.dumps(document), prepared.cell)
+
+    def test_a_plan_that_is_not_covered_is_refused_and_says_so(self, prepared: Prepared, document: dict) -> None:
+        document["profile"] = "one"
+        with pytest.raises(ExecutionRefused, match="not covered: a learnt profile"):
+            prove_plan(orjson.dumps(document), prepared.cell)
 
     def test_another_cell_file_is_refused(self, prepared: Prepared, document: dict) -> None:
         other = replace(prepared.cell, sha256="0" * 64)

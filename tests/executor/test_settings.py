@@ -29,6 +29,13 @@ def test_the_environment_and_the_command_line(tmp_path: Path) -> None:
     assert settings.data == tmp_path / "executor" / "b"
 
 
+def test_plans_have_to_be_proven_where_that_is_asked_for() -> None:
+    assert not ExecutorSettings.from_environment(HOME, None, False).must_be_proven
+    assert ExecutorSettings.from_environment({**HOME, "FLING_VERIFY": "on"}, None, False).must_be_proven
+    with pytest.raises(ValueError, match="FLING_VERIFY"):
+        ExecutorSettings.from_environment({**HOME, "FLING_VERIFY": "yes"}, None, False)
+
+
 @pytest.mark.parametrize("hz", ["5", "100", "nan"])
 def test_a_watchdog_that_guards_nothing_or_trips_by_itself_is_refused(hz: str) -> None:
     with pytest.raises(ValueError, match="FLING_WATCHDOG_HZ"):

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from planner.documents import read_text
+
+if TYPE_CHECKING:
+    from planner.cell import Cell
 
 PLAN_BYTES = 50_000_000  # [byte] of a plan; one of a second has 300,000
 # Keys of a plan that a report needs; a list of plans leaves out the trajectory.
@@ -37,3 +40,21 @@ def plan_in(file: Path) -> dict[str, Any]:
         if key not in plan:
             raise click.ClickException(f"{file} is not a plan: it lacks {key!r}")
     return plan
+
+
+def cell_of_plan(plan: dict[str, Any], cells: Path | None) -> Cell:
+    """Returns the cell of a plan, from a folder or that of the settings.
+
+    Raises:
+        click.ClickException: there is none, or another version of it.
+    """
+    from api.cell_repository import CellRepository
+    from api.settings import parse_settings
+
+    folder = cells or parse_settings().cells
+    cell = CellRepository(folder).cell(plan["cell"])
+    if cell is None:
+        raise click.ClickException(f"there is no cell {plan['cell']!r} in {folder}")
+    if cell.sha256 != plan["cell_sha256"]:
+        raise click.ClickException(f"the plan is for another version of cell {cell.name!r}: plan it again")
+    return cell

@@ -1,0 +1,54 @@
+"""The command verify: a plan proven anew."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from api.cli.support.options import json_option
+from api.cli.support.plan_file import cell_of_plan, plan_in
+
+if TYPE_CHECKING:
+    from verifier import Verification
+
+STATUSES = {"proven": 0, "not proven": 1, "violated": 2}  # source: contract, section 9
+
+
+@click.command()
+@click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="PLAN")
+@click.option("--cells", type=click.Path(exists=True, file_okay=False, path_type=Path), help="FLING_CELLS.")
+@json_option
+def verify(file: Path, cells: Path | None, as_json: bool) -> None:
+    """Prove the plan in PLAN (JSON as from `fling plan` or GET /plans/{id}) anew, for all times and all rounding.
+
+    The verifier shares neither code nor tolerances with the certificate. It writes what is not proven, with the time.
+    Exit status: 0 proven; 1 not proven, or wrong input; 2 violated.
+    """
+    from planner.errors import PlannerError
+    from verifier import NotAPlan
+    from verifier import verify as verdict_of
+
+    plan = plan_in(file)
+    try:
+        verdict = verdict_of(plan, cell_of_plan(plan, cells))
+    except (NotAPlan, PlannerError) as error:
+        raise click.ClickException(f"{file}: {error}") from error
+    click.echo(_document(verdict) if as_json else _text(verdict))
+    sys.exit(STATUSES[verdict.status.value])
+
+
+def _text(verdict: Verification) -> str:
+    checks = len({finding.name for finding in verdict.findings})
+    return "\n".join([*map(str, verdict.open), f"{verdict.status}: {checks} checks"])
+
+
+def _document(verdict: Verification) -> str:
+    checks = [
+        {"name": each.name, "status": each.status.value, "at_s": each.at_s, "detail": each.detail}
+        for each in verdict.findings
+    ]
+    return json.dumps({"status": verdict.status.value, "checks": checks})

@@ -1,0 +1,145 @@
+"""Checks of the state in which the object leaves, and of where it lands."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from planner.cell import Cell
+from verifier.arm import ArmPieces
+from verifier.drag import releases_of
+from verifier.elementary import Array
+from verifier.finding import Finding, Status, judged, not_covered
+from verifier.flights import OutsideMotion, Releases, release_pieces
+from verifier.plan_document import Aim, Demands, SampledMotion
+from verifier.taylor import TaylorModel, dot
+
+PLACE = 2e-5  # [m, rad] of a release; an arm of UR repeats its places to 3e-5 m. source: Universal Robots, data sheets
+SPEED = 2e-4  # [m/s, rad/s] of a release: a fifth of a millimetre in a flight of a second
+LANDING_M = 6e-4  # [m] of the nominal landing: what a bouncing ball, or a camera, tells of it is ten times coarser
+SHARE = 1e-6  # [-] of a limit
+HALVINGS = 6  # [-] of a piece of releases
+
+
+def release_findings(cell: Cell, motion: SampledMotion, demands: Demands) -> Iterator[Finding]:
+    """Returns the findings about the state at the release."""
+    if motion.release is None or not demands.kind:
+        return
+    at_s = motion.release / motion.rate_hz
+    for name, off, allowed, detail in _deviations(cell, motion, demands):
+        least = allowed - float(np.max(off.upper if isinstance(off, TaylorModel) else off))
+        most = allowed - float(np.max(off.lower if isinstance(off, TaylorModel) else off))
+        yield judged(name, least, most, at_s, detail)
+
+
+def _deviations(
+    cell: Cell, motion: SampledMotion, demands: Demands
+) -> Iterator[tuple[str, TaylorModel | Array, float, str]]:
+    """Returns check, deviation, what is allowed of it, and what it is of; squares of lengths."""
+    asked = demands.release
+    arm = ArmPieces(cell, release_pieces(motion, 0.0))
+    place, velocity = ("release_position", "release_velocity")
+    if demands.kind == "joint":
+        k = motion.release
+        yield place, np.abs(motion.q[k] - np.asarray(asked["positions"])), PLACE, "a joint's position"
+        yield velocity, np.abs(motion.qd[k] - np.asarray(asked["velocities"])), SPEED, "a joint's velocity"
+    elif demands.kind == "point":
+        yield place, _square(arm.p_WT - demands.place(asked["position"])[:, None]), PLACE**2, "squared, in m"
+        yield velocity, _square(arm.v_WT - demands.direction(asked["velocity"])[:, None]), SPEED**2, "squared, in m/s"
+    elif demands.kind == "pose":
+        X, V = asked["pose"], asked["twist"]
+        R = demands.R_WR @ _orientation(X)
+        apart = arm.R_WT - R[:, :, None]
+        turn = dot(apart[:, 0], apart[:, 0]) + dot(apart[:, 1], apart[:, 1]) + dot(apart[:, 2], apart[:, 2])
+        w = arm.turning[6][0] - demands.direction(V["angular"])[:, None]
+        yield place, _square(arm.p_WT - demands.place(X["position"])[:, None]), PLACE**2, "squared, in m"
+        # Turned by an angle, a matrix is 2 sqrt(2) sin(angle / 2) away in the sum of squares.
+        yield place, turn, 2.0 * PLACE**2, "orientation: twice the squared angle"
+        yield velocity, _square(arm.v_WT - demands.direction(V["linear"])[:, None]), SPEED**2, "squared, in m/s"
+        yield velocity, _square(w), SPEED**2, "squared, in rad/s"
+    else:
+        yield from _of_target(arm, demands)
+
+
+def _of_target(arm: ArmPieces, demands: Demands) -> Iterator[tuple[str, TaylorModel | Array, float, str]]:
+    """Returns the deviations from what a target says of the release itself."""
+    asked = demands.release
+    assert demands.aim is not None
+    place, velocity = ("release_position", "release_velocity")
+    if (given := asked.get("release_position")) is not None:
+        yield place, _square(arm.p_WT - demands.place(given)[:, None]), PLACE**2, "squared, in m"
+    elif (least := float(asked.get("min_horizontal_distance_m") or 0.0)) > 0.0:
+        apart = (arm.p_WT - demands.aim.p_W[:, None])[:2]
+        off = apart[0] * apart[0] + apart[1] * apart[1]
+        yield place, -off, -((least * (1.0 - SHARE)) ** 2), "squared horizontal distance to the target, in m"
+    v = arm.v_WT
+    if (most := asked.get("max_release_speed_m_s")) is not None:
+        yield velocity, _square(v), (float(most) + SPEED) ** 2, "squared speed, in m/s"
+    level = (v[0] * v[0] + v[1] * v[1]).square_root()
+    for key, sign in (("min_elevation_rad", -1.0), ("max_elevation_rad", 1.0)):
+        limit = asked.get(key)
+        if limit is not None and abs(float(limit)) < math.pi / 2:
+            # Above the line of that elevation v_z cos - |v_xy| sin is positive; over the speed it is the angle's sine.
+            above = v[2] * math.cos(float(limit)) - level * math.sin(float(limit))
+            speed = float(np.sqrt(_square(v).upper.max()))
+            yield velocity, above * sign, SPEED * speed, "across the elevation asked for, in m/s"
+
+
+def _square(x: TaylorModel) -> TaylorModel:
+    return dot(x, x)
+
+
+def _orientation(pose: Any) -> Array:
+    """Returns the rotation (3, 3) of a pose, by its quaternion or by its rotation vector."""
+    if pose.get("quaternion") is not None:
+        x, y, z, w = np.asarray(pose["quaternion"], np.float64) / np.linalg.norm(pose["quaternion"])
+    else:
+        vector = np.asarray(pose["rotation_vector"], np.float64)
+        angle = float(np.linalg.norm(vector))
+        x, y, z = vector * (math.sin(0.5 * angle) / angle if angle > 0.0 else 0.5)
+        w = math.cos(0.5 * angle)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def landing_findings(cell: Cell, motion: SampledMotion, demands: Demands) -> Iterator[Finding]:
+    """Returns the findings about the landing of the nominal release, and of those in the window."""
+    aim = demands.aim
+    if not demands.throws or aim is None:
+        return
+    yield _landing("landing", releases_of(cell, release_pieces(motion, 0.0)), aim, LANDING_M)
+    if aim.window_s > 0.0 and aim.tolerance_m > 0.0:
+        try:
+            window = release_pieces(motion, aim.window_s)
+        except OutsideMotion as error:
+            yield not_covered("landing_window", str(error))
+            return
+        yield _landing("landing_window", releases_of(cell, window), aim, aim.tolerance_m * (1.0 + SHARE))
+
+
+def _landing(name: str, releases: Releases, aim: Aim, allowed: float) -> Finding:
+    """Returns whether all flights come down through the target's height within a distance of it [m]."""
+    for turn in range(HALVINGS + 1):
+        off = releases.falls_through(float(aim.p_W[2])) - aim.p_W[:, None]
+        missed = off[0] * off[0] + off[1] * off[1]
+        lower, upper = allowed**2 - missed.upper, allowed**2 - missed.lower
+        at_s = releases.pieces.middle_s
+        if (broken := np.flatnonzero(upper < 0.0)).size:
+            by = math.sqrt(float(missed.lower[broken[0]]))
+            return Finding(name, Status.VIOLATED, float(at_s[broken[0]]), f"lands {by:.5f} m off at least")
+        is_open = ~(lower >= 0.0)
+        if not is_open.any():
+            return Finding(name, Status.PROVEN)
+        if turn == HALVINGS:
+            first = int(np.flatnonzero(is_open)[0])
+            return Finding(name, Status.NOT_PROVEN, float(at_s[first]), "lands off the target, or never")
+        releases = releases.of(releases.pieces.chosen(is_open).halves())
+    raise AssertionError("the last turn returns")
