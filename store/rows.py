@@ -204,6 +204,23 @@ class LandingRow:
 
 
 @dataclass(frozen=True)
+class TrackedTargetRow:
+    """A target of a cell that is observed again and again.
+
+    Attributes:
+        observed_at: When its last observation was stored [s since the epoch].
+        track: What is known of it; see `planner.tracking.TargetTrack`.
+    """
+
+    id: str
+    cell: str
+    created_at: float
+    created_by: str
+    observed_at: float
+    track: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
 class ExperimentRow:
     """A series of executions; `settings` is what its client keeps with it."""
 

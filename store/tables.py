@@ -28,6 +28,7 @@ from store.rows import (
     PlanRow,
     ProfileRow,
     RecordingRow,
+    TrackedTargetRow,
 )
 
 METADATA = MetaData()
@@ -69,6 +70,8 @@ executions = _table("executions", ExecutionRow)
 events = _table("events", EventRow)  # written by executor; the first event of an execution by api
 recordings = _table("recordings", RecordingRow, earlier_csv="csv")  # written by executor
 landings = _table("landings", LandingRow)  # written by api; by executor for a simulated camera; withdrawn_* by api
+
+targets = _table("targets", TrackedTargetRow)  # written by api
 
 # api: acknowledge_requested_at, acknowledged_by, robot_request. executor: all others.
 cells = _table("cells", CellRow)
