@@ -46,6 +46,14 @@ from api.schemas.responses import (
     iso_time,
 )
 from api.schemas.scene import CellModel, PlanCurves
+from api.schemas.targets import (
+    OBSERVATION_EXAMPLES,
+    TARGET_EXAMPLES,
+    ObservationRequest,
+    TrackedTargetAnswer,
+    TrackedTargetList,
+    TrackedTargetRequest,
+)
 from api.schemas.timing import TimingAnswer
 
 __all__ = [
@@ -57,8 +65,10 @@ __all__ = [
     "ID_PATTERN",
     "LANDING_EXAMPLES",
     "MAP_EXAMPLES",
+    "OBSERVATION_EXAMPLES",
     "PLAN_EXAMPLES",
     "ROBOT_EXAMPLES",
+    "TARGET_EXAMPLES",
     "UUID_PATTERN",
     "Acknowledged",
     "Adoption",
@@ -88,6 +98,7 @@ __all__ = [
     "MapAnswer",
     "MapBody",
     "MapHead",
+    "ObservationRequest",
     "Outcome",
     "PlanAnswer",
     "PlanCurves",
@@ -104,6 +115,9 @@ __all__ = [
     "StateEvent",
     "TelemetryEvent",
     "TimingAnswer",
+    "TrackedTargetAnswer",
+    "TrackedTargetList",
+    "TrackedTargetRequest",
     "TrajectoryAnswer",
     "iso_time",
 ]

@@ -23,6 +23,7 @@ from planner.fields import (
     Shape,
     Text,
     Vector,
+    VectorOr,
     Whole,
     Yes,
 )
@@ -79,6 +80,8 @@ def _type_of_numbers(shape: Shape) -> Any:
             return Annotated[float, Field(gt=above, le=most)]
         case Vector(size):
             return Annotated[list[Number], Field(min_length=size, max_length=size)]
+        case VectorOr(vector, record):
+            return _type_of(vector) | _model_of(record)
         case PerJoint():
             return Number | Joints
     raise TypeError(shape)
