@@ -93,6 +93,11 @@ class ObservationRefused(Exception):
         super().__init__(reason)
         self.field = field
 
+    @property
+    def contradicts(self) -> bool:
+        """Whether the target was seen elsewhere than expected; otherwise the observation comes too late."""
+        return self.field != "observed_at_s"
+
 
 @dataclass(frozen=True)
 class TargetTrack:

@@ -146,7 +146,7 @@ class ExecutionRow:
 
 @dataclass(frozen=True)
 class EventRow:
-    """One event of an execution; `kind` is "state" or "telemetry"."""
+    """One event of an execution; `kind` is "state", "telemetry" or "target"."""
 
     id: int
     execution_id: str

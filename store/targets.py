@@ -77,18 +77,20 @@ class TrackedTargetRepository(Repository):
         query = select(targets).where(targets.c.cell == cell)
         return self._rows(TrackedTargetRow, query.order_by(targets.c.id.desc()))
 
-    def delete_target(self, cell: str, id: str, audit: AuditLine | None = None) -> None:
-        """Deletes one target of a cell.
+    def delete_target(self, cell: str, id: str, audit: AuditLine | None = None) -> TrackedTargetRow:
+        """Deletes one target of a cell, and returns it.
 
         Raises:
             UnknownRow: The cell has no such target.
         """
         with writing(self._engine) as connection:
-            gone = delete(targets).where(targets.c.cell == cell, targets.c.id == id)
-            if not connection.execute(gone).rowcount:
+            gone = delete(targets).where(targets.c.cell == cell, targets.c.id == id).returning(*targets.c)
+            found = connection.execute(gone).one_or_none()
+            if found is None:
                 raise UnknownRow(_missing(cell, id))
             connection.execute(delete(idempotency).where(idempotency.c.resource_id == id))
             write_audit(connection, audit, f"/cells/{cell}/targets/{id}")
+        return TrackedTargetRow(**found._mapping)
 
 
 def _missing(cell: str, id: str) -> str:

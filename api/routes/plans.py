@@ -373,8 +373,8 @@ def _with_tracked_target(service: Service, request: dict[str, Any]) -> dict[str,
     if not names_tracked_target(request):
         return request
     release = request["release"]
-    id = release["position"]["target"]
     try:
+        id = tracked_id(service, request["cell"], release["position"]["target"])
         row = service.store.target(request["cell"], id)
     except UnknownRow as error:
         raise invalid_field("release.position.target", str(error)) from error
@@ -391,6 +391,18 @@ def _with_tracked_target(service: Service, request: dict[str, Any]) -> dict[str,
         "tracked_target": row.id,
     }
     return {**request, "release": {**release, **known}}
+
+
+def tracked_id(service: Service, cell: str, id: str) -> str:
+    """Returns the id of a target of a cell, given that or `latest`.
+
+    Raises:
+        UnknownCell: There is no such cell.
+    """
+    service.cells.required(cell)
+    if id != "latest":
+        return id
+    return next((row.id for row in service.store.targets_of_cell(cell)), id)
 
 
 def _height_m(track: TargetTrack, cell: Cell) -> float:

@@ -6,14 +6,16 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Body, Response
+from fastapi import APIRouter, Body
 from fastapi.responses import JSONResponse
+from starlette.concurrency import run_in_threadpool
 
 from api.dependencies import AnyCaller, Key, OperateCaller, Origin, Service, ServiceDep, id_in_path, make_once
-from api.http import ProblemDetails, StrictJsonRoute, invalid_field, invalid_fields, json_answer, problem_answers
+from api.http import ProblemDetails, StrictJsonRoute, invalid_field, invalid_fields, json_answer
 from api.routes.cells import CellName
+from api.routes.following import follow_target
 from api.routes.landings import check_place
-from api.routes.plans import POST_PROBLEMS, controller_time_s
+from api.routes.plans import POST_PROBLEMS, controller_time_s, tracked_id
 from api.schemas import (
     OBSERVATION_EXAMPLES,
     TARGET_EXAMPLES,
@@ -23,7 +25,6 @@ from api.schemas import (
     TrackedTargetRequest,
     iso_time,
 )
-from planner.cell import Cell
 from planner.releases.target import TARGET_SPEED_MAX_M_S
 from planner.tracking import ObservationRefused, TargetObservation, TargetTrack
 from store import TrackedTargetRow
@@ -51,8 +52,7 @@ def track_target(
     A Kalman filter of constant velocity joins the observations. The 100 targets of a cell that were observed last
     are kept, for an hour after their last observation.
     """
-    cell = service.cell(name)
-    seen = _observation(service, cell, body)
+    seen = _observation(service, name, body)
 
     def make() -> str:
         track = TargetTrack.begun(seen, body.drift_m_s)
@@ -81,7 +81,7 @@ def list_targets(name: CellName, service: ServiceDep, caller: AnyCaller) -> JSON
 )
 def read_target(name: CellName, id: TargetId, service: ServiceDep, caller: AnyCaller) -> JSONResponse:
     """Reads place and velocity of a target, and how well they are known, as of its last observation."""
-    return JSONResponse(_document(service.store.target(name, _id_of(service, name, id))))
+    return JSONResponse(_document(service.store.target(name, tracked_id(service, name, id))))
 
 
 @router.post(
@@ -90,62 +90,65 @@ def read_target(name: CellName, id: TargetId, service: ServiceDep, caller: AnyCa
     summary="Observe a target",
     responses=json_answer(201, TrackedTargetAnswer, "With this observation.", *POST_PROBLEMS, "not-found"),
 )
-def observe_target(
-    name: CellName, id: TargetId, body: ObservationBody, service: ServiceDep, caller: OperateCaller
+async def observe_target(
+    name: CellName, id: TargetId, body: ObservationBody, service: ServiceDep, caller: OperateCaller, origin: Origin
 ) -> JSONResponse:
-    """Adds an observation to what is known of a target.
+    """Adds an observation to what is known of a target. **May change or stop a throw at it.**
 
     One that is no later than the last, or farther from what was predicted than five standard deviations, is refused,
-    and changes nothing.
+    and changes nothing of what is known. A throw at the target that waits for its start is planned again where the
+    target will pass elsewhere; one in motion that would miss is stopped while the object is still held, also where it
+    is a refused observation that says so.
     """
-    cell = service.cell(name)
-    seen = _observation(service, cell, body)
+    seen = await run_in_threadpool(_observation, service, name, body)
+    try:
+        row = await run_in_threadpool(_observed, service, name, id, seen)
+    except ObservationRefused as refused:
+        if refused.contradicts:
+            known = await run_in_threadpool(lambda: service.store.target(name, tracked_id(service, name, id)))
+            await follow_target(service, known, caller, origin, contradicting=seen)
+        raise invalid_field(refused.field, str(refused)) from refused
+    await follow_target(service, row, caller, origin)
+    return JSONResponse(_document(row), 201, {"Location": f"/cells/{name}/targets/{row.id}"})
+
+
+def _observed(service: Service, name: str, id: str, seen: TargetObservation) -> TrackedTargetRow:
+    """Returns a target with a further observation.
+
+    Raises:
+        ObservationRefused: it does not fit.
+        UnknownRow: The cell has no such target.
+    """
 
     def change(track: Mapping[str, Any]) -> Mapping[str, Any]:
         return TargetTrack.from_document(track).observed(seen).as_document()
 
-    try:
-        row = service.store.change_target(name, _id_of(service, name, id), change)
-    except ObservationRefused as refused:
-        raise invalid_field(refused.field, str(refused)) from refused
-    return JSONResponse(_document(row), 201, {"Location": f"/cells/{name}/targets/{row.id}"})
+    return service.store.change_target(name, tracked_id(service, name, id), change)
 
 
 @router.delete(
     "/cells/{name}/targets/{id}",
-    status_code=204,
     summary="Forget a target",
-    responses=problem_answers("not-found", "unauthenticated", "forbidden"),
-    response_class=Response,
+    responses=json_answer(200, TrackedTargetAnswer, "As it was last known.", *READ_PROBLEMS, "forbidden"),
 )
-def forget_target(name: CellName, id: TargetId, service: ServiceDep, caller: OperateCaller, origin: Origin) -> Response:
+def forget_target(
+    name: CellName, id: TargetId, service: ServiceDep, caller: OperateCaller, origin: Origin
+) -> JSONResponse:
     """Forgets a target. Plans that were made for it hold its numbers and stay as they are."""
-    service.store.delete_target(name, _id_of(service, name, id), origin.act(caller, "forget-target"))
-    return Response(status_code=204)
+    row = service.store.delete_target(name, tracked_id(service, name, id), origin.act(caller, "forget-target"))
+    return JSONResponse(_document(row))
 
 
-def _id_of(service: Service, cell: str, id: str) -> str:
-    """Returns the id of a target of a cell, given that or `latest`.
-
-    Raises:
-        UnknownCell: There is no such cell.
-    """
-    service.cells.required(cell)
-    if id != "latest":
-        return id
-    return next((row.id for row in service.store.targets_of_cell(cell)), id)
-
-
-def _observation(service: Service, cell: Cell, body: ObservationRequest) -> TargetObservation:
+def _observation(service: Service, name: str, body: ObservationRequest) -> TargetObservation:
     """Returns an observation that was checked against the cell and its controller's time.
 
     Raises:
         ProblemDetails: The place is too far away, the velocity not level or too fast, or the time has not come yet.
     """
-    check_place(cell, body.position)
+    check_place(service.cell(name), body.position)
     errors = [] if body.velocity is None else _velocity_errors(body.velocity)
     try:
-        now_s = controller_time_s(service, cell.name)
+        now_s = controller_time_s(service, name)
     except ProblemDetails:  # no executor: nothing to compare with
         now_s = math.inf
     if body.observed_at_s > now_s + FUTURE_S:

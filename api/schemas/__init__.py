@@ -10,7 +10,14 @@ from api.schemas.cell_states import (
     RobotActionAnswer,
     RobotActionRequest,
 )
-from api.schemas.execution_records import ExecutionAnswer, ExecutionList, Outcome, StateEvent, TelemetryEvent
+from api.schemas.execution_records import (
+    ExecutionAnswer,
+    ExecutionList,
+    Outcome,
+    StateEvent,
+    TargetEvent,
+    TelemetryEvent,
+)
 from api.schemas.experiments import (
     EXPERIMENT_EXAMPLES,
     ExperimentAnswer,
@@ -113,6 +120,7 @@ __all__ = [
     "RobotActionAnswer",
     "RobotActionRequest",
     "StateEvent",
+    "TargetEvent",
     "TelemetryEvent",
     "TimingAnswer",
     "TrackedTargetAnswer",

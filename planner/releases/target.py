@@ -60,7 +60,7 @@ TRACKED = Record(
     "TrackedTargetName",
     "A tracked target of the cell, in place of numbers: position, velocity and their uncertainty as last observed.",
     {
-        "target": required(Text(TARGET_ID_MAX), "Its id, from `POST /cells/{name}/targets`."),
+        "target": required(Text(TARGET_ID_MAX), "Its id, from `POST /cells/{name}/targets`; or `latest`."),
         "height_m": Field(Number(), "Its height, in the world [m]; absent: as observed."),
     },
 )

@@ -221,7 +221,7 @@ export function withNearest(draft: Draft, nearest: Nearest): Draft {
   return {
     ...common,
     kind: "target",
-    target: texts(release.position),
+    target: Array.isArray(release.position) ? texts(release.position) : draft.target,
     maxSpeed: text(release.max_release_speed_m_s, draft.maxSpeed),
     minElevation: text(release.min_elevation_rad, draft.minElevation),
     maxElevation: text(release.max_elevation_rad, draft.maxElevation),
@@ -254,7 +254,7 @@ export function draftOf(request: PlanRequest): Draft {
   return {
     ...own,
     kind: "target",
-    target: texts(release.position),
+    target: Array.isArray(release.position) ? texts(release.position) : own.target, // plans hold numbers
     bin: Boolean(release.opening),
     ...(release.opening ? { binRadius: String(release.opening.radius_m), binRim: String(release.opening.rim_height_m) } : {}),
     maxSpeed: number(release.max_release_speed_m_s),
