@@ -11,6 +11,7 @@ Source: Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking an
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Self
 
@@ -206,7 +207,7 @@ class TargetTrack:
         return asdict(self)
 
     @classmethod
-    def from_document(cls, document: dict[str, Any]) -> Self:
+    def from_document(cls, document: Mapping[str, Any]) -> Self:
         """Returns the track of `as_document`."""
         known = MotionUncertainty(**document["uncertainty"])
         vectors = {name: tuple(document[name]) for name in ("position", "velocity")}

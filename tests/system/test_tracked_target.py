@@ -16,7 +16,7 @@ ROOM_M = 0.1  # of the object in it
 PASSES_M = np.array([1.1, -0.2])  # a second after the earliest start
 SPEED_M_S = 0.3
 READY_S = 16.0  # [s] from the first observation to the earliest start: a busy machine takes some to plan
-WAITS_S = 7.0  # [s] before the start, at which the plan is executed: an arm waits for 9 at most
+WAITS_S = 8.5  # [s] before the start, at which the plan is executed: an arm waits for 9 at most
 LANDING_M = 0.008
 TARGETS = "/cells/rig/targets"
 
@@ -84,26 +84,19 @@ def test_a_waiting_throw_is_planned_again_to_where_the_bin_passes(rig: Rig, serv
 
 
 def test_nothing_is_thrown_at_a_bin_that_is_gone(rig: Rig, service: RigService) -> None:
-    """Somebody pushed it by 14 cm just before the start: the throw is stopped, or still planned again."""
-    pushed_m = np.array([0.0, 0.14])
+    """Somebody pushed it by 25 cm just before the start: no filter explains that, and the throw is stopped."""
     begun_s, target, plan, id = waiting_throw(rig, service)
     rig.until(lambda: rig.state()["t"] > plan["starts_at_s"] - 0.45)
-    for _ in range(6):
-        now_s = rig.state()["t"]
-        place = [*(place_at(now_s - begun_s, SPEED_M_S) + pushed_m).tolist(), 0.0]
-        body = {"position": place, "std_m": 0.02, "observed_at_s": now_s}
-        service.http.post(f"{TARGETS}/{target['id']}/observations", json=body)
+    now_s = rig.state()["t"]
+    place = [*(place_at(now_s - begun_s, SPEED_M_S) + np.array([0.0, 0.25])).tolist(), 0.0]
+    body = {"position": place, "std_m": 0.003, "observed_at_s": now_s}
+    answer = service.http.post(f"{TARGETS}/{target['id']}/observations", json=body)
+    assert answer.status_code == 422
     row = rig.end(id)
-    told = [event.data for event in rig.store.events(id, limit=10_000) if event.kind == "target"]
-    assert max(each["miss_m"] for each in told) > 0.2 * ROOM_M
-    if row.outcome == "completed":
-        landing = rig.world()["landings"][-1]
-        there = place_at(landing["t"] - begun_s, SPEED_M_S) + pushed_m
-        assert np.linalg.norm(np.array(landing["position_m"][:2]) - there) < ROOM_M, told
-    else:
-        assert row.outcome == "aborted", row
-        assert not (row.metrics or {}).get("released"), told
-        assert any(each["stopped"] for each in told)
+    (told,) = [event.data for event in rig.store.events(id, limit=10_000) if event.kind == "target"]
+    assert told["stopped"], told
+    assert row.outcome == "aborted", row
+    assert not (row.metrics or {}).get("released")
     assert not rig.is_latched()
 
 

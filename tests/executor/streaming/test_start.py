@@ -64,7 +64,7 @@ def other() -> Replacement:
     return made
 
 
-class Gripper:
+class StandingGripper:
     def cycle(self) -> None:
         pass
 
@@ -76,7 +76,7 @@ class StandingArm:
         self.memory = memory
         self.stamp = begins_s
         self.dt = dt
-        self.gripper = Gripper()
+        self.gripper = StandingGripper()
         self.offers: dict[int, bytes] = {}  # after so many ticks
         self.ticks = 0
 
