@@ -1,6 +1,9 @@
 from __future__ import annotations
 
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import pytest
 
@@ -37,6 +40,29 @@ def test_of_observations_at_once_none_is_lost(store):
     with ThreadPoolExecutor(8) as pool:
         list(pool.map(observe, range(40)))
     assert store.target("one", row.id).track == {"count": 40}
+
+
+OBSERVER = """
+import sys
+from store import Store
+store = Store.open(sys.argv[1])
+while True:
+    row = store.change_target("one", sys.argv[2], lambda track: {"count": track["count"] + 1})
+    print(row.track["count"], flush=True)
+"""
+
+
+def test_a_kill_loses_no_observation_that_was_answered(store, database_url):
+    id = store.add_target("one", {"count": 0}).id
+    command = [sys.executable, "-c", OBSERVER, database_url, id]
+    with subprocess.Popen(command, cwd=Path(__file__).parents[2], stdout=subprocess.PIPE, text=True) as observer:
+        assert observer.stdout is not None
+        answered = [int(next(observer.stdout)) for _ in range(25)][-1]
+        observer.kill()
+        answered = max([answered, *(int(line) for line in observer.stdout if line.endswith("\n"))])
+    kept = store.target("one", id).track["count"]
+    assert kept in (answered, answered + 1)  # the last one may not have been answered yet
+    assert store.change_target("one", id, lambda track: {"count": track["count"] + 1}).track["count"] == kept + 1
 
 
 def test_a_change_that_is_refused_changes_nothing(store):
