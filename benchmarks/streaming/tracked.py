@@ -33,6 +33,8 @@ SLANT_RAD = 0.5  # [rad] of the belt against the arm's side
 PASSES_M = ((0.9, 1.3), (-0.3, 0.3))  # [m] along x and y
 CAMERA_HZ = 30.0
 NOISE_M = 0.003
+STARTS_BEFORE_S = 1.0  # [s] a throw is to begin before the bin is at the middle of its way, known to the line
+SOON_S = 2.0  # [s] to plan and to start
 AGAIN_S = 0.1  # [s] between two attempts to plan
 
 
@@ -106,8 +108,9 @@ def planned(lab: Laboratory, camera: Camera, belt: BeltRun, tracked_s: float) ->
     time.sleep(tracked_s)
     release = {"kind": "target", "position": {"target": camera.target["id"]}, "opening": BIN}
     while True:
+        start = {"starts_not_before_s": max(belt.passes_s - STARTS_BEFORE_S, clock_s() + SOON_S)}
         try:
-            return dict(lab.client.plan({"cell": CELL, "release": release}, trajectory=False).document)
+            return dict(lab.client.plan({"cell": CELL, "release": release, **start}, trajectory=False).document)
         except fling.ServiceRefusal as refusal:
             if clock_s() > belt.passes_s:
                 return f"{refusal.name}: {str(refusal.problem.get('detail'))[:50]}"
@@ -164,7 +167,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.streaming.tracked", description=__doc__)
     parser.add_argument("--throws", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--seen-s", type=float, default=5.0, help="from the first look until the bin passes")
+    parser.add_argument("--seen-s", type=float, default=8.0, help="from the first look until the bin passes")
     parser.add_argument("--tracked-s", type=float, default=1.0, help="from the first look until a plan is asked for")
     parser.add_argument("--stops", type=float, default=0.0, help="share of belts that stop before")
     parser.add_argument("--no-calibration", action="store_true")
