@@ -61,11 +61,12 @@ class BeltRun:
 class Camera(threading.Thread):
     """Tells the service what it sees of a bin, until it is stopped."""
 
-    def __init__(self, client: fling.Client, belt: BeltRun, rng: np.random.Generator) -> None:
+    def __init__(self, client: fling.Client, belt: BeltRun, rng: np.random.Generator, drift_m_s: float) -> None:
         super().__init__(daemon=True)
         self.client = client
         self.belt = belt
         self.rng = rng
+        self.drift_m_s = drift_m_s
         self.target: dict[str, Any] = {}
         self.refused = 0
         self.begun = threading.Event()
@@ -81,7 +82,7 @@ class Camera(threading.Thread):
                 if self.target:
                     self.client.observe(self.target, place, NOISE_M, now_s)
                 else:
-                    self.target = self.client.track(CELL, place, NOISE_M, now_s)
+                    self.target = self.client.track(CELL, place, NOISE_M, now_s, drift_m_s=self.drift_m_s)
                     self.begun.set()
             except fling.ServiceRefusal:
                 self.refused += 1
@@ -122,7 +123,7 @@ def throw_once(
 ) -> str:
     """Throws at one bin; returns what became of it."""
     belt = drawn_belt(rng, clock_s(), given.seen_s, given.stops)
-    camera = Camera(lab.client, belt, rng)
+    camera = Camera(lab.client, belt, rng, given.drift_m_s)
     camera.start()
     try:
         plan = planned(lab, camera, belt, given.tracked_s)
@@ -169,6 +170,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--seen-s", type=float, default=8.0, help="from the first look until the bin passes")
     parser.add_argument("--tracked-s", type=float, default=1.0, help="from the first look until a plan is asked for")
+    parser.add_argument("--drift-m-s", type=float, default=0.005, help="as the tracked target states it")
     parser.add_argument("--stops", type=float, default=0.0, help="share of belts that stop before")
     parser.add_argument("--no-calibration", action="store_true")
     given = parser.parse_args()
