@@ -136,6 +136,7 @@ async def _lifespan(settings: ServiceSettings, tokens: TokenRegistry, app: FastA
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
+        await service.replanning.close()
         service.line.close()
         service.store.close()
 

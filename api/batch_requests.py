@@ -103,4 +103,7 @@ def _read(document: Any, path: str) -> dict[str, Any]:
     request = read_request(document, path)
     if "current" in request.get("start", {}):
         raise InvalidProblem([FieldError(f"{path}.start.current", "a batch is planned later: give positions")])
+    if isinstance(request.get("release", {}).get("position"), dict):
+        reason = "a batch is planned later, when a tracked target is elsewhere"
+        raise InvalidProblem([FieldError(f"{path}.release.position", reason)])
     return request

@@ -27,6 +27,7 @@ from api.http import Caller, ProblemDetails, TokenRegistry, WrongTokens, client_
 from api.leads import Leads
 from api.metrics import Metrics
 from api.planning import BatchDrivers, MapDrivers, PlanningLine
+from api.replanning import Replanning
 from api.schemas import ID_PATTERN
 from api.settings import ServiceSettings
 from api.stopping import Stopping
@@ -59,6 +60,8 @@ class Service:
     stopping: Stopping
     probe: StoreProbe
     leads: Leads = field(default_factory=Leads)
+    replan_leads: Leads = field(default_factory=Leads)  # of throws that wait for a tracked target
+    replanning: Replanning = field(default_factory=Replanning)
     wrong_tokens: WrongTokens = field(default_factory=WrongTokens)
 
     def cell(self, name: str) -> Cell:

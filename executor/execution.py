@@ -89,7 +89,7 @@ class Execution:
             raise ExecutionRefused("the controller stopped sending its state")
         pace = session.settings.approach_pace
         approach, failures = self._approach(state, pace)
-        self._check_start(state, approach)
+        self._check_start(self.motion, state, approach.duration_s)
         if not approach.is_straight and approach.trajectory is not None:
             duration_s = approach.trajectory.duration_s
             self.note(f"planned approach of {duration_s:.1f} s; a straight move: {obstacle_words(failures)}")
@@ -103,29 +103,48 @@ class Execution:
         except NoProgram as error:
             raise ExecutionRefused(str(error)) from error
 
-    def _check_start(self, state: RobotState, approach: Approach) -> None:
+    def _check_wait(self, motion: Motion) -> None:
+        """Checks a plan that is to replace the one whose start the arm waits for.
+
+        Raises:
+            CannotJoin: it starts too soon, or too late.
+        """
+        state = self.session.monitor.fresh()
+        if state is None:
+            raise CannotJoin("the controller stopped sending its state")
+        try:
+            self._check_start(motion, state, 0.0)
+        except ExecutionRefused as refused:
+            raise CannotJoin(str(refused)) from refused
+
+    def _check_start(self, motion: Motion, state: RobotState, ready_in_s: float) -> None:
         """Refuses a plan that starts at an instant which the arm cannot reach, or has to wait for too long.
 
         While it waits, the arm keeps out of the path of the bin: `SWEPT_S` before the landing.
 
+        Args:
+            motion: of the plan.
+            state: of the robot.
+            ready_in_s: time until the arm is at the plan's start [s].
+
         Raises:
             ExecutionRefused: by how much.
         """
-        starts_at_s = self.problem.starts_at_s
+        starts_at_s = motion.problem.starts_at_s
         if starts_at_s is None:
             return
         if self.row.mode == "script":
             raise ExecutionRefused("the plan starts at an instant: a program in the controller does not wait for it")
         left_s = starts_at_s - state.timestamp_s - (time.monotonic() - state.seen_at)
-        if left_s < approach.duration_s:
-            lacks_s = approach.duration_s - left_s
+        if left_s < ready_in_s:
+            lacks_s = ready_in_s - left_s
             reason = (
                 f"the arm is at the plan's start {lacks_s:.2f} s after it was to begin, and its target has moved on"
             )
             raise ExecutionRefused(f"too late: {reason}")
-        flight = release_flight(self.problem, self.trajectory)
+        flight = release_flight(motion.problem, motion.trajectory)
         flies_s = 0.0 if flight is None else flight.time_of_flight_s
-        longest_s = SWEPT_S[0] - self.trajectory.release_time_s - flies_s
+        longest_s = SWEPT_S[0] - motion.trajectory.release_time_s - flies_s
         if left_s > longest_s:
             raise ExecutionRefused(f"too early: the plan starts in {left_s:.1f} s, and waits for {longest_s:.1f} s")
 
@@ -171,7 +190,8 @@ class Execution:
             CannotJoin: the running motion goes on untouched.
         """
         run = self.run
-        if run is None or run.state != shm.STREAMING:
+        waits = run is not None and run.state == shm.APPROACHING and self.problem.starts_at_s is not None
+        if run is None or not (waits or run.state == shm.STREAMING):
             raise CannotJoin("the execution does not stream its plan: there is no motion to join")
         if self.row.mode == "script" or self.row.dry_run:
             what = "a dry run moves nothing" if self.row.dry_run else "in script mode the plan runs in the controller"
@@ -185,8 +205,11 @@ class Execution:
             job=run.job.packed(),
             present=run.present_row(),
             settings=self.session.settings,
+            waits=waits,
         )
         found = certifier.ask(question)
+        if waits:
+            self._check_wait(found.motion)
         if not run.has_room(found.job):
             raise CannotJoin("the whole motion would be longer than what one execution records")
         self.motions.append(found.motion)
@@ -194,6 +217,8 @@ class Execution:
         if not run.offer(found.job):
             why = {shm.STREAMING: f"{TICK_PASSED} while the plan was certified", shm.BRAKING: "the motion brakes"}
             late = why.get(run.state, "the motion has ended")
+            if waits:
+                raise CannotJoin(f"{TICK_PASSED} while the plan was certified: the execution does not wait any more")
             raise CannotJoin(f"{late}: it would have begun at {begins_s:.3f} s")
         if self.session.cell.link.kind == "sim":
             self._announce()

@@ -26,7 +26,7 @@ from executor.preflight import ExecutionRefused, prove_plan, verify_plan
 from executor.preparation import RunningRows, landing_of, prepare_job
 from executor.settings import ExecutorSettings
 from executor.shared_memory import OFFER_BYTES, SWITCHES_MAX
-from executor.stream_job import ExpectedLanding, StreamJob
+from executor.stream_job import NOT_IN_MOTION, ExpectedLanding, StreamJob
 from planner.cell import Cell
 from planner.certificate import START_TOLERANCE
 from planner.errors import InvalidProblem
@@ -82,6 +82,7 @@ class Question:
         job: its rows, packed.
         present: row that has been sent.
         settings: of the executor.
+        waits: whether the run still waits for the instant at which its plan starts.
     """
 
     execution_id: str
@@ -92,6 +93,7 @@ class Question:
     job: bytes
     present: int
     settings: ExecutorSettings
+    waits: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,9 +122,14 @@ def _answer(question: Question) -> Replacement | str:
         plan = Motion(*verify_plan(question.document, question.cell, question.profile), asked_s)
         if question.settings.must_be_proven:
             prove_plan(question.document, question.cell)
-        motion = joined(question.running, job, plan, question.present)
+        motion = (
+            instead(question.running, plan) if question.waits else joined(question.running, job, plan, question.present)
+        )
         landing = landing_of(question.document, motion.problem, motion.trajectory, question.profile)
-        made = joined_job(motion, job, question.settings, landing, question.present)
+        if question.waits:
+            made = waiting_job(motion, job, question.settings, landing)
+        else:
+            made = joined_job(motion, job, question.settings, landing, question.present)
     except (CannotJoin, ExecutionRefused, InvalidProblem) as error:
         return str(error)
     packed = made.packed()
@@ -225,6 +232,38 @@ def joined(running: Motion, job: StreamJob, new: Motion, present: int) -> Motion
     whole = new.problem.at_rest_from(running.trajectory.q[0])
     whole = replace(whole, limits=whole.cell.limits, passages=passages, backend="auto")
     return Motion(whole, motion, new.aim_shift, tick / rate_hz)
+
+
+def instead(waiting: Motion, new: Motion) -> Motion:
+    """Returns the motion that an arm makes in place of one that it still waits to begin.
+
+    Args:
+        waiting: what it waits to begin.
+        new: the plan, certified.
+
+    Raises:
+        CannotJoin: the plan does not begin where the arm waits, does not start at an instant, or holds the object
+            otherwise.
+    """
+    if new.problem.starts_at_s is None or not new.problem.starts_at_rest:
+        raise CannotJoin(
+            "the execution waits at its start: a plan that starts at rest at an instant can replace its own"
+        )
+    off = np.abs(new.trajectory.q[0] - waiting.trajectory.q[0])
+    if not off.max() <= START_TOLERANCE:
+        joint = int(off.argmax())
+        raise CannotJoin(f"the plan begins {off[joint]:.3g} rad from where the arm waits, in joint {joint + 1}")
+    if new.problem.throws != waiting.problem.throws:
+        raise CannotJoin("one of the two plans throws nothing: the gripper was readied for the other")
+    return replace(new, joins_s=0.0)
+
+
+def waiting_job(
+    motion: Motion, job: StreamJob, settings: ExecutorSettings, landing: ExpectedLanding | None
+) -> StreamJob:
+    """Returns the job of a motion that `instead` returned; a stream that has begun never takes it."""
+    how = (job.mode, job.dry_run, settings, landing, job.gripper_fd)
+    return replace(prepare_job(motion.problem, motion.trajectory, None, *how), joins_row=NOT_IN_MOTION)
 
 
 def joined_job(

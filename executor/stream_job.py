@@ -23,6 +23,8 @@ ALIGNED = 8  # [bytes]
 
 APPROACH_LATE_S = 0.1  # [s] by which the arm may be late on an approach: it keeps to the path, and nothing is thrown
 
+NOT_IN_MOTION = -(2**31)  # [rows] before all that a stream can be at
+
 OUTCOMES = (
     "completed",
     "aborted",
@@ -170,7 +172,8 @@ class StreamJob(JobRows):
         priority: SCHED_FIFO priority.
         daemon_silent_s: longest accepted silence of the daemon [s].
         starts_at_s: when its plan starts, on the controller's clock [s]; None: when it is executed.
-        joins_row: of a job that replaces another, the first row that is not the other's.
+        joins_row: of a job that replaces another, the first row that is not the other's; `NOT_IN_MOTION` where it only
+            replaces one that still waits for its start.
     """
 
     host: str

@@ -224,6 +224,34 @@ class Client:
         """Reports where the object of an execution landed (3,) [m], measured with a standard deviation `std_m` [m]."""
         return self.post(f"/executions/{execution_id}/landing", plain_values({"position": position, "std_m": std_m}))
 
+    def track(
+        self, cell: str, position: Sequence[float], std_m: float, observed_at_s: float, **more: Any
+    ) -> dict[str, Any]:
+        """Begins to track a target of a cell, seen at a place (3,) [m] at a time of the controller's clock [s].
+
+        Args:
+            cell: name of the cell.
+            position: in the world (3,) [m].
+            std_m: standard deviation along each axis [m].
+            observed_at_s: when it was there [s].
+            more: `velocity` (3,) [m/s] with `velocity_std_m_s`, `drift_m_s`.
+
+        Returns:
+            What is known of it; its `id` is for `observe`, and for `fling.Target({"target": id})`.
+        """
+        return self.post(f"/cells/{cell}/targets", _observation(position, std_m, observed_at_s, more))
+
+    def observe(
+        self, target: Mapping[str, Any], position: Sequence[float], std_m: float, observed_at_s: float, **more: Any
+    ) -> dict[str, Any]:
+        """Adds an observation of a target that is tracked; returns what is known of it. Arguments as of `track`.
+
+        Raises:
+            ServiceRefusal: it is no later than the last one, or far from what was expected.
+        """
+        path = f"/cells/{target['cell']}/targets/{target['id']}/observations"
+        return self.post(path, _observation(position, std_m, observed_at_s, more))
+
     def get(self, path: str) -> dict[str, Any]:
         """Returns the JSON of a GET."""
         return self._response("GET", path).json()
@@ -302,3 +330,9 @@ class Client:
         )
         document = {"title": "no service", "detail": detail, "status": UNREACHABLE, "execution_id": execution_id}
         return self.refusal(document)
+
+
+def _observation(
+    position: Sequence[float], std_m: float, observed_at_s: float, more: Mapping[str, Any]
+) -> dict[str, Any]:
+    return plain_values({"position": position, "std_m": std_m, "observed_at_s": observed_at_s, **more})

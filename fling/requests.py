@@ -127,7 +127,7 @@ class Target:
     """Hit a place by free flight; the planner chooses where and how fast to let go.
 
     Attributes:
-        position: of the place (3,) [m].
+        position: of the place (3,) [m]; or `{"target": id}`, of a target that the service tracks.
         opening: the bin around it; its fields in a mapping do, too.
         max_release_speed_m_s: highest speed of the object at the release [m/s].
         min_elevation_rad: least elevation of its velocity above the horizon [rad].
@@ -137,10 +137,12 @@ class Target:
         orientation: how an object that is no ball lands: `axis` (3,) and `tolerance_rad`.
         velocity: of a place that moves, with its bin (3,) [m/s]; level.
         observed_at_s: when it was at `position`, on the controller's clock [s].
+        uncertainty: how well both are known: `position_std_m`, `velocity_std_m_s`, `correlation`, `drift_m_s`.
+        tracked_target: id of the tracked target whose numbers these are.
     """
 
     kind: ClassVar[str] = "target"
-    position: Numbers
+    position: Numbers | Mapping[str, str]
     opening: Bin | Mapping[str, float] | None = None
     max_release_speed_m_s: float | None = None
     min_elevation_rad: float | None = None
@@ -150,6 +152,8 @@ class Target:
     orientation: Mapping[str, Any] | None = None
     velocity: Numbers | None = None
     observed_at_s: float | None = None
+    uncertainty: Mapping[str, float] | None = None
+    tracked_target: str | None = None
 
     def as_document(self) -> dict[str, Any]:
         """Returns the release as JSON."""

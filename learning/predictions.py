@@ -47,6 +47,14 @@ class LandingForecast:
         low, high = np.quantile(each, [tail, 1.0 - tail])
         return float(low), float(high)
 
+    def beside_target(self, std_m: float) -> LandingForecast:
+        """Returns where throws land beside a target whose place is known to a standard deviation along each axis [m].
+
+        It differs from throw to throw.
+        """
+        rng = np.random.default_rng(SEED + 1)  # apart from the throw's own samples
+        return LandingForecast(self.points - std_m * rng.standard_normal(self.points.shape))
+
     def miss_radius(self, target: Array, share: float = 0.9) -> float:
         """Returns the distance from `target` (2,) within which a throw lands with probability `share` [m]."""
         return float(np.quantile(np.linalg.norm(self.points - target, axis=-1), share))

@@ -85,6 +85,20 @@ class Vector:
 
 
 @dataclass(frozen=True)
+class VectorOr:
+    """A list of numbers, or an object that stands for them."""
+
+    vector: Vector
+    record: Record
+
+    def read(self, value: Any, path: str, errors: list[FieldError]) -> list[float] | dict[str, Any] | None:
+        """Returns the list, or the fields of the object."""
+        if isinstance(value, Mapping):
+            return self.record.read(value, path, errors)
+        return self.vector.read(value, path, errors)
+
+
+@dataclass(frozen=True)
 class PerJoint:
     """One number for all six joints, or one for each."""
 

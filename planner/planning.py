@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 from planner.answer import Plan
 from planner.certificate import certify, release_flight
-from planner.errors import TIME_LIMIT, Infeasible, SolverFailed, Violation, nothing_found
+from planner.errors import TIME_LIMIT, Infeasible, InvalidProblem, SolverFailed, Violation, nothing_found
 from planner.problem import TIME_LIMIT_S, ThrowProblem
 from planner.progress import SILENT, ProgressMeter
 from planner.refusal import nearest_problem, of_candidates, refuse_impossible
@@ -81,6 +81,7 @@ def _plan_to_meet(problem: ThrowProblem, hints: SearchHints) -> Plan:
 
     Raises:
         PlannerError: as of `plan`, for the last landing that was tried.
+        InvalidProblem: the target's place at the landing is too uncertain.
     """
     assert problem.starts_not_before_s is not None
     earliest_s = problem.starts_not_before_s
@@ -93,7 +94,13 @@ def _plan_to_meet(problem: ThrowProblem, hints: SearchHints) -> Plan:
         if left_s <= 0.0:
             raise SolverFailed(TIME_LIMIT, violations=refusal.violations)
         try:
-            found = _search(replace(problem.met_at(lands_at_s), time_limit_s=left_s), hints)
+            met = problem.met_at(lands_at_s)
+        except InvalidProblem:  # by then nobody knows where the target is
+            if not refusal.violations:
+                raise
+            break
+        try:
+            found = _search(replace(met, time_limit_s=left_s), hints)
         except Infeasible as refused:
             refusal = refused
             lands_at_s += LANDING_STEP_S

@@ -55,6 +55,7 @@ JITTER_DEVIATIONS = 3.0  # [-] of the gripper's opening that a throw should stan
 # [s] before and after the landing, for which the arm keeps out of the path of a bin that moves: an execution waits
 # for its start within the first, and a motion is at rest within the second.
 SWEPT_S = (10.0, 2.0)
+UNCERTAIN_DEVIATIONS = 3.0  # [-] of a target's place that a throw must stand: 99 % of places, in both directions
 BINS_KEPT = 32  # [-] cells with a bin of late
 
 
@@ -129,7 +130,26 @@ class ThrowProblem:
             errors.append(FieldError("starts_not_before_s", reason))
         if not self.starts_at_rest:
             errors.append(FieldError("start", "is in motion: it cannot wait for a target that moves"))
-        return errors
+        return errors + self._errors_of_uncertain_target()
+
+    def _errors_of_uncertain_target(self) -> list[FieldError]:
+        """Returns the refusal of a target that may be elsewhere: three standard deviations are more than a hit's room.
+
+        That is so at its landing, where that is known, otherwise at the earliest start: it grows with time.
+        """
+        target = self.moving
+        if target is None or target.uncertainty is None or self.starts_not_before_s is None:
+            return []
+        known_at_s = max(self.starts_not_before_s, target.at_s)
+        off_m = UNCERTAIN_DEVIATIONS * target.uncertainty.after(known_at_s - target.at_s).position_std_m
+        if off_m <= self.hit_radius_m:
+            return []
+        reason = (
+            f"the target may be {off_m:.3g} m off at {known_at_s:.12g} s of the controller's clock "
+            f"({UNCERTAIN_DEVIATIONS:g} standard deviations), and the room of a hit is {self.hit_radius_m:.3g} m: "
+            "observe it for longer, or throw sooner"
+        )
+        return [FieldError("release.position", reason)]
 
     @cached_property
     def moving(self) -> Target | None:
@@ -147,7 +167,10 @@ class ThrowProblem:
         target = self.target
         assert target is not None
         p_W = target.p_W + (at_s - target.at_s) * target.v_W
-        return self.with_release(self.release.with_target(replace(target, p_W=p_W, at_s=at_s)))
+        known = target.uncertainty
+        if known is not None:
+            known = known.after(max(at_s - target.at_s, 0.0))
+        return self.with_release(self.release.with_target(replace(target, p_W=p_W, at_s=at_s, uncertainty=known)))
 
     @cached_property
     def reachable(self) -> Limits:
@@ -250,6 +273,18 @@ class ThrowProblem:
     def target(self) -> Target | None:
         """What the flight is to hit; None for a release without a target."""
         return self.release.target
+
+    @property
+    def hit_radius_m(self) -> float:
+        """The distance from the target that counts as a hit [m].
+
+        The room of the opening about the object, else the landing tolerance, else the object's radius.
+        """
+        target = self.target
+        thick = self.cell.object.radius_m
+        if target is not None and target.opening is not None:
+            return target.opening.radius_m - thick
+        return self.landing_tolerance_m or thick
 
     @property
     def plane_z(self) -> float:

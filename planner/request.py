@@ -83,6 +83,10 @@ def _check_motion(given: dict[str, Any], path: str, errors: list[FieldError]) ->
     elif "release" in given:
         errors.append(FieldError(f"{prefix}release", "give either release or passages"))
         return
+    for i, passage in enumerate(given.get("passages", ())):
+        if isinstance(passage.get("state", {}).get("position"), dict):
+            reason = "a passage hits no target that moves: give it as the release alone"
+            errors.append(FieldError(f"{prefix}passages[{i}].state.position", reason))
     asked = given.get("min_hit_probability", 0.0)
     states = [given["release"]] if "release" in given else [each.get("state") for each in given["passages"]]
     if asked > 0.0 and not any(KINDS[state["kind"]].aims for state in states if state):
@@ -224,6 +228,8 @@ def problem_from_request(request: Mapping[str, Any], cell: Cell) -> ThrowProblem
         errors.append(FieldError("start.current", "needs a service with an executor; give positions"))
     if "execution" in start and "positions" not in start:
         errors.append(FieldError("start.execution", "needs a service with an executor; give positions"))
+    if isinstance(asked.get("release", {}).get("position"), dict):
+        errors.append(FieldError("release.position", "a tracked target is known to `POST /plan` of a service alone"))
     if errors:
         raise InvalidProblem(errors)
     X_WR = cell.X_WB if asked["frame"] == "base" else np.eye(4)  # R: the frame of the request

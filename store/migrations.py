@@ -134,6 +134,12 @@ STEPS: tuple[tuple[str, ...], ...] = (
         "ALTER TABLE executions ADD COLUMN replace_request JSON",
         "ALTER TABLE executions ADD COLUMN replacements JSON",
     ),
+    (
+        """CREATE TABLE targets (
+            id TEXT PRIMARY KEY, cell TEXT NOT NULL, created_at {float} NOT NULL, created_by TEXT NOT NULL,
+            observed_at {float} NOT NULL, track JSON NOT NULL)""",
+        "CREATE INDEX targets_of_cell ON targets (cell, observed_at)",
+    ),
 )
 
 LATEST = len(STEPS)

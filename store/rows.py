@@ -146,7 +146,7 @@ class ExecutionRow:
 
 @dataclass(frozen=True)
 class EventRow:
-    """One event of an execution; `kind` is "state" or "telemetry"."""
+    """One event of an execution; `kind` is "state", "telemetry" or "target"."""
 
     id: int
     execution_id: str
@@ -201,6 +201,23 @@ class LandingRow:
     radius_m: float | None = None
     withdrawn_at: float | None = None
     withdrawn_by: str | None = None
+
+
+@dataclass(frozen=True)
+class TrackedTargetRow:
+    """A target of a cell that is observed again and again.
+
+    Attributes:
+        observed_at: When its last observation was stored [s since the epoch].
+        track: What is known of it; see `planner.tracking.TargetTrack`.
+    """
+
+    id: str
+    cell: str
+    created_at: float
+    created_by: str
+    observed_at: float
+    track: Mapping[str, Any]
 
 
 @dataclass(frozen=True)

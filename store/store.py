@@ -20,6 +20,7 @@ from store.plans import PlanRepository
 from store.profiles import ProfileRepository
 from store.retention import RetentionRepository
 from store.tables import probes
+from store.targets import TrackedTargetRepository
 
 FREE_MIN_BYTES = 20e6  # [byte] some hundred plans; the write-ahead log alone may grow to 4 MB
 
@@ -34,10 +35,11 @@ class Store(
     CellStatusRepository,
     ClientRepository,
     ProfileRepository,
+    TrackedTargetRepository,
     RetentionRepository,
     CellVersionRepository,
 ):
-    """Plans, batches, maps, executions, recordings, experiments, landings, profiles, cells, keys and audit trail.
+    """Plans, batches, maps, executions, recordings, experiments, landings, profiles, targets, cells, keys, audit trail.
 
     Every method is one transaction. Threads may share a store; each process opens its own.
     """

@@ -28,6 +28,7 @@ from store.rows import (
     PlanRow,
     ProfileRow,
     RecordingRow,
+    TrackedTargetRow,
 )
 
 METADATA = MetaData()
@@ -66,9 +67,12 @@ experiments = _table("experiments", ExperimentRow)  # written by api, never chan
 # api: id, plan_id, cell, mode, dry_run, requested_by, created_at, experiment_id, request_id, abort_requested_at,
 # replace_request; it inserts the state 'queued'. executor: all others. An index allows one unfinished execution a cell.
 executions = _table("executions", ExecutionRow)
-events = _table("events", EventRow)  # written by executor; the first event of an execution by api
+# Append only, by executor; the first event of an execution, and what becomes of its target, by api.
+events = _table("events", EventRow)
 recordings = _table("recordings", RecordingRow, earlier_csv="csv")  # written by executor
 landings = _table("landings", LandingRow)  # written by api; by executor for a simulated camera; withdrawn_* by api
+
+targets = _table("targets", TrackedTargetRow)  # written by api
 
 # api: acknowledge_requested_at, acknowledged_by, robot_request. executor: all others.
 cells = _table("cells", CellRow)

@@ -13,7 +13,7 @@ from pydantic.json_schema import models_json_schema
 
 from api.http.errors import MEDIA_TYPE
 from api.problems import PROBLEM_TYPES
-from api.schemas import PlanProgress, StateEvent, TelemetryEvent
+from api.schemas import PlanProgress, StateEvent, TargetEvent, TelemetryEvent
 
 Responses = dict[int | str, dict[str, Any]]
 REF_TEMPLATE = "#/components/schemas/{model}"
@@ -78,7 +78,13 @@ LINKS = {  # operation: the operations that take the id of what it made
 }  # fmt: skip
 MADE = "$response.body#/id"
 KEY = "idempotency-key"  # a header: the same with another body is refused
-UNROUTED = (ProblemAnswer, PlanProgress, StateEvent, TelemetryEvent)  # models of media types that FastAPI does not know
+UNROUTED = (
+    ProblemAnswer,
+    PlanProgress,
+    StateEvent,
+    TargetEvent,
+    TelemetryEvent,
+)  # models of media types that FastAPI does not know
 
 
 def operation_id(route: APIRoute) -> str:

@@ -28,6 +28,7 @@ ACTIONS = {  # what is audited, by route; acts that succeed are audited by the s
     "/cells/{name}/acknowledge": "acknowledge",
     "/cells/{name}/robot": "robot",
     "/cells/{name}/retarget": "replace",
+    "/cells/{name}/targets": "target",
     "/cells/{name}/profiles": "profile",
     "/cells/{name}/profiles/revert": "revert",
     "/profiles/{id}/adopt": "adopt",

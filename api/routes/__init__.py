@@ -13,6 +13,7 @@ from api.routes import (
     profiles,
     retarget,
     robot,
+    targets,
 )
 
 __all__ = ["ROUTERS"]
@@ -26,6 +27,7 @@ ROUTERS = (
     cells.router,
     robot.router,
     retarget.router,
+    targets.router,
     maps.router,
     profiles.router,
     health.router,

@@ -44,6 +44,7 @@ from api.schemas import (
     Outcome,
     ReplaceRequest,
     StateEvent,
+    TargetEvent,
     TelemetryEvent,
     iso_time,
 )
@@ -69,7 +70,10 @@ RECORDING_ANSWER = {
     "description": "Planned and measured motion, one row per tick: MCAP, or CSV by `Accept`.",
 }
 EVENT_STREAM_ANSWER = event_stream_answer(
-    "State changes and telemetry; ends with the execution.", state=StateEvent, telemetry=TelemetryEvent
+    "State changes, telemetry and what becomes of a tracked target; ends with the execution.",
+    state=StateEvent,
+    telemetry=TelemetryEvent,
+    target=TargetEvent,
 )
 
 

@@ -55,7 +55,7 @@ def report_landing(
     row = find_execution(service, id)
     cell = _cell_of(service, row)
     _check_reportable(cell, row, id)
-    _check_place(cell, body.position or [])
+    check_place(cell, body.position or [])
     try:
         landing = service.store.add_landing(
             new_id(),
@@ -138,7 +138,7 @@ def _cell_of(service: Service, row: ExecutionRow) -> Cell | None:
         return None
 
 
-def _check_place(cell: Cell | None, position: Sequence[float]) -> None:
+def check_place(cell: Cell | None, position: Sequence[float]) -> None:
     """Refuses a place that no arm throws to, which is most likely one in millimetres.
 
     Raises:

@@ -7,10 +7,11 @@ import csv
 import io
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Annotated, Any
 
+import numpy as np
 import orjson
 from fastapi import APIRouter, Body, Header, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
@@ -62,8 +63,10 @@ from jobs.planning import PlanningJob, PlanRecord
 from jobs.pool import PoolBroken
 from planner.cell import Cell
 from planner.errors import CellError, PlannerError
+from planner.problem import UNCERTAIN_DEVIATIONS
 from planner.progress import Observer
-from store import ExecutionRow, IdempotencyKey, KeyTaken, PlanRow, ProfileRow, new_id
+from planner.tracking import TargetTrack
+from store import ExecutionRow, IdempotencyKey, KeyTaken, PlanRow, ProfileRow, UnknownRow, new_id
 
 router = APIRouter(route_class=StrictJsonRoute, tags=["plans"])
 
@@ -319,14 +322,14 @@ def _planning_job(asked: PlanOrder, is_stored: bool) -> PlanningJob:
     service = asked.service
     name = asked.body.get("cell") or service.settings.default_cell
     source, _ = service.cells.required(name)
-    request = {**asked.body, "cell": name}
+    request = _with_tracked_target(service, {**asked.body, "cell": name})
     start = asked.body.get("start", {})
     if "current" in start:
         request["start"] = {"positions": _current_positions(service, name)}
     elif "execution" in start:
         request["start"] = _state_in_execution(service, name, start["execution"], start["at_s"])
-    if target_moves(asked.body) and "starts_not_before_s" not in asked.body:
-        request["starts_not_before_s"] = _controller_time_s(service, name) + START_IN_S
+    if target_moves(request) and "starts_not_before_s" not in asked.body:
+        request["starts_not_before_s"] = controller_time_s(service, name) + START_IN_S
     version = service.note_cell_version(source)
     row = _profile(service, name, source.sha256, asked.profile_id)
     profile = None if row is None else (row.id, row.document)
@@ -349,12 +352,68 @@ def _profile(service: Service, cell: str, cell_sha256: str, id: str | None) -> P
 
 
 def target_moves(body: Mapping[str, Any]) -> bool:
-    """Returns whether a request asks for a throw at a target that moves."""
+    """Returns whether a request asks for a throw at a target that moves, or may, as it is tracked."""
+    if names_tracked_target(body):
+        return True
     states = [body.get("release"), *(each.get("state") for each in body.get("passages", ()))]
-    return any(state and "observed_at_s" in state and any(state["velocity"]) for state in states)
+    asked = [state for state in states if state and "observed_at_s" in state]
+    return any("uncertainty" in state or any(state["velocity"]) for state in asked)
 
 
-def _controller_time_s(service: Service, cell: str) -> float:
+def names_tracked_target(body: Mapping[str, Any]) -> bool:
+    """Returns whether a request names a tracked target in place of a position."""
+    return isinstance(body.get("release", {}).get("position"), Mapping)
+
+
+def _with_tracked_target(service: Service, request: dict[str, Any]) -> dict[str, Any]:
+    """Returns a request with the numbers of the tracked target that it names, as last observed.
+
+    Raises:
+        ProblemDetails: The cell has no such target.
+    """
+    if not names_tracked_target(request):
+        return request
+    release = request["release"]
+    try:
+        id = tracked_id(service, request["cell"], release["position"]["target"])
+        row = service.store.target(request["cell"], id)
+    except UnknownRow as error:
+        raise invalid_field("release.position.target", str(error)) from error
+    track = TargetTrack.from_document(row.track)
+    cell = service.cell(row.cell)
+    x, y, _ = track.position
+    place = np.array([x, y, release["position"].get("height_m", _height_m(track, cell))])
+    X_RW = np.linalg.inv(cell.X_WB) if request["frame"] == "base" else np.eye(4)
+    known = {
+        "position": (X_RW[:3, :3] @ place + X_RW[:3, 3]).tolist(),
+        "velocity": (X_RW[:3, :3] @ track.velocity).tolist(),
+        "observed_at_s": track.observed_at_s,
+        "uncertainty": asdict(track.uncertainty),
+        "tracked_target": row.id,
+    }
+    return {**request, "release": {**release, **known}}
+
+
+def tracked_id(service: Service, cell: str, id: str) -> str:
+    """Returns the id of a target of a cell, given that or `latest`.
+
+    Raises:
+        UnknownCell: There is no such cell.
+    """
+    service.cells.required(cell)
+    if id != "latest":
+        return id
+    return next((row.id for row in service.store.targets_of_cell(cell)), id)
+
+
+def _height_m(track: TargetTrack, cell: Cell) -> float:
+    """Returns the height of a tracked target [m]; one that seems to be within the floor by an error stands on it."""
+    floor_m = cell.surroundings.floor_z_m
+    height_m = track.position[2]
+    return max(height_m, floor_m) if height_m > floor_m - UNCERTAIN_DEVIATIONS * track.height_std_m else height_m
+
+
+def controller_time_s(service: Service, cell: str) -> float:
     """Returns the time of a cell's controller now [s].
 
     Raises:

@@ -18,6 +18,7 @@ from api.routes.plans import (
     SEARCH_PROBLEMS,
     PlanOrder,
     WithTrajectory,
+    names_tracked_target,
     running_state,
     stored_plan,
     target_moves,
@@ -63,7 +64,8 @@ async def retarget_motion(
     if reason is not None:
         raise ProblemDetails("robot-not-ready", reason, cell=name, fault=None if status is None else status.fault)
     if target_moves(body):
-        raise InvalidProblem([FieldError("release.velocity", "is for plans: a running motion waits for no target")])
+        field = "release.position.target" if names_tracked_target(body) else "release.velocity"
+        raise InvalidProblem([FieldError(field, "is for plans: a running motion waits for no target")])
     asked = PlanOrder({**body, "cell": name}, service, None, origin.request_id, gone, trajectory)
     attempt = _Retarget(asked, name, caller.name, origin.act(caller, "replace"))
     begun_s = time.monotonic()

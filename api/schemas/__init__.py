@@ -10,7 +10,14 @@ from api.schemas.cell_states import (
     RobotActionAnswer,
     RobotActionRequest,
 )
-from api.schemas.execution_records import ExecutionAnswer, ExecutionList, Outcome, StateEvent, TelemetryEvent
+from api.schemas.execution_records import (
+    ExecutionAnswer,
+    ExecutionList,
+    Outcome,
+    StateEvent,
+    TargetEvent,
+    TelemetryEvent,
+)
 from api.schemas.experiments import (
     EXPERIMENT_EXAMPLES,
     ExperimentAnswer,
@@ -46,6 +53,14 @@ from api.schemas.responses import (
     iso_time,
 )
 from api.schemas.scene import CellModel, PlanCurves
+from api.schemas.targets import (
+    OBSERVATION_EXAMPLES,
+    TARGET_EXAMPLES,
+    ObservationRequest,
+    TrackedTargetAnswer,
+    TrackedTargetList,
+    TrackedTargetRequest,
+)
 from api.schemas.timing import TimingAnswer
 
 __all__ = [
@@ -57,8 +72,10 @@ __all__ = [
     "ID_PATTERN",
     "LANDING_EXAMPLES",
     "MAP_EXAMPLES",
+    "OBSERVATION_EXAMPLES",
     "PLAN_EXAMPLES",
     "ROBOT_EXAMPLES",
+    "TARGET_EXAMPLES",
     "UUID_PATTERN",
     "Acknowledged",
     "Adoption",
@@ -88,6 +105,7 @@ __all__ = [
     "MapAnswer",
     "MapBody",
     "MapHead",
+    "ObservationRequest",
     "Outcome",
     "PlanAnswer",
     "PlanCurves",
@@ -102,8 +120,12 @@ __all__ = [
     "RobotActionAnswer",
     "RobotActionRequest",
     "StateEvent",
+    "TargetEvent",
     "TelemetryEvent",
     "TimingAnswer",
+    "TrackedTargetAnswer",
+    "TrackedTargetList",
+    "TrackedTargetRequest",
     "TrajectoryAnswer",
     "iso_time",
 ]

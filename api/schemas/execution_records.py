@@ -145,6 +145,18 @@ class StateEvent(BaseModel):
     metrics: ExecutionMetrics | None = None
 
 
+class TargetEvent(BaseModel):
+    """Event `target`: what an observation of a tracked target means for the throw at it."""
+
+    at: str = Field(description="UTC, ISO 8601.")
+    target: str = Field(description="Id of the target.")
+    observed_at_s: float = Field(description="Time of the observation, on the controller's clock [s].")
+    miss_m: float = Field(description="From where the plan meets the target to where it is expected then [m].")
+    room_m: float = Field(description="Distance from the target that counts as a hit [m].")
+    hit_probability: float = Field(description="As it is now [-].")
+    stopped: bool = Field(description="Whether the throw was stopped for it.")
+
+
 class TelemetryEvent(BaseModel):
     """Event `telemetry`: the arm at one instant, planned and measured, 20 times a second or more."""
 

@@ -23,6 +23,7 @@ from planner.fields import (
     Shape,
     Text,
     Vector,
+    VectorOr,
     Whole,
     Yes,
 )
@@ -79,6 +80,8 @@ def _type_of_numbers(shape: Shape) -> Any:
             return Annotated[float, Field(gt=above, le=most)]
         case Vector(size):
             return Annotated[list[Number], Field(min_length=size, max_length=size)]
+        case VectorOr(vector, record):
+            return _type_of(vector) | _model_of(record)
         case PerJoint():
             return Number | Joints
     raise TypeError(shape)
@@ -172,6 +175,15 @@ _BELT = {
     "starts_not_before_s": 100.8,
 }
 
+_TRACKED = {
+    "release": {
+        "kind": "target",
+        "position": {"target": "latest"},
+        "opening": {"radius_m": 0.12, "rim_height_m": 0.2},
+    },
+    "starts_not_before_s": 100.8,
+}
+
 _DOWN = {"linear": [0.0, 0.8, 0.0], "angular": [0.0, 0.0, 0.0]}
 _PASSAGES = {
     "passages": [
@@ -222,6 +234,7 @@ PLAN_EXAMPLES = {
     "odds": {"summary": "Hit within 10 cm, at odds of 1 in 5 at least", "value": _ODDS},
     "bin": {"summary": "Throw into a bin", "value": _BIN},
     "belt": {"summary": "Throw into a bin on a belt, seen at 100 s of the controller's time", "value": _BELT},
+    "tracked": {"summary": "Throw into a bin that is tracked", "value": _TRACKED},
     "joint": {"summary": "Pass a joint state, with tighter limits", "value": _JOINT},
     "point": {"summary": "Release at a point with a velocity", "value": _POINT},
     "moving": {"summary": "Start in motion", "value": _MOVING},

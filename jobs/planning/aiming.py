@@ -85,8 +85,8 @@ def learnt_fields(problem: ThrowProblem, found: Plan, known: CellKnowledge, prof
     place = place_of_target(problem, found)
     if profile_id is not None:
         fields["aim"] = {"position": aimed.p_W.tolist(), "shift_m": (aimed.p_W - place).tolist()}
-    guess = known.predicted(found.problem, found.trajectory)
-    radius = hit_radius_m(problem)
+    guess = forecast_beside_target(found, known)
+    radius = problem.hit_radius_m
     interval = list(guess.hit_interval(place[:2], radius))
     value = hit_probability(problem, found, guess)
     fields["hit_probability"] = {"value": value, "interval": interval, "profile": profile_id, "radius_m": radius}
@@ -103,16 +103,13 @@ def place_of_target(problem: ThrowProblem, found: Plan) -> Array:
 
 def hit_probability(problem: ThrowProblem, found: Plan, guess: LandingForecast) -> float:
     """Returns the probability that a plan with this forecast hits the target of a problem [-]."""
-    return guess.hit_probability(place_of_target(problem, found)[:2], hit_radius_m(problem))
+    return guess.hit_probability(place_of_target(problem, found)[:2], problem.hit_radius_m)
 
 
-def hit_radius_m(problem: ThrowProblem) -> float:
-    """Returns the distance from the target that counts as a hit [m].
-
-    The room of the opening about the object, else the landing tolerance, else the object's radius.
-    """
-    target = problem.target
-    thick = problem.cell.object.radius_m
-    if target is not None and target.opening is not None:
-        return target.opening.radius_m - thick
-    return problem.landing_tolerance_m or thick
+def forecast_beside_target(found: Plan, known: CellKnowledge) -> LandingForecast:
+    """Returns where throws of a plan land beside its target, which may be elsewhere than it is believed to be."""
+    guess = known.predicted(found.problem, found.trajectory)
+    met = found.problem.moving
+    if met is None or met.uncertainty is None:
+        return guess
+    return guess.beside_target(met.uncertainty.position_std_m)

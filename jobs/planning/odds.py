@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from jobs.planning.aiming import hit_probability, hit_radius_m, plan_aimed
+from jobs.planning.aiming import forecast_beside_target, hit_probability, plan_aimed
 from learning import CellKnowledge
 from planner.certificate import release_flight
 from planner.errors import TIME_LIMIT, Infeasible, PlannerError, SolverFailed, Violation
@@ -96,7 +96,7 @@ class _OddsSearch:
         except PlannerError as error:
             return self._refused(step, error)
         self.is_late = found.was_cut_short
-        value = hit_probability(self.problem, found, self.known.predicted(found.problem, found.trajectory))
+        value = hit_probability(self.problem, found, forecast_beside_target(found, self.known))
         self.last = asked, found
         if self.best is None or value > self.best[0]:
             self.best = value, asked, found
@@ -106,7 +106,7 @@ class _OddsSearch:
         """Returns the refusal, once no step reached the odds."""
         assert self.best is not None  # the first step raises where it has no plan
         value, asked, found = self.best
-        radius = hit_radius_m(self.problem)
+        radius = self.problem.hit_radius_m
         detail = f"of landing within {radius:g} m of the target, the best of the plans tried"
         violations = [Violation("hit_probability", value, self.least, "-", detail=detail)]
         attempts = [attempt.__dict__ for attempt in found.attempts]
@@ -130,7 +130,7 @@ class _OddsSearch:
             return self.problem
         asked, found = self.last
         if step.kind == "window":
-            return replace(asked, release_window_s=step.value, landing_tolerance_m=hit_radius_m(self.problem))
+            return replace(asked, release_window_s=step.value, landing_tolerance_m=self.problem.hit_radius_m)
         flight = release_flight(found.problem, found.trajectory)
         assert flight is not None and asked.target is not None  # it has just been planned to a target
         slower = replace(asked.target, max_speed_m_s=step.value * flight.speed_m_s)

@@ -19,6 +19,7 @@ from planner.cell import Cell
 from planner.errors import FieldError
 from planner.fields import Record
 from planner.geometry import ToolState
+from planner.tracking import MotionUncertainty
 
 REST_SPEED = 1e-9  # [rad/s, m/s] a release slower than this is a move that ends at rest
 
@@ -82,6 +83,8 @@ class Target:
         orientation: that the object is to land in; None: any.
         v_W: velocity of the target, and of the bin with it (3,) [m/s]; level.
         at_s: when a target that moves is at `p_W`, on the controller's clock [s].
+        uncertainty: how well place and velocity of such a target are known then; None: exactly.
+        tracked_target: id of the tracked target that they are of; None: of none. Only told.
     """
 
     p_W: Array
@@ -94,11 +97,13 @@ class Target:
     orientation: LandingAxis | None = None
     v_W: Array = field(default_factory=lambda: np.zeros(3))
     at_s: float = 0.0
+    uncertainty: MotionUncertainty | None = None
+    tracked_target: str | None = None
 
     @property
     def moves(self) -> bool:
-        """Whether it moves."""
-        return bool(self.v_W.any())
+        """Whether it moves, or may, as its velocity is not known for certain."""
+        return bool(self.v_W.any()) or self.uncertainty is not None
 
 
 class ReleaseSample(NamedTuple):

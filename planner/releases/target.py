@@ -12,13 +12,16 @@ import numpy as np
 from planner.arrays import Array
 from planner.cell import Cell, ThrownBody
 from planner.errors import FieldError
-from planner.fields import Field, Number, Record, Vector, required
+from planner.fields import Field, Number, Record, Text, Vector, VectorOr, required
 from planner.releases.release import Bound, LandingAxis, Opening, Release, ReleaseSample, Target, move, turn
+from planner.tracking import DRIFT_M_S, MotionUncertainty
 
 SPEED_MIN_M_S = 1e-3  # [m/s] lowest bound on the release speed
 TARGET_SPEED_MAX_M_S = 5.0  # [m/s] of a target that moves; belts run at up to 3; catches typing errors
 UPTIME_MAX_S = 1e9  # [s] of a controller: thirty years
 LEVEL_M_S = 1e-9  # [m/s] of a velocity in a turned frame
+DRIFT_MAX_M_S = 1.0  # [m/s] that the velocity of a target gains in a second; more than that is no motion to meet
+TARGET_ID_MAX = 64  # characters of a tracked target's id
 OPENING_MAX_M = 10.0  # [m] largest radius and rim height of a bin; catches typing errors
 
 OPENING = Record(
@@ -39,10 +42,39 @@ ORIENTATION = Record(
         "tolerance_rad": required(Number(above=0.0, most=pi / 2), "Largest angle from it [rad]."),
     },
 )
+UNCERTAINTY = Record(
+    "TargetUncertainty",
+    "How well place and velocity of a target that moves are known at `observed_at_s`, along each horizontal axis.",
+    {
+        "position_std_m": required(Number(0.0), "Standard deviation of the place [m]."),
+        "velocity_std_m_s": required(Number(0.0), "Standard deviation of the velocity [m/s]."),
+        "correlation": Field(Number(0.0, 1.0), "Of the two [-].", default=0.0),
+        "drift_m_s": Field(
+            Number(0.0, DRIFT_MAX_M_S),
+            "Standard deviation that the velocity gains in a second [m/s].",
+            default=DRIFT_M_S,
+        ),
+    },
+)
+TRACKED = Record(
+    "TrackedTargetName",
+    "A tracked target of the cell, in place of numbers: position, velocity and their uncertainty as last observed.",
+    {
+        "target": required(Text(TARGET_ID_MAX), "Its id, from `POST /cells/{name}/targets`; or `latest`."),
+        "height_m": Field(Number(), "Its height, in the world [m]; absent: as observed."),
+    },
+)
+KNOWN_OF_TRACKED = ("velocity", "observed_at_s", "uncertainty", "tracked_target")
 
 
 def _check_velocity(given: dict[str, Any], path: str, errors: list[FieldError]) -> None:
     """Refuses a velocity without the instant at which the target was at its position, and the other way round."""
+    if isinstance(given["position"], dict):
+        reason = "is known of a tracked target: leave it out"
+        errors += [FieldError(f"{path}.{name}", reason) for name in KNOWN_OF_TRACKED if name in given]
+        return
+    if "uncertainty" in given and "observed_at_s" not in given:
+        errors.append(FieldError(f"{path}.uncertainty", "is for a target with velocity and observed_at_s"))
     if ("velocity" in given) != ("observed_at_s" in given):
         errors.append(FieldError(f"{path}.observed_at_s", "and velocity belong together"))
     speed = float(np.linalg.norm(given.get("velocity", 0.0)))
@@ -61,7 +93,9 @@ class TargetRelease(Target, Release):
         "TargetReleaseRequest",
         "Hit a point by free flight; the planner chooses the release.",
         {
-            "position": required(Vector(3), "The point to hit, in `frame` [m]."),
+            "position": required(
+                VectorOr(Vector(3), TRACKED), "The point to hit, in `frame` [m]; or a tracked target, of `POST /plan`."
+            ),
             "max_release_speed_m_s": Field(Number(SPEED_MIN_M_S), "Maximum speed of the object at the release [m/s]."),
             "min_elevation_rad": Field(
                 Number(-pi / 2, pi / 2), "Minimum elevation of the release velocity above the horizon [rad]."
@@ -85,6 +119,14 @@ class TargetRelease(Target, Release):
             "observed_at_s": Field(
                 Number(0.0, UPTIME_MAX_S),
                 "When it was at `position`, on the controller's clock (RTDE `timestamp`) [s].",
+            ),
+            "uncertainty": Field(
+                UNCERTAINTY,
+                "How well place and velocity are known; absent: exactly. A target that three standard deviations may "
+                "take farther off at the landing than counts as a hit is refused.",
+            ),
+            "tracked_target": Field(
+                Text(TARGET_ID_MAX), "Id of the tracked target whose numbers these are, as the service found them."
             ),
         },
         _check_velocity,
@@ -162,6 +204,8 @@ class TargetRelease(Target, Release):
             orientation=_orientation(given["orientation"], X_WR) if "orientation" in given else None,
             v_W=turn(X_WR, given["velocity"]) if "velocity" in given else np.zeros(3),
             at_s=given.get("observed_at_s", 0.0),
+            uncertainty=MotionUncertainty(**given["uncertainty"]) if "uncertainty" in given else None,
+            tracked_target=given.get("tracked_target"),
         )
 
     def to_json(self) -> dict[str, Any]:
@@ -183,6 +227,10 @@ class TargetRelease(Target, Release):
             document["orientation"] = {"axis": asked.axis_W.tolist(), "tolerance_rad": asked.tolerance_rad}
         if self.moves:
             document |= {"velocity": self.v_W.tolist(), "observed_at_s": self.at_s}
+        if self.uncertainty is not None:
+            document["uncertainty"] = asdict(self.uncertainty)
+        if self.tracked_target is not None:
+            document["tracked_target"] = self.tracked_target
         return document
 
 

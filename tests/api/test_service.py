@@ -13,6 +13,7 @@ import pytest
 from api import store_probe
 from api.app import UnsafeSettings, create_app
 from api.http import PROBLEM_TYPES, create_token
+from api.schemas import TARGET_EXAMPLES
 from api.settings import ServiceSettings
 from store import Store, StoreUnavailable, pack_samples
 from tests.api.conftest import REQUEST, FakeExecutor, RunningService
@@ -207,6 +208,11 @@ def test_every_call_of_the_contract_is_there(service: RunningService):
         "POST /cells/{name}/acknowledge",
         "POST /cells/{name}/robot",
         "POST /cells/{name}/retarget",
+        "POST /cells/{name}/targets",
+        "GET /cells/{name}/targets",
+        "GET /cells/{name}/targets/{id}",
+        "DELETE /cells/{name}/targets/{id}",
+        "POST /cells/{name}/targets/{id}/observations",
         "GET /cells",
         "GET /cells/{name}",
         "GET /cells/{name}/history",
@@ -254,6 +260,8 @@ def test_every_field_of_a_request_is_described(service: RunningService):
 def test_every_example_runs(service: RunningService, executor: FakeExecutor, plan):
     """Every call can be run from the OpenAPI page with the examples it offers."""
     schema = service.client.get("/openapi.json").json()
+    tracked = TARGET_EXAMPLES["encoder"]["value"]  # is named by an example of a plan, which comes first
+    assert service.client.post("/cells/ur5e-sim/targets", json=tracked).status_code == 201
     for method, path, operation in operations(schema):
         for parameter in operation.get("parameters", []):
             if parameter["in"] == "path":

@@ -8,7 +8,7 @@ import pytest
 from benchmarks.learning.ordinary_throws import AssessedThrow, assessed_throws
 from benchmarks.learning.plans import PlannedThrow
 from benchmarks.learning.reliability import brier_share, calibration_error, reliability_bins
-from learning import JointSpeeds, ReleasePosterior, forecast, learn_joint_speeds, throw_table
+from learning import JointSpeeds, LandingForecast, ReleasePosterior, forecast, learn_joint_speeds, throw_table
 from learning.throws import Throws
 
 
@@ -90,3 +90,13 @@ def test_honest_forecasts_are_called_honest_and_others_not():
     sure = np.where(p > 0.5, 0.95, 0.05)
     assert calibration_error(sure, hit) > 0.15
     assert not all(b.is_inside for b in reliability_bins(sure, hit, cell))
+
+
+def test_beside_a_target_that_may_be_elsewhere_landings_spread_by_that():
+    points = np.random.default_rng(3).normal([1.0, 0.2], 0.02, (200, 10, 2))
+    guess = LandingForecast(points)
+    beside = guess.beside_target(0.03)
+    assert np.allclose(beside.covariance, guess.covariance + 0.03**2 * np.eye(2), atol=1e-4)
+    assert beside.hit_probability(np.array([1.0, 0.2]), 0.05) == pytest.approx(
+        1.0 - np.exp(-(0.05**2) / 2.0 / (0.02**2 + 0.03**2)), abs=0.03
+    )  # of a Rayleigh distribution

@@ -205,3 +205,89 @@ def test_a_refusal_is_proven_of_no_landing_but_those_that_were_tried() -> None:
         plan(problem_from_request({"release": afar, "starts_not_before_s": SEEN_S + 0.5}, cell()))
     assert not any(each.proven for each in refused.value.violations)
     assert "s after the earliest start" in str(refused.value)
+
+
+KNOWN = {"position_std_m": 0.003, "velocity_std_m_s": 0.01, "correlation": 0.7, "drift_m_s": 0.005}
+UNCERTAIN = {**ACROSS, "opening": BIN, "uncertainty": KNOWN}
+
+
+def test_an_uncertain_target_is_met_as_a_certain_one(found: Plan, asked: dict[str, Any]) -> None:
+    uncertain = {**asked["release"], "uncertainty": {**KNOWN, "velocity_std_m_s": 0.0, "drift_m_s": 0.0}}
+    other = plan(problem_from_request({**asked, "release": uncertain}, cell()))
+    np.testing.assert_array_equal(other.trajectory.q, found.trajectory.q)
+    assert other.problem.starts_at_s == found.problem.starts_at_s
+
+
+def test_what_is_known_at_the_landing_is_what_is_known_at_the_observation_and_the_time_since() -> None:
+    found = plan(problem_from_request(request(UNCERTAIN), cell()))
+    document = plan_document(found, request(UNCERTAIN), "", "")
+    after_s = document["starts_at_s"] + document["release_time_s"] + document["flight"]["time_of_flight_s"] - SEEN_S
+    rng = np.random.default_rng(0)
+    both = KNOWN["correlation"] * KNOWN["position_std_m"] * KNOWN["velocity_std_m_s"]
+    P = [[KNOWN["position_std_m"] ** 2, both], [both, KNOWN["velocity_std_m_s"] ** 2]]
+    p, v = rng.multivariate_normal([0.0, 0.0], P, 20_000).T
+    wanders = KNOWN["drift_m_s"] * np.sqrt(after_s**3 / 3.0) * rng.standard_normal(len(p))
+    known = moving(found.problem).uncertainty
+    assert known is not None
+    assert known.position_std_m == pytest.approx((p + after_s * v + wanders).std(), rel=0.02)
+    again, _ = plan_from_document(document, cell())
+    read = moving(again).uncertainty
+    assert read is not None
+    np.testing.assert_allclose(read.covariance, known.covariance, rtol=1e-9)
+
+
+def test_a_target_that_may_be_elsewhere_is_refused_by_its_field_with_numbers() -> None:
+    """Three standard deviations at the earliest start, or at the landing, are more than the bin's room."""
+    room = BIN["radius_m"] - cell().object.radius_m
+    unseen = {**UNCERTAIN, "uncertainty": {"position_std_m": 0.003, "velocity_std_m_s": 5.0}}
+    with pytest.raises(InvalidProblem, match=r"release.position: the target may be 7\.5 m off at 1000\.5 s"):
+        problem_from_request(request(unseen), cell())
+    at_start = {"position_std_m": 0.0, "velocity_std_m_s": room / 3.0 / 0.55, "drift_m_s": 0.0}
+    problem = problem_from_request(request({**UNCERTAIN, "uncertainty": at_start}), cell())
+    with pytest.raises(InvalidProblem, match="the room of a hit") as refused:
+        plan(problem)
+    assert f"the room of a hit is {room:.3g} m" in str(refused.value)
+
+
+def test_a_target_that_may_move_waits_like_one_that_does() -> None:
+    standing = {
+        **ACROSS,
+        "position": [1.1, 0.0, 0.0],
+        "velocity": [0.0, 0.0, 0.0],
+        "opening": BIN,
+        "uncertainty": KNOWN,
+    }
+    found = plan(problem_from_request(request(standing), cell()))
+    assert found.problem.starts_at_s is not None
+    assert found.certificate.valid
+
+
+def test_a_request_with_its_uncertainty_is_written_as_it_was_read() -> None:
+    problem = problem_from_request(request({**UNCERTAIN, "tracked_target": "some"}), cell())
+    document = request_document(problem, problem.release)
+    assert document["release"]["uncertainty"] == KNOWN
+    assert document["release"]["tracked_target"] == "some"
+    assert release_document(problem_from_request(document, cell()).release) == document["release"]
+
+
+@pytest.mark.parametrize(
+    ("release", "field"),
+    [
+        ({"kind": "target", "position": {"target": "some"}}, "release.position"),
+        ({"kind": "target", "position": {"target": "some"}, "velocity": [0.0, 0.1, 0.0]}, "release.velocity"),
+        ({"kind": "target", "position": {"other": "some"}}, "release.position.target"),
+        ({"kind": "target", "position": {"target": 7}}, "release.position.target"),
+        ({"kind": "target", "position": [1.1, 0.0, 0.0], "uncertainty": KNOWN}, "release.uncertainty"),
+        ({**ACROSS, "uncertainty": {**KNOWN, "correlation": 1.1}}, "release.uncertainty.correlation"),
+        ({**ACROSS, "uncertainty": {"position_std_m": 0.1}}, "release.uncertainty.velocity_std_m_s"),
+    ],
+)
+def test_what_names_or_doubts_a_target_wrongly_is_refused_by_its_field(release: dict[str, Any], field: str) -> None:
+    with pytest.raises(InvalidProblem, match=field):
+        problem_from_request({"release": release, "starts_not_before_s": SEEN_S}, cell())
+
+
+def test_a_tracked_target_is_no_passage() -> None:
+    passages = [{"name": "throw", "state": {"kind": "target", "position": {"target": "some"}}, "releases": True}]
+    with pytest.raises(InvalidProblem, match=r"passages\[0\].state.position"):
+        problem_from_request({"passages": passages}, cell())

@@ -11,6 +11,8 @@ import httpx2
 
 from tests.system.rig import ROOT, Rig
 
+START_S = 120.0  # [s] for a busy machine to load the service: five seconds of its own
+
 
 class RigService:
     """A running service."""
@@ -22,7 +24,7 @@ class RigService:
                        "FLING_DEFAULT_CELL": "rig"}  # fmt: skip
         self.process = subprocess.Popen([sys.executable, "-m", "api"], cwd=ROOT, env=environment)
         self.http = httpx2.Client(base_url=f"http://127.0.0.1:{port}", timeout=60.0, trust_env=False)
-        rig.until(self._answers)
+        rig.until(self._answers, within_s=START_S)
 
     def __enter__(self) -> Self:
         return self

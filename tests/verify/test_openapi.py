@@ -21,7 +21,7 @@ import httpx2
 import pytest
 
 from api.http import create_token
-from api.schemas import MAP_EXAMPLES, PLAN_EXAMPLES
+from api.schemas import MAP_EXAMPLES, PLAN_EXAMPLES, TARGET_EXAMPLES
 from store import Store
 from tests.postgres import database_on
 from tests.verify.conftest import ServiceProcess
@@ -85,6 +85,7 @@ def furnish(service: ServiceProcess, headers: dict[str, str]) -> None:
         ("/executions/latest/events", None), ("/executions/latest/landing", {"result": "hit", "radius_m": 0.1}),
         ("/batches", {"requests": [joint]}), ("/batches/latest/events", None),
         (f"/cells/{CELL}/map", MAP_EXAMPLES["coarse"]["value"]), (f"/cells/{CELL}/profiles", {}),
+        (f"/cells/{CELL}/targets", TARGET_EXAMPLES["encoder"]["value"]),
     ]  # fmt: skip
     with http:
         for path, body in first:

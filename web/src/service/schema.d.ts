@@ -388,6 +388,82 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/cells/{name}/targets": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List tracked targets
+         * @description Lists the tracked targets of a cell, newest first, each as of its last observation.
+         */
+        get: operations["list_targets"];
+        put?: never;
+        /**
+         * Track a target
+         * @description Begins to track a target with its first observation. Plans name it: `"position": {"target": id}`.
+         *
+         *     A Kalman filter of constant velocity joins the observations. The 100 targets of a cell that were observed last
+         *     are kept, for an hour after their last observation.
+         */
+        post: operations["track_target"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/cells/{name}/targets/{id}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Read a tracked target
+         * @description Reads place and velocity of a target, and how well they are known, as of its last observation.
+         */
+        get: operations["read_target"];
+        put?: never;
+        post?: never;
+        /**
+         * Forget a target
+         * @description Forgets a target. Plans that were made for it hold its numbers and stay as they are.
+         */
+        delete: operations["forget_target"];
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/cells/{name}/targets/{id}/observations": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Observe a target
+         * @description Adds an observation to what is known of a target. **May change or stop a throw at it.**
+         *
+         *     One that is no later than the last, or farther from what was predicted than five standard deviations, is refused,
+         *     and changes nothing of what is known. A throw at the target that waits for its start is planned again where the
+         *     target will pass elsewhere; one in motion that would miss is stopped while the object is still held, also where it
+         *     is a refused observation that says so.
+         */
+        post: operations["observe_target"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/cells/{name}/timing": {
         parameters: {
             query?: never;
@@ -2747,6 +2823,37 @@ export interface components {
             shape: "sphere" | "box" | "cylinder" | "capsule";
         };
         /**
+         * ObservationRequest
+         * @description Where a target was seen at an instant, and its velocity where an encoder tells it.
+         */
+        ObservationRequest: {
+            /**
+             * Observed At S
+             * @description When, on the controller's clock (RTDE `timestamp`) [s].
+             */
+            observed_at_s: number;
+            /**
+             * Position
+             * @description In the world [m], within 100 m of the arm.
+             */
+            position: number[];
+            /**
+             * Std M
+             * @description Standard deviation along each axis [m].
+             */
+            std_m: number;
+            /**
+             * Velocity
+             * @description In the world [m/s]; level.
+             */
+            velocity?: number[] | null;
+            /**
+             * Velocity Std M S
+             * @description Its standard deviation along each axis [m/s].
+             */
+            velocity_std_m_s?: number | null;
+        };
+        /**
          * OpeningRequest
          * @description Mouth of a round bin that is open upwards; the target is the centre of its bottom.
          */
@@ -4587,6 +4694,47 @@ export interface components {
             sense_input: number | null;
         };
         /**
+         * TargetEvent
+         * @description Event `target`: what an observation of a tracked target means for the throw at it.
+         */
+        TargetEvent: {
+            /**
+             * At
+             * @description UTC, ISO 8601.
+             */
+            at: string;
+            /**
+             * Hit Probability
+             * @description As it is now [-].
+             */
+            hit_probability: number;
+            /**
+             * Miss M
+             * @description From where the plan meets the target to where it is expected then [m].
+             */
+            miss_m: number;
+            /**
+             * Observed At S
+             * @description Time of the observation, on the controller's clock [s].
+             */
+            observed_at_s: number;
+            /**
+             * Room M
+             * @description Distance from the target that counts as a hit [m].
+             */
+            room_m: number;
+            /**
+             * Stopped
+             * @description Whether the throw was stopped for it.
+             */
+            stopped: boolean;
+            /**
+             * Target
+             * @description Id of the target.
+             */
+            target: string;
+        };
+        /**
          * TargetReleaseRequest
          * @description Hit a point by free flight; the planner chooses the release.
          */
@@ -4627,14 +4775,21 @@ export interface components {
             orientation?: components["schemas"]["OrientationRequest"] | null;
             /**
              * Position
-             * @description The point to hit, in `frame` [m].
+             * @description The point to hit, in `frame` [m]; or a tracked target, of `POST /plan`.
              */
-            position: number[];
+            position: number[] | components["schemas"]["TrackedTargetName"];
             /**
              * Release Position
              * @description Position of the release, in `frame` [m]; absent: free.
              */
             release_position?: number[] | null;
+            /**
+             * Tracked Target
+             * @description Id of the tracked target whose numbers these are, as the service found them.
+             */
+            tracked_target?: string | null;
+            /** @description How well place and velocity are known; absent: exactly. A target that three standard deviations may take farther off at the landing than counts as a hit is refused. */
+            uncertainty?: components["schemas"]["TargetUncertainty"] | null;
             /**
              * Velocity
              * @description Velocity of the target and its bin, in `frame` [m/s]; level. Absent: it stands still.
@@ -4689,6 +4844,34 @@ export interface components {
             target: number[] | null;
             /** Throws */
             throws: number;
+        };
+        /**
+         * TargetUncertainty
+         * @description How well place and velocity of a target that moves are known at `observed_at_s`, along each horizontal axis.
+         */
+        TargetUncertainty: {
+            /**
+             * Correlation
+             * @description Of the two [-].
+             * @default 0
+             */
+            correlation: number;
+            /**
+             * Drift M S
+             * @description Standard deviation that the velocity gains in a second [m/s].
+             * @default 0.005
+             */
+            drift_m_s: number;
+            /**
+             * Position Std M
+             * @description Standard deviation of the place [m].
+             */
+            position_std_m: number;
+            /**
+             * Velocity Std M S
+             * @description Standard deviation of the velocity [m/s].
+             */
+            velocity_std_m_s: number;
         };
         /**
          * TelemetryEvent
@@ -4845,6 +5028,125 @@ export interface components {
             rows: number;
         };
         /**
+         * TrackedTargetAnswer
+         * @description A tracked target as of its last observation.
+         */
+        TrackedTargetAnswer: {
+            /** Cell */
+            cell: string;
+            /**
+             * Chi Square
+             * @description Squared distance of the last observation from what was predicted, in standard deviations [-]; null of the first.
+             */
+            chi_square: number | null;
+            /**
+             * Chi Square Max
+             * @description The largest that would have been taken [-].
+             */
+            chi_square_max: number | null;
+            /**
+             * Created At
+             * @description UTC, ISO 8601.
+             */
+            created_at: string;
+            /**
+             * Created By
+             * @description Owner of the token.
+             */
+            created_by: string;
+            /**
+             * Height Std M
+             * @description Standard deviation of the height [m].
+             */
+            height_std_m: number;
+            /** Id */
+            id: string;
+            /**
+             * Observations
+             * @description Number of observations.
+             */
+            observations: number;
+            /**
+             * Observed At S
+             * @description On the controller's clock [s].
+             */
+            observed_at_s: number;
+            /**
+             * Position
+             * @description In the world [m].
+             */
+            position: number[];
+            uncertainty: components["schemas"]["UncertaintyAnswer"];
+            /**
+             * Velocity
+             * @description In the world [m/s].
+             */
+            velocity: number[];
+        };
+        /**
+         * TrackedTargetList
+         * @description The tracked targets of a cell, newest first.
+         */
+        TrackedTargetList: {
+            /** Cell */
+            cell: string;
+            /** Targets */
+            targets: components["schemas"]["TrackedTargetAnswer"][];
+        };
+        /**
+         * TrackedTargetName
+         * @description A tracked target of the cell, in place of numbers: position, velocity and their uncertainty as last observed.
+         */
+        TrackedTargetName: {
+            /**
+             * Height M
+             * @description Its height, in the world [m]; absent: as observed.
+             */
+            height_m?: number | null;
+            /**
+             * Target
+             * @description Its id, from `POST /cells/{name}/targets`; or `latest`.
+             */
+            target: string;
+        };
+        /**
+         * TrackedTargetRequest
+         * @description The first observation of a target.
+         */
+        TrackedTargetRequest: {
+            /**
+             * Drift M S
+             * @description Standard deviation that its velocity gains in a second [m/s].
+             * @default 0.005
+             */
+            drift_m_s: number;
+            /**
+             * Observed At S
+             * @description When, on the controller's clock (RTDE `timestamp`) [s].
+             */
+            observed_at_s: number;
+            /**
+             * Position
+             * @description In the world [m], within 100 m of the arm.
+             */
+            position: number[];
+            /**
+             * Std M
+             * @description Standard deviation along each axis [m].
+             */
+            std_m: number;
+            /**
+             * Velocity
+             * @description In the world [m/s]; level.
+             */
+            velocity?: number[] | null;
+            /**
+             * Velocity Std M S
+             * @description Its standard deviation along each axis [m/s].
+             */
+            velocity_std_m_s?: number | null;
+        };
+        /**
          * TrajectoryAnswer
          * @description Samples at i / sample_rate_hz with the field names of ROS JointTrajectory; the last one is at rest.
          */
@@ -4887,6 +5189,32 @@ export interface components {
              * @description Linear velocity [m/s].
              */
             linear: number[];
+        };
+        /**
+         * UncertaintyAnswer
+         * @description How well place and velocity are known at the last observation, along each horizontal axis.
+         */
+        UncertaintyAnswer: {
+            /**
+             * Correlation
+             * @description Of the two [-].
+             */
+            correlation: number;
+            /**
+             * Drift M S
+             * @description Standard deviation that the velocity gains in a second [m/s].
+             */
+            drift_m_s: number;
+            /**
+             * Position Std M
+             * @description Standard deviation of the place [m].
+             */
+            position_std_m: number;
+            /**
+             * Velocity Std M S
+             * @description Of the velocity [m/s]; 5: it is not known.
+             */
+            velocity_std_m_s: number;
         };
         /**
          * UnusedThrowAnswer
@@ -5034,6 +5362,7 @@ export type MapProgress = components['schemas']['MapProgress'];
 export type MapReason = components['schemas']['MapReason'];
 export type MapValues = components['schemas']['MapValues'];
 export type ObjectAnswer = components['schemas']['ObjectAnswer'];
+export type ObservationRequest = components['schemas']['ObservationRequest'];
 export type OpeningRequest = components['schemas']['OpeningRequest'];
 export type OrientationRequest = components['schemas']['OrientationRequest'];
 export type OutputSwitchRequest = components['schemas']['OutputSwitchRequest'];
@@ -5077,13 +5406,20 @@ export type StartRequest = components['schemas']['StartRequest'];
 export type StateEvent = components['schemas']['StateEvent'];
 export type SurroundingsAnswer = components['schemas']['SurroundingsAnswer'];
 export type SwitchedOutput = components['schemas']['SwitchedOutput'];
+export type TargetEvent = components['schemas']['TargetEvent'];
 export type TargetReleaseRequest = components['schemas']['TargetReleaseRequest'];
 export type TargetStatistics = components['schemas']['TargetStatistics'];
+export type TargetUncertainty = components['schemas']['TargetUncertainty'];
 export type TelemetryEvent = components['schemas']['TelemetryEvent'];
 export type TimingAnswer = components['schemas']['TimingAnswer'];
 export type TimingRunAnswer = components['schemas']['TimingRunAnswer'];
+export type TrackedTargetAnswer = components['schemas']['TrackedTargetAnswer'];
+export type TrackedTargetList = components['schemas']['TrackedTargetList'];
+export type TrackedTargetName = components['schemas']['TrackedTargetName'];
+export type TrackedTargetRequest = components['schemas']['TrackedTargetRequest'];
 export type TrajectoryAnswer = components['schemas']['TrajectoryAnswer'];
 export type Twist = components['schemas']['Twist'];
+export type UncertaintyAnswer = components['schemas']['UncertaintyAnswer'];
 export type UnusedThrowAnswer = components['schemas']['UnusedThrowAnswer'];
 export type ViolationAnswer = components['schemas']['ViolationAnswer'];
 export type WayHomeAnswer = components['schemas']['WayHomeAnswer'];
@@ -6741,6 +7077,417 @@ export interface operations {
             };
         };
     };
+    list_targets: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Name of a cell. */
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Newest first. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["TrackedTargetList"];
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    track_target: {
+        parameters: {
+            query?: never;
+            header?: {
+                /** @description Same key and body: same resource. */
+                "idempotency-key"?: string | null;
+            };
+            path: {
+                /** @description Name of a cell. */
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["TrackedTargetRequest"];
+            };
+        };
+        responses: {
+            /** @description As first observed. */
+            201: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["TrackedTargetAnswer"];
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `request-timeout` */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `too-large` */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `unsupported-media-type` */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request`, `idempotency-conflict` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `shutting-down`, `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    read_target: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Name of a cell. */
+                name: string;
+                /** @description Id of the target, or `latest`. */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description As of its last observation. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["TrackedTargetAnswer"];
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    forget_target: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Name of a cell. */
+                name: string;
+                /** @description Id of the target, or `latest`. */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description As it was last known. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["TrackedTargetAnswer"];
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    observe_target: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Name of a cell. */
+                name: string;
+                /** @description Id of the target, or `latest`. */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["ObservationRequest"];
+            };
+        };
+        responses: {
+            /** @description With this observation. */
+            201: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["TrackedTargetAnswer"];
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `request-timeout` */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `too-large` */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `unsupported-media-type` */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `shutting-down`, `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
     read_timing: {
         parameters: {
             query?: never;
@@ -7142,7 +7889,7 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description State changes and telemetry; ends with the execution. */
+            /** @description State changes, telemetry and what becomes of a tracked target; ends with the execution. */
             200: {
                 headers: {
                     [name: string]: unknown;

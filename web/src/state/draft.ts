@@ -128,7 +128,7 @@ export function withNearest(draft: Draft, nearest: Nearest): Draft {
   return {
     ...common,
     kind: "target",
-    target: texts(release.position),
+    target: Array.isArray(release.position) ? texts(release.position) : draft.target,
     maxSpeed: text(release.max_release_speed_m_s, draft.maxSpeed),
     minElevation: text(release.min_elevation_rad, draft.minElevation),
     maxElevation: text(release.max_elevation_rad, draft.maxElevation),

@@ -111,7 +111,7 @@ export function stateOf(release: Release): StateDraft {
   const { velocity, observed_at_s } = release;
   return {
     ...FIRST_STATE_DRAFT,
-    target: texts(release.position),
+    target: Array.isArray(release.position) ? texts(release.position) : FIRST_STATE_DRAFT.target, // plans hold numbers
     bin: Boolean(release.opening),
     ...(release.opening ? { binRadius: String(release.opening.radius_m), binRim: String(release.opening.rim_height_m) } : {}),
     ...(velocity && typeof observed_at_s === "number"

@@ -152,12 +152,12 @@ function ProblemCard(): JSX.Element | null {
 }
 
 interface Offer {
-  readonly release?: { readonly kind: string; readonly position?: number[] } | null;
+  readonly release?: { readonly kind: string; readonly position?: number[] | object } | null;
   readonly release_window_s?: number | null;
 }
 
 function nearestWords({ release, release_window_s: window_s }: Offer): string {
-  const place = release?.position ? `(${release.position.map((x) => x.toFixed(2)).join(", ")})` : "";
+  const place = Array.isArray(release?.position) ? `(${release.position.map((x) => x.toFixed(2)).join(", ")})` : "";
   const timing = window_s ? `released up to ${figure(1000 * window_s, 2)} ms early or late` : window_s === 0 ? "without a release window" : "";
   return [place, timing, "there may be a nearer one"].filter((part) => part !== "").join(", ");
 }
