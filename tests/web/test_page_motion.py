@@ -60,7 +60,11 @@ def test_a_field_that_the_service_refuses_is_marked_in_its_passage(guest: Visit,
 
 
 def test_a_plan_of_passages_fills_the_form_and_is_answered_by_it(guest: Visit, desk: Desk) -> None:
-    state = {"kind": "joint", "positions": [0.4, -1.4, 1.2, -1.2, -1.57, 0.0], "velocities": [0.4, 0.3, -0.2, 0.1, 0.0, 0.0]}
+    state = {
+        "kind": "joint",
+        "positions": [0.4, -1.4, 1.2, -1.2, -1.57, 0.0],
+        "velocities": [0.4, 0.3, -0.2, 0.1, 0.0, 0.0],
+    }
     id = posted(desk, {"passages": [{"name": "swing", "state": state}], "end": {"kind": "home"}})
     guest.page.goto(f"{desk.url}/#/plan/{id}")
     expect(guest.page.get_by_role("radio", name="Motion")).to_be_checked(timeout=PLANNED_MS)
