@@ -13,14 +13,14 @@ class Replanning:
     def __init__(self) -> None:
         self._tasks: dict[str, asyncio.Task[None]] = {}
 
-    def begin(self, cell: str, work: Coroutine[Any, Any, None]) -> bool:
-        """Begins a search for a cell; returns whether it did: one that goes on looks at the newest by itself."""
-        if cell in self._tasks:
+    def begin(self, name: str, work: Coroutine[Any, Any, None]) -> bool:
+        """Begins a search, by a name; returns whether it did: one that goes on looks at the newest by itself."""
+        if name in self._tasks:
             work.close()
             return False
         task = asyncio.create_task(work)
-        self._tasks[cell] = task
-        task.add_done_callback(lambda _: self._tasks.pop(cell, None))
+        self._tasks[name] = task
+        task.add_done_callback(lambda _: self._tasks.pop(name, None))
         return True
 
     async def close(self) -> None:

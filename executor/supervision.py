@@ -54,6 +54,7 @@ EXPLAINED_BY_FOREIGN = ("aborted", "tracking", "late", "link_lost")  # what anot
 # Return codes that only the library causes: ur_rtde 1.6.5 crashes as it reconnects to a controller without dashboard.
 CRASHES = (-signal.SIGSEGV, -signal.SIGABRT, -signal.SIGBUS)
 EXTERNAL_SIGNALS = (-signal.SIGKILL, -signal.SIGTERM, -signal.SIGINT)  # return codes that no library causes
+STREAM_MODULE = "executor.streaming"
 HUNG = -signal.SIGALRM  # return code of a stream that hung in the library: `executor.streaming.rtde_connection`
 LOCK = struct.Struct("hhqqi4x")  # source: fcntl(2), struct flock on 64-bit Linux: type, whence, start, length, process
 
@@ -116,15 +117,30 @@ def end_orphan(log: Path) -> int | None:
         log: file for its output.
     """
     end = time.monotonic() + ORPHAN_S
-    while (process := _locked_by(log)) is not None:
-        if time.monotonic() > end:
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(process, signal.SIGKILL)
-            while _locked_by(log) == process:
-                time.sleep(PERIOD_S)
-            return process
+    while (process := _locked_by(log)) is not None and time.monotonic() < end:
         time.sleep(PERIOD_S)
+    if process is None:
+        return None
+    with contextlib.suppress(OSError):  # gone meanwhile, or somebody else's
+        descriptor = os.pidfd_open(process)  # from here on this number is no other process
+        try:
+            if not _is_stream(process):
+                return None
+            signal.pidfd_send_signal(descriptor, signal.SIGKILL)
+            select.select([descriptor], [], [], ORPHAN_S)
+        finally:
+            os.close(descriptor)
+        return process
     return None
+
+
+def _is_stream(process: int) -> bool:
+    """Returns whether a process is a streaming process of this program."""
+    try:
+        words = Path(f"/proc/{process}/cmdline").read_bytes().split(b"\0")
+    except OSError:
+        return False
+    return STREAM_MODULE.encode() in words
 
 
 def _locked_by(file: Path) -> int | None:
@@ -135,7 +151,8 @@ def _locked_by(file: Path) -> int | None:
     except OSError:  # there was no run yet
         return None
     kind, _, _, _, process = LOCK.unpack(found)
-    return None if kind == fcntl.F_UNLCK else process
+    # 0 and below are no process that can be signalled: the holder is in another container, or on another machine.
+    return None if kind == fcntl.F_UNLCK or process <= 1 else process
 
 
 class StreamRun:
@@ -284,7 +301,7 @@ class StreamRun:
         memory = self.memory
         memory.fields[shm.DAEMON_PULSE] = memory.fields[shm.PULSE] = time.monotonic()
         pulse = threading.get_native_id()  # this thread writes the pulse: the child checks whether it is frozen
-        command = [sys.executable, "-P", "-m", "executor.streaming", *map(str, (job_fd, memory.fd, os.getpid(), pulse))]
+        command = [sys.executable, "-P", "-m", STREAM_MODULE, *map(str, (job_fd, memory.fd, os.getpid(), pulse))]
         try:
             inherited = (job_fd, memory.fd) if self.gripper is None else (job_fd, memory.fd, self.gripper.fileno())
             self._child = ChildProcess(command, inherited, self.log)

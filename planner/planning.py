@@ -88,7 +88,9 @@ def _plan_to_meet(problem: ThrowProblem, hints: SearchHints) -> Plan:
     ends_s = time.perf_counter() + problem.time_limit_s
     hints = replace(hints, offers_nearest=False)
     refusal: Infeasible = Infeasible(())
-    lands_at_s = earliest_s + FIRST_LANDING_S
+    throw = next((each for each in problem.passages if each.releases), None)
+    passed_s = 0.0 if throw is None else max(throw.not_before_s, throw.at_s or 0.0)
+    lands_at_s = earliest_s + passed_s + FIRST_LANDING_S
     for _ in range(LANDINGS_MAX):
         left_s = ends_s - time.perf_counter()
         if left_s <= 0.0:

@@ -85,7 +85,7 @@ def _check_motion(given: dict[str, Any], path: str, errors: list[FieldError]) ->
         return
     for i, passage in enumerate(given.get("passages", ())):
         if isinstance(passage.get("state", {}).get("position"), dict):
-            reason = "a passage hits no target that moves: give it as the release alone"
+            reason = "a tracked target is for a release alone: give its position, velocity and observed_at_s as numbers"
             errors.append(FieldError(f"{prefix}passages[{i}].state.position", reason))
     asked = given.get("min_hit_probability", 0.0)
     states = [given["release"]] if "release" in given else [each.get("state") for each in given["passages"]]

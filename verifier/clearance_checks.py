@@ -101,8 +101,9 @@ def _keep_in(solids: Sequence[Solid]) -> Rooms:
                     level = solid.kind == "cylinder"
                     z = y[2] * 0.0 if level else y[2] - np.clip(y[2].c0, -straight, straight)
                     off = y[0] * y[0] + y[1] * y[1] + z * z
-                    lower.append(walls[0] ** 2 - off.upper)
-                    upper.append(walls[0] ** 2 - off.lower)
+                    room = walls[0] * abs(walls[0])  # where the clearance leaves none, nothing is inside
+                    lower.append(room - off.upper)
+                    upper.append(room - off.lower)
         return np.array(lower), np.array(upper)
 
     return rooms

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -23,6 +23,18 @@ OF_OBJECT = (  # checks that depend on when the object may leave
     *("joint_torque", "momentum", "power", "stopping_time", "stopping_distance", "grip_acceleration"),
     *("floor", "keep_out", "self_collision", "opening_direction"),
 )
+
+
+WRONG_SHAPE = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError)
+# Numbers of a request, and of its release, that are not below 0, and those above it.
+NOT_NEGATIVE = ("release_window_s", "landing_tolerance_m", "singularity_distance_min", "min_horizontal_distance_m")
+POSITIVE = ("max_release_speed_m_s", "time_limit_s")
+VECTORS = {  # lengths of what each kind of release states
+    "joint": {"positions": 6, "velocities": 6},
+    "point": {"position": 3, "velocity": 3},
+    "pose": {},
+    "target": {"position": 3},
+}
 
 
 class NotAPlan(ValueError):
@@ -113,14 +125,14 @@ def read_motion(document: Mapping[str, Any]) -> SampledMotion:
         q, qd, qdd = (np.array(rows[key], np.float64) for key in ("positions", "velocities", "accelerations"))
         rate_hz = float(document["sample_rate_hz"])
         release = document["release"]
-        index = None if release is None else int(release["index"])
-    except (KeyError, TypeError, ValueError) as error:
+        index = None if release is None else release["index"]
+    except WRONG_SHAPE as error:
         raise NotAPlan(f"trajectory: {error!r}") from error
     if q.ndim != 2 or q.shape[1] != 6 or len(q) < 2 or not q.shape == qd.shape == qdd.shape:
         raise NotAPlan(f"trajectory: positions {q.shape}, velocities {qd.shape}, accelerations {qdd.shape}")
-    if not all(np.isfinite(x).all() for x in (q, qd, qdd)) or not rate_hz > 0.0:
+    if not all(np.isfinite(x).all() for x in (q, qd, qdd)) or not 0.0 < rate_hz < math.inf:
         raise NotAPlan("trajectory: a number is not finite, or the sample rate not above 0")
-    if index is not None and not 0 <= index < len(q):
+    if index is not None and (type(index) is not int or not 0 <= index < len(q)):
         raise NotAPlan(f"release.index: {index} is not a sample of {len(q)}")
     return SampledMotion(rate_hz, q, qd, qdd, index)
 
@@ -133,12 +145,82 @@ def read_demands(document: Mapping[str, Any], cell: Cell) -> Demands:
     """
     try:
         return _demands(document, cell)
-    except (KeyError, TypeError, ValueError, IndexError) as error:
+    except NotAPlan:
+        raise
+    except WRONG_SHAPE as error:
         raise NotAPlan(f"request: {error!r}") from error
 
 
+def _check_request(asked: Mapping[str, Any], release: Mapping[str, Any]) -> None:
+    """Refuses what a checked request cannot say: a number that is none would switch a check off.
+
+    Raises:
+        NotAPlan: with the field.
+    """
+    unusual = [
+        path for path, value in _leaves(asked, "request") if isinstance(value, float) and not math.isfinite(value)
+    ]
+    if unusual:
+        raise NotAPlan(f"{unusual[0]}: no finite number")
+    if ("release" in asked) == bool(asked.get("passages")):
+        raise NotAPlan("request: states neither a release nor passages, or both")
+    if asked.get("frame", "world") not in ("world", "base"):
+        raise NotAPlan(f"request.frame: {asked['frame']!r}")
+    _check_numbers(asked, "request")
+    _check_numbers(release, "release")
+    _check_limits(asked.get("limits") or {})
+    if release:
+        _check_release(release)
+
+
+def _check_numbers(table: Mapping[str, Any], where: str) -> None:
+    """Refuses numbers that are none, or have a sign that they cannot have."""
+    for name in (name for name in (*NOT_NEGATIVE, *POSITIVE) if table.get(name) is not None):
+        value = table[name]
+        if not _is_number(value) or value < 0.0 or (name in POSITIVE and value == 0.0):
+            raise NotAPlan(f"{where}.{name}: {value!r}")
+
+
+def _check_limits(limits: Mapping[str, Any]) -> None:
+    for name, value in limits.items():
+        if not all(_is_number(each) and each > 0.0 for each in (value if isinstance(value, list) else [value])):
+            raise NotAPlan(f"request.limits.{name}: {value!r}")
+
+
+def _check_release(release: Mapping[str, Any]) -> None:
+    for name, length in VECTORS[release["kind"]].items():
+        if len(release[name]) != length or not all(map(_is_number, release[name])):
+            raise NotAPlan(f"release.{name}: {release[name]!r}")
+    if release["kind"] == "pose":
+        vectors = [release["pose"]["position"], release["twist"]["linear"], release["twist"]["angular"]]
+        if not all(len(vector) == 3 and all(map(_is_number, vector)) for vector in vectors):
+            raise NotAPlan("release: its pose or twist is none")
+    opening = release.get("opening")
+    if opening is not None and not (
+        _is_number(opening["radius_m"]) and opening["radius_m"] > 0.0 and opening["rim_height_m"] >= 0.0
+    ):
+        raise NotAPlan(f"release.opening: {opening!r}")
+
+
+def _leaves(value: Any, path: str) -> Iterator[tuple[str, Any]]:
+    """Yields the numbers and words of a document, with their paths."""
+    if isinstance(value, Mapping):
+        for name, each in value.items():
+            yield from _leaves(each, f"{path}.{name}")
+    elif isinstance(value, list):
+        for i, each in enumerate(value):
+            yield from _leaves(each, f"{path}[{i}]")
+    else:
+        yield path, value
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
 def _demands(document: Mapping[str, Any], cell: Cell) -> Demands:
-    asked = document["request"]
+    asked = {name: value for name, value in document["request"].items() if value is not None}
+    _check_request(asked, _released(asked))
     limits = asked.get("limits") or {}
     release = _released(asked)
     own = cell.limits
@@ -159,7 +241,7 @@ def _demands(document: Mapping[str, Any], cell: Cell) -> Demands:
         qd_max=_tighter(own.qd_max, limits.get("velocity")),
         qdd_max=_tighter(own.qdd_max, limits.get("acceleration")),
         jerk_max=_tighter(own.jerk_max, limits.get("jerk")),
-        singularity_distance_min=own.singularity_distance_min if least is None else float(least),
+        singularity_distance_min=max(own.singularity_distance_min, float(least or 0.0)),
         throws=throws,
         kind=release.get("kind", ""),
         release=release,
@@ -184,7 +266,8 @@ def _not_covered(
         found |= dict.fromkeys((*OF_FLIGHT, *OF_OBJECT), "a learnt profile")
     if asked.get("min_hit_probability") and asked.get("release_window_s") is None:
         found["landing_window"] = "a window that the odds decide"
-    if any(release.get("velocity") or []) and release.get("kind") == "target":
+    may_move = any(release.get("velocity") or []) or release.get("uncertainty") is not None
+    if may_move and release.get("kind") == "target":
         found |= dict.fromkeys((*OF_FLIGHT, "keep_out"), "a target that moves")
     if isinstance(cell.object, ThrownBody) and release and not _is_at_rest(release):
         found |= dict.fromkeys(OF_FLIGHT, "the flight of a body that is no ball")

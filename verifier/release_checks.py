@@ -81,7 +81,7 @@ def _of_target(arm: ArmPieces, demands: Demands) -> Iterator[tuple[str, TaylorMo
     level = (v[0] * v[0] + v[1] * v[1]).square_root()
     for key, sign in (("min_elevation_rad", -1.0), ("max_elevation_rad", 1.0)):
         limit = asked.get(key)
-        if limit is not None and abs(float(limit)) < math.pi / 2:
+        if limit is not None and sign * float(limit) < math.pi / 2:  # beyond that every throw is allowed
             # Above the line of that elevation v_z cos - |v_xy| sin is positive; over the speed it is the angle's sine.
             above = v[2] * math.cos(float(limit)) - level * math.sin(float(limit))
             speed = float(np.sqrt(_square(v).upper.max()))

@@ -64,6 +64,8 @@ def findings(document: Mapping[str, Any], cell: Cell) -> Iterator[Finding]:
     demands = read_demands(document, cell)
     if demands.kind and motion.release is None:
         raise NotAPlan("release: the plan has none, though its request asks for one")
+    if motion.release is not None and not demands.kind:
+        raise NotAPlan("release: the plan has one, though its request asks for none")
     for name, what in demands.not_covered.items():
         yield not_covered(name, what)
     made = _made(cell, motion, demands)

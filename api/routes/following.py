@@ -40,6 +40,8 @@ Vector = NDArray[np.float64]
 
 REPLAN_SHARE = 0.2  # [-] of the room of a hit by which the meeting place moves before a waiting throw is planned again
 WAITING = ("queued", "preparing", "approaching")  # states before the motion
+WAITS_AT_MOST_S = 15.0  # [s] a throw waits for 10 s at most, and is over some seconds later
+LOOK_S = 0.2  # [s] between two looks for an executor that is not heard of
 FORECASTS_KEPT = 8  # of plans: one a cell that throws at a tracked target
 NO_PLAN = (ProblemDetails, PlannerError, PlanningEnded, PlanningQueueFull, PoolBroken, StoreError, CellError)
 log = logging.getLogger("fling")
@@ -105,10 +107,11 @@ async def follow_target(
     if throw.can_be_replanned(_lead_s(service, throw)):
         if contradicting is None and throw.miss_m > REPLAN_SHARE * throw.room_m:
             service.replanning.begin(target.cell, _replan(service, target, caller, origin))
+        elif throw.miss_m > throw.room_m:
+            _stop_in_time(service, target, caller, origin, contradicting)
     elif throw.miss_m > throw.room_m and throw.holds_object:
         is_stopped = True
-        await service.stopping.at_executor(throw.row.id, caller.name)
-        await run_in_threadpool(service.store.request_abort, throw.row.id, origin.act(caller, "abort"))
+        await _stop(service, throw, caller, origin)
     told = {
         "target": target.id,
         "observed_at_s": contradicting.observed_at_s if contradicting else target.track["observed_at_s"],
@@ -118,6 +121,44 @@ async def follow_target(
         "stopped": is_stopped,
     }
     await run_in_threadpool(service.store.add_event, throw.row.id, "target", told)
+
+
+async def _stop(service: Service, throw: FollowedThrow, caller: Caller, origin: RequestOrigin) -> None:
+    await service.stopping.at_executor(throw.row.id, caller.name)
+    await run_in_threadpool(service.store.request_abort, throw.row.id, origin.act(caller, "abort"))
+
+
+def _stop_in_time(
+    service: Service,
+    target: TrackedTargetRow,
+    caller: Caller,
+    origin: RequestOrigin,
+    contradicting: TargetObservation | None = None,
+) -> None:
+    """Has the throw that waits stopped once no other plan can take its place, unless the target is near by then.
+
+    It may never be observed again; one that was last seen elsewhere than expected is where it was seen.
+    """
+
+    async def wait() -> None:
+        ends_s = time.monotonic() + WAITS_AT_MOST_S
+        while time.monotonic() < ends_s:
+            try:
+                throw = await run_in_threadpool(_followed, service, target, contradicting)
+            except NO_PLAN:  # the target was forgotten, or the database is away
+                throw = None
+            if throw is None:  # over; or the executor has not been heard of just now
+                await asyncio.sleep(LOOK_S)
+                continue
+            if throw.miss_m <= throw.room_m or not throw.holds_object:
+                return
+            left_s = throw.summary["starts_at_s"] - throw.now_s - service.replan_leads.lead_s(target.cell)
+            if not throw.waits or left_s <= 0.0:
+                await _stop(service, throw, caller, origin)
+                return
+            await asyncio.sleep(left_s)
+
+    service.replanning.begin(f"{target.id}, in time", wait())
 
 
 def _lead_s(service: Service, throw: FollowedThrow) -> float:
@@ -157,6 +198,8 @@ async def _replan(service: Service, target: TrackedTargetRow, caller: Caller, or
     except NO_PLAN as error:
         fields = {"cell": cell, "target": target.id, "problem": translate(error).name}
         log.info("a waiting throw was not planned again: %s", error, extra={"fields": fields})
+    finally:
+        _stop_in_time(service, target, caller, origin)
 
 
 def _request_again(throw: FollowedThrow, target_id: str, not_before_s: float) -> dict[str, Any]:
@@ -192,7 +235,7 @@ def _followed(
         return None
     planned = _place(service, target.cell, summary["request"], lands_s)
     expected = track.after(lands_s - track.observed_at_s)
-    if contradicting is not None:
+    if contradicting is not None and contradicting.observed_at_s > track.observed_at_s:
         elsewhere = replace(track, position=contradicting.position, velocity=contradicting.velocity or track.velocity)
         expected = elsewhere.after(lands_s - contradicting.observed_at_s)
     place = np.array(expected.position[:2])

@@ -277,6 +277,12 @@ def _enclosed(table: Mapping[str, Any], meshes: bytes | None) -> EnclosedObject:
         millimetres = "a file in millimetres has 0.001"
         raise CellError(f"{where}scale", scale, f"{reason} [{SIZE_MIN_M:g}, {SIZE_MAX_M:g}] m; {millimetres}")
     X_MO = pose(scale * shape.centre, shape.axes)
+    if not np.abs(X_MO[:3, 3]).max() <= SIZE_MAX_M:
+        away = ", ".join(f"{x:.3g}" for x in X_MO[:3, 3])
+        reason = (
+            f"lies about ({away}) m of its own origin, which may be {SIZE_MAX_M:g} m away: move it there, or scale it"
+        )
+        raise CellError(f"{where}file", table["file"], reason)
     ratio = shape.volume / volume if volume else None
     return EnclosedObject(shape.kind, X_MO, size, scale * shape.beyond, ratio)
 

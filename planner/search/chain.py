@@ -187,6 +187,7 @@ class _Legs:
             are exact; infinite for none.
         paces: number of the pace of each leg (n, m).
         obstacles: what stood in the way of a leg last, by its number.
+        soonest: ticks at which passages with a time of their own can be passed, of all ways so far.
     """
 
     problem: ThrowProblem
@@ -196,6 +197,7 @@ class _Legs:
     ticks: list[Array]
     paces: list[Array]
     obstacles: dict[int, Violation] = field(default_factory=dict)
+    soonest: dict[int, float] = field(default_factory=dict)
 
     def shortest(self) -> list[int] | None:
         """Returns the number of the state of each on the shortest way; None where there is none. Bellman, 1957."""
@@ -226,7 +228,8 @@ class _Legs:
         in_time = np.maximum(arrivals, first)
         if passage.at_s is None:
             return in_time
-        soonest = float((arrivals + leads).min())
+        soonest = min(float((arrivals + leads).min()), self.soonest.get(number, math.inf))
+        self.soonest[number] = soonest
         if soonest > passage.first_tick(1.0 / self.problem.dt) and math.isfinite(soonest):
             late = Violation(
                 "passage", soonest * self.problem.dt, passage.at_s, "s", detail="the soonest that was found"

@@ -166,6 +166,20 @@ def test_one_wrong_look_does_not_end_a_throw_that_still_waits(throw: FakeThrow, 
     assert throw.row.replace_request is None
 
 
+def test_a_throw_whose_bin_was_last_seen_elsewhere_is_stopped_before_it_begins(throw: FakeThrow, soon: None) -> None:
+    throw.service.store.set_state(throw.id, "approaching")
+    throw.at(throw.plan["starts_at_s"] - 1.0)
+    body = told(0.5)
+    body["position"] = [1.6, 0.0, 0.0]
+    assert throw.service.client.post(f"{PATH}/{throw.target}/observations", json=body).status_code == 422
+    assert not throw.events[-1]["stopped"]
+    until = time.monotonic() + 30.0
+    while throw.row.abort_requested_at is None:
+        assert time.monotonic() < until
+        throw.at(throw.plan["starts_at_s"] - 0.01)
+        time.sleep(0.1)
+
+
 def test_what_has_left_the_gripper_is_not_stopped(throw: FakeThrow) -> None:
     throw.service.store.set_state(throw.id, "streaming")
     throw.at(throw.plan["starts_at_s"] + throw.plan["release"]["command_time_s"] + 0.01)

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from executor.supervision import ChildProcess, StreamRun, end_orphan
+from executor.supervision import STREAM_MODULE, ChildProcess, StreamRun, end_orphan
 from tests.executor.conftest import Prepared
 
 
@@ -62,7 +62,7 @@ def test_a_stream_that_an_executor_left_is_ended(
 ) -> None:
     monkeypatch.setattr("executor.supervision.ORPHAN_S", 0.1)
     log = tmp_path / "log"
-    child = ChildProcess([sys.executable, "-c", LOCKS], (), log)
+    child = ChildProcess([sys.executable, "-c", LOCKS, STREAM_MODULE], (), log)
     while "locked" not in log.read_text():
         pass
     os.kill(child.pid, number)
@@ -77,6 +77,18 @@ def test_nobody_is_ended_where_no_stream_is_left(tmp_path: Path) -> None:
     child = ChildProcess([sys.executable, "-c", LOCKS.replace("60", "0.1")], (), tmp_path / "log")
     child.reap()
     assert end_orphan(tmp_path / "log") is None
+
+
+def test_a_process_that_is_no_stream_keeps_its_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("executor.supervision.ORPHAN_S", 0.1)
+    log = tmp_path / "log"
+    child = ChildProcess([sys.executable, "-c", LOCKS], (), log)
+    while "locked" not in log.read_text():
+        pass
+    assert end_orphan(log) is None
+    assert child.poll() is None
+    child.kill()
+    child.reap()
 
 
 def descriptors() -> list[str]:

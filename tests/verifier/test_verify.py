@@ -6,6 +6,7 @@ import json
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -103,9 +104,12 @@ def test_a_landing_a_millimetre_off_is_violated(off: list[float]):
     assert "landing" in {finding.name for finding in verdict.open if finding.status is Status.VIOLATED}
 
 
+THROW = {"kind": "target", "position": [1.1, 0.3, 0.0]}  # of the plan "target"
+STOOD = {"position_std_m": 1.0, "velocity_std_m_s": 0.0}
 NOT_COVERED = {
-    "passage": {"request": {"passages": [{"name": "a"}]}},
+    "passage": {"request": {"release": None, "passages": [{"name": "a", "state": THROW, "releases": True}]}},
     "landing": {"profile": "ball"},
+    "flight_clearance": {"request": {"release": {**THROW, "velocity": [0.0] * 3, "uncertainty": STOOD}}},
     "landing_window": {"request": {"min_hit_probability": 0.5, "release_window_s": None}},
 }
 
@@ -125,6 +129,55 @@ def test_a_plan_of_another_cell_is_refused():
     document, _ = document_of(*planned("joint"))
     with pytest.raises(NotAPlan, match="another cell"):
         verify(document, problems.cell("ur3e-sim"))
+
+
+@pytest.mark.parametrize(("name", "limit"), [("min_elevation_rad", np.pi / 2), ("max_elevation_rad", -np.pi / 2)])
+def test_a_throw_beside_the_vertical_that_was_asked_for_is_violated(name: str, limit: float):
+    document, cell = document_of(*planned("target"))
+    document["request"]["release"][name] = limit
+    assert verify(document, cell).status is Status.VIOLATED
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"request": None},
+        {"request": {"release": None}},
+        {"request": {"frame": "BASE"}},
+        {"request": {"landing_tolerance_m": float("nan")}},
+        {"request": {"landing_tolerance_m": -1.0}},
+        {"request": {"release_window_s": -0.1}},
+        {"request": {"release_window_s": float("inf")}},
+        {"request": {"limits": {"velocity": "3"}}},
+        {"request": {"release": {**THROW, "max_release_speed_m_s": -5.0}}},
+        {"request": {"release": {**THROW, "min_elevation_rad": float("nan")}}},
+        {"request": {"release": {**THROW, "opening": {}}}},
+        {"request": {"release": {**THROW, "opening": {"radius_m": -0.12, "rim_height_m": 0.1}}}},
+        {"request": {"release": {**THROW, "position": []}}},
+        {"sample_rate_hz": float("inf")},
+    ],
+)
+def test_what_no_request_can_say_switches_no_check_off(changes: dict[str, Any]):
+    document, cell = document_of(*planned("target"))
+    asked = changes.pop("request", {})
+    document["request"] = None if asked is None else {**document["request"], **asked}
+    document.update(changes)
+    with pytest.raises(NotAPlan):
+        verify(document, cell)
+
+
+def test_a_release_between_two_samples_is_no_release():
+    document, cell = document_of(*planned("target"))
+    document["release"]["index"] += 0.9
+    with pytest.raises(NotAPlan):
+        verify(document, cell)
+
+
+def test_positions_that_shake_within_the_rounding_of_samples_are_no_motion():
+    document, cell = document_of(*planned("joint"))
+    for k, row in enumerate(document["trajectory"]["positions"][10:-10]):
+        row[0] += 9.5e-7 * (-1) ** k
+    assert verify(document, cell).status is Status.VIOLATED
 
 
 def test_samples_that_are_not_numbers_are_refused():

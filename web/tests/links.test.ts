@@ -3,7 +3,7 @@
 import { describe, expect, it } from "vitest";
 
 import type { PlanRequest } from "../src/service/types";
-import { draftOf, FIRST_DRAFT, requestOf } from "../src/state/draft";
+import { draftOf, FIRST_DRAFT, requestOf, withNearest } from "../src/state/draft";
 import { FIRST_OUTPUT, moved, newPassage } from "../src/state/passage-draft";
 import { FIRST_STATE_DRAFT } from "../src/state/state-draft";
 import { hashOf, isSameRequest, linkOf } from "../src/state/links";
@@ -62,6 +62,13 @@ describe("the passages of a motion", () => {
     const first = newPassage([]);
     const other = newPassage([{ ...first, name: "passage 2" }]);
     expect([other.name, other.id]).toEqual(["passage 3", 2]);
+  });
+  it("of a nearest request are taken, and an end that the form has no field for is kept", () => {
+    const passages = [{ name: "a", state: { kind: "point" as const, position: [0.5, 0, 0.5], velocity: [0.1, 0, 0] } }];
+    const taken = withNearest(FIRST_DRAFT, { passages } as PlanRequest);
+    expect(requestOf(taken, "c").passages).toEqual(passages);
+    const end = { kind: "joint" as const, positions: [0, -1, 1, 0, 0, 0] };
+    expect(requestOf(draftOf({ passages, end } as PlanRequest), "c").end).toEqual(end);
   });
   it("name the field that is no number by its path in the request", () => {
     const lacking = { ...newPassage([]), outputs: [{ ...FIRST_OUTPUT, index: "two" }] };

@@ -32,6 +32,7 @@ TURN_MIN_RAD = 1e-6  # [rad] of the last: the end of a part of a metre moves by 
 ROUNDS = 100  # [-] of the search for a ball; most take five
 SAME = 1e-12  # [-] rounding of a radius
 PRODUCTS = 1_000_000  # [-] numbers that are kept at once: what a processor has at hand
+AT_ONCE = 200  # [-] triangles of a mesh that are divided at once: a large one becomes some thousands
 FINEST = 0.02  # [-] of the longest side: edges of the triangles of which the nearest is looked for
 TOLD = 0.02  # [-] of the longest side to which the distance beyond a mesh is told
 
@@ -276,8 +277,10 @@ def _beyond(shape: Solid, triangles: Array) -> float:
     known.
     """
     across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    fine = np.concatenate(list(fine_triangles(triangles[across.any(axis=1)], FINEST)))
-    fine = fine[np.unique(np.floor(fine.mean(axis=1) / FINEST), axis=0, return_index=True)[1]]
+    fine = np.empty((0, 3, 3))
+    for some in np.array_split(triangles[across.any(axis=1)], max(1, len(triangles) // AT_ONCE)):
+        for parts in fine_triangles(some, FINEST):  # of many a cell at most one stays
+            fine = _one_a_cell(np.concatenate([fine, parts]))
     half = 0.5 * shape.extent
     side = float(half.max())
     steps = np.array([[i, j] for i in (-1.0, 1.0) for j in (-1.0, 1.0)])
@@ -295,6 +298,11 @@ def _beyond(shape: Solid, triangles: Array) -> float:
         moves = np.array([np.insert(reach * steps, axis, 0.0, axis=1) for axis in axes]).reshape(-1, 4, 3)
         squares, axes = (squares[:, None] + moves).reshape(-1, 3), np.repeat(axes, 4)
     return most + TOLD
+
+
+def _one_a_cell(triangles: Array) -> Array:
+    """Returns one triangle (k, 3, 3) of those whose middles are in the same cell of a grid of `FINEST`."""
+    return triangles[np.unique(np.floor(triangles.mean(axis=1) / FINEST), axis=0, return_index=True)[1]]
 
 
 def _onto(shape: Solid, p: Array) -> Array:

@@ -34,6 +34,7 @@ FILE_PATTERN = re.compile(
 )
 POINTS_PATTERN = re.compile(FILE_PATTERN.pattern.replace("|".join(MESH_KINDS), "ply"), re.ASCII | re.I)
 CELL_M = 0.02  # [m] edge of the cells of a grid about points, unless a cell file says otherwise
+FARTHEST = 1e9  # units of a corner from the origin: a thousand kilometres in millimetres
 ENCLOSED = "enclosed"
 WALLED = "walled"
 FORMAT = 1  # of what is kept: another number makes all covers anew
@@ -205,8 +206,8 @@ def _made(data: bytes, kind: str, sha256: str, use: str) -> dict[str, Any]:
         triangles, is_closed, volume = _triangles(data, kind)
     except UNREADABLE:
         return {"refused": f"is no mesh in {kind.upper()} format"}
-    if not np.isfinite(triangles).all():
-        return {"refused": "has corners that are no numbers"}
+    if not (np.abs(triangles) <= FARTHEST).all():
+        return {"refused": f"has corners that are no numbers, or farther than {FARTHEST:g} from its origin"}
     if not np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]).any():
         return {"refused": "has no faces"}
     if use == ENCLOSED:

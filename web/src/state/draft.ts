@@ -8,13 +8,14 @@ import { FIRST_STATE_DRAFT, observedAt, releaseOf, type StateDraft, stateOf, sta
 
 type Backend = NonNullable<PlanRequest["backend"]>;
 export const BACKENDS: readonly Backend[] = ["auto", "casadi", "ruckig", "toppra", "cubic", "trapezoid", "ramp"];
-export const ENDS = ["rest", "home"] as const;
+export const ENDS = ["rest", "home", "stated"] as const; // the last: as a plan states it that the form has no field for
 
 /** Everything that a person can ask for: one state, or a motion of passages. Empty text: the service's default. */
 export interface Draft extends StateDraft {
   readonly isMotion: boolean; // of `passages`; otherwise the state counts
   readonly passages: readonly PassageDraft[];
   readonly end: (typeof ENDS)[number]; // of a motion
+  readonly statedEnd: PlanRequest["end"]; // that of a plan, a joint position or a pose
   readonly frame: "world" | "base";
   readonly startsAfter: string; // least time from when a target that moves is seen to the motion's start [s]
   readonly start: "home" | "current" | "positions";
@@ -35,6 +36,7 @@ export const FIRST_DRAFT: Draft = {
   isMotion: false,
   passages: [],
   end: "rest",
+  statedEnd: null,
   frame: "world",
   startsAfter: "10",
   start: "home",
@@ -73,7 +75,7 @@ export function requestOf(draft: Draft, cell: string, now_s: number | null = nul
     jerk: perJoint(draft.jerkLimit, "jerk limit", "limits.jerk"),
   });
   const motion = draft.isMotion
-    ? { passages: draft.passages.map((passage, i) => passageOf(passage, `passages[${i}]`, now_s)), end: { kind: draft.end } }
+    ? { passages: draft.passages.map((passage, i) => passageOf(passage, `passages[${i}]`, now_s)), end: draft.end === "stated" ? draft.statedEnd : { kind: draft.end } }
     : { release: releaseOf(draft, "release", now_s) };
   return defined({
     cell,
@@ -123,6 +125,7 @@ export function withNearest(draft: Draft, nearest: Nearest): Draft {
     tolerance: nearest.landing_tolerance_m === undefined || nearest.landing_tolerance_m === null ? draft.tolerance : String(nearest.landing_tolerance_m),
     singularityDistance: text(nearest.singularity_distance_min, draft.singularityDistance),
   };
+  if (nearest.passages) return { ...common, isMotion: true, passages: passagesOf(nearest.passages) };
   if (!release) return common;
   if (release.kind !== "target") return { ...common, ...stateTexts(release) };
   return {
@@ -145,7 +148,7 @@ export function draftOf(request: PlanRequest): Draft {
     ...FIRST_DRAFT,
     ...(release ? stateOf(release) : {}),
     ...(passages ? { isMotion: true, passages: passagesOf(passages) } : {}),
-    end: request.end?.kind === "home" ? "home" : "rest",
+    ...endOf(request.end),
     startsAfter: startsAfter(request),
     frame: request.frame ?? FIRST_DRAFT.frame,
     backend: request.backend ?? FIRST_DRAFT.backend,
@@ -160,6 +163,11 @@ export function draftOf(request: PlanRequest): Draft {
     hitProbability: textOf(request.min_hit_probability),
     timeLimit: textOf(request.time_limit_s),
   };
+}
+
+function endOf(end: PlanRequest["end"]): Pick<Draft, "end" | "statedEnd"> {
+  if (!end || end.kind === "rest" || end.kind === "home") return { end: end?.kind ?? "rest", statedEnd: null };
+  return { end: "stated", statedEnd: end };
 }
 
 /** Returns the least time from when a target that moves is seen to the motion's start, as the form holds it. */

@@ -82,7 +82,7 @@ export function releaseOf(draft: StateDraft, path: string, now_s: number | null)
 
 /** Returns when a target that moves is where the form says, on the controller's clock [s]; undefined for one that stands. */
 export function observedAt(draft: StateDraft, path: string, now_s: number | null): number | undefined {
-  if (draft.kind !== "target" || !draft.moves) return undefined;
+  if (draft.kind !== "target" || !draft.moves || draft.targetVelocity.every((text) => Number(text) === 0)) return undefined;
   return draft.observedAt.trim() === "" && now_s !== null ? rounded(now_s) : numberOf(draft.observedAt, "seen at", `${path}.observed_at_s`);
 }
 

@@ -9,7 +9,7 @@ import { FIRST_OUTPUT, moved, newPassage, type OutputDraft, OUTPUTS, type Passag
 import type { Kind } from "../state/state-draft";
 import { openPassage } from "../state/store";
 import { NumberField, SelectField, VectorField } from "./fields";
-import { StateFields, TargetOptions, XYZ } from "./state-fields";
+import { type StateEdit, StateFields, TargetOptions, XYZ } from "./state-fields";
 
 const MOST = 20; // passages of a motion: the service's limit
 const KINDS: readonly (readonly [Kind | "line", string])[] = [
@@ -19,7 +19,7 @@ const KINDS: readonly (readonly [Kind | "line", string])[] = [
   ["line", "line"],
   ["target", "throw at a target"],
 ];
-const END_WORDS: Readonly<Record<(typeof ENDS)[number], string>> = { rest: "anywhere", home: "the cell's home" };
+const END_WORDS: Readonly<Record<(typeof ENDS)[number], string>> = { rest: "anywhere", home: "the cell's home", stated: "as its plan states" };
 
 export function MotionFields({ draft }: { draft: Draft }): JSX.Element {
   const [dragged, setDragged] = useState<number | null>(null);
@@ -60,7 +60,7 @@ export function MotionFields({ draft }: { draft: Draft }): JSX.Element {
                 ×
               </button>
             </div>
-            {openPassage.value === passage.id ? <PassageFields passage={passage} path={`passages[${i}]`} change={(fields) => put(list.map((each, k) => (k === i ? { ...each, ...fields } : each)))} /> : null}
+            {openPassage.value === passage.id ? <PassageFields passage={passage} path={`passages[${i}]`} change={(fields, request) => edit({ ...request, passages: list.map((each, k) => (k === i ? { ...each, ...fields } : each)) })} /> : null}
           </li>
         ))}
       </ol>
@@ -74,7 +74,7 @@ export function MotionFields({ draft }: { draft: Draft }): JSX.Element {
       >
         Add a passage
       </button>
-      <SelectField label="Comes to rest" options={ENDS.map((end) => [end, END_WORDS[end]] as const)} value={draft.end} onChoose={(end) => edit({ end })} />
+      <SelectField label="Comes to rest" options={ENDS.filter((end) => end !== "stated" || draft.statedEnd).map((end) => [end, END_WORDS[end]] as const)} value={draft.end} onChoose={(end) => edit({ end })} />
     </>
   );
 }
@@ -84,11 +84,12 @@ const kindOf = (passage: PassageDraft): Kind | "line" => (passage.isLine ? "line
 interface PassageProps {
   readonly passage: PassageDraft;
   readonly path: string;
-  readonly change: (fields: Partial<PassageDraft>) => void;
+  readonly change: (fields: Partial<PassageDraft>, request?: Partial<Draft>) => void;
 }
 
 function PassageFields({ passage, path, change }: PassageProps): JSX.Element {
   const { state, isLine } = passage;
+  const editState = ({ frame, ...fields }: StateEdit): void => change({ state: { ...state, ...fields } }, frame && { frame });
   const throws = !isLine && state.kind === "target";
   const choose = (kind: Kind | "line"): void =>
     change(kind === "line" ? { isLine: true } : { isLine: false, state: { ...state, kind }, releases: kind === "target" || passage.releases });
@@ -101,8 +102,8 @@ function PassageFields({ passage, path, change }: PassageProps): JSX.Element {
         </label>
         <SelectField label="Passes" options={KINDS} value={kindOf(passage)} onChoose={choose} />
       </div>
-      {isLine ? <LineFields passage={passage} path={path} change={change} /> : <StateFields draft={state} path={`${path}.state`} edit={(fields) => change({ state: { ...state, ...fields } })} />}
-      {throws ? <TargetOptions draft={state} path={`${path}.state`} edit={(fields) => change({ state: { ...state, ...fields } })} /> : null}
+      {isLine ? <LineFields passage={passage} path={path} change={change} /> : <StateFields draft={state} path={`${path}.state`} edit={editState} />}
+      {throws ? <TargetOptions draft={state} path={`${path}.state`} edit={editState} /> : null}
       {isLine || throws ? null : (
         <label class="check">
           <input type="checkbox" checked={passage.releases} onChange={(event) => change({ releases: event.currentTarget.checked })} />

@@ -12,10 +12,13 @@ import { NumberField, SelectField, VectorField } from "./fields";
 export const XYZ = ["x", "y", "z"] as const;
 export const JOINT_NAMES = ["base", "shoulder", "elbow", "wrist 1", "wrist 2", "wrist 3"] as const;
 
+/** What changes a state; of what is in the world, the request's frame, too. */
+export type StateEdit = Partial<StateDraft> & { readonly frame?: "world" };
+
 interface StateProps {
   readonly draft: StateDraft;
   readonly path: string; // of the state in the request
-  readonly edit: (fields: Partial<StateDraft>) => void;
+  readonly edit: (fields: StateEdit) => void;
 }
 
 /** The fields of a state's kind. */
