@@ -149,7 +149,8 @@ class ThrowProblem:
             f"({UNCERTAIN_DEVIATIONS:g} standard deviations), and the room of a hit is {self.hit_radius_m:.3g} m: "
             "observe it for longer, or throw sooner"
         )
-        return [FieldError("release.position", reason)]
+        number = next((i for i, each in enumerate(self.passages) if each.releases), None)
+        return [FieldError("release.position" if number is None else f"passages[{number}].state.position", reason)]
 
     @cached_property
     def moving(self) -> Target | None:

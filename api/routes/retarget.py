@@ -65,6 +65,7 @@ async def retarget_motion(
         raise ProblemDetails("robot-not-ready", reason, cell=name, fault=None if status is None else status.fault)
     if target_moves(body):
         field = "release.position.target" if names_tracked_target(body) else "release.velocity"
+        field = field if "release" in body else "passages"
         raise InvalidProblem([FieldError(field, "is for plans: a running motion waits for no target")])
     asked = PlanOrder({**body, "cell": name}, service, None, origin.request_id, gone, trajectory)
     attempt = _Retarget(asked, name, caller.name, origin.act(caller, "replace"))

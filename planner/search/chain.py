@@ -434,6 +434,7 @@ def _thrown(
         with suppress(Infeasible, InvalidProblem, SolverFailed):
             search_candidates(own, candidates(own.problem, search.deadline_s))
         search.iterations += own.iterations
+        search.extend_deadline(own.loading_s)
         for each in own.by_rank():
             motion = each.solution.trajectory
             k = motion.release_index
