@@ -349,7 +349,7 @@ MEDIA_TYPES = {
 EVENTS = {
     "/plan": {"progress": "PlanProgress", "plan": "PlanAnswer", "problem": "ProblemAnswer"},
     "/batches/{id}/events": {"progress": "BatchAnswer"},
-    "/executions/{id}/events": {"state": "StateEvent", "telemetry": "TelemetryEvent"},
+    "/executions/{id}/events": {"state": "StateEvent", "telemetry": "TelemetryEvent", "target": "TargetEvent"},
 }
 
 
