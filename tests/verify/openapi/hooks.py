@@ -14,8 +14,10 @@ from api.schemas import (
     ExperimentRequest,
     LandingRequest,
     MapBody,
+    ObservationRequest,
     PlanRequest,
     RetargetRequest,
+    TrackedTargetRequest,
 )
 from planner.problem import TIME_LIMIT_MAX_S
 
@@ -28,6 +30,8 @@ MODELS: dict[str, type[BaseModel]] = {
     "begin_experiment": ExperimentRequest,
     "make_batch": BatchRequest,
     "make_cell_map": MapBody,
+    "track_target": TrackedTargetRequest,
+    "observe_target": ObservationRequest,
 }
 KILLED = "the planner process was ended"  # in the detail of a problem
 TIMEOUT_S = 600.0  # [s] of a request that is sent again
