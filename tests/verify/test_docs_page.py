@@ -39,12 +39,13 @@ def test_every_example_runs(reader: Visit):
 
 
 def when(call: Locator) -> int:
-    """Returns when a call has its turn: what makes something, what ends it, what reads it."""
+    """Returns when a call has its turn: what others name, what makes something, what joins, ends, reads, forgets it."""
     summary = call.locator("summary").first.inner_text()
     if "/targets" in summary and summary.startswith("POST"):
-        return -1  # a plan names one
-    turns = {"GET": 2, "DELETE": 3}
-    return turns.get(summary.split()[0], 1 if "/abort" in summary else 0)
+        return -1
+    if joins(summary):
+        return 1
+    return {"GET": 3, "DELETE": 4}.get(summary.split()[0], 2 if "/abort" in summary else 0)
 
 
 def answered(call: Locator) -> list[str]:
