@@ -1,4 +1,4 @@
-"""The cells whose waiting throw is being planned again: one search at a time for each."""
+"""What goes on for waiting throws between two observations: searches, and stops in time, one of a name at a time."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Any
 
 
 class Replanning:
-    """Searches that go on by themselves, on the event loop; each ends with the service at the latest."""
+    """Work that goes on by itself, on the event loop; all of it ends with the service at the latest."""
 
     def __init__(self) -> None:
         self._tasks: dict[str, asyncio.Task[None]] = {}
 
     def begin(self, name: str, work: Coroutine[Any, Any, None]) -> bool:
-        """Begins a search, by a name; returns whether it did: one that goes on looks at the newest by itself."""
+        """Begins work under a name; returns whether it did: what goes on looks at the newest by itself."""
         if name in self._tasks:
             work.close()
             return False
@@ -24,7 +24,7 @@ class Replanning:
         return True
 
     async def close(self) -> None:
-        """Ends all searches."""
+        """Ends all of it."""
         tasks = list(self._tasks.values())
         for task in tasks:
             task.cancel()

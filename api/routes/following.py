@@ -1,7 +1,7 @@
 """What a new observation of a target means for the execution that throws at it.
 
 While the arm still waits at its start, a target that is found to pass elsewhere has the throw planned again, and the
-new plan takes the place of the one that waits. Once the motion has begun it cannot wait any more: then the odds are
+new plan takes the place of the one that waits. Where none can any more, and once the motion has begun, the odds are
 told, and a throw that would miss is stopped as long as the object is still held
 (docs/decisions/0035-targets-that-move.md).
 """
@@ -145,9 +145,13 @@ def _stop_in_time(
         while time.monotonic() < ends_s:
             try:
                 throw = await run_in_threadpool(_followed, service, target, contradicting)
+                is_over = await run_in_threadpool(service.store.open_execution, target.cell) is None
             except NO_PLAN:  # the target was forgotten, or the database is away
                 throw = None
-            if throw is None:  # over; or the executor has not been heard of just now
+                is_over = False
+            if is_over:
+                return
+            if throw is None:  # the executor has not been heard of just now
                 await asyncio.sleep(LOOK_S)
                 continue
             if throw.miss_m <= throw.room_m or not throw.holds_object:
@@ -176,7 +180,8 @@ def _lead_s(service: Service, throw: FollowedThrow) -> float:
 async def _replan(service: Service, target: TrackedTargetRow, caller: Caller, origin: RequestOrigin) -> None:
     """Plans again to where the target is now expected, and has the plan take the place of the one that waits.
 
-    Until that is near enough to the last observation; what is refused leaves the waiting plan as it is.
+    Until that is near enough to the last observation. What is refused leaves the waiting plan as it is, to be stopped
+    in time if it would miss.
     """
     cell = target.cell
     try:
