@@ -181,7 +181,7 @@ _TRACKED = {
         "position": {"target": "latest"},
         "opening": {"radius_m": 0.12, "rim_height_m": 0.2},
     },
-    "starts_not_before_s": 100.8,
+    "starts_not_before_s": 1.8,
 }
 
 _DOWN = {"linear": [0.0, 0.8, 0.0], "angular": [0.0, 0.0, 0.0]}

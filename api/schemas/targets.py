@@ -77,7 +77,8 @@ class TrackedTargetList(BaseModel):
     targets: list[TrackedTargetAnswer]
 
 
-_SEEN = {"position": [1.1, -0.5, 0.0], "std_m": 0.003, "observed_at_s": 100.0}
+# Soon after a controller's start: what is ahead of its clock is refused.
+_SEEN = {"position": [1.1, -0.5, 0.0], "std_m": 0.003, "observed_at_s": 1.0}
 TARGET_EXAMPLES = {
     "camera": {"summary": "Seen by a camera, to 3 mm", "value": _SEEN},
     "encoder": {
@@ -88,6 +89,6 @@ TARGET_EXAMPLES = {
 OBSERVATION_EXAMPLES = {
     "camera": {
         "summary": "Seen again, a thirtieth of a second later",
-        "value": {"position": [1.1, -0.49, 0.0], "std_m": 0.003, "observed_at_s": 100.0333},
+        "value": {"position": [1.1, -0.49, 0.0], "std_m": 0.003, "observed_at_s": 1.0333},
     }
 }
