@@ -88,7 +88,7 @@ def test_an_approach_comes_straight_down_and_lets_nothing_go(cell: Cell, approac
 
 
 def test_a_cycle_goes_straight_up_throws_and_comes_straight_down(cell: Cell, cycle: tuple[ThrowProblem, Trajectory]):
-    problem, trajectory = cycle
+    _, trajectory = cycle
     assert_on_line(cell, trajectory, 0, PICKS[0], 1.0)
     assert_on_line(cell, trajectory, 2, PICKS[1], -1.0)
     assert_at_rest_at(cell, trajectory, PICKS[1])
