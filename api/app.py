@@ -127,9 +127,9 @@ async def _lifespan(settings: ServiceSettings, tokens: TokenRegistry, app: FastA
     share_interpreter()
     service = _service(settings, tokens, app.state.lanes)
     app.state.service = service
-    works = [_retain(service), JobDrivers(service).run()]
+    works = [_retain(service)]
     if settings.batch_workers != 0:  # those first that were left when the service ended
-        works += [service.batch_drivers.run(), service.map_drivers.run()]
+        works += [service.batch_drivers.run(), service.map_drivers.run(), JobDrivers(service).run()]
     tasks = [asyncio.create_task(work) for work in works]
     try:
         yield

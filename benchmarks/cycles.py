@@ -1,6 +1,6 @@
 """Cycles of jobs at random picks and targets: the share that is planned, and how straight the last way down is.
 
-    python -m benchmarks.cycles --count 50 [--cells ur5e-sim] [--brake 3.0] [--speed 0.25]
+    python -m benchmarks.cycles --count 50 [--cells ur5e-sim] [--brake 1.5] [--speed 0.25]
 
 Picks lie before the arm, the tool looking down; targets on the floor beyond its reach. Of each draw the approach to the
 first pick and the cycle from there over the throw to the second are planned, by one planner process alone.
@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from jobs.cycles import PickLines, motion_request
+from jobs.cycles import BRAKE_M_S2, PickLines, motion_request
 from planner.cell import Cell, load_cell
 from planner.errors import PlannerError
 from planner.geometry import tool_state
@@ -25,10 +25,10 @@ from planner.request import problem_from_request
 from planner.trajectory import Trajectory
 
 CELLS = Path(__file__).parents[1] / "cells"
-SHIPPED = ("ur3e-sim", "ur5e-sim", "ur10e-sim", "ur15-sim", "ur5-sim", "sdu-table")
+SHIPPED = ("ur3e-sim", "ur5e-sim", "ur10e-sim", "ur15-sim", "ur5-sim")
 DOWN = (math.pi, 0.0, 0.0)
 PICK_SHARE = (0.4, 0.65)  # [-] of the reach: horizontal distance of picks
-HEIGHT_M = (0.05, 0.2)  # [m] of picks above the floor
+HEIGHT_M = (0.1, 0.25)  # [m] of picks above the floor: the held object is clear of it in every cell
 TARGET_SHARE = (1.0, 1.5)  # [-] of the reach: distance of targets
 SIDE_RAD = 0.9  # [rad] of both, to either side of the middle
 NO_NEAREST = SearchHints(offers_nearest=False)
@@ -123,7 +123,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--approach", type=float, default=0.1, help="approach_m [m]")
     parser.add_argument("--speed", type=float, default=0.25, help="line_speed_m_s [m/s]")
-    parser.add_argument("--brake", type=float, default=3.0, help="deceleration after the line [m/s^2]")
+    parser.add_argument("--brake", type=float, default=BRAKE_M_S2, help="deceleration after the line [m/s^2]")
     parser.add_argument("--why", action="store_true", help="print the refusals")
     return parser.parse_args()
 

@@ -211,15 +211,15 @@ async def _events(request: Request, store: Store, id: str, after: int) -> AsyncG
     while not request.app.state.is_draining:
         try:
             row = await run_in_threadpool(store.job, id)
-            document = None if row is None else await run_in_threadpool(_document, store, row)
-        except StoreUnavailable:
-            row = document = None
-        if row is not None and (row.revision > last or row.state == "finished"):
-            last = row.revision
-            sent_at = time.monotonic()
-            yield f"id: {last}\nevent: progress\ndata: ".encode() + orjson.dumps(document) + b"\n\n"
-        if row is not None and row.state == "finished":
-            return
+            if row is not None and (row.revision > last or row.state == "finished"):
+                document = await run_in_threadpool(_document, store, row)
+                last = row.revision
+                sent_at = time.monotonic()
+                yield f"id: {last}\nevent: progress\ndata: ".encode() + orjson.dumps(document) + b"\n\n"
+            if row is not None and row.state == "finished":
+                return
+        except StoreUnavailable:  # the store has logged it
+            pass
         if time.monotonic() - sent_at > KEEP_ALIVE_S:
             sent_at = time.monotonic()
             yield b": keep-alive\n\n"

@@ -131,14 +131,14 @@ JOB_EXAMPLES = {
         },
     },
     "grid": {
-        "summary": "A tray of six, at two points in turn",
+        "summary": "A tray of four, at two points in turn",
         "value": {
             "picks": {
                 "grid": {
                     "corner": {"position": [0.4, 0.2, 0.1], "rotation_vector": _DOWN},
                     "along_m": [0.0, 0.08, 0.0],
                     "across_m": [0.08, 0.0, 0.0],
-                    "columns": 3,
+                    "columns": 2,
                     "rows": 2,
                 }
             },

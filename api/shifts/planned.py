@@ -15,9 +15,8 @@ from starlette.concurrency import run_in_threadpool
 from api.dependencies import Service
 from api.http import ProblemDetails
 from api.planning import PlanningQueueFull
-from api.routes.plans import PlanOrder, current_positions, stored_plan
-from jobs.cycles import JobOrder, JobProgress, NextMotion, motion_request
-from jobs.cycles.progress import MISSED_GRIP, NOT_PLANNED, WENT
+from api.routes import PlanOrder, current_positions, stored_plan
+from jobs.cycles import MISSED_GRIP, NOT_PLANNED, WENT, JobOrder, JobProgress, NextMotion, motion_request
 from planner.errors import Infeasible, InvalidProblem, SolverFailed
 from planner.request import problem_from_request, read_request
 from store import JobCycleRow, PlanRow

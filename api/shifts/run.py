@@ -16,10 +16,9 @@ from starlette.concurrency import run_in_threadpool
 
 from api.dependencies import Service
 from api.http import ProblemDetails
-from api.routes.executions import check_executable
+from api.routes import check_executable
 from api.shifts.planned import MotionPlanner, PlannedMotion
-from jobs.cycles import NOT_PLANNED, JobOrder, JobProgress, NextMotion, cycle_end, progress_of
-from jobs.cycles.progress import MOVED, THROWN
+from jobs.cycles import MOVED, NOT_PLANNED, THROWN, JobOrder, JobProgress, NextMotion, cycle_end, progress_of
 from store import (
     AuditLine,
     CellBusy,

@@ -12,9 +12,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-# [m/s^2] of the tool on its last way down. In less room (5 m/s^2) the joints cannot brake, and the arm goes back and
-# forth; in more (1 m/s^2) it gains speed first. python -m benchmarks.cycles measures both.
-BRAKE_M_S2 = 3.0
+# [m/s^2] of the tool on its last way down. With less room (2 m/s^2) a UR3e near a singularity cannot brake in it, and
+# dips 3 mm below the pick; with more the tool gains speed first. python -m benchmarks.cycles measures both.
+BRAKE_M_S2 = 1.5
 UP = (0.0, 0.0, 1.0)  # in the world
 
 

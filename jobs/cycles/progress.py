@@ -5,8 +5,10 @@ A driver that takes a job over reads the same record, and goes on as the one bef
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Literal
 
 from jobs.cycles.order import JobOrder
@@ -74,8 +76,19 @@ class JobProgress:
 
     def last_of(self, pick: int) -> JobCycleRow | None:
         """Returns the last throw from a pick, or the approach to it that was not planned; None without one."""
-        own = (row for row in reversed(self.rows) if row.pick == pick or _was_not_reached(row, pick))
-        return next(own, None)
+        return self._last.get(pick)
+
+    def attempts(self, pick: int) -> int:
+        """Returns how many throws from a pick were asked for, or refused by the planner."""
+        return self._attempts[pick]
+
+    @cached_property
+    def _last(self) -> dict[int, JobCycleRow]:
+        return {pick: row for row in self.rows if (pick := _pick_of(row)) is not None}
+
+    @cached_property
+    def _attempts(self) -> Counter[int | None]:
+        return Counter(row.pick for row in self.rows)
 
     def arm_at(self) -> int | None:
         """Returns the pick at which the arm stands if nobody has moved it since; None: elsewhere."""
@@ -99,7 +112,7 @@ class JobProgress:
         if at not in waiting:
             return NextMotion("approach", None, waiting[0], at)
         others = (pick for pick in waiting if pick != at)
-        attempt = 1 + sum(row.pick == at for row in self.rows)
+        attempt = 1 + self.attempts(at)
         return NextMotion("throw", at, next(others, None), at, self._turn(), attempt)
 
     def stop_reason(self, since: float) -> str | None:
@@ -132,5 +145,6 @@ class JobProgress:
         return max(served, default=-1) + 1
 
 
-def _was_not_reached(row: JobCycleRow, pick: int) -> bool:
-    return row.kind == "approach" and row.result == NOT_PLANNED and row.next_pick == pick
+def _pick_of(row: JobCycleRow) -> int | None:
+    """Returns the pick that a motion decides about; None of an approach that was planned."""
+    return row.next_pick if row.kind == "approach" and row.result == NOT_PLANNED else row.pick

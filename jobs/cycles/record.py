@@ -94,7 +94,7 @@ def _object_result(progress: JobProgress, seen: Mapping[int, SeenLanding], pick:
         "result": state,
         "object_at": AT_PICK if row is None else row.object_at,
         "reason": None if row is None else row.reason,
-        "attempts": sum(each.pick == pick for each in progress.rows),
+        "attempts": progress.attempts(pick),
         **{name: getattr(row, name, None) for name in ("target", "turn", "outcome", "plan_id", "execution_id")},
         **{f"landing_{axis}_m": value for axis, value in zip(AXES, position, strict=True)},
         "error_m": None if landing is None else landing.error_m,

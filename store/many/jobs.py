@@ -127,8 +127,10 @@ class JobRepository(Repository):
 
     def ask_job_cycle(
         self, driver_id: str, cycle: JobCycleRow, cell: str, requested_by: str, audit: AuditLine | None = None
-    ) -> JobCycleRow:
+    ) -> JobCycleRow | None:
         """Stores a motion and queues its execution, both or neither; returns the motion.
+
+        None: the job was asked to pause or to end meanwhile, and nothing is stored.
 
         Args:
             driver_id: Who drives the job.
@@ -146,6 +148,8 @@ class JobRepository(Repository):
         row = {"plan_id": cycle.plan_id, "cell": cell, "mode": "speedj", "dry_run": False}
         with writing(self._engine) as connection:
             job = _require_driver(connection, cycle.job_id, driver_id)
+            if job.cancel_requested_at is not None or job.pause_requested_at is not None:
+                return None
             execution = insert_execution(connection, {**row, "requested_by": requested_by}, key, audit)
             asked = replace(cycle, execution_id=execution.id, asked_at=execution.created_at)
             connection.execute(insert(job_cycles).values(**vars(asked)))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -21,9 +20,9 @@ RESUMES_MAX = 4  # an overloaded machine may be late, or keep an object that wou
 
 
 @pytest.fixture
-def job_rig(own_rig: Rig) -> Iterator[Rig]:
+def job_rig(own_rig: Rig) -> Rig:
     own_rig.start()
-    yield own_rig
+    return own_rig
 
 
 def begun(rig: Rig, service: RigService) -> str:
