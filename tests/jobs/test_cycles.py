@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import math
+import re
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -205,3 +208,9 @@ def test_a_refused_job_names_its_field(change: dict[str, Any], field: str):
     with pytest.raises(InvalidProblem) as refused:
         JobOrder.read({"picks": [{"pose": POSES[0]}], "targets": TARGETS, **change}, "cell")
     assert field in [error.field for error in refused.value.errors]
+
+
+def test_the_job_of_the_how_to_is_one(root: Path):
+    block = re.search(r"```json\n(.*?)```", (root / "docs" / "how-to" / "jobs.md").read_text(), re.DOTALL)
+    assert block is not None
+    assert len(JobOrder.read(json.loads(block[1]), "cell").picks) == 6
