@@ -41,6 +41,7 @@ from api.metrics import Metrics
 from api.planning import BatchDrivers, DriverCommand, MapDrivers, PlanningLine
 from api.routes import ROUTERS
 from api.settings import ServiceSettings
+from api.shifts import JobDrivers
 from api.stopping import Stopping
 from api.store_probe import StoreProbe
 from fling import this_machine, tracing
@@ -128,7 +129,7 @@ async def _lifespan(settings: ServiceSettings, tokens: TokenRegistry, app: FastA
     app.state.service = service
     works = [_retain(service)]
     if settings.batch_workers != 0:  # those first that were left when the service ended
-        works += [service.batch_drivers.run(), service.map_drivers.run()]
+        works += [service.batch_drivers.run(), service.map_drivers.run(), JobDrivers(service).run()]
     tasks = [asyncio.create_task(work) for work in works]
     try:
         yield

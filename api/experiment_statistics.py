@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from jobs.cycles import combined_position
 from store import ExecutionRow, LandingRow, PlanRow
 
 Throw = dict[str, Any]
@@ -63,7 +64,7 @@ def _target(plan: PlanRow) -> list[float] | None:
 
 
 def _throw(row: ExecutionRow, target: list[float] | None, landings: Sequence[LandingRow]) -> Throw:
-    landing = _combined([x for x in landings if x.position is not None])
+    landing = combined_position([x for x in landings if x.position is not None])
     error = None if target is None or landing is None else float(np.hypot(*np.subtract(landing, target)[:2]))
     return {
         "execution_id": row.id,
@@ -76,13 +77,3 @@ def _throw(row: ExecutionRow, target: list[float] | None, landings: Sequence[Lan
         "error_m": error,
         "results": [x.result for x in landings if x.result is not None],
     }
-
-
-def _combined(observed: Sequence[LandingRow]) -> list[float] | None:
-    """Returns the mean of the positions weighted by 1 / std^2; exact ones (std 0) leave the others without weight."""
-    if not observed:
-        return None
-    deviations = np.array([x.std_m or 0.0 for x in observed])
-    exact = deviations == 0.0
-    weights = exact.astype(float) if exact.any() else deviations**-2.0
-    return np.average(np.array([x.position for x in observed], float), axis=0, weights=weights).tolist()

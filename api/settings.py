@@ -31,8 +31,8 @@ class ServiceSettings(BaseSettings):
             whom they ask for. Nobody else's is believed.
         planner_workers: Number of planner processes.
         planner_queue: Number of requests that may wait for a worker before further ones are answered 429.
-        batch_workers: Number of planner processes of a batch; None: see `driver_workers`; 0: batches and maps are left
-            to another service on the same database.
+        batch_workers: Number of planner processes of a batch; None: see `driver_workers`; 0: batches, maps and
+            jobs of picks are left to another service on the same database.
         ray_address: Address of the Ray cluster that plans batches; None: processes of this machine.
         request_log: Whether each request is a line in the log.
         keep_plans, keep_plans_days: Number and age of the plans without executions that are kept; None: all.

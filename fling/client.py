@@ -25,6 +25,7 @@ SILENCE_S = 20.0  # [s] a service answers within one on a quiet machine, and sen
 ABORT_S = 10.0  # [s] an abort is answered within one, and within six where a locked database alone could note it
 UNREACHABLE = 0  # status of the problem of a service that does not answer
 RETURN_S = 30.0  # [s] within which a service that is started again answers
+PAGE = 200  # results of a job read at once
 RETRY_S = 0.5  # [s] between two attempts to reach it
 PROBLEM_TYPE = "application/problem+json"
 DEFAULT_PORT = "8000"  # of this machine, unless FLING_URL or FLING_PORT name another service
@@ -251,6 +252,47 @@ class Client:
         """
         path = f"/cells/{target['cell']}/targets/{target['id']}/observations"
         return self.post(path, _observation(position, std_m, observed_at_s, more))
+
+    def order_job(self, order: Mapping[str, Any]) -> dict[str, Any]:
+        """Queues picks and throws, as `POST /jobs` takes them, and returns the job; `job_progress` follows it."""
+        return self.post("/jobs", plain_values(order))
+
+    def job_progress(self, job_id: str) -> Iterator[dict[str, Any]]:
+        """Yields a job whenever it has changed, the last time once it is finished.
+
+        A service that ends meanwhile may come back within half a minute: its next instance goes on with the job.
+
+        Raises:
+            ServiceRefusal: there is no such job, or the service stays away.
+        """
+        last_id = 0
+        away_since = None
+        while True:
+            try:
+                path = f"/jobs/{job_id}/events"
+                for event_id, _, document in self._streamed("GET", path, {"Last-Event-ID": str(last_id)}):
+                    last_id = event_id
+                    away_since = None
+                    yield document
+                    if document["state"] == "finished":
+                        return
+            except self.refusal as error:
+                if getattr(error, "problem", {}).get("status") != UNREACHABLE:
+                    raise
+                away_since = away_since or time.monotonic()
+                if time.monotonic() - away_since > RETURN_S:
+                    raise
+            time.sleep(RETRY_S)
+
+    def job_results(self, job_id: str) -> list[dict[str, Any]]:
+        """Returns what became of every object of a job, in the order of the picks."""
+        results: list[dict[str, Any]] = []
+        cursor = -1
+        while cursor is not None:
+            page = self.get(f"/jobs/{job_id}/results?limit={PAGE}&cursor={cursor}")
+            results += page["results"]
+            cursor = page["next_cursor"]
+        return results
 
     def get(self, path: str) -> dict[str, Any]:
         """Returns the JSON of a GET."""

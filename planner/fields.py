@@ -209,6 +209,20 @@ class RecordList:
 
 
 @dataclass(frozen=True)
+class RecordListOr:
+    """A list of records, or an object that stands for them."""
+
+    records: RecordList
+    record: Record
+
+    def read(self, value: Any, path: str, errors: list[FieldError]) -> list[dict[str, Any]] | dict[str, Any] | None:
+        """Returns the fields of each entry, or those of the object."""
+        if isinstance(value, Mapping):
+            return self.record.read(value, path, errors)
+        return self.records.read(value, path, errors)
+
+
+@dataclass(frozen=True)
 class Field:
     """A field of a record.
 

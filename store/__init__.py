@@ -7,7 +7,7 @@ URL. Times are seconds since the epoch.
 from store.database import StoreError, StoreUnavailable, UnknownRow
 from store.executions import TICK_PASSED, CellBusy
 from store.idempotency_and_audit import KeyTaken
-from store.many import BatchDriven, BatchLost
+from store.many import BatchDriven, BatchLost, JobDriven, JobLost
 from store.retention import Retention
 from store.rows import (
     AuditLine,
@@ -19,6 +19,8 @@ from store.rows import (
     ExecutionRow,
     ExperimentRow,
     IdempotencyKey,
+    JobCycleRow,
+    JobRow,
     LandingCellRow,
     LandingRow,
     MapRow,
@@ -48,6 +50,10 @@ __all__ = [
     "ExecutionRow",
     "ExperimentRow",
     "IdempotencyKey",
+    "JobCycleRow",
+    "JobDriven",
+    "JobLost",
+    "JobRow",
     "KeyTaken",
     "LandingCellRow",
     "LandingRow",

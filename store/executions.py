@@ -54,23 +54,10 @@ class ExecutionRepository(Repository):
             KeyTaken: `key` is bound to another execution.
             UnknownRow: There is no such plan, or experiment.
         """
-        id = new_id()
-        now = time.time()
-        row = {"id": id, "plan_id": plan_id, "cell": cell, "mode": mode, "dry_run": dry_run}
-        row |= {"experiment_id": experiment_id, "request_id": audit and audit.request_id}
+        row = {"plan_id": plan_id, "cell": cell, "mode": mode, "dry_run": dry_run}
+        row |= {"experiment_id": experiment_id, "requested_by": requested_by}
         with writing(self._engine) as connection:
-            take_key(connection, key, id, now)
-            if connection.execute(select(plans.c.id).where(plans.c.id == plan_id)).one_or_none() is None:
-                raise UnknownRow(f"no plan {plan_id!r}")
-            _require_experiment(connection, experiment_id)
-            try:
-                insertion = insert(executions).values(**row, requested_by=requested_by, created_at=now, state="queued")
-                connection.execute(insertion)
-            except IntegrityError as error:
-                raise CellBusy(cell) from error
-            _write_event(connection, id, "state", {"state": "queued", **({"trace": dict(trace)} if trace else {})}, now)
-            write_audit(connection, audit, f"/executions/{id}")
-            return _read_execution(connection, id)
+            return insert_execution(connection, row, key, audit, trace)
 
     def execution(self, id: str) -> ExecutionRow | None:
         """Returns one execution."""
@@ -241,6 +228,11 @@ class ExecutionRepository(Repository):
         query = select(events).where(events.c.execution_id == execution_id, events.c.id > after_id)
         return self._rows(EventRow, query.order_by(events.c.id).limit(limit))
 
+    def states_of(self, execution_id: str) -> list[str]:
+        """Returns the states of an execution, in their order."""
+        query = select(events).where(events.c.execution_id == execution_id, events.c.kind == "state")
+        return [row.data["state"] for row in self._rows(EventRow, query.order_by(events.c.id))]
+
     def newest_event(self, execution_id: str, kind: str) -> EventRow | None:
         """Returns the newest event of a kind of an execution; None without one."""
         query = select(events).where(events.c.execution_id == execution_id, events.c.kind == kind)
@@ -258,6 +250,30 @@ class ExecutionRepository(Repository):
         columns: list[Any] = [recordings.c.execution_id, recordings.c.mcap, recordings.c.samples]
         query: Any = select(*columns, recordings.c.csv.label("earlier_csv"))
         return self._row(RecordingRow, query.where(recordings.c.execution_id == execution_id))
+
+
+def insert_execution(
+    connection: Connection,
+    row: Mapping[str, Any],
+    key: IdempotencyKey | None,
+    audit: AuditLine | None,
+    trace: Mapping[str, str] | None = None,
+) -> ExecutionRow:
+    """Queues one execution within the caller's transaction; see `ExecutionRepository.queue_execution`."""
+    id = new_id()
+    now = time.time()
+    take_key(connection, key, id, now)
+    if connection.execute(select(plans.c.id).where(plans.c.id == row["plan_id"])).one_or_none() is None:
+        raise UnknownRow(f"no plan {row['plan_id']!r}")
+    _require_experiment(connection, row.get("experiment_id"))
+    values = {**row, "id": id, "request_id": audit and audit.request_id, "created_at": now, "state": "queued"}
+    try:
+        connection.execute(insert(executions).values(**values))
+    except IntegrityError as error:
+        raise CellBusy(row["cell"]) from error
+    _write_event(connection, id, "state", {"state": "queued", **({"trace": dict(trace)} if trace else {})}, now)
+    write_audit(connection, audit, f"/executions/{id}")
+    return _read_execution(connection, id)
 
 
 def _require_experiment(connection: Connection, id: str | None) -> None:

@@ -140,6 +140,21 @@ STEPS: tuple[tuple[str, ...], ...] = (
             observed_at {float} NOT NULL, track JSON NOT NULL)""",
         "CREATE INDEX targets_of_cell ON targets (cell, observed_at)",
     ),
+    (
+        """CREATE TABLE jobs (
+            id TEXT PRIMARY KEY, created_at {float} NOT NULL, created_by TEXT NOT NULL, request_id TEXT,
+            cell TEXT NOT NULL, total INTEGER NOT NULL, state TEXT NOT NULL, outcome TEXT, reason TEXT,
+            revision INTEGER NOT NULL, pause_requested_at {float}, cancel_requested_at {float}, resumed_at {float},
+            driver_id TEXT, heartbeat_at {float}, started_at {float}, finished_at {float}, ordered JSON NOT NULL)""",
+        """CREATE TABLE job_cycles (
+            job_id TEXT NOT NULL REFERENCES jobs (id), number INTEGER NOT NULL, kind TEXT NOT NULL, pick INTEGER,
+            next_pick INTEGER, turn INTEGER, target INTEGER, attempt INTEGER NOT NULL,
+            plan_id TEXT REFERENCES plans (id), execution_id TEXT REFERENCES executions (id), target_m JSON,
+            hit_radius_m {float}, result TEXT, outcome TEXT, object_at TEXT, reason TEXT, asked_at {float},
+            ended_at {float}, PRIMARY KEY (job_id, number))""",
+        "CREATE INDEX job_cycles_of_plan ON job_cycles (plan_id)",
+        "CREATE INDEX job_cycles_of_execution ON job_cycles (execution_id)",
+    ),
 )
 
 LATEST = len(STEPS)

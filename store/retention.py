@@ -1,8 +1,8 @@
 """Retention: deletes what is old or too much, in short transactions; never a plan in use.
 
-An execution goes with its events, recording and landings, if it has finished and belongs to no experiment. A plan goes
-if no execution, no batch and no map refers to it any more, a finished batch with its results. Idempotency keys go with
-what they stand for.
+An execution goes with its events, recording and landings, if it has finished and belongs to no experiment and no job. A
+plan goes if no execution, batch, map or job refers to it any more, a finished batch with its results. Jobs stay.
+Idempotency keys go with what they stand for.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from store.tables import (
     events,
     executions,
     idempotency,
+    job_cycles,
     landing_cells,
     landings,
     plans,
@@ -35,7 +36,9 @@ UNUSED = (
     ~exists().where(executions.c.plan_id == plans.c.id)
     & ~exists().where(batch_results.c.plan_id == plans.c.id)
     & ~exists().where(landing_cells.c.plan_id == plans.c.id)
+    & ~exists().where(job_cycles.c.plan_id == plans.c.id)
 )
+OF_NO_JOB = ~exists().where(job_cycles.c.execution_id == executions.c.id)
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,7 @@ class Retention:
     """How much is kept; None: everything.
 
     Attributes:
-        plans, plans_days: Number and age [days] of the plans that no execution, batch or map refers to.
+        plans, plans_days: Number and age [days] of the plans that no execution, batch, map or job refers to.
         executions, executions_days: Number and age [days] of the finished executions.
         batches, batches_days: Number and age [days] of the finished batches.
     """
@@ -61,7 +64,7 @@ class RetentionRepository(Repository):
 
     def retain(self, keep: Retention) -> tuple[int, int]:
         """Deletes what `keep` gives up. Returns the numbers of deleted plans and executions."""
-        finished = (executions.c.state == "finished") & executions.c.experiment_id.is_(None)
+        finished = (executions.c.state == "finished") & executions.c.experiment_id.is_(None) & OF_NO_JOB
         bound = self._bound(executions, finished, keep.executions, keep.executions_days, 0.0)
         runs = 0 if bound is None else self._delete_all(executions, bound & finished, _delete_executions)
         bound = self._bound(plans, UNUSED, keep.plans, keep.plans_days, YOUNG_S)

@@ -7,7 +7,7 @@ import secrets
 import time
 import uuid
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -445,6 +445,87 @@ class LandingCellRow:
     margin_check: str | None = None
     constraint_name: str | None = None
     reason: str | None = None
+
+
+@dataclass(frozen=True)
+class JobRow:
+    """A job: picks and throws one after another.
+
+    Attributes:
+        total: Number of its picks.
+        state: queued, running, paused or finished.
+        outcome: completed, cancelled or stopped, which can be resumed.
+        reason: Why it stopped.
+        revision: Grows with every change that a client is told of.
+        resumed_at: What happened before it stops the job no more.
+        driver_id: The process that drives it; its last heartbeat was at `heartbeat_at`.
+        ordered: What was asked for; see `jobs.cycles`. Empty where it was not read.
+    """
+
+    id: str
+    created_at: float
+    created_by: str
+    request_id: str | None
+    cell: str
+    total: int
+    state: str
+    outcome: str | None
+    reason: str | None
+    revision: int
+    pause_requested_at: float | None
+    cancel_requested_at: float | None
+    resumed_at: float | None
+    driver_id: str | None
+    heartbeat_at: float | None
+    started_at: float | None
+    finished_at: float | None
+    ordered: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def is_driven(self) -> bool:
+        """Whether its driver has sent a heartbeat within `DRIVER_FRESH_S`."""
+        fresh = self.heartbeat_at is not None and time.time() - self.heartbeat_at < DRIVER_FRESH_S
+        return self.state != "finished" and fresh
+
+
+@dataclass(frozen=True)
+class JobCycleRow:
+    """One motion of a job, written in one transaction with its execution, or once it was found that there is none.
+
+    Attributes:
+        number: In its job, counted from 0; its execution's idempotency key is made of both.
+        kind: "approach" to a pick, or "throw" from one to the next.
+        pick: That the throw starts at; None of an approach.
+        next_pick: At which it ends; None: at home.
+        turn: Counts the throws at targets.
+        target: Number of the target.
+        attempt: Of the pick, counted from 1.
+        target_m: The target's place (3,) in the world [m].
+        hit_radius_m: Distance from it that counts as a hit [m].
+        result: What it was for the job, see `jobs.cycles`; None while its execution is not finished.
+        outcome: Of its execution.
+        object_at: Where its object is as far as known, in words.
+        asked_at, ended_at: When its execution was asked for, and when its end was noted [s since the epoch].
+    """
+
+    job_id: str
+    number: int
+    kind: str
+    pick: int | None
+    next_pick: int | None
+    turn: int | None = None
+    target: int | None = None
+    attempt: int = 1
+    plan_id: str | None = None
+    execution_id: str | None = None
+    target_m: Sequence[float] | None = None
+    hit_radius_m: float | None = None
+    result: str | None = None
+    outcome: str | None = None
+    object_at: str | None = None
+    reason: str | None = None
+    asked_at: float | None = None
+    ended_at: float | None = None
 
 
 @dataclass(frozen=True)

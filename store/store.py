@@ -15,7 +15,7 @@ from store.executions import ExecutionRepository
 from store.experiments import ExperimentRepository
 from store.idempotency_and_audit import ClientRepository
 from store.landings import LandingRepository
-from store.many import BatchRepository, MapRepository
+from store.many import BatchRepository, JobRepository, MapRepository
 from store.plans import PlanRepository
 from store.profiles import ProfileRepository
 from store.retention import RetentionRepository
@@ -28,6 +28,7 @@ FREE_MIN_BYTES = 20e6  # [byte] some hundred plans; the write-ahead log alone ma
 class Store(
     PlanRepository,
     BatchRepository,
+    JobRepository,
     ExecutionRepository,
     ExperimentRepository,
     LandingRepository,
@@ -39,7 +40,7 @@ class Store(
     RetentionRepository,
     CellVersionRepository,
 ):
-    """Plans, batches, maps, executions, recordings, experiments, landings, profiles, targets, cells, keys, audit trail.
+    """Plans, batches, maps, jobs, executions, recordings, landings, profiles, targets, cells, keys, audit trail …
 
     Every method is one transaction. Threads may share a store; each process opens its own.
     """

@@ -22,6 +22,8 @@ from store.rows import (
     EventRow,
     ExecutionRow,
     ExperimentRow,
+    JobCycleRow,
+    JobRow,
     LandingCellRow,
     LandingRow,
     MapRow,
@@ -91,6 +93,12 @@ batches = _table("batches", BatchRow)
 batch_results = _table("batch_results", BatchResultRow)  # written by the driver of the batch, append only
 maps = _table("maps", MapRow)  # written by whoever makes the map; cancel_requested_at by api
 landing_cells = _table("landing_cells", LandingCellRow)  # written by whoever makes the map
+
+# api: id, created_at, created_by, request_id, cell, total, ordered, pause_requested_at, cancel_requested_at,
+# resumed_at; it inserts the state 'queued', puts a stopped job back to it, and finishes what no driver has begun. The
+# driver: all others; both count `revision` up.
+jobs = _table("jobs", JobRow)
+job_cycles = _table("job_cycles", JobCycleRow)  # written by the driver of the job
 
 idempotency = Table(  # written by api
     "idempotency",

@@ -57,6 +57,7 @@ FACES = (
     "jobs.maps",
     "jobs.pool",
     "jobs.batches",
+    "jobs.cycles",
     "api.cli",
     "api.http",
     "api.planning",

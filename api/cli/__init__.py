@@ -21,6 +21,7 @@ COMMANDS = {
     "batch": ("batch", "batch", "Plan many requests, or a grid of them, from a file."),
     "map": ("map", "map_command", "Where a cell can throw, how soon and how surely."),
     "throw": ("throw", "throw", "Plan and execute a throw to a point."),
+    "job": ("job", "job", "Pick and throw what a file says, one after another."),
     "profile": ("calibrate", "profile", "List, show, adopt or revert what was learnt of a cell."),
     "calibrate": ("calibrate", "calibrate", "Measure what a cell's own motions and throws teach."),
     "landing": ("landing", "landing", "Report where an object landed, or list the reports."),

@@ -1,4 +1,7 @@
-"""The routes, one module per resource. An endpoint parses its request, makes one call and returns."""
+"""The routes, one module per resource. An endpoint parses its request, makes one call and returns.
+
+The driver of jobs plans and executes as they do.
+"""
 
 from api.routes import (
     batches,
@@ -6,6 +9,7 @@ from api.routes import (
     executions,
     experiments,
     health,
+    jobs,
     landings,
     maps,
     pages,
@@ -15,8 +19,10 @@ from api.routes import (
     robot,
     targets,
 )
+from api.routes.executions import check_executable
+from api.routes.plans import PlanOrder, current_positions, stored_plan
 
-__all__ = ["ROUTERS"]
+__all__ = ["ROUTERS", "PlanOrder", "check_executable", "current_positions", "stored_plan"]
 
 ROUTERS = (
     plans.router,
@@ -27,6 +33,7 @@ ROUTERS = (
     cells.router,
     robot.router,
     retarget.router,
+    jobs.router,
     targets.router,
     maps.router,
     profiles.router,

@@ -92,7 +92,7 @@ def execute_plan(body: ExecuteBody, service: ServiceDep, caller: OperateCaller, 
     def queue() -> str:
         service.store.require_room()
         plan = find_plan(service, body.plan_id, whole=False)
-        _check_executable(service, plan, body.plan_id)
+        check_executable(service, plan, body.plan_id)
         if any(any(orjson.loads(plan.summary)["request"].get("start", {}).get(name, ())) for name in MOVING):
             detail = "the plan starts in motion: it can only replace a running one (POST /executions/{id}/replace)"
             raise ProblemDetails("plan-not-executable", detail, cell=plan.cell)
@@ -217,7 +217,7 @@ def join_plan(
     Raises:
         ProblemDetails: The running plan goes on untouched.
     """
-    _check_executable(service, plan, asked_for)
+    check_executable(service, plan, asked_for)
     if plan.cell != row.cell:
         raise ProblemDetails("cannot-join", f"the plan is for cell {plan.cell!r}, the execution runs on {row.cell!r}")
     if row.state in ("queued", "preparing", "finished"):
@@ -306,7 +306,7 @@ def _executor_is_lost(service: Service, row: ExecutionRow) -> bool:
     return status is None or not status.is_alive or row.executor_id not in (None, status.executor_id)
 
 
-def _check_executable(service: Service, plan: PlanRow, asked_for: str) -> None:
+def check_executable(service: Service, plan: PlanRow, asked_for: str) -> None:
     """Refuses a plan that cannot be executed now; the executor checks all of it again.
 
     Args:

@@ -325,7 +325,7 @@ def _planning_job(asked: PlanOrder, is_stored: bool) -> PlanningJob:
     request = _with_tracked_target(service, {**asked.body, "cell": name})
     start = asked.body.get("start", {})
     if "current" in start:
-        request["start"] = {"positions": _current_positions(service, name)}
+        request["start"] = {"positions": current_positions(service, name)}
     elif "execution" in start:
         request["start"] = _state_in_execution(service, name, start["execution"], start["at_s"])
     if target_moves(request) and "starts_not_before_s" not in asked.body:
@@ -427,7 +427,12 @@ def controller_time_s(service: Service, cell: str) -> float:
     return float(told_s) + max(time.time() - row.heartbeat_at, 0.0)
 
 
-def _current_positions(service: Service, cell: str) -> list[float]:
+def current_positions(service: Service, cell: str) -> list[float]:
+    """Returns the joint positions of a cell's robot as its executor reports them (6,) [rad].
+
+    Raises:
+        ProblemDetails: Nobody reports them.
+    """
     row = service.store.cell_status(cell)
     positions: Any = row.robot.get("positions") if row is not None and row.is_alive else None
     if positions is None:

@@ -25,6 +25,7 @@ from api.schemas.experiments import (
     ExperimentList,
     ExperimentRequest,
 )
+from api.schemas.jobs import JOB_EXAMPLES, JobAnswer, JobHead, JobList, JobRequest, JobRequestBody, ObjectResultList
 from api.schemas.landings import LANDING_EXAMPLES, LandingAnswer, LandingList, LandingRequest
 from api.schemas.maps import MAP_EXAMPLES, MapAnswer, MapBody, MapHead
 from api.schemas.profiles import Adoption, CalibrationMoves, ProfileAnswer, ProfileList
@@ -128,4 +129,11 @@ __all__ = [
     "TrackedTargetRequest",
     "TrajectoryAnswer",
     "iso_time",
+    "JOB_EXAMPLES",
+    "JobAnswer",
+    "JobHead",
+    "JobList",
+    "JobRequest",
+    "JobRequestBody",
+    "ObjectResultList",
 ]

@@ -20,6 +20,7 @@ from planner.fields import (
     PerJoint,
     Record,
     RecordList,
+    RecordListOr,
     Shape,
     Text,
     Vector,
@@ -48,12 +49,12 @@ def _type_of(shape: Shape) -> Any:
     """Returns the type whose schema is that of a shape."""
     match shape:
         case Kinds(records):
-            models = [_model_of(shape.record(kind)) for kind in records]
+            models = [model_of(shape.record(kind)) for kind in records]
             return Annotated[reduce(or_, models), Field(discriminator="kind")]
         case Record():
-            return _model_of(shape)
+            return model_of(shape)
         case RecordList(record, least, most):
-            return Annotated[list[_model_of(record)], Field(min_length=least, max_length=most)]
+            return Annotated[list[model_of(record)], Field(min_length=least, max_length=most)]
         case Choice(values):
             return Literal[tuple(values)]
         case Text(most):
@@ -80,14 +81,14 @@ def _type_of_numbers(shape: Shape) -> Any:
             return Annotated[float, Field(gt=above, le=most)]
         case Vector(size):
             return Annotated[list[Number], Field(min_length=size, max_length=size)]
-        case VectorOr(vector, record):
-            return _type_of(vector) | _model_of(record)
+        case VectorOr(listed, record) | RecordListOr(listed, record):
+            return _type_of(listed) | model_of(record)
         case PerJoint():
             return Number | Joints
     raise TypeError(shape)
 
 
-def _model_of(record: Record) -> Any:
+def model_of(record: Record) -> Any:
     """Returns the model whose schema is that of a record."""
     fields: dict[str, Any] = {}
     for name, field in record.fields.items():
@@ -102,9 +103,9 @@ def _model_of(record: Record) -> Any:
     return create_model(record.name, __base__=RequestModel, __doc__=record.text, **fields)
 
 
-PlanRequest = _model_of(PLAN_REQUEST)
+PlanRequest = model_of(PLAN_REQUEST)
 PlanRequestBody = Annotated[dict[str, Any], PlainValidator(read_request, json_schema_input_type=PlanRequest)]
-RetargetRequest = _model_of(RETARGET_REQUEST)
+RetargetRequest = model_of(RETARGET_REQUEST)
 RetargetRequestBody = Annotated[
     dict[str, Any],
     PlainValidator(partial(read_request, record=RETARGET_REQUEST), json_schema_input_type=RetargetRequest),

@@ -3,6 +3,7 @@
 from jobs.batches.driven import DrivenBatch, wait_and_claim
 from jobs.batches.specification import BATCH_MAX, BatchRequests, BatchSpecification, CellUse
 from jobs.batches.tables import (
+    INTEGER,
     NUMBER,
     PARQUET,
     TEXT,
@@ -17,6 +18,7 @@ from jobs.batches.tables import (
 
 __all__ = [
     "BATCH_MAX",
+    "INTEGER",
     "NUMBER",
     "PARQUET",
     "TEXT",

@@ -96,8 +96,10 @@ def shared(database_url: str, cells: Path, data: Path) -> Iterator[RunningServic
 
 @pytest.fixture
 def service(shared: RunningService) -> Iterator[RunningService]:
-    """Yields the shared service; closes its open executions and batches afterwards."""
+    """Yields the shared service; closes its open executions, batches and jobs afterwards."""
     yield shared
+    for job in shared.store.unfinished_jobs():
+        shared.store.cancel_job(job.id)
     for batch in shared.store.unfinished_batches("service"):
         shared.store.cancel_batch(batch.id)
     for row in shared.store.cell_statuses():

@@ -194,6 +194,14 @@ def test_every_call_of_the_contract_is_there(service: RunningService):
         "GET /batches/{id}/events",
         "GET /batches/{id}/results",
         "POST /batches/{id}/cancel",
+        "POST /jobs",
+        "GET /jobs",
+        "GET /jobs/{id}",
+        "GET /jobs/{id}/events",
+        "GET /jobs/{id}/results",
+        "POST /jobs/{id}/pause",
+        "POST /jobs/{id}/resume",
+        "POST /jobs/{id}/cancel",
         "POST /cells/{name}/map",
         "GET /cells/{name}/map",
         "POST /cells/{name}/map/cancel",
@@ -275,7 +283,9 @@ def test_every_example_runs(service: RunningService, executor: FakeExecutor, pla
                 problem_of(response, 409, "cannot-join")
                 continue
             assert response.status_code < 300, f"{method} {path}: {response.text}"
-            if method.upper() == "POST" and path.endswith(("/map", "/batches")):  # hours of planning
+            if method.upper() == "POST" and path.endswith(
+                ("/map", "/batches", "/jobs")
+            ):  # hours of planning, or of moving
                 made = path if path.endswith("/map") else response.headers["Location"]
                 assert service.client.post(f"{made}/cancel").status_code < 300
             if path == "/execute":
@@ -342,6 +352,8 @@ MEDIA_TYPES = {
     "/cells/{name}/map": {"application/json", "application/zip", "image/png", "text/html"},
     "/batches/{id}/results": {"application/json", "text/csv", "application/vnd.apache.parquet"},
     "/batches/{id}/events": {"text/event-stream"},
+    "/jobs/{id}/results": {"application/json", "text/csv", "application/vnd.apache.parquet"},
+    "/jobs/{id}/events": {"text/event-stream"},
     "/executions/{id}/recording": {"application/octet-stream", "text/csv"},
     "/executions/{id}/events": {"text/event-stream"},
     "/metrics": {"text/plain"},
@@ -349,6 +361,7 @@ MEDIA_TYPES = {
 EVENTS = {
     "/plan": {"progress": "PlanProgress", "plan": "PlanAnswer", "problem": "ProblemAnswer"},
     "/batches/{id}/events": {"progress": "BatchAnswer"},
+    "/jobs/{id}/events": {"progress": "JobAnswer"},
     "/executions/{id}/events": {"state": "StateEvent", "telemetry": "TelemetryEvent", "target": "TargetEvent"},
 }
 
@@ -370,7 +383,7 @@ def test_who_may_ask_for_a_media_type_is_told_of_406(service: RunningService):
         takes = any(parameter["name"] == "accept" for parameter in operation.get("parameters", ()))
         found[path] = found.get(path, False) or takes
         assert ("406" in operation["responses"]) is takes, path
-    assert sum(found.values()) == 6
+    assert sum(found.values()) == 7
 
 
 def test_every_422_of_a_body_in_order_is_told(service: RunningService):

@@ -17,7 +17,7 @@ from jobs.maps import DrivenMap, map_inputs
 from jobs.planning import PlanningJob
 from jobs.pool import JobResult
 from planner.errors import Infeasible, Violation
-from store import BatchLost, Store, pack_samples
+from store import BatchLost, JobLost, Store, pack_samples
 from tests.api.conftest import beat_as
 
 BEAT_S = 0.05
@@ -68,7 +68,7 @@ class QuickExecutor(QuickWorker):
 
 
 class QuickPlanner(QuickWorker):
-    """Drives batches and maps as the service's own processes do; refuses every request."""
+    """Drives batches, maps and jobs as the service does; refuses every request, and completes jobs as they are."""
 
     def _work(self) -> None:
         for row in self._store.unfinished_batches("service"):
@@ -78,6 +78,10 @@ class QuickPlanner(QuickWorker):
         for row in self._store.running_maps("service"):
             task = DrivenMap(self._store, row, map_inputs(self._store, row))
             drive(task, partial(refuse_all, partial(self._store.request_map_cancel, row.id)))
+        for row in self._store.unfinished_jobs():
+            with suppress(JobLost):  # it was cancelled meanwhile
+                self._store.claim_job(row.id, "quick")
+                self._store.finish_job(row.id, "quick", "completed")
 
 
 def refuse_all(

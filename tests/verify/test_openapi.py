@@ -21,7 +21,7 @@ import httpx2
 import pytest
 
 from api.http import create_token
-from api.schemas import MAP_EXAMPLES, PLAN_EXAMPLES, TARGET_EXAMPLES
+from api.schemas import JOB_EXAMPLES, MAP_EXAMPLES, PLAN_EXAMPLES, TARGET_EXAMPLES
 from store import Store
 from tests.postgres import database_on
 from tests.verify.conftest import ServiceProcess
@@ -86,6 +86,7 @@ def furnish(service: ServiceProcess, headers: dict[str, str]) -> None:
         ("/batches", {"requests": [joint]}), ("/batches/latest/events", None),
         (f"/cells/{CELL}/map", MAP_EXAMPLES["coarse"]["value"]), (f"/cells/{CELL}/profiles", {}),
         (f"/cells/{CELL}/targets", TARGET_EXAMPLES["encoder"]["value"]),
+        ("/jobs", JOB_EXAMPLES["list"]["value"]), ("/jobs/latest/events", None),
     ]  # fmt: skip
     with http:
         for path, body in first:

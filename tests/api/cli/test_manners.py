@@ -194,6 +194,7 @@ HANDED_OVER = {
     "cell": ["cell", "check"],
     "request": ["plan"],
     "batch": ["batch"],
+    "job": ["job"],
     "recording": ["calibrate", "lag", "--from-csv"],
     "plan": ["report"],
     "targets": ["throw", "--targets"],

@@ -1,0 +1,94 @@
+"""What an execution was for a job: a result, and where its object is as far as that is known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from jobs.cycles.progress import FAILED, KEPT, MISSED_GRIP, MOVED, NOT_BEGUN, THROWN, UNKNOWN
+from store import ExecutionRow, JobCycleRow, LandingRow
+
+AT_PICK = "at its pick"
+IN_GRIPPER = "in the gripper"
+
+
+class CycleEnd(NamedTuple):
+    """How a motion of a job ended.
+
+    Attributes:
+        result: one of `jobs.cycles.progress`.
+        object_at: where its object is, in words; None of an approach, which has none.
+    """
+
+    result: str
+    object_at: str | None
+
+
+class SeenLanding(NamedTuple):
+    """What was seen of a landing.
+
+    Attributes:
+        is_hit: whether it was within the room of a hit.
+        at: time of the last report [s since the epoch].
+        position: mean of the observed positions (3,) [m]; None where a person only told the result.
+        error_m: horizontal distance from the target [m].
+    """
+
+    is_hit: bool
+    at: float
+    position: list[float] | None = None
+    error_m: float | None = None
+
+
+def cycle_end(cycle: JobCycleRow, execution: ExecutionRow, began: bool) -> CycleEnd:
+    """Returns what a finished execution was for its job.
+
+    Args:
+        cycle: that it belongs to.
+        execution: finished.
+        began: whether its motion began: it was streaming or braking.
+    """
+    if cycle.kind == "approach":
+        return CycleEnd(MOVED if execution.outcome == "completed" else FAILED, None)
+    metrics = execution.metrics
+    grip = (metrics or {}).get("grip") or {}
+    if grip.get("held") is False and not (metrics or {}).get("released"):
+        return CycleEnd(MISSED_GRIP, AT_PICK)
+    if execution.outcome == "refused" or (metrics is None and not began):
+        return CycleEnd(NOT_BEGUN, f"{AT_PICK}, or {IN_GRIPPER} there")
+    if metrics is None:
+        return CycleEnd(UNKNOWN, f"{IN_GRIPPER}, or thrown at target {cycle.target}: the execution has no record")
+    if metrics.get("released"):
+        doubt = "" if execution.outcome == "completed" else ", as far as the executor knows"
+        return CycleEnd(THROWN, f"thrown at target {cycle.target}{doubt}")
+    return CycleEnd(KEPT, IN_GRIPPER)
+
+
+def seen_landing(cycle: JobCycleRow, landings: Sequence[LandingRow]) -> SeenLanding | None:
+    """Returns what was seen of the landing of a throw; None where nothing was.
+
+    A result that was told counts before positions, the last one; `edge` is no hit.
+    """
+    told = [each for each in landings if each.result is not None]
+    position = combined_position([each for each in landings if each.position is not None])
+    at = max((each.at for each in landings), default=0.0)
+    error_m = None
+    if position is not None and cycle.target_m is not None:
+        error_m = float(np.hypot(*np.subtract(position, cycle.target_m)[:2]))
+    if told:
+        return SeenLanding(told[-1].result == "hit", at, position, error_m)
+    if error_m is None or cycle.hit_radius_m is None:
+        return None
+    return SeenLanding(error_m <= cycle.hit_radius_m, at, position, error_m)
+
+
+def combined_position(observed: Sequence[LandingRow]) -> list[float] | None:
+    """Returns the mean of the positions weighted by 1 / std^2; exact ones (std 0) leave the others without weight."""
+    if not observed:
+        return None
+    deviations = np.array([x.std_m or 0.0 for x in observed])
+    exact = deviations == 0.0
+    weights = exact.astype(float) if exact.any() else deviations**-2.0
+    return np.average(np.array([x.position for x in observed], float), axis=0, weights=weights).tolist()
