@@ -60,6 +60,7 @@ class Execution:
     profile: ProfileRow | None = None
     motions: list[Motion] = field(default_factory=list)  # that of its plan, then those of plans that were to replace it
     span: tracing.TracedSpan = field(default_factory=tracing.TracedSpan)
+    taken_at_s: float = field(default_factory=time.monotonic)  # as it was taken on [s, monotonic]
 
     def note(self, text: str) -> None:
         """Adds a line to the recording's log."""
@@ -332,6 +333,7 @@ class Execution:
         timing = self._timing(telemetry)
         known = self._known() if self.row.mode == "speedj" else None
         numbers = records.metrics(self.problem, self.trajectory, ended, landing, timing, self.aim_shift, known)
+        numbers["ready_s"] = None if ended.ready_at_s is None else ended.ready_at_s - self.taken_at_s
         if self.row.dry_run:
             numbers = records.without_motion(numbers)
         if outcome == "completed" and not self.row.dry_run:

@@ -43,6 +43,7 @@ OFFERED = 19  # number of the newest job that was offered; 0: none was
 OFFERED_PLACE = 20  # where that is
 ANSWERED = 21  # number of the newest one that was answered
 TAKEN = 22  # number of the one that the stream goes by; 0: the job that it was started with
+READY_AT_S = 23  # when the arm stood at the plan's start, the gripper closed [s, monotonic]; 0: it did not
 
 # Columns of a telemetry row: the scalars, then the vectors of six.
 SCALARS = (

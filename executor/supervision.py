@@ -423,6 +423,7 @@ class StreamRun:
             switched_s=tuple(memory.switched[: len(self.job.switches)]),
             stop_levels=[each for each in self.stop_levels if each not in self.left],
             stopped_s=self.stopped_s if math.isnan(stopped_s) else stopped_s,
+            ready_at_s=float(fields[shm.READY_AT_S]) or None,
         )
 
     def _verdict(self, failure: str) -> tuple[str, str]:

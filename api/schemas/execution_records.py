@@ -58,6 +58,9 @@ class ExecutionMetrics(BaseModel):
 
     ticks: int | None = Field(None, description="Rows of the stream.")
     missed_ticks: int | None = Field(None, description="Ticks that were lost.")
+    ready_s: float | None = Field(
+        None, description="From taking the execution on to an arm at the plan's start, its gripper closed [s]."
+    )
     period_p50_s: float | None = Field(None, description="Median of the time between two ticks [s].")
     period_p99_s: float | None = Field(None, description="99th percentile [s].")
     period_max_s: float | None = Field(None, description="Longest [s].")

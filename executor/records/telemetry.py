@@ -38,6 +38,7 @@ class RunResult:
         switched_s: plan times at which the outputs of the passages were sent, in their order [s]; NaN for never.
         stop_levels: what a stop switched of them.
         stopped_s: plan time at which it did [s]; NaN for never.
+        ready_at_s: when the arm stood at the plan's start, the gripper closed [s, monotonic]; None where it did not.
     """
 
     outcome: str
@@ -55,6 +56,7 @@ class RunResult:
     switched_s: tuple[float, ...] = ()
     stop_levels: Sequence[SwitchRow] = ()
     stopped_s: float = math.nan
+    ready_at_s: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -50,6 +50,7 @@ def run(
         connection.arm_watchdog()  # before the first motion: the arm moves only while this process keeps it moving
         verdict = approach(connection, requests)
     if verdict is None:
+        memory.fields[shm.READY_AT_S] = monotonic()
         job, verdict = await_start(connection, job, requests)
     if verdict is None:
         memory.fields[shm.STATE] = memory.fields[shm.FURTHEST] = shm.STREAMING

@@ -43,6 +43,9 @@ def test_a_throw_lands_where_it_was_planned(rig: Rig, mode: str) -> None:
     commanded = plan["release"]["command_time_s"] + row.metrics["gripper_command_late_s"]
     assert row.metrics["gripper_commanded_s"] == pytest.approx(commanded, abs=1e-9)
     assert row.metrics["gripper_opened_s"] == pytest.approx(plan["release_time_s"], abs=0.002)
+    assert row.claimed_at is not None
+    assert row.finished_at is not None
+    assert 0.0 < row.metrics["ready_s"] < row.finished_at - row.claimed_at
     assert rig.states(row.id) == ["queued", "preparing", "approaching", "streaming", "braking", "finished"]
 
 

@@ -19,6 +19,7 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason=MISSING)
 
 PHONE = {"width": 390, "height": 844}
 MAP_MS = 90_000  # [ms] until the first landing cells are known, on a busy machine
+ASKED_MS = 30_000  # [ms] until the scene has been asked for again, on a busy machine
 PNG = b"\x89PNG\r\n"
 
 
@@ -83,6 +84,17 @@ def test_a_lost_connection_is_said_and_mended(guest: Visit) -> None:
     expect(alert.filter(has_text="Stop did not get through")).to_contain_text("Use the emergency stop")
     guest.context.set_offline(False)
     expect(alert.filter(has_text="Connection to the service lost")).to_have_count(0, timeout=10_000)
+
+
+def test_a_scene_that_does_not_arrive_is_asked_for_again(desk: Desk, browser: Browser) -> None:
+    with visit(browser, "about:blank") as guest:
+        guest.url = desk.url
+        guest.page.route(re.compile(r"/scene-[^/]*\.js$"), lambda route: route.abort(), times=1)
+        guest.page.goto(desk.url)
+        scene = guest.region("Scene")
+        scene.get_by_text("The scene did not load").wait_for(timeout=ASKED_MS)
+        scene.get_by_text("This browser draws no moving scene").wait_for(timeout=ASKED_MS)  # it is without WebGL
+        expect(scene.get_by_text("The scene did not load")).to_have_count(0)
 
 
 def test_nothing_keeps_people_out(desk: Desk, drawing_browser: Browser) -> None:

@@ -1803,6 +1803,12 @@ export interface components {
              */
             period_p99_s: number | null;
             /**
+             * Ready S
+             * @description From taking the execution on to an arm at the plan's start, its gripper closed [s].
+             * @default null
+             */
+            ready_s: number | null;
+            /**
              * Realtime
              * @description Whether the operating system granted real-time scheduling.
              * @default null

@@ -285,6 +285,7 @@ export function plainWords(text: string): string {
 const METRICS: Readonly<Record<string, readonly [string, string, number]>> = {
   ticks: ["Ticks", "", 1],
   missed_ticks: ["Ticks that were missed", "", 1],
+  ready_s: ["Ready to start after", "s", 1],
   period_p50_s: ["Time between ticks, median", "ms", 1000],
   period_p99_s: ["Time between ticks, 99 % below", "ms", 1000],
   period_max_s: ["Time between ticks, longest", "ms", 1000],

@@ -22,7 +22,8 @@ import { seenAt } from "../state/scatter";
 import { SceneKey } from "./scene-key";
 
 type CreateDrawnScene = (host: HTMLElement, theme: Theme) => DrawnScene;
-const LOADERS = import.meta.glob<{ createScene: CreateScene; createDrawnScene: CreateDrawnScene }>("../scene/index.ts");
+type SceneModule = { createScene: CreateScene; createDrawnScene: CreateDrawnScene };
+const LOADERS = import.meta.glob<SceneModule>("../scene/index.ts");
 
 const CAMERAS: readonly (readonly [CameraPreset, string])[] = [
   ["overview", "Overview"],
@@ -37,10 +38,12 @@ export function SceneSection(): JSX.Element {
   const scene = useRef<Scene | null>(null);
   const drawings = useRef<HTMLDivElement>(null);
   const failure = useSignal<string | null>(null);
+  const missing = useSignal<string | null>(null);
   useEffect(() => {
     let ends: (() => void) | null = null;
     let over = false;
-    void loadScene(canvas.current, (reason) => (failure.value = reason)).then((loaded) => {
+    const load = (): Promise<SceneModule | null> => loadModule((reason) => (missing.value = reason), () => over);
+    void loadScene(canvas.current, load, (reason) => (failure.value = reason)).then((loaded) => {
       if (loaded === null) return;
       if (over) return loaded.dispose();
       scene.current = loaded;
@@ -48,10 +51,10 @@ export function SceneSection(): JSX.Element {
     });
     const drawnInstead = effect(() => {
       if (failure.value === null || drawings.current === null) return;
-      void LOADERS["../scene/index.ts"]?.().then(({ createDrawnScene }) => {
-        if (over || drawings.current === null) return;
+      void load().then((module) => {
+        if (over || module === null || drawings.current === null) return;
         ends?.();
-        ends = keepDrawn(createDrawnScene(drawings.current, dark.peek() ? "dark" : "light"), drawings.current);
+        ends = keepDrawn(module.createDrawnScene(drawings.current, dark.peek() ? "dark" : "light"), drawings.current);
       });
     });
     return () => {
@@ -65,6 +68,7 @@ export function SceneSection(): JSX.Element {
     <section class={`scene ${standing.value} ${picking.value ? "picking" : ""}`} aria-label="Scene">
       <canvas ref={canvas} tabIndex={0} role="img" aria-label={sceneWords()} hidden={failure.value !== null} />
       <div class="drawn-views" ref={drawings} hidden={failure.value === null} role="img" aria-label={sceneWords()} />
+      {missing.value ? <p class="soft drawn-reason">The scene did not load ({missing.value}). It is asked for again.</p> : null}
       {failure.value ? <p class="soft drawn-reason">This browser draws no moving scene ({failure.value}): two views instead.</p> : null}
       <SceneKey />
       <div class="cameras" role="group" aria-label="Camera" hidden={failure.value !== null}>
@@ -102,16 +106,16 @@ function sceneWords(): string {
   return `The arm of ${plan.cell} along its plan of ${plan.duration_s.toFixed(2)} s${where}.`;
 }
 
-async function loadScene(canvas: HTMLCanvasElement | null, onFailure: (reason: string) => void): Promise<Scene | null> {
-  const load = LOADERS["../scene/index.ts"];
-  if (canvas === null || load === undefined) {
-    onFailure("");
-    return null;
-  }
+async function loadScene(
+  canvas: HTMLCanvasElement | null,
+  load: () => Promise<SceneModule | null>,
+  onFailure: (reason: string) => void,
+): Promise<Scene | null> {
   await formPainted();
+  const module = await load();
+  if (canvas === null || module === null) return null;
   try {
-    const { createScene } = await load();
-    return createScene(canvas, {
+    return module.createScene(canvas, {
       theme: dark.value ? "dark" : "light",
       realArm: isReal.value,
       onTargetMoved: (position) => drag(asTarget(position)),
@@ -124,10 +128,30 @@ async function loadScene(canvas: HTMLCanvasElement | null, onFailure: (reason: s
       onFailure,
     });
   } catch (error) {
-    onFailure(error instanceof Error ? error.message : String(error));
+    onFailure(wordsOf(error));
     return null;
   }
 }
+
+const AGAIN_MS = 2000; // [ms] until the service is asked again for what did not arrive
+
+/** Returns what draws the scene, null once the page is over; asks again while the service cannot be reached. */
+async function loadModule(tell: (reason: string | null) => void, isOver: () => boolean): Promise<SceneModule | null> {
+  const [load] = Object.values(LOADERS);
+  while (load !== undefined && !isOver()) {
+    try {
+      const module = await load();
+      tell(null);
+      return module;
+    } catch (error) {
+      tell(wordsOf(error));
+      await new Promise((resolve) => setTimeout(resolve, AGAIN_MS));
+    }
+  }
+  return null;
+}
+
+const wordsOf = (error: unknown): string => (error instanceof Error ? error.message : String(error));
 
 /** Resolves once the browser says that the form is on the screen; three.js would keep it from there. */
 function formPainted(): Promise<void> {
