@@ -741,6 +741,155 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/jobs": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List jobs
+         * @description Lists jobs without their records, newest first.
+         */
+        get: operations["list_jobs"];
+        put?: never;
+        /**
+         * Pick and throw
+         * @description Queues picks and throws of a cell, one after another. **This moves the robot**, as soon as its cell is free.
+         *
+         *     A cycle is one plan: at rest at a pick, line up, throw, line down, at rest at the next pick. The next cycle is
+         *     planned while the arm moves. A job survives the end of the service; jobs of a cell are done in their order.
+         */
+        post: operations["make_job"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/jobs/{id}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Read a job
+         * @description Reads how far a job is: what runs, cycles an hour, hits with their interval, misses by cause.
+         */
+        get: operations["read_job"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/jobs/{id}/cancel": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Cancel a job
+         * @description Ends a job after the motion that runs; abort its execution to brake now. Repeated, it changes nothing.
+         */
+        post: operations["cancel_job"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/jobs/{id}/events": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Watch a job
+         * @description Streams the progress of a job as server-sent events until it is finished.
+         */
+        get: operations["watch_job"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/jobs/{id}/pause": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Pause a job
+         * @description Pauses a job after the motion that runs, with the arm at rest at the next pick. Repeated, it changes nothing.
+         */
+        post: operations["pause_job"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/jobs/{id}/results": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Read what became of every object
+         * @description Reads what became of every object, in the order of the picks: a page in JSON, or all as CSV or Parquet.
+         */
+        get: operations["read_job_results"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/jobs/{id}/resume": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Resume a job
+         * @description Goes on with a job that is paused, or that has stopped. **This moves the robot.**
+         *
+         *     What was put aside stays so; an object that was certainly not thrown, and lies at its pick, is picked again.
+         */
+        post: operations["resume_job"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/metrics": {
         parameters: {
             query?: never;
@@ -1549,6 +1698,39 @@ export interface components {
             value: number | null;
         };
         /**
+         * CurrentMotion
+         * @description The motion that runs.
+         */
+        CurrentMotion: {
+            /**
+             * Attempt
+             * @description Of the pick, counted from 1.
+             */
+            attempt: number;
+            /** Execution Id */
+            execution_id: string;
+            /**
+             * Kind
+             * @description approach or throw.
+             */
+            kind: string;
+            /**
+             * Next Pick
+             * @description Where it ends; null: at home.
+             */
+            next_pick: number | null;
+            /**
+             * Pick
+             * @description That the throw starts at; null of an approach.
+             */
+            pick: number | null;
+            /**
+             * Target
+             * @description Number of the target.
+             */
+            target: number | null;
+        };
+        /**
          * CurveAnswer
          * @description Quantities that one check of the certificate judges, with its limits.
          */
@@ -2245,6 +2427,181 @@ export interface components {
             kind: "home";
         };
         /**
+         * JobAnswer
+         * @description A job, how far it is, and its record.
+         */
+        JobAnswer: {
+            /** Cancel Requested */
+            cancel_requested: boolean;
+            /** Cell */
+            cell: string;
+            /**
+             * Created At
+             * @description UTC, ISO 8601.
+             */
+            created_at: string;
+            /** Created By */
+            created_by: string;
+            /** @description null: the arm stands. */
+            current: components["schemas"]["CurrentMotion"] | null;
+            /**
+             * Done
+             * @description Picks that are done: thrown, or put aside.
+             */
+            done: number;
+            /** Finished At */
+            finished_at: string | null;
+            /** Id */
+            id: string;
+            /**
+             * Outcome
+             * @description completed, cancelled, or stopped: that can be resumed.
+             */
+            outcome: string | null;
+            /** Pause Requested */
+            pause_requested: boolean;
+            /**
+             * Reason
+             * @description Why it stopped.
+             */
+            reason: string | null;
+            record: components["schemas"]["ShiftRecord"];
+            /** Started At */
+            started_at: string | null;
+            /**
+             * State
+             * @description queued, running, paused or finished.
+             */
+            state: string;
+            /**
+             * Total
+             * @description Number of picks.
+             */
+            total: number;
+        };
+        /**
+         * JobHead
+         * @description A job without its record.
+         */
+        JobHead: {
+            /** Cancel Requested */
+            cancel_requested: boolean;
+            /** Cell */
+            cell: string;
+            /**
+             * Created At
+             * @description UTC, ISO 8601.
+             */
+            created_at: string;
+            /** Created By */
+            created_by: string;
+            /** Finished At */
+            finished_at: string | null;
+            /** Id */
+            id: string;
+            /**
+             * Outcome
+             * @description completed, cancelled, or stopped: that can be resumed.
+             */
+            outcome: string | null;
+            /** Pause Requested */
+            pause_requested: boolean;
+            /**
+             * Reason
+             * @description Why it stopped.
+             */
+            reason: string | null;
+            /** Started At */
+            started_at: string | null;
+            /**
+             * State
+             * @description queued, running, paused or finished.
+             */
+            state: string;
+            /**
+             * Total
+             * @description Number of picks.
+             */
+            total: number;
+        };
+        /**
+         * JobList
+         * @description A page of jobs, newest first.
+         */
+        JobList: {
+            /** Jobs */
+            jobs: components["schemas"]["JobHead"][];
+            /**
+             * Next Cursor
+             * @description Pass as `cursor` for the next page; null on the last page.
+             */
+            next_cursor: string | null;
+        };
+        /**
+         * JobPolicy
+         * @description What is done about a miss. A fault of an execution stops the job in any case.
+         */
+        JobPolicy: {
+            /**
+             * Attempts
+             * @description Grips of a pick, and throws at a target's turn, at most.
+             * @default 2
+             */
+            attempts: number;
+            /**
+             * Missed Grip
+             * @description Nothing was gripped: grip again, put the pick aside, or stop the job.
+             * @default stop
+             * @enum {string}
+             */
+            missed_grip: "retry" | "skip" | "stop";
+            /**
+             * Missed Throw
+             * @description An object landed beside its target: the target gets another one, or nothing is done, or the job stops.
+             * @default skip
+             * @enum {string}
+             */
+            missed_throw: "retry" | "skip" | "stop";
+        };
+        /**
+         * JobRequest
+         * @description Picks and throws one after another.
+         */
+        JobRequest: {
+            /**
+             * Approach M
+             * @description Height above a pick of the lines down to it and up from it [m].
+             * @default 0.1
+             */
+            approach_m: number;
+            /**
+             * Cell
+             * @description Name of the cell; absent: the service's default cell.
+             */
+            cell?: string | null;
+            /**
+             * Line Speed M S
+             * @description Speed of the tool along them [m/s].
+             * @default 0.25
+             */
+            line_speed_m_s: number;
+            /**
+             * Picks
+             * @description What to pick, in this order: a list, or a grid.
+             */
+            picks: components["schemas"]["PickRequest"][] | components["schemas"]["PicksOfGridRequest"];
+            /**
+             * @description What is done about a miss.
+             * @default {}
+             */
+            policy: components["schemas"]["JobPolicy"];
+            /**
+             * Targets
+             * @description What to throw at, in turn: points or bins, as in `release`.
+             */
+            targets: components["schemas"]["TargetReleaseRequest"][];
+        };
+        /**
          * JointEndRequest
          * @description At rest in a joint position.
          */
@@ -2829,6 +3186,95 @@ export interface components {
             shape: "sphere" | "box" | "cylinder" | "capsule";
         };
         /**
+         * ObjectResult
+         * @description What became of one object.
+         */
+        ObjectResult: {
+            /**
+             * Asked At
+             * @description When its execution was asked for. UTC, ISO 8601.
+             */
+            asked_at: string | null;
+            /**
+             * Attempts
+             * @description Motions that began at its pick.
+             */
+            attempts: number;
+            /** Ended At */
+            ended_at: string | null;
+            /**
+             * Error M
+             * @description Horizontal distance from the target [m].
+             */
+            error_m: number | null;
+            /** Execution Id */
+            execution_id: string | null;
+            /**
+             * Landing X M
+             * @description Where it was seen to land [m].
+             */
+            landing_x_m: number | null;
+            /** Landing Y M */
+            landing_y_m: number | null;
+            /** Landing Z M */
+            landing_z_m: number | null;
+            /**
+             * Object
+             * @description As the request names it.
+             */
+            object: string | null;
+            /**
+             * Object At
+             * @description Where it is as far as known, in words; null while it moves.
+             */
+            object_at: string | null;
+            /**
+             * Outcome
+             * @description Of the execution.
+             */
+            outcome: string | null;
+            /**
+             * Pick
+             * @description Number of its pick, counted from 0.
+             */
+            pick: number;
+            /** Plan Id */
+            plan_id: string | null;
+            /**
+             * Reason
+             * @description Of the execution, or of the planner's refusal.
+             */
+            reason: string | null;
+            /**
+             * Result
+             * @description waiting; moving; hit, miss, or thrown where nobody saw the landing; missed_grip; not_planned: no motion was found; kept: still in the gripper; unknown: in the gripper, or thrown.
+             */
+            result: string;
+            /**
+             * Target
+             * @description Number of the target it was thrown at.
+             */
+            target: number | null;
+            /**
+             * Turn
+             * @description Counts the throws at targets; a target that gets another object keeps its turn.
+             */
+            turn: number | null;
+        };
+        /**
+         * ObjectResultList
+         * @description A page of results, in the order of the picks.
+         */
+        ObjectResultList: {
+            /**
+             * Next Cursor
+             * @description Pass as `cursor` for the next page; null on the last page.
+             */
+            next_cursor: number | null;
+            /** Results */
+            results: components["schemas"]["ObjectResult"][];
+        };
+        /**
          * ObservationRequest
          * @description Where a target was seen at an instant, and its velocity where an encoder tells it.
          */
@@ -3045,6 +3491,55 @@ export interface components {
              * @description The state, of any kind of `release`. Give either a state or a line.
              */
             state?: (components["schemas"]["PoseReleaseRequest"] | components["schemas"]["PointReleaseRequest"] | components["schemas"]["JointReleaseRequest"] | components["schemas"]["TargetReleaseRequest"]) | null;
+        };
+        /**
+         * PickGridRequest
+         * @description A tray: picks in columns and rows, the columns of the first row first.
+         */
+        PickGridRequest: {
+            /**
+             * Across M
+             * @description From one row to the next, in the world [m].
+             */
+            across_m: number[];
+            /**
+             * Along M
+             * @description From one column to the next, in the world [m].
+             */
+            along_m: number[];
+            /**
+             * Columns
+             * @description Number of columns.
+             */
+            columns: number;
+            /** @description Pose of the first pick, in the world; the others have its orientation. */
+            corner: components["schemas"]["Pose"];
+            /**
+             * Rows
+             * @description Number of rows.
+             */
+            rows: number;
+        };
+        /**
+         * PickRequest
+         * @description An object that lies ready, and how the tool takes it.
+         */
+        PickRequest: {
+            /**
+             * Object
+             * @description What it is, for people and tables.
+             */
+            object?: string | null;
+            /** @description Pose of the tool centre point as the gripper closes, in the world. */
+            pose: components["schemas"]["Pose"];
+        };
+        /**
+         * PicksOfGridRequest
+         * @description Picks on a grid.
+         */
+        PicksOfGridRequest: {
+            /** @description The tray. */
+            grid: components["schemas"]["PickGridRequest"];
         };
         /**
          * PlanAnswer
@@ -4520,6 +5015,61 @@ export interface components {
             upper_m: number[];
         };
         /**
+         * ShiftRecord
+         * @description The statistics of a job so far.
+         */
+        ShiftRecord: {
+            /**
+             * Cycle Time S
+             * @description Median from a throw's request to the arm's rest at the next pick [s].
+             */
+            cycle_time_s: number | null;
+            /**
+             * Cycles Per Hour
+             * @description Throws from the first motion to the end of the last, pauses too.
+             */
+            cycles_per_hour: number | null;
+            /**
+             * Hit Interval
+             * @description Its 95 % interval by Wilson [-, -].
+             */
+            hit_interval: number[] | null;
+            /**
+             * Hit Share
+             * @description Hits of the landings seen [-].
+             */
+            hit_share: number | null;
+            /**
+             * Hits
+             * @description Of these, landings within the room of a hit: of the bin, or of the tolerance.
+             */
+            hits: number;
+            /**
+             * Landings Seen
+             * @description Of these, landings that were observed or reported.
+             */
+            landings_seen: number;
+            /**
+             * Misses
+             * @description Objects that did not hit, by cause.
+             */
+            misses: {
+                [key: string]: number;
+            };
+            /**
+             * Objects
+             * @description Objects by what became of them; see `result` of the results.
+             */
+            objects: {
+                [key: string]: number;
+            };
+            /**
+             * Thrown
+             * @description Objects that were let go.
+             */
+            thrown: number;
+        };
+        /**
          * SolverAnswer
          * @description How the plan was found.
          */
@@ -5328,6 +5878,7 @@ export type CellSummary = components['schemas']['CellSummary'];
 export type CellVersion = components['schemas']['CellVersion'];
 export type CertificateAnswer = components['schemas']['CertificateAnswer'];
 export type CheckAnswer = components['schemas']['CheckAnswer'];
+export type CurrentMotion = components['schemas']['CurrentMotion'];
 export type CurveAnswer = components['schemas']['CurveAnswer'];
 export type CurveTimes = components['schemas']['CurveTimes'];
 export type ExecuteRequest = components['schemas']['ExecuteRequest'];
@@ -5350,6 +5901,11 @@ export type GripperAnswer = components['schemas']['GripperAnswer'];
 export type Health = components['schemas']['Health'];
 export type HitProbability = components['schemas']['HitProbability'];
 export type HomeEndRequest = components['schemas']['HomeEndRequest'];
+export type JobAnswer = components['schemas']['JobAnswer'];
+export type JobHead = components['schemas']['JobHead'];
+export type JobList = components['schemas']['JobList'];
+export type JobPolicy = components['schemas']['JobPolicy'];
+export type JobRequest = components['schemas']['JobRequest'];
 export type JointEndRequest = components['schemas']['JointEndRequest'];
 export type JointReleaseRequest = components['schemas']['JointReleaseRequest'];
 export type LandingAnswer = components['schemas']['LandingAnswer'];
@@ -5368,6 +5924,8 @@ export type MapProgress = components['schemas']['MapProgress'];
 export type MapReason = components['schemas']['MapReason'];
 export type MapValues = components['schemas']['MapValues'];
 export type ObjectAnswer = components['schemas']['ObjectAnswer'];
+export type ObjectResult = components['schemas']['ObjectResult'];
+export type ObjectResultList = components['schemas']['ObjectResultList'];
 export type ObservationRequest = components['schemas']['ObservationRequest'];
 export type OpeningRequest = components['schemas']['OpeningRequest'];
 export type OrientationRequest = components['schemas']['OrientationRequest'];
@@ -5375,6 +5933,9 @@ export type OutputSwitchRequest = components['schemas']['OutputSwitchRequest'];
 export type OutputTimes = components['schemas']['OutputTimes'];
 export type PassageAnswer = components['schemas']['PassageAnswer'];
 export type PassageRequest = components['schemas']['PassageRequest'];
+export type PickGridRequest = components['schemas']['PickGridRequest'];
+export type PickRequest = components['schemas']['PickRequest'];
+export type PicksOfGridRequest = components['schemas']['PicksOfGridRequest'];
 export type PlanAnswer = components['schemas']['PlanAnswer'];
 export type PlanCurves = components['schemas']['PlanCurves'];
 export type PlanList = components['schemas']['PlanList'];
@@ -5406,6 +5967,7 @@ export type RunTiming = components['schemas']['RunTiming'];
 export type SafetyLimitsAnswer = components['schemas']['SafetyLimitsAnswer'];
 export type SeriesAnswer = components['schemas']['SeriesAnswer'];
 export type ShapeAnswer = components['schemas']['ShapeAnswer'];
+export type ShiftRecord = components['schemas']['ShiftRecord'];
 export type SolverAnswer = components['schemas']['SolverAnswer'];
 export type SolverEnd = components['schemas']['SolverEnd'];
 export type StartRequest = components['schemas']['StartRequest'];
@@ -8660,6 +9222,596 @@ export interface operations {
             };
             /** @description `internal` */
             500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    list_jobs: {
+        parameters: {
+            query?: {
+                /** @description Maximum length of the page. */
+                limit?: number;
+                /** @description `next_cursor` of the page before. */
+                cursor?: string | null;
+            };
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Newest first. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["JobList"];
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    make_job: {
+        parameters: {
+            query?: never;
+            header?: {
+                /** @description Same key and body: same resource. */
+                "idempotency-key"?: string | null;
+            };
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["JobRequest"];
+            };
+        };
+        responses: {
+            /** @description Checked and queued. */
+            201: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["JobAnswer"];
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `request-timeout` */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `too-large` */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `unsupported-media-type` */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request`, `idempotency-conflict` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `shutting-down`, `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    read_job: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Id of the job, or `latest`. */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Its record. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["JobAnswer"];
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    cancel_job: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Id of the job, or `latest`. */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description It ends once the motion that runs has ended. */
+            202: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["JobHead"];
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    watch_job: {
+        parameters: {
+            query?: never;
+            header?: {
+                /** @description Skips progress that the client has. */
+                "last-event-id"?: number;
+            };
+            path: {
+                /** @description Id of the job, or `latest`. */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Its progress whenever it changes; ends with the job. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "text/event-stream": unknown;
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    pause_job: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Id of the job, or `latest`. */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description It pauses once the motion that runs has ended. */
+            202: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["JobHead"];
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    read_job_results: {
+        parameters: {
+            query?: {
+                /** @description Maximum length of the page. */
+                limit?: number;
+                /** @description `next_cursor` of the page before. */
+                cursor?: number;
+            };
+            header?: {
+                /** @description application/json, text/csv or application/vnd.apache.parquet. */
+                accept?: string | null;
+            };
+            path: {
+                /** @description Id of the job, or `latest`. */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description A page in JSON; or all objects as CSV or Parquet, by `Accept`. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ObjectResultList"];
+                    "application/vnd.apache.parquet": string;
+                    "text/csv": string;
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-acceptable` */
+            406: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    resume_job: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Id of the job, or `latest`. */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description It goes on, if it was paused or had stopped. */
+            202: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["JobHead"];
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
                 headers: {
                     [name: string]: unknown;
                 };
