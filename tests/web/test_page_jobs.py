@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import Route, expect
 
-from api.schemas import JobAnswer, JobList, ObjectResultList
+from api.schemas import JobAnswer, JobHead, JobList, ObjectResultList
 from tests.system.browser import CHROMIUM, MISSING, Visit
 from tests.web.conftest import CELL
 
@@ -34,8 +34,9 @@ def result(pick: int) -> dict[str, Any]:
     is_seen = name in ("hit", "miss")
     landing = [1.1, -0.3, 0.0] if is_seen else [None] * 3
     ended = pick < 12
+    at = "in the bin" if name == "hit" else None
     return {
-        "pick": pick, "object": f"ball {pick + 1}", "result": name, "object_at": "in the bin" if name == "hit" else None,
+        "pick": pick, "object": f"ball {pick + 1}", "result": name, "object_at": at,
         "reason": "the gripper closed on nothing" if pick == 2 else None, "attempts": 2 if pick == 12 else 1,
         "target": pick % 2 if ended else None, "turn": pick, "outcome": "completed" if ended else None,
         "plan_id": None, "execution_id": None, "landing_x_m": landing[0], "landing_y_m": landing[1],
@@ -61,7 +62,7 @@ def told(guest: Visit) -> dict[str, Any]:
             route.fulfill(json=ObjectResultList(**results).model_dump())
         elif path.startswith("?"):
             head = {name: answers["job"][name] for name in HEAD}
-            route.fulfill(json=JobList(jobs=[head], next_cursor=None).model_dump())
+            route.fulfill(json=JobList(jobs=[JobHead(**head)], next_cursor=None).model_dump())
         else:
             route.fulfill(json=JobAnswer(**answers["job"]).model_dump())
 
