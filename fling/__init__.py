@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     __version__: str
     from fling import stop_socket, this_machine, tracing
+    from fling.camera import Camera
     from fling.cells import cell_names, open_cell
     from fling.client import Client, ServiceRefusal
     from fling.motion import Trajectory
@@ -51,6 +52,7 @@ if TYPE_CHECKING:
 __all__ = [
     "BackendUnavailable",
     "Bin",
+    "Camera",
     "Cell",
     "CellError",
     "Certificate",
@@ -107,6 +109,7 @@ __all__ = [
 DISTRIBUTION = "fling-robotics"  # on the package index, where "fling" is another project's name
 
 _HOMES = {  # module: the public names that it holds
+    "fling.camera": ("Camera",),
     "fling.cells": ("cell_names", "open_cell"),
     "fling.client": ("Client", "ServiceRefusal"),
     "fling.motion": ("Trajectory",),

@@ -5,6 +5,7 @@ robot, no web and no solver.
 """
 
 from learning.calibration import calibration_moves
+from learning.hand_eye import CameraFit, TouchedPointsRefused, fit_camera, slip
 from learning.joint_speeds import JointSpeeds, learn_joint_speeds
 from learning.predictions import LandingForecast, forecast
 from learning.profile import (
@@ -28,6 +29,7 @@ __all__ = [
     "FEEDBACK_GAIN",
     "FEEDBACK_MAX",
     "RECORDING_BYTES",
+    "CameraFit",
     "CellKnowledge",
     "JointSpeeds",
     "JointTiming",
@@ -39,11 +41,13 @@ __all__ = [
     "StreamedArm",
     "ThrowTable",
     "TimingEstimate",
+    "TouchedPointsRefused",
     "calibration_moves",
     "cell_in_use",
     "cell_with_profile",
     "estimate_profile",
     "estimate_timing",
+    "fit_camera",
     "forecast",
     "is_drag_learnt",
     "knowledge_of",
@@ -57,6 +61,7 @@ __all__ = [
     "prior_state",
     "profile_bytes",
     "recording_from_csv",
+    "slip",
     "throw_table",
     "timing_runs",
 ]

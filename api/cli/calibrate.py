@@ -143,6 +143,28 @@ def outputs(cell: str, count: int, adopt: bool, as_json: bool, client: ServiceCl
 
 
 @calibrate.command()
+@click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.option("--cell", help="The touched points are in this cell's base frame, as its pendant shows them.")
+@click.option("--out", type=click.Path(dir_okay=False, writable=True, path_type=Path), metavar="FILE",
+              help="Write the camera there, for fling.Camera.load.")  # fmt: skip
+@json_option
+@calls_service
+def camera(file: Path, cell: str | None, out: Path | None, as_json: bool, client: ServiceClient) -> None:
+    """Find where a camera stands, from points that it has seen and that the tool's tip has touched.
+
+    FILE is a CSV with a line a point: seen_x_m, seen_y_m, seen_z_m in the camera's frame, touched_x_m, touched_y_m,
+    touched_z_m in the world. Four points or more, not on a line; ten, spread over what the camera sees, show its error.
+    """
+    from api.cli.support.touched_points import TouchedPoints
+
+    base = None if cell is None else client.get(f"/cells/{cell}")["base_in_world"]
+    fitted = TouchedPoints.read(file, base)
+    if out is not None:
+        fitted.camera.save(out)
+    click.echo(json.dumps(fitted.document()) if as_json else fitted.text())
+
+
+@calibrate.command()
 @click.option("--cell", required=True, help="Cell.")
 @click.option("--adopt", is_flag=True, help="Use the profile from now on.")
 @picture_option("the landings")

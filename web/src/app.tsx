@@ -9,6 +9,7 @@ import { CertificateSection } from "./views/certificate";
 import { ExecutionSection } from "./views/execution";
 import { Header } from "./views/header";
 import { HistorySection } from "./views/history";
+import { JobSection } from "./views/job";
 import { MapSection } from "./views/map";
 import { RobotsSection } from "./views/robots";
 import { SceneSection } from "./views/scene";
@@ -35,6 +36,7 @@ export function App(): JSX.Element {
         </div>
         <div class="below">
           <CertificateSection />
+          <JobSection />
           <HistorySection />
           <RobotsSection />
         </div>

@@ -8,6 +8,7 @@ import type { CellList, CellModel, Execution, ExecutionList, LandingList, Plan, 
 import { isOver, loadCurves, loadMap, loadProfiles, nameInAddress, refreshCell } from "./actions";
 import { type Draft, draftOf, requestOf } from "./draft";
 import { isSameRequest, keepDraft, keptDraft, linkOf } from "./links";
+import { followJob, shownJob } from "./job";
 import { isRunning } from "./machine";
 import {
   cellName, cells, dispatch, endTime, execution, failed, history, landings, mapShown, model, notice, playing, reached, running, runPlan, shownId, state, strayed,
@@ -18,6 +19,7 @@ const ROBOT_MS = 400; // state of the chosen cell
 const MODEL_AGAIN_MS = 3000; // after a model could not be read
 const CELLS_MS = 2500; // the list, the other cells and the past
 const MAP_MS = 2000; // the map, while it is shown
+const JOB_MS = 2000; // how far the cell's job is
 const HISTORY = 40; // executions that are listed
 const AT_ONCE = 5; // requests for them; a browser has six connections
 
@@ -33,9 +35,11 @@ export function follow(): void {
   void repeat(ROBOT_MS, followRobot);
   void repeat(CELLS_MS, followHistory);
   void repeat(MAP_MS, followMap);
+  void repeat(JOB_MS, followJob);
   effect(() => {
     throwMap.value = null; // these are of another cell
     history.value = null;
+    shownJob.value = null;
     viewing.value = null;
     void loadModel(cellName.value);
   });
