@@ -1,7 +1,8 @@
 """Where an object went in a run that was stopped, from the states that the controller published meanwhile.
 
-The object leaves one delay of the gripper after its output has opened it, unless the output closes it before. Then it
-flies on from the arm's state of that moment, which is interpolated between the published ones.
+The object leaves one delay of the gripper after its output has opened it, unless the output closes it before; or when
+the input that shows it goes low while the gripper is closed. Then it flies on from the arm's state of that moment,
+which is interpolated between the published ones.
 """
 
 from __future__ import annotations
@@ -52,6 +53,8 @@ def object_words(
     """
     cell = problem.cell
     opening = _opening(cell, states) if cell.gripper.link is None else told
+    if opening is None and (slipped := _slipped_at(cell, states)) is not None:
+        return f"the object left the gripper {_landing(problem, trajectory, states, slipped)}"
     if opening is None:
         if not was_told:
             return ""
@@ -83,6 +86,20 @@ def _opening(cell: Cell, states: Sequence[RobotState]) -> Opening | None:
         elif was_open and not is_open and found:
             found[-1] = (found[-1][0], at)
     return max(found, key=lambda seen: math.inf if seen[1] is None else seen[1] - seen[0], default=None)
+
+
+def _slipped_at(cell: Cell, states: Sequence[RobotState]) -> float | None:
+    """Returns the controller's time at which the input that shows an object went low for good [s].
+
+    None where the cell has none, or it did not.
+    """
+    number = cell.gripper.grip_input
+    if number is None or not states or states[-1].inputs >> number & 1:
+        return None
+    for before, after in reversed([*pairwise(states)]):
+        if before.inputs >> number & 1:
+            return 0.5 * (before.timestamp_s + after.timestamp_s)
+    return None
 
 
 def told_opening(cell: Cell, ended: RunResult) -> Opening | None:

@@ -94,7 +94,7 @@ def enter_approach(state: ProtocolState, planted: Planted) -> Iterator[Happening
         yield from published("approaching", _on(state, slot, "gripping"))
 
 
-@transition("the stream closes the gripper", PROGRESS, "executor.streaming.approach.close_gripper")
+@transition("the stream closes the gripper", PROGRESS, "executor.streaming.approach.take_object")
 def grip(state: ProtocolState, planted: Planted) -> Iterator[Happening]:
     """A plan that lets go of nothing leaves it alone."""
     for slot, _ in _unasked(state, planted, "gripping"):
@@ -210,7 +210,7 @@ def pass_release(state: ProtocolState, planted: Planted) -> Iterator[Happening]:
     PROGRESS,
     "executor.streaming.state_checks.StopRequests.pending",
     "executor.streaming.loop.Stream._divert",
-    "executor.streaming.approach.close_gripper",
+    "executor.streaming.approach.take_object",
 )
 def stop(state: ProtocolState, planted: Planted) -> Iterator[Happening]:
     for slot, streamer in _connected(state, *STANDING, "starts moving", *BRAKED):
