@@ -11,12 +11,12 @@ import math
 import time
 from bisect import bisect_right
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import dropwhile, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from executor.preflight import gripper_is_open
+from executor.preflight import REST_RAD_S, gripper_is_open
 from executor.records import RunResult
 from executor.robot import RATE_HZ, RobotState
 from planner.cell import Cell
@@ -89,15 +89,16 @@ def _opening(cell: Cell, states: Sequence[RobotState]) -> Opening | None:
 
 
 def _slipped_at(cell: Cell, states: Sequence[RobotState]) -> float | None:
-    """Returns the controller's time at which the input that shows an object went low for good [s].
+    """Returns the controller's time at which the input that shows an object went low [s].
 
-    None where the cell has none, or it did not.
+    None where the cell has none, or it did not. What it did before the arm moved was the gripper's closing.
     """
     number = cell.gripper.grip_input
-    if number is None or not states or states[-1].inputs >> number & 1:
+    if number is None:
         return None
-    for before, after in reversed([*pairwise(states)]):
-        if before.inputs >> number & 1:
+    moving = dropwhile(lambda state: max(map(abs, state.qd)) < REST_RAD_S, states)
+    for before, after in pairwise(moving):
+        if before.inputs >> number & 1 and not after.inputs >> number & 1:
             return 0.5 * (before.timestamp_s + after.timestamp_s)
     return None
 
