@@ -103,6 +103,15 @@ def grip(state: ProtocolState, planted: Planted) -> Iterator[Happening]:
             yield "shuts", _on(state, slot, "arming", gripper="shut")
 
 
+@transition("the gripper has closed on nothing", FAULT, "executor.streaming.approach.take_object")
+def miss_the_grip(state: ProtocolState, planted: Planted) -> Iterator[Happening]:
+    """Nothing moves; what the stream has closed it opens again, and a gripper that it found closed stays so."""
+    for slot, streamer in _unasked(state, planted, "arming"):
+        after = state._replace(**{slot: streamer._replace(phase="stopping", verdict="refused")})
+        yield "", after
+        yield "opens", after._replace(gripper="open")
+
+
 @transition("the stream arms the watchdog", PROGRESS, "executor.streaming.rtde_connection.RtdeConnection.arm_watchdog")
 def arm(state: ProtocolState, planted: Planted) -> Iterator[Happening]:
     for slot, _ in _unasked(state, planted, "arming"):
