@@ -6,9 +6,11 @@ import math
 import random
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
+from simulator.physics.camera import ObservingCamera
 from simulator.physics.outputs import TIME_TOLERANCE_S
-from simulator.truth import ObjectFeed
+from simulator.truth import CameraNoise, ObjectFeed
 
 
 @dataclass(frozen=True)
@@ -31,9 +33,16 @@ class Feeder:
         on_places: objects that lie there, by the number of their place.
     """
 
-    def __init__(self, feed: ObjectFeed, seed: int) -> None:
-        """Fills every place; `seed` is of where objects lie, and of which grips miss."""
+    def __init__(self, feed: ObjectFeed, seed: int, noise: CameraNoise = CameraNoise()) -> None:
+        """Fills every place.
+
+        Args:
+            feed: where its objects lie, and when they come.
+            seed: of where they lie, of which grips miss, and of what its camera sees.
+            noise: of that camera.
+        """
         self.feed = feed
+        self._camera = ObservingCamera(noise, f"{seed} feeder")
         self.on_places: dict[int, FedObject] = {}
         self._count = 0
         self._due: dict[int, float] = {}  # controller's time [s] at which a place is filled again
@@ -63,6 +72,10 @@ class Feeder:
         if self.feed.refill_s is not None:
             self._due[nearest] = t + self.feed.refill_s
         return self.on_places.pop(nearest).number
+
+    def look(self) -> list[dict[str, Any]]:
+        """Returns what a camera sees on the places: positions, without numbers, and their standard deviation."""
+        return self._camera.look([each.position_m for each in self.on_places.values()])
 
     def _fill(self, place: int) -> None:
         x, y, z = self.feed.places[place]

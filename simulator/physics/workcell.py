@@ -47,7 +47,7 @@ class Workcell:
         noise = (settings.position_noise_rad, settings.velocity_noise_rad_s)
         chain = KinematicChain(controller_table(cell.robot, truth.arm.dh_deviation))
         self.arm = Arm(chain, dt, home, _response(truth, dt, home), noise, truth.seed)
-        self.feeder = None if truth.feed is None else Feeder(truth.feed, truth.seed)
+        self.feeder = None if truth.feed is None else Feeder(truth.feed, truth.seed, truth.camera)
         takes = None if self.feeder is None else self._take
         self.gripper = SimulatedGripper(cell.gripper, 2.0 * cell.object.radius_m, truth.gripper, truth.seed, takes)
         self.outputs = Outputs(dt, timing.output_delay_s, self.gripper.first_bits)

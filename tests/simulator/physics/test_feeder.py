@@ -10,7 +10,7 @@ import pytest
 from planner.geometry import tool_state
 from simulator.control_operations import fed_objects
 from simulator.physics.feeder import Feeder
-from simulator.truth import ObjectFeed, load_truth
+from simulator.truth import CameraNoise, ObjectFeed, load_truth
 from tests.simulator.conftest import Driven, make_cell
 
 PLACES = ((0.5, 0.1, 0.02), (0.6, 0.1, 0.02))
@@ -61,6 +61,36 @@ def test_a_share_of_the_grips_misses_and_leaves_the_object() -> None:
         assert len(feeder.on_places) + len(feeder._due) == len(PLACES)
         feeder.cycle(float(i))
     assert taken / 2000 == pytest.approx(0.7, abs=0.04)  # four standard deviations
+
+
+def test_a_camera_sees_the_places_with_its_noise_and_tells_no_numbers() -> None:
+    feeder = Feeder(feed(), 1, CameraNoise(0.003))
+    looks = [feeder.look() for _ in range(500)]
+    assert {frozenset(each) for look in looks for each in look} == {frozenset(("position_m", "std_m"))}
+    off = [
+        min((math.dist(each["position_m"], place), place, each["position_m"]) for place in PLACES)[1:]
+        for look in looks
+        for each in look
+    ]
+    assert len(off) == 1000
+    for axis in (0, 1):
+        rms = math.sqrt(sum((seen[axis] - place[axis]) ** 2 for place, seen in off) / len(off))
+        assert rms == pytest.approx(0.003, rel=0.1)
+    assert all(seen[2] == place[2] for place, seen in off)
+    first = [look[0]["position_m"][0] < 0.55 for look in looks]
+    assert 0.4 < sum(first) / 500 < 0.6  # in no order
+    feeder.take(1.0, PLACES[0])
+    assert [round(each["position_m"][0], 1) for each in feeder.look()] == [0.6]
+
+
+def test_looking_moves_nothing() -> None:
+    looked, left = (Feeder(feed(scatter_m=0.002, refill_s=0.0, missed=0.5), 1, CameraNoise(0.003)) for _ in range(2))
+    for i in range(30):
+        looked.look()
+        assert looked.take(float(i), PLACES[0]) == left.take(float(i), PLACES[0])
+        looked.cycle(float(i))
+        left.cycle(float(i))
+    assert looked.on_places == left.on_places
 
 
 @pytest.fixture
