@@ -12,6 +12,8 @@ from simulator.physics.camera import ObservingCamera
 from simulator.physics.outputs import TIME_TOLERANCE_S
 from simulator.truth import CameraNoise, ObjectFeed
 
+NO_NOISE = CameraNoise()
+
 
 @dataclass(frozen=True)
 class FedObject:
@@ -33,7 +35,7 @@ class Feeder:
         on_places: objects that lie there, by the number of their place.
     """
 
-    def __init__(self, feed: ObjectFeed, seed: int, noise: CameraNoise = CameraNoise()) -> None:
+    def __init__(self, feed: ObjectFeed, seed: int, noise: CameraNoise = NO_NOISE) -> None:
         """Fills every place.
 
         Args:
