@@ -1719,6 +1719,11 @@ export interface components {
          */
         ExecutionMetrics: {
             /**
+             * @description null: nothing in this cell shows it, or nothing is let go.
+             * @default null
+             */
+            grip: components["schemas"]["GripCheck"] | null;
+            /**
              * Gripper Command Late S
              * @description How late that was [s].
              * @default null
@@ -2153,6 +2158,23 @@ export interface components {
              * @description [m/s]
              */
             linear: number[];
+        };
+        /**
+         * GripCheck
+         * @description What was seen of the grip of a throw before the arm moved.
+         */
+        GripCheck: {
+            /**
+             * By
+             * @description What showed it: `gripper.grip_input`, or the gripper itself.
+             * @enum {string}
+             */
+            by: "input" | "gripper";
+            /**
+             * Held
+             * @description Whether the gripper held an object.
+             */
+            held: boolean;
         };
         /**
          * GripperAnswer
@@ -5340,6 +5362,7 @@ export type FieldReason = components['schemas']['FieldReason'];
 export type FlightAnswer = components['schemas']['FlightAnswer'];
 export type FullPose = components['schemas']['FullPose'];
 export type FullTwist = components['schemas']['FullTwist'];
+export type GripCheck = components['schemas']['GripCheck'];
 export type GripperAnswer = components['schemas']['GripperAnswer'];
 export type Health = components['schemas']['Health'];
 export type HitProbability = components['schemas']['HitProbability'];
