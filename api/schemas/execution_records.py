@@ -124,7 +124,9 @@ class ExecutionAnswer(BaseModel):
     state: ExecutionState
     outcome: Outcome | None = Field(description="null before the end.")
     reason: str | None = Field(description="Reason of the outcome, in words.")
-    metrics: ExecutionMetrics | None = Field(description="null where the run was refused, or its executor lost.")
+    metrics: ExecutionMetrics | None = Field(
+        description="null where the run was refused before it began, or its executor lost."
+    )
     experiment_id: str | None = Field(None, description="Experiment that it belongs to.")
     request_id: str | None = Field(None, description="`X-Request-ID` of the request that queued it.")
     replacements: list[ReplacementAnswer] = Field(

@@ -1662,7 +1662,7 @@ export interface components {
             finished_at: string | null;
             /** Id */
             id: string;
-            /** @description null where the run was refused, or its executor lost. */
+            /** @description null where the run was refused before it began, or its executor lost. */
             metrics: components["schemas"]["ExecutionMetrics"] | null;
             /**
              * Mode
