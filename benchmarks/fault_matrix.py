@@ -16,8 +16,11 @@ import psutil
 from benchmarks.markdown import markdown_table
 from benchmarks.results import machine, machine_words, write_report
 from tests.system.fault_matrix import (
+    FAULT,
     FAULTS,
+    GRIP_SENSOR,
     GRIPPER_FAULTS,
+    INPUT_FAULTS,
     PHASES,
     REST_S,
     ROBOTIQ,
@@ -38,8 +41,9 @@ Milliseconds from the fault to the arm's last motion, by the simulator's own acc
 (500 Hz, PolyScope 5), `ur5e-sim-x` (the same with PolyScope X, which has no dashboard) and `ur5-sim` (125 Hz, CB3), or
 of those that were asked for. At most {1e3 * REST_S:.0f} are promised; "on" where the run went on and was completed as
 planned. Approaches at 2 rad/s, a launch that reaches 2.5 rad/s. What else holds in every cell: the object is kept,
-lands as planned, or is told lost. The last rows are of a gripper on a network, in the phases of a streamed throw: as
-planned is there what its command times allow, and an object lost while the fingers are told to open is "untold"."""
+lands as planned, or is told lost. The last rows are of a gripper on a network, and of one whose grip an input shows, in
+the phases of a streamed throw: as planned is there what its command times allow, and an object lost while the fingers
+are told to open is "untold"."""
 
 
 def main(argv: Sequence[str]) -> int:
@@ -59,10 +63,12 @@ def main(argv: Sequence[str]) -> int:
     for name in names:
         results += run_table(name, phases, FAULTS, given.mode)
         results += run_table(name, throws, GRIPPER_FAULTS, given.mode, ROBOTIQ)
+        results += run_table(name, throws, INPUT_FAULTS, given.mode, GRIP_SENSOR)
     broken = [result for result in results if result.broken()]
     page = "fault-matrix.md" if given.mode == "speedj" else f"fault-matrix-{given.mode}.md"
     write_report(_page(f"{where}; {given.mode}", phases, results, broken), given.out, page)
-    cells = (len(phases) * len(FAULTS) + len(throws) * len(GRIPPER_FAULTS)) * len(names)
+    of_grippers = len(GRIPPER_FAULTS) + len(INPUT_FAULTS)
+    cells = (len(phases) * len(FAULTS) + len(throws) * of_grippers) * len(names)
     return 1 if broken or len(results) < cells else 0
 
 
@@ -107,7 +113,7 @@ def _tried(rig: Rig, phase: Phase, fault: Fault, mode: str) -> CellResult | None
 
 def _page(where: str, phases: Sequence[Phase], results: Sequence[CellResult], broken: Sequence[CellResult]) -> str:
     head = ["fault", *(phase.name for phase in phases)]
-    body = [[fault.name, *(_worst(results, phase, fault) for phase in phases)] for fault in (*FAULTS, *GRIPPER_FAULTS)]
+    body = [[fault.name, *(_worst(results, phase, fault) for phase in phases)] for fault in FAULT.values()]
     kept = f"{len(results) - len(broken)} of {len(results)} cells hold; those without a number were not reached."
     words = [f"* {r.phase.name}, {r.fault.name}: {'; '.join(r.broken())}" for r in broken]
     lines = ["# Fault matrix", "", where, "", METHOD, "", kept, "", *words, *markdown_table(head, body)]

@@ -45,6 +45,7 @@ MONITOR_WAIT_S = 1.0  # [s] longest wait for it: the machine may be busy, the li
 STREAM_LOG = "streaming.log"  # output of the streaming process of the newest execution
 POLL_S = 0.02  # [s] between two readings of that state
 WITHOUT_LOSS = ("completed", "refused", "held")  # outcomes in which nobody asks where the object is
+KEPT = ("refused", "held")  # of them those in which nothing lands
 BRAKING = (shm.BRAKING, shm.STOPPING, shm.DONE)
 
 
@@ -329,7 +330,7 @@ class Execution:
             ended = replace(ended, output_sent_s=None, switched_s=never)  # its time came, and nothing was switched
         outcome, reason = self._outcome(ended)
         telemetry = records.Telemetry(ended.rows)
-        landing = None if outcome == "held" else self._landing()
+        landing = None if outcome in KEPT else self._landing()
         timing = self._timing(telemetry)
         known = self._known() if self.row.mode == "speedj" else None
         numbers = records.metrics(self.problem, self.trajectory, ended, landing, timing, self.aim_shift, known)

@@ -1,7 +1,8 @@
 """Where an object went in a run that was stopped, from the states that the controller published meanwhile.
 
-The object leaves one delay of the gripper after its output has opened it, unless the output closes it before. Then it
-flies on from the arm's state of that moment, which is interpolated between the published ones.
+The object leaves one delay of the gripper after its output has opened it, unless the output closes it before; or when
+the input that shows it goes low while the gripper is closed. Then it flies on from the arm's state of that moment,
+which is interpolated between the published ones.
 """
 
 from __future__ import annotations
@@ -10,12 +11,12 @@ import math
 import time
 from bisect import bisect_right
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import dropwhile, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from executor.preflight import gripper_is_open
+from executor.preflight import REST_RAD_S, gripper_is_open
 from executor.records import RunResult
 from executor.robot import RATE_HZ, RobotState
 from planner.cell import Cell
@@ -52,6 +53,8 @@ def object_words(
     """
     cell = problem.cell
     opening = _opening(cell, states) if cell.gripper.link is None else told
+    if opening is None and (slipped := _slipped_at(cell, states)) is not None:
+        return f"the object left the gripper {_landing(problem, trajectory, states, slipped)}"
     if opening is None:
         if not was_told:
             return ""
@@ -83,6 +86,21 @@ def _opening(cell: Cell, states: Sequence[RobotState]) -> Opening | None:
         elif was_open and not is_open and found:
             found[-1] = (found[-1][0], at)
     return max(found, key=lambda seen: math.inf if seen[1] is None else seen[1] - seen[0], default=None)
+
+
+def _slipped_at(cell: Cell, states: Sequence[RobotState]) -> float | None:
+    """Returns the controller's time at which the input that shows an object went low [s].
+
+    None where the cell has none, or it did not. What it did before the arm moved was the gripper's closing.
+    """
+    number = cell.gripper.grip_input
+    if number is None:
+        return None
+    moving = dropwhile(lambda state: max(map(abs, state.qd)) < REST_RAD_S, states)
+    for before, after in pairwise(moving):
+        if before.inputs >> number & 1 and not after.inputs >> number & 1:
+            return 0.5 * (before.timestamp_s + after.timestamp_s)
+    return None
 
 
 def told_opening(cell: Cell, ended: RunResult) -> Opening | None:

@@ -100,6 +100,8 @@ def prepare_job(
         switches=list(rows.switches),
         link=gripper.link,
         gripper_fd=gripper_fd,
+        close_s=gripper.close_s,
+        grip_input=gripper.grip_input,
         opens_in_s=0.0 if gripper.link is None else gripper.delay_s + LATE_STD * gripper.jitter_s + REPORT_S,
         landing=landing if problem.throws else None,
         starts_at_s=problem.starts_at_s,

@@ -159,6 +159,8 @@ class StreamJob(JobRows):
         switches: the outputs that are switched about the passages, in the order of their rows.
         link: how the gripper is reached where no output switches it; None: outputs do.
         gripper_fd: inherited descriptor of the connection to it; -1: none, the run lets go of nothing.
+        close_s: time that the gripper is given to close [s]; where it reports that it is closed, at most.
+        grip_input: number of the digital input that is high while it holds an object; None without one.
         opens_in_s: longest time from one lag after the command until such a gripper reports that it opens [s].
         landing: where the object is to land; None: it is let go wherever it lands.
         approach: rows of the motion that leads to row 0; None: the arm stands there.
@@ -190,6 +192,8 @@ class StreamJob(JobRows):
     switches: list[SwitchRow]
     link: GripperLink | None
     gripper_fd: int
+    close_s: float
+    grip_input: int | None
     opens_in_s: float
     landing: ExpectedLanding | None
     approach: JobRows | None

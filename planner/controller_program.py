@@ -44,7 +44,6 @@ OFF_SPEED_RAD_S = 0.1  # [rad/s] the same of its speed, beyond what a cycle may 
 FINAL_STOP_RAD_S2 = 20.0  # [rad/s^2] of the final stopj, where only rounding is left to stop
 AT_START_RAD = 0.01  # [rad] as an execution accepts it
 BEGIN_S = 10.0  # [s] for which a watched program waits for its start
-GRIP_S = 0.3  # [s] for the fingers to close, on the pendant
 
 
 class NoProgram(ValueError):
@@ -59,6 +58,7 @@ class GripperEdge:
         output, index, open_level: as in the cell file.
         row: row with which it is switched; -1: it stays closed.
         closes_until: row before which a brake closes it again: the object has not left yet.
+        close_s: time that it is given to close, on the pendant [s].
     """
 
     output: str
@@ -66,6 +66,7 @@ class GripperEdge:
     open_level: bool
     row: int
     closes_until: int
+    close_s: float
 
     def text(self, opens: bool) -> str:
         """Returns the statement that switches it."""
@@ -267,7 +268,8 @@ class ControllerProgram:
     def _begin(self, watch: Watch | None) -> str:
         if watch is None:
             start = _numbers(self.start)
-            return _BEGIN_ON_PENDANT.format(start=start, near=AT_START_RAD, close=self.gripper.text(False), grip=GRIP_S)
+            closing = {"close": self.gripper.text(False), "grip": self.gripper.close_s}
+            return _BEGIN_ON_PENDANT.format(start=start, near=AT_START_RAD, **closing)
         first = ((ROW, -1), (BRAKE_ROW, -1), (SWITCHED_ROW, -1), (END, RUNNING), (RUN, watch.run))
         return _BEGIN_WATCHED.format(
             registers="\n".join(f"  write_output_integer_register({register}, {value})" for register, value in first),

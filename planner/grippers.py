@@ -69,6 +69,12 @@ NOT_SUPPORTED = {
         'driver of its own can be called by "http" or "script"'
     )
 }
+REPORTING = ("robotiq", "onrobot")  # kinds that tell what they do, and whether they hold an object
+# [s] for a gripper to close before anything moves, unless the cell file says otherwise. source: Robotiq, data sheet of
+# the 2F-85: 150 mm/s, with which half of its stroke takes 0.28 s; a call takes longer, by as much as nobody knows
+WIRED_CLOSE_S = 0.3
+CALL_CLOSE_S = 1.0
+REPORTED_CLOSE_S = 3.0  # longest: one that reports that it is closed is not waited for any longer
 UNTIMED = {  # kinds of whose timing nothing is published: what their own part of it depends on
     "onrobot": "the compute box passes a command on when its own bus is free",
     "script": "the controller compiles the snippet, and runs it in one of its next cycles",

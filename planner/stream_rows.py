@@ -126,6 +126,7 @@ def controller_program(cell: Cell, rows: StreamRows, brakes: Brakes, thinned: bo
             open_level=gripper.open_level,
             row=rows.output_row,
             closes_until=math.ceil(rows.release_row + lag_ticks),
+            close_s=gripper.close_s,
         ),
         switches=rows.switches,
     )

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from simulator.faults import cause_fault
 from simulator.interfaces import BadRequest, Document
-from simulator.physics import RoundBin
+from simulator.physics import RoundBin, Workcell
 from simulator.simulation import Simulation
 
 OUTPUT_CHANGES_MAX = 20  # latest changes in an answer
@@ -108,7 +108,30 @@ def objects_after(simulation: Simulation, after: int) -> Document:
             {"object": f.number, "position_m": f.state[:3], "velocity_m_s": f.state[3:]} for f in world.flights
         ],
         "gripper_holds": workcell.gripper.holds,
+        **({} if workcell.feeder is None else {"objects": fed_objects(workcell, after)}),
     }
+
+
+def fed_objects(workcell: Workcell, after: int) -> list[Document]:
+    """Returns where every object of a feeder is that is numbered above `after`: each is in one state.
+
+    `lost` is one that fell past everything.
+    """
+    assert workcell.feeder is not None
+    world = workcell.world
+    found: dict[int, Document] = {}
+    for release in world.releases:
+        found[release["object"]] = {"state": "lost", "throw": release["throw"]}
+    for landing in world.landings:
+        place = {"position_m": landing["position_m"], "surface": landing["surface"]}
+        found[landing["object"]] = {"state": "landed", "throw": landing["throw"], **place}
+    for flight in world.flights:
+        found[flight.number] = {"state": "flying", "throw": flight.throw, "position_m": list(flight.state[:3])}
+    for place, each in workcell.feeder.on_places.items():
+        found[each.number] = {"state": "on its place", "place": place, "position_m": list(each.position_m)}
+    if workcell.gripper.holds is not None:
+        found[workcell.gripper.holds] = {"state": "held"}
+    return [{"object": number, **found[number]} for number in sorted(found) if number > after]
 
 
 def _is_hidden(simulation: Simulation) -> bool:

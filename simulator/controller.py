@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from planner.cell import Cell
@@ -84,6 +86,11 @@ class Controller:
             output_bits=lambda: self.workcell.outputs.bits,
             input_bits=lambda: self.workcell.input_bits,
         )
+
+    def look_at_feeder(self) -> dict[str, Any]:
+        """Returns what the camera sees on the feeder's places, and when [s]; nothing without a feeder."""
+        feeder = self.workcell.feeder
+        return {"t": self.timeline.t, "objects": [] if feeder is None else feeder.look()}
 
     def take_inputs(self, inputs: InputValues) -> None:
         """Applies a data package: registers keep their values until overwritten, outputs and slider change."""

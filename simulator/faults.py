@@ -19,7 +19,7 @@ from simulator.simulation import Simulation
 CONTROL_PORT_NAME = "control"
 EVERY = "every"
 RTDE_ROLES = {"control": ("control",), "io": ("io",), "receive": ("receive",), "inputs": ("control", "io")}
-OTHER_PORTS = ("dashboard", "robot_api", "script", "primary", "secondary", PORT_NAME)
+OTHER_PORTS = ("dashboard", "robot_api", "script", "primary", "secondary", "camera", PORT_NAME)
 ROLES = (*RTDE_ROLES, "any", *OTHER_PORTS, EVERY)
 FREEZE_MAX_S = 60.0  # [s]
 DELAY_MAX_S = 10.0  # [s]

@@ -21,6 +21,7 @@ ROBOT_API_SPARE_PORT = 29980  # chosen: instead of 80, where this user may not l
 POLYSCOPE_X_MAJOR = 10
 ROBOT_API_SINCE = (10, 11)  # source: UR, release note of PolyScope X 10.11
 CONTROL_PORT = 29900  # chosen: the simulator's own, not a port of UR
+CAMERA_PORT = 29901  # chosen: of the camera above a feeder, likewise
 
 BIT_REGISTERS = 128  # general purpose bits, input and output; source: RTDE guide
 BIT_WORDS_END = 64  # the bits below are read and written as two words of 32; source: RTDE guide

@@ -12,6 +12,7 @@ from simulator.clock import CyclePacing, LatenessHistogram, SlipCounts
 from simulator.controller import Controller
 from simulator.grippers import gripper_ports
 from simulator.interfaces import (
+    CameraServer,
     DashboardServer,
     InterpreterServer,
     Network,
@@ -23,6 +24,7 @@ from simulator.interfaces import (
 from simulator.output_values import OutputValues
 from simulator.physics import told_checksums
 from simulator.settings import (
+    CAMERA_PORT,
     DASHBOARD_PORT,
     INTERPRETER_PORT,
     POLYSCOPE_X_MAJOR,
@@ -63,6 +65,8 @@ class Simulation:
         self.network = Network(host)
         self.network.add(ServicePort("rtde", RTDE_PORT, self.rtde), *self.client_interfaces.ports)
         self.network.add(*gripper_ports(cell.gripper, c.workcell.gripper, host))
+        if c.workcell.feeder is not None:
+            self.network.add(ServicePort("camera", CAMERA_PORT, CameraServer(c.look_at_feeder)))
         if c.identity.version[0] < POLYSCOPE_X_MAJOR:
             dashboard = DashboardServer(c.identity, c.stops, settings.programs)
             self.network.add(ServicePort("dashboard", DASHBOARD_PORT, dashboard))

@@ -41,7 +41,10 @@ GRIPPER_BOUNDS = {
 OUTPUT_BOUNDS = {"delay_s": (0.0, 1.0), "jitter_s": (0.0, 0.1)}
 RELEASE_BOUNDS = {"speed_factor": (0.0, 1.5), "cling_share": (0.0, 1.0), "cling_speed_factor": (0.0, 1.5)}
 CAMERA_BOUNDS = {"std_m": (0.0, 1.0), "outlier_share": (0.0, 1.0), "outlier_std_m": (0.0, 10.0)}
-BELT_FAR_M = 100.0  # [m]
+FARTHEST_M = 100.0  # [m] of a belt's bin and of a feeder's places from the world's origin
+PLACES_MAX = 1000
+FEED_BOUNDS = {"reach_m": (1e-4, 1.0), "scatter_m": (0.0, 1.0), "missed": (0.0, 1.0)}
+REFILL_MAX_S = 86400.0  # [s]
 BELT_FAST_M_S = 5.0  # [m/s]
 CUT_STD = 3.0  # [-] standard deviations below the mean at which an opening would be before its output: 1 in 1,000
 
@@ -184,6 +187,25 @@ class BeltMotion:
 
 
 @dataclass(frozen=True)
+class ObjectFeed:
+    """Where objects lie that the gripper has to pick up, and when it gets them.
+
+    Attributes:
+        places: centre of the object on each, in the world (n, 3) [m].
+        reach_m: largest distance of the tool centre point from an object that closing takes [m].
+        scatter_m: standard deviation along x and y each of an object from its place [m].
+        refill_s: time from a taking until the place is filled again [s]; None: it never is.
+        missed: share of the closings that take nothing although an object is within reach [-].
+    """
+
+    places: tuple[tuple[float, float, float], ...]
+    reach_m: float
+    scatter_m: float
+    refill_s: float | None
+    missed: float
+
+
+@dataclass(frozen=True)
 class Truth:
     """How a simulated cell really behaves.
 
@@ -194,6 +216,7 @@ class Truth:
         drag_coefficient: of the object [-].
         mass_kg: of the object [kg].
         belt: that carries the bins; None: they are where they are announced, and move as that says.
+        feed: of objects that are picked up; None: the gripper always has the next one.
         hidden: whether clients learn only what a real controller and a camera tell.
     """
 
@@ -207,6 +230,7 @@ class Truth:
     camera: CameraNoise
     outputs: Mapping[str, OutputTiming]
     belt: BeltMotion | None = None
+    feed: ObjectFeed | None = None
     hidden: bool = False
 
 
@@ -261,6 +285,7 @@ def _defaults(cell: Cell) -> dict[str, Any]:
         "outputs": {name: {"delay_s": None, "jitter_s": each.jitter_s} for name, each in cell.outputs.items()},
         "camera": {"std_m": 0.0, "outlier_share": 0.0, "outlier_std_m": 0.0},
         "belt": {"position_m": None, "velocity_m_s": [0.0] * 3, "at_s": 0.0},
+        "feeder": dict.fromkeys(("places", *FEED_BOUNDS, "refill_s")),
     }
 
 
@@ -282,6 +307,7 @@ def _truth(document: Mapping[str, Any], cell: Cell, hidden: bool) -> Truth:
         camera=CameraNoise(**_numbers(document["camera"], "camera.", CAMERA_BOUNDS)),
         outputs=_outputs(document["outputs"], cell, timing),
         belt=_belt(document["belt"]),
+        feed=_feed(document["feeder"], cell.object.radius_m),
         hidden=hidden,
     )
 
@@ -290,9 +316,28 @@ def _belt(table: Mapping[str, Any]) -> BeltMotion | None:
     """Returns the motion of the belt; None where no position is given."""
     if table["position_m"] is None:
         return None
-    x, y, z = vector(table, "position_m", "belt.", 3, -BELT_FAR_M, BELT_FAR_M).tolist()
+    x, y, z = vector(table, "position_m", "belt.", 3, -FARTHEST_M, FARTHEST_M).tolist()
     vx, vy, vz = vector(table, "velocity_m_s", "belt.", 3, -BELT_FAST_M_S, BELT_FAST_M_S).tolist()
     return BeltMotion((x, y, z), (vx, vy, vz), number(table, "at_s", "belt.", 0.0))
+
+
+def _feed(table: Mapping[str, Any], radius_m: float) -> ObjectFeed | None:
+    """Returns the feed of objects; None where the file has none. Without a reach it is the object's radius."""
+    where = "feeder."
+    if all(value is None for value in table.values()):
+        return None
+    listed = table["places"]
+    if not isinstance(listed, list) or not 0 < len(listed) <= PLACES_MAX:
+        raise CellError(f"{where}places", listed, f"must be a list of 1 to {PLACES_MAX} positions [x, y, z]")
+    places = []
+    for i, position in enumerate(listed):
+        name = f"places[{i}]"
+        x, y, z = vector({name: position}, name, where, 3, -FARTHEST_M, FARTHEST_M).tolist()
+        places.append((x, y, z))
+    usual = {"reach_m": radius_m, "scatter_m": 0.0, "missed": 0.0}
+    values = {key: usual[key] if table[key] is None else table[key] for key in FEED_BOUNDS}
+    refill_s = None if table["refill_s"] is None else number(table, "refill_s", where, 0.0, REFILL_MAX_S)
+    return ObjectFeed(tuple(places), refill_s=refill_s, **_numbers(values, where, FEED_BOUNDS))
 
 
 def _outputs(tables: Mapping[str, Any], cell: Cell, timing: MotionTiming) -> dict[str, OutputTiming]:

@@ -9,6 +9,7 @@ import select
 import socket
 import threading
 import time
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
@@ -28,7 +29,7 @@ WITHIN_S = 10.0  # [s] long enough for a busy machine
 class TwinOnWire:
     """The twin of a gripper that a table `[gripper]` describes, with `HOST` in the place of its address."""
 
-    def __init__(self, table: str) -> None:
+    def __init__(self, table: str, takes: Callable[[float], int | None] | None = None) -> None:
         pid = os.getpid()
         self.host = f"127.{90 + next(NUMBERS) % 30}.{pid >> 8 & 255}.{pid & 255 or 1}"
         text = f'robot = "ur5e"\n[link]\nkind = "sim"\nhost = "{self.host}"\n[gripper]\n{table}'
@@ -36,7 +37,7 @@ class TwinOnWire:
         link = self.cell.gripper.link
         assert link is not None
         self.link = link
-        self.gripper = SimulatedGripper(self.cell.gripper, OBJECT_M, GripperOpening(DELAY_S, 0.0), 1)
+        self.gripper = SimulatedGripper(self.cell.gripper, OBJECT_M, GripperOpening(DELAY_S, 0.0), 1, takes)
         self.network = Network(self.host)
         self.network.add(*gripper_ports(self.cell.gripper, self.gripper, self.host))
         self.left_at = math.nan  # [s] when the last object left, of the monotonic clock
@@ -67,7 +68,7 @@ class TwinOnWire:
 
     def job(self, descriptor: int) -> Any:
         """Returns what a port reads of a connection with an inherited descriptor."""
-        job = SimpleNamespace(link=self.link, gripper_fd=descriptor, host=self.host, dt=DT)
+        job = SimpleNamespace(link=self.link, gripper_fd=descriptor, host=self.host, dt=DT, grip_input=None)
         return SimpleNamespace(job=job, stamp=0.0, memory=SimpleNamespace(fields=[math.nan] * 18))
 
     def close(self) -> None:

@@ -53,6 +53,13 @@ class SwitchedOutput(BaseModel):
     edge_late_s: float | None = Field(description="That less the planned edge [s].")
 
 
+class GripCheck(BaseModel):
+    """What was seen of the grip of a throw before the arm moved."""
+
+    held: bool = Field(description="Whether the gripper held an object.")
+    by: Literal["input", "gripper"] = Field(description="What showed it: `gripper.grip_input`, or the gripper itself.")
+
+
 class ExecutionMetrics(BaseModel):
     """What was measured in one run; null where this run or this cell has no value."""
 
@@ -83,6 +90,7 @@ class ExecutionMetrics(BaseModel):
     )
     gripper_opened_s: float | None = Field(None, description="When the object left; simulated cells [s].")
     gripper_opened_late_s: float | None = Field(None, description="That less the planned release [s].")
+    grip: GripCheck | None = Field(None, description="null: nothing in this cell shows it, or nothing is let go.")
     released: bool | None = Field(None, description="Whether the gripper was commanded to open.")
     outputs: list[SwitchedOutput] = Field([], description="Of the passages, in the order of their commands.")
     landing_point: Vector3 | None = Field(None, description="Where the object landed; simulated cells [m].")
@@ -119,7 +127,9 @@ class ExecutionAnswer(BaseModel):
     state: ExecutionState
     outcome: Outcome | None = Field(description="null before the end.")
     reason: str | None = Field(description="Reason of the outcome, in words.")
-    metrics: ExecutionMetrics | None = Field(description="null where the run was refused, or its executor lost.")
+    metrics: ExecutionMetrics | None = Field(
+        description="null where the run was refused before it began, or its executor lost."
+    )
     experiment_id: str | None = Field(None, description="Experiment that it belongs to.")
     request_id: str | None = Field(None, description="`X-Request-ID` of the request that queued it.")
     replacements: list[ReplacementAnswer] = Field(

@@ -33,6 +33,10 @@ class UnseenGripper:
         """Returns False: an answer to a call does not tell where the gripper is."""
         return False
 
+    def holds(self) -> None:
+        """Returns None."""
+        return
+
     def motion(self) -> None:
         """Returns None."""
         return

@@ -63,6 +63,11 @@ class ReportedFingers:
         return self._closed_at is not None
 
     @property
+    def holds(self) -> bool | None:
+        """Whether it stands closed with an object; None while it is not seen to stand."""
+        return self._gripped if self.is_closed else None
+
+    @property
     def motion(self) -> tuple[int, bool] | None:
         """Number of the newest report since it was told to open, and whether it stands wider than it was closed."""
         if self._opening is None or self._closed_at is None or not self.told_open:

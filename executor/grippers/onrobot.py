@@ -99,6 +99,10 @@ class OnRobotGripper:
         """Returns whether it stands closed."""
         return self.fingers.is_closed
 
+    def holds(self) -> bool | None:
+        """Returns whether its fingers stand closed with an object, or whether the vacuum that holds one was reached."""
+        return self.fingers.holds if self.has_fingers else self.fingers.is_closed
+
     def motion(self) -> tuple[int, bool] | None:
         """Returns the same of fingers; a vacuum is gone well before its object is."""
         return self.fingers.motion if self.has_fingers else None

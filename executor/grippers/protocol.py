@@ -50,6 +50,10 @@ class GripperDriver(Protocol):
         """Returns whether it reports that it was closed since it was told to, and is still."""
         ...
 
+    def holds(self) -> bool | None:
+        """Returns whether it reports an object since it was told to close; None where it does not tell."""
+        ...
+
     def motion(self) -> tuple[int, bool] | None:
         """Returns the number of its newest report, and whether its fingers had begun to open by then.
 

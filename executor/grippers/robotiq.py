@@ -61,6 +61,10 @@ class _Robotiq:
         """Returns whether it stands closed."""
         return self.fingers.is_closed
 
+    def holds(self) -> bool | None:
+        """Returns whether its fingers stand closed with an object between them."""
+        return self.fingers.holds
+
     def motion(self) -> tuple[int, bool] | None:
         """Returns the number of its newest report, and whether its fingers had begun to open by then."""
         return self.fingers.motion

@@ -57,6 +57,7 @@ def metrics(
         **_tracking(problem, telemetry, timing),
         **_release(problem, trajectory, telemetry, known),
         **_gripper(trajectory, result, landing),
+        **_grip(problem, result),
         "outputs": switched_outputs(problem, trajectory, result),
         **_landing(problem, trajectory, landing, np.zeros(3) if aim_shift is None else aim_shift),
     }
@@ -210,6 +211,14 @@ def _gripper(trajectory: Trajectory, result: RunResult, landing: Landing | None)
         "gripper_opened_late_s": None if opened is None else opened - trajectory.release_time_s,
         "released": sent is not None,
     }
+
+
+def _grip(problem: ThrowProblem, result: RunResult) -> dict[str, Any]:
+    """Returns what was seen of the grip before the motion, and what showed it; nothing where nobody can tell."""
+    if result.grip_held is None:
+        return {}
+    by = "gripper" if problem.cell.gripper.grip_input is None else "input"
+    return {"grip": {"held": result.grip_held, "by": by}}
 
 
 def _landing(

@@ -33,6 +33,7 @@ class RunResult:
         output_closed_s: plan time at which it was closed again [s]; None where it was not.
         stayed_closed: whether the gripper was seen not to open when it was told.
         moved_between: controller's times between which its fingers began to open [s]; NaN where it does not report it.
+        grip_held: whether the gripper was seen to hold an object before the motion; None: nobody can tell.
         timestamp_at_zero: the controller's time at plan time 0 [s].
         in_order: whether the process itself brought the arm to rest.
         switched_s: plan times at which the outputs of the passages were sent, in their order [s]; NaN for never.
@@ -53,6 +54,7 @@ class RunResult:
     output_closed_s: float | None = None
     stayed_closed: bool = False
     moved_between: tuple[float, float] = (math.nan, math.nan)
+    grip_held: bool | None = None
     switched_s: tuple[float, ...] = ()
     stop_levels: Sequence[SwitchRow] = ()
     stopped_s: float = math.nan

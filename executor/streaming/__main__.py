@@ -12,7 +12,7 @@ from time import monotonic
 from executor import realtime
 from executor import shared_memory as shm
 from executor.stream_job import OUTCOMES, StreamJob
-from executor.streaming.approach import approach, close_gripper
+from executor.streaming.approach import approach, take_object
 from executor.streaming.rtde_connection import RtdeConnection
 from executor.streaming.script_stream import stream_of
 from executor.streaming.start import await_start, first_row_s
@@ -45,7 +45,7 @@ def run(
     verdict = requests.pending()
     if verdict is None:
         memory.fields[shm.STATE] = memory.fields[shm.FURTHEST] = shm.APPROACHING
-        verdict = close_gripper(connection, requests)
+        verdict = take_object(connection, requests)
     if verdict is None:
         connection.arm_watchdog()  # before the first motion: the arm moves only while this process keeps it moving
         verdict = approach(connection, requests)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from executor.shared_memory import PULSE
+from executor.shared_memory import GRIP, GRIP_EMPTY, GRIP_HELD, PULSE
 from executor.streaming.clock import ControllerClock
 from executor.streaming.rtde_connection import RtdeConnection
 from executor.streaming.script_stream import stream_of
@@ -13,20 +13,47 @@ SETTLE_S = 2.0  # [s] longest wait at the end of an approach for an arm that is 
 REPEAT_S = 0.05  # [s] after which an output that does not answer is told again: the package may be lost
 
 
-def close_gripper(connection: RtdeConnection, requests: StopRequests) -> tuple[str, str] | None:
-    """Closes a gripper that is not seen closed, while the arm stands; returns outcome and reason of an early end.
+def take_object(connection: RtdeConnection, requests: StopRequests) -> tuple[str, str] | None:
+    """Closes a gripper that is not seen closed, and checks that it holds an object, while the arm stands.
+
+    Only where that can be seen. A gripper that has closed on nothing is opened again, as it was before.
+
+    Returns:
+        Outcome and reason of an early end; None where there is none.
 
     Raises:
         StreamFault: the connection failed.
     """
     job = connection.job
     gripper = connection.gripper
-    if job.dry_run or job.output_row < 0 or gripper.is_open() is False:
+    if job.dry_run or job.output_row < 0:
         return None
+    closes = gripper.is_open() is not False
+    if closes and (early := _close(connection, requests)) is not None:
+        return early
+    holds = gripper.holds()
+    if holds is None:
+        return None
+    connection.memory.fields[GRIP] = GRIP_HELD if holds else GRIP_EMPTY
+    if holds:
+        return None
+    if closes:
+        gripper.tell(True)
+    what = "the gripper closed on nothing" if closes else "the gripper is closed and holds nothing"
+    return "refused", f"{what}: {gripper.not_holding()}"
+
+
+def _close(connection: RtdeConnection, requests: StopRequests) -> tuple[str, str] | None:
+    """Closes the gripper; returns outcome and reason of an early end.
+
+    It is waited for until it reports that it is closed, or has an object where it can tell.
+    """
+    job = connection.job
+    gripper = connection.gripper
     gripper.tell(False)
     clock = ControllerClock(connection, job.dt)
     told_s = 0.0
-    while clock.tick * job.dt < gripper.closes_in_s and not gripper.is_closed():
+    while clock.tick * job.dt < job.close_s and not (gripper.is_closed() and gripper.holds() is not False):
         if job.link is None and gripper.is_open() and clock.tick * job.dt - told_s >= REPEAT_S:
             told_s = clock.tick * job.dt
             gripper.tell(False)

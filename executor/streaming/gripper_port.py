@@ -12,14 +12,12 @@ from typing import TYPE_CHECKING, Protocol
 
 from executor import shared_memory as shm
 from executor.grippers import driver_of
+from executor.stream_job import StreamJob
 from executor.streaming.state_checks import OUTPUT_SHIFT
 
 if TYPE_CHECKING:
     from executor.streaming.rtde_connection import RtdeConnection
 
-GRIP_S = 0.3  # [s] for the fingers to close; a two-finger gripper's stroke takes 0.2 to 0.6 s, and the approach follows
-REPORTS_IN_S = 3.0  # [s] for a gripper that reports that it is closed; it goes on as soon as it does
-UNSEEN_S = 1.0  # [s] for one that reports nothing, whatever it is
 SILENT_S = 0.15  # [s] without an answer: an object that is let go now would leave by a gripper that nobody hears
 READ_MAX = 65536  # [bytes]
 
@@ -28,12 +26,10 @@ class GripperPort(Protocol):
     """One gripper, as the stream sees it.
 
     Attributes:
-        closes_in_s: longest time that it is given to close [s].
         quiet_s: time before its command to open in which nothing is asked [s].
         stays_open: what to say of one that does not close.
     """
 
-    closes_in_s: float
     quiet_s: float
     stays_open: str
 
@@ -51,6 +47,14 @@ class GripperPort(Protocol):
 
     def is_closed(self) -> bool:
         """Returns whether it is known to be closed before its time to close is over."""
+        ...
+
+    def holds(self) -> bool | None:
+        """Returns whether it holds an object; None where nobody can tell."""
+        ...
+
+    def not_holding(self) -> str:
+        """Returns what shows that it holds nothing."""
         ...
 
     def problem(self) -> tuple[str, str] | None:
@@ -73,7 +77,6 @@ def gripper_port(connection: RtdeConnection) -> GripperPort:
 class OutputPort:
     """A gripper on digital outputs, the second of which may last for a while only."""
 
-    closes_in_s = GRIP_S
     quiet_s = 0.0
     stays_open = "the gripper's output does not answer"
 
@@ -119,6 +122,14 @@ class OutputPort:
         """Returns False: an output does not tell when the fingers have arrived."""
         return False
 
+    def holds(self) -> bool | None:
+        """Returns what the input shows, where the cell has one for that."""
+        return _input_level(self._connection)
+
+    def not_holding(self) -> str:
+        """Returns what the input shows of a gripper that holds nothing."""
+        return _low_input(self._job)
+
     def problem(self) -> None:
         """Returns None: an output reports nothing."""
         return
@@ -159,7 +170,6 @@ class SocketPort:
             self._failure = f"is lost: {error}"
         self._name = f"the gripper at {job.link.host or job.host}:{job.link.port}"
         self.quiet_s = self._driver.quiet_s
-        self.closes_in_s = REPORTS_IN_S if self._driver.reports else UNSEEN_S
         self.stays_open = f"{self._name} did not close"
 
     def tell(self, opens: bool) -> None:
@@ -183,6 +193,17 @@ class SocketPort:
     def is_closed(self) -> bool:
         """Returns whether the gripper reports that it is closed."""
         return self._driver.is_closed()
+
+    def holds(self) -> bool | None:
+        """Returns what the input shows, where the cell has one for that; else what the gripper reports."""
+        level = _input_level(self._connection)
+        return self._driver.holds() if level is None else level
+
+    def not_holding(self) -> str:
+        """Returns what shows that it holds nothing."""
+        if self._connection.job.grip_input is not None:
+            return _low_input(self._connection.job)
+        return f"{self._name} reports no object"
 
     def problem(self) -> tuple[str, str] | None:
         """Returns outcome and reason of a gripper that is silent, faulty, or has lost its object."""
@@ -257,7 +278,6 @@ class SocketPort:
 class NoPort:
     """A gripper that a run without a throw leaves alone, or a dry run."""
 
-    closes_in_s = 0.0
     quiet_s = 0.0
     stays_open = ""
 
@@ -275,9 +295,27 @@ class NoPort:
         """Returns True: it is not waited for."""
         return True
 
+    def holds(self) -> None:
+        """Returns None."""
+        return
+
+    def not_holding(self) -> str:
+        """Returns nothing."""
+        return ""
+
     def problem(self) -> None:
         """Returns None."""
         return
 
     def finish(self) -> None:
         """Does nothing."""
+
+
+def _input_level(connection: RtdeConnection) -> bool | None:
+    """Returns the level of the input that is high while the gripper holds an object; None without one."""
+    number = connection.job.grip_input
+    return None if number is None else bool(int(connection.inputs) >> number & 1)
+
+
+def _low_input(job: StreamJob) -> str:
+    return f"input {job.grip_input} is low"

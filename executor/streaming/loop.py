@@ -243,7 +243,9 @@ class Stream:
         """Returns what watches the gripper; None where it holds nothing, or nothing moves."""
         throws = self.connection.job.output_row >= 0  # its approach too, which has no output row
         holds = throws or self.connection.gripper.is_open() is False
-        return GripperWatch(self.job) if holds and not self.job.dry_run else None
+        if self.job.dry_run or not holds:
+            return None
+        return GripperWatch(self.job, held=self.fields[shm.GRIP] == shm.GRIP_HELD)
 
     def _watch_gripper(self, row: int) -> None:
         """Stops the motion where the gripper changed by itself, and closes it: the object may still be in it.
@@ -255,7 +257,7 @@ class Stream:
         if self.gripper is None:
             return
         reported = port.problem()
-        found = reported or self.gripper.look(port.is_open(), self.connection.stamp)
+        found = reported or self.gripper.look(port.is_open(), self.connection.stamp, port.holds())
         if found is not None:
             self.fields[shm.STAYED_CLOSED] = reported is None and found[0] == "not_released"
             self._brake(row, found)

@@ -200,6 +200,7 @@ def _cell(document: dict[str, Any], source: CellSource) -> Cell:
     thing, p_TO = object_of(document["object"], source.meshes)
     tool = _tool(document["tool"], p_TO, source.meshes)
     controller = _link(document["link"])
+    gripper = gripper_of(document["gripper"], controller)
     X_WB = placement(document["base_in_world"], "position_m", "rotation_vector_rad", "base_in_world.", FARTHEST_M)
     return Cell(
         name=source.name,
@@ -212,12 +213,12 @@ def _cell(document: dict[str, Any], source: CellSource) -> Cell:
         limits=limits,
         surroundings=_surroundings(document["surroundings"], X_WB[:3, 3], source.meshes, arm, tool),
         object=thing,
-        gripper=gripper_of(document["gripper"], controller),
+        gripper=gripper,
         safety=safety,
         timing=Timing(number(document["timing"], "lag_s", "timing.", 0.0, 0.5)),
         link=controller,
         sim=_sim(document["sim"], arm),
-        outputs=outputs_of(document["outputs"], document["timing"]["lag_s"]),
+        outputs=outputs_of(document["outputs"], document["timing"]["lag_s"], gripper.grip_input),
         document=document,
         meshes=source.meshes,
     )

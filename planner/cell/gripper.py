@@ -14,14 +14,18 @@ from planner.cell.fields import choice, number, optional, vector
 from planner.cell.model import ControllerAddress, DigitalOutput, Gripper
 from planner.errors import CellError
 from planner.grippers import (
+    CALL_CLOSE_S,
     INPUT_LINES,
     KINDS,
     MODELS,
     NOT_SUPPORTED,
     OUTPUTS,
     PORTS,
+    REPORTED_CLOSE_S,
+    REPORTING,
     UNTIMED,
     WIRED,
+    WIRED_CLOSE_S,
     GripperLink,
     SecondOutput,
 )
@@ -32,6 +36,7 @@ HOLD_ACCELERATION_RANGE = 1e-3, 1e4
 OUTPUT_DELAY_MAX_S = 0.5  # [s] of an output beyond the lag of motions; catches milliseconds
 OUTPUT_JITTER_MAX_S = 0.1  # [s] of an output; catches milliseconds
 OUTPUT: dict[str, Any] = {"output": None, "index": None, "delay_s": 0.0, "jitter_s": 0.0, "sense_input": None}
+CLOSE_MAX_S = 10.0  # [s] for a gripper to close; catches milliseconds
 BLOW_OFF_MAX_S = 10.0  # [s] of compressed air after a release; catches milliseconds
 TEXT_MAX = 4000  # characters of a snippet; it is sent in one piece
 OPEN_LEVEL = {"digital": True, "vacuum": False}  # of the first output: a vacuum is off
@@ -46,6 +51,8 @@ GRIPPER: dict[str, Any] = {
     "opening_direction": None,
     "opening_cone_rad": None,
     "hold_acceleration_m_s2": None,
+    "close_s": None,
+    "grip_input": None,
 }
 
 
@@ -61,6 +68,8 @@ def gripper_of(table: dict[str, Any], controller: ControllerAddress) -> Gripper:
     if not isinstance(table["open_level"], bool):
         raise CellError("gripper.open_level", table["open_level"], "must be true or false")
     output, index = _line(table, "output", "index")
+    if table["close_s"] is None:
+        table["close_s"] = _usual_close_s(kind)
     link = None if kind in WIRED else _link(table, kind, controller)
     quantum_s = 0.0 if link is None else link.quantum_s
     return Gripper(
@@ -75,15 +84,20 @@ def gripper_of(table: dict[str, Any], controller: ControllerAddress) -> Gripper:
         opening_direction=_direction(table, "opening_direction"),
         opening_cone_rad=optional(table, "opening_cone_rad", WHERE, math.pi),
         hold_acceleration_m_s2=_hold_acceleration(table),
+        close_s=number(table, "close_s", WHERE, 0.0, CLOSE_MAX_S),
+        grip_input=None if table["grip_input"] is None else _whole(table, "grip_input", 0, INPUT_LINES - 1),
     )
 
 
-def outputs_of(tables: Mapping[str, Mapping[str, Any]], lag_s: float) -> dict[str, DigitalOutput]:
+def outputs_of(
+    tables: Mapping[str, Mapping[str, Any]], lag_s: float, grip_input: int | None = None
+) -> dict[str, DigitalOutput]:
     """Returns the further outputs that a cell file lists, by name.
 
     Args:
         tables: of the outputs.
         lag_s: the arm's lag [s]: an output may change up to so much sooner than a motion, at its command.
+        grip_input: input that shows whether the gripper holds an object; None without one.
 
     Raises:
         CellError: a field is refused, or two names are of one output, or of one input.
@@ -99,6 +113,8 @@ def outputs_of(tables: Mapping[str, Mapping[str, Any]], lag_s: float) -> dict[st
             sense = _whole(table, "sense_input", 0, INPUT_LINES - 1, where)
             if any(sense == other.sense_input for other in found.values()):
                 raise CellError(f"{where}sense_input", sense, "is wired to another output already")
+            if sense == grip_input:
+                raise CellError("gripper.grip_input", sense, f"is wired to an output already ({where}sense_input)")
         delay_s = number(table, "delay_s", where, -lag_s, OUTPUT_DELAY_MAX_S)
         found[name] = DigitalOutput(*line, delay_s, number(table, "jitter_s", where, 0.0, OUTPUT_JITTER_MAX_S), sense)
     return found
@@ -114,6 +130,13 @@ def _kind(table: Mapping[str, Any]) -> str:
             of = " or ".join(f'"{other}"' for other, keys in KINDS.items() if key in keys)
             raise CellError(WHERE + key, table[key], f'is a key of kind {of}, and the kind is "{kind}"')
     return kind
+
+
+def _usual_close_s(kind: str) -> float:
+    """Returns for how long a gripper of a kind is given to close where the cell file does not say so [s]."""
+    if kind in REPORTING:
+        return REPORTED_CLOSE_S
+    return WIRED_CLOSE_S if kind in WIRED else CALL_CLOSE_S
 
 
 def _line(table: Mapping[str, Any], output: str, index: str, where: str = WHERE) -> tuple[str, int]:

@@ -15,7 +15,7 @@ from planner.cell.content import content_sha256
 from planner.cell.shapes import ROW, Solid
 from planner.cell.thrown_object import ThrownBody, ThrownObject
 from planner.errors import CellError
-from planner.grippers import GripperLink, SecondOutput
+from planner.grippers import WIRED_CLOSE_S, GripperLink, SecondOutput
 from planner.robots import Robot, capsule_rows
 
 # [m] from an arm: none throws as far, and most places in a cell are farther if they are taken in millimetres
@@ -256,6 +256,9 @@ class Gripper:
             direction or (3,) along the axes of the tool frame; None: not limited.
         release_speed_factor: the object's speed over the tool's as it leaves [-]: what a profile has learnt, no key of
             the cell file.
+        close_s: time that it is given to close before the arm moves [s]; where it reports that it is closed, at most.
+        grip_input: number of the digital input that is high while it holds an object, among the bits of RTDE; None
+            without one.
     """
 
     output: str
@@ -270,6 +273,8 @@ class Gripper:
     opening_cone_rad: float | None = None
     hold_acceleration_m_s2: Array | None = None
     release_speed_factor: float = 1.0
+    close_s: float = WIRED_CLOSE_S
+    grip_input: int | None = None
 
 
 @dataclass(frozen=True)

@@ -55,7 +55,8 @@ class VacuumRegisters(RegisterMap):
 
     def __init__(self, gripper: SimulatedGripper) -> None:
         self.gripper = gripper
-        self.control = [MODE_GRIP << 8 | 80, MODE_GRIP << 8 | 80, 500]
+        channel = 0 if gripper.open else MODE_GRIP << 8 | 80
+        self.control = [channel, channel, 500]
 
     def read(self, first: int, count: int) -> list[int] | None:
         """Returns registers."""

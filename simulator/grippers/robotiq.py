@@ -33,7 +33,8 @@ class RobotiqState:
 
     def __init__(self, gripper: SimulatedGripper) -> None:
         self.gripper = gripper
-        self.asked = {"ACT": 1, "GTO": 1, "ATR": 0, "ARD": 0, "FOR": 0, "SPE": REQUEST_MAX, "POS": REQUEST_MAX}
+        position = 0 if gripper.open else REQUEST_MAX
+        self.asked = {"ACT": 1, "GTO": 1, "ATR": 0, "ARD": 0, "FOR": 0, "SPE": REQUEST_MAX, "POS": position}
         self.fault = 0
 
     def set(self, values: dict[str, int]) -> None:

@@ -1,5 +1,6 @@
 """The services of the controller on the network. Registers and actions are handed in; nothing here knows an arm."""
 
+from simulator.interfaces.camera_server import CameraServer
 from simulator.interfaces.connections import Connection, ConnectionHandler
 from simulator.interfaces.control_server import BadRequest, ControlServer, Document
 from simulator.interfaces.dashboard_server import DashboardServer
@@ -18,6 +19,7 @@ __all__ = [
     "OUTPUT_TYPES",
     "WIDTH",
     "BadRequest",
+    "CameraServer",
     "Commands",
     "Connection",
     "ConnectionHandler",

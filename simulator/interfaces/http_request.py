@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from http import HTTPStatus
 from typing import Any
+
+from simulator.interfaces.connections import Connection
 
 HEAD_END = b"\r\n\r\n"
 HEAD_BYTES = 16_384  # [byte] a longer head is no request
@@ -65,3 +68,15 @@ def answer_bytes(status: int, document: Any) -> bytes:
     body = json.dumps(document).encode()
     head = f"HTTP/1.1 {status} {HTTPStatus(status).phrase}\r\ncontent-type: application/json\r\n"
     return f"{head}content-length: {len(body)}\r\n\r\n".encode() + body
+
+
+def answer_requests(connection: Connection, answer: Callable[[HttpRequest], tuple[int, Any]]) -> None:
+    """Answers every complete request by what `answer` returns for it: status and document."""
+    try:
+        while connection.open and (request := take_request(connection.received)) is not None:
+            connection.send(answer_bytes(*answer(request)))
+            if not request.keeps:
+                connection.flush()
+                connection.open = False
+    except NotHttp:
+        connection.open = False

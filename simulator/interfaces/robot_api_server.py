@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from simulator.interfaces.connections import Connection, ConnectionHandler
-from simulator.interfaces.http_request import HttpRequest, NotHttp, answer_bytes, take_request
+from simulator.interfaces.http_request import HttpRequest, answer_requests
 from simulator.interfaces.stored_programs import StoredPrograms
 from simulator.program import PAUSED, PLAYING, ProgramRunner, Stops
 from simulator.settings import ControllerIdentity
@@ -95,14 +95,7 @@ class RobotApiServer(ConnectionHandler):
 
     def arrived(self, connection: Connection) -> None:
         """Answers every complete request."""
-        try:
-            while connection.open and (request := take_request(connection.received)) is not None:
-                connection.send(answer_bytes(*self.answer(request)))
-                if not request.keeps:
-                    connection.flush()
-                    connection.open = False
-        except NotHttp:
-            connection.open = False
+        answer_requests(connection, self.answer)
 
     def answer(self, request: HttpRequest) -> Answer:
         """Returns status and document of the answer to a request."""

@@ -1,9 +1,9 @@
-"""The camera that observes where an object landed: what it reports, as opposed to where that was."""
+"""The camera that observes where an object landed, or lies: what it reports, as opposed to where that is."""
 
 from __future__ import annotations
 
 import random
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from simulator.truth import CameraNoise
@@ -12,7 +12,7 @@ from simulator.truth import CameraNoise
 class ObservingCamera:
     """Reports landings with its errors along x and y; without noise it reports exactly where the object landed."""
 
-    def __init__(self, noise: CameraNoise, seed: int) -> None:
+    def __init__(self, noise: CameraNoise, seed: int | str) -> None:
         self.noise = noise
         self.draw = random.Random(f"{seed} camera")
 
@@ -29,6 +29,15 @@ class ObservingCamera:
             "position_m": position,
             "std_m": self.noise.std_m,
         }
+
+    def look(self, positions: Sequence[Sequence[float]]) -> list[dict[str, Any]]:
+        """Returns where objects that lie at positions (n, 3) [m] are seen, in another order each time."""
+        seen = []
+        for x, y, z in positions:
+            dx, dy = self._error()
+            seen.append({"position_m": [x + dx, y + dy, z], "std_m": self.noise.std_m})
+        self.draw.shuffle(seen)
+        return seen
 
     def _error(self) -> tuple[float, float]:
         noise = self.noise

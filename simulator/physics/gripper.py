@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Callable
 
 from planner.cell import Gripper
 from simulator.physics.outputs import TIME_TOLERANCE_S, output_bit
@@ -18,6 +19,8 @@ SKEW_SHAPE = 2.0  # chosen: shape of the gamma distribution of a skewed jitter; 
 class SimulatedGripper:
     """Starts closed on object 1; takes the next object when it is closed again and the arm stands.
 
+    Where objects have to be picked up it starts open instead, and has what its closing takes.
+
     Attributes:
         holds: number of the held object, None while the gripper is empty.
         stuck: fault: the gripper does not open.
@@ -26,14 +29,23 @@ class SimulatedGripper:
         goal_m: opening to which they go, unless they hold an object [m].
     """
 
-    def __init__(self, gripper: Gripper, object_m: float, opening: GripperOpening, seed: int) -> None:
-        """Starts closed.
+    def __init__(
+        self,
+        gripper: Gripper,
+        object_m: float,
+        opening: GripperOpening,
+        seed: int,
+        takes: Callable[[float], int | None] | None = None,
+    ) -> None:
+        """Starts closed, or open where objects have to be picked up.
 
         Args:
             gripper: of the cell file: its outputs, or its stroke.
             object_m: diameter of an object [m].
             opening: time from the change of the output to the object leaving.
             seed: of its random deviation.
+            takes: returns the number of the object that closing takes at a time [s], None for none; None: it always
+                has the next one.
         """
         self.mask, self.open_bits = _lines(gripper)
         blows = gripper.kind == "vacuum" and gripper.second is not None
@@ -44,14 +56,20 @@ class SimulatedGripper:
         self.opening = opening
         self.openings = 0
         self.draw = random.Random(f"{seed} gripper")
-        self.holds: int | None = 1
+        self.takes = takes
+        self.holds: int | None = 1 if takes is None else None
         self.objects = 1
-        self.open = False
+        self.open = takes is not None
         self.stuck = False
         self.release_at: float | None = None
-        self.width_m = self.object_m
-        self.goal_m = 0.0
+        self.width_m = self.stroke_m if self.open else self.object_m
+        self.goal_m = self.stroke_m if self.open else 0.0
         self._commands: list[tuple[float | None, bool, float]] = []  # (time [s], opens, goal [m]), still to come
+
+    @property
+    def first_bits(self) -> int:
+        """Output bits at the start."""
+        return self.open_bits if self.open else self.closed_bits
 
     @property
     def closed_bits(self) -> int:
@@ -71,6 +89,8 @@ class SimulatedGripper:
         """Opens or closes from `t` [s] on; the object leaves its delay and `late_s` [s] later."""
         if not opens:
             self.release_at = None  # closed again before the object was free: it stays
+        if not opens and self.open and self.holds is None and self.takes is not None:
+            self.holds = self.takes(t)
         if opens and not self.open and self.holds is not None and not self.stuck:
             self.release_at = t + late_s + max(0.0, self._delay())
         self.open = opens
@@ -131,7 +151,8 @@ class SimulatedGripper:
 
     def let_go(self) -> int:
         """Empties the gripper; returns the number of the object it held."""
-        number = self.objects
+        number = self.holds
+        assert number is not None
         self.holds = None
         return number
 
@@ -144,7 +165,7 @@ class SimulatedGripper:
 
     def rearm(self, arm_stands: bool) -> None:
         """Inserts the next object if the gripper is closed and empty and the arm does not move to speak of."""
-        if self.holds is None and not self.open and arm_stands:
+        if self.takes is None and self.holds is None and not self.open and arm_stands:
             self.objects += 1
             self.holds = self.objects
 

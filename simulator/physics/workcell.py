@@ -9,6 +9,7 @@ from planner.cell import Cell
 from simulator.physics import kinematics
 from simulator.physics.arm import Arm, Response
 from simulator.physics.controller_kinematics import controller_table
+from simulator.physics.feeder import Feeder
 from simulator.physics.gripper import SimulatedGripper
 from simulator.physics.kinematics import KinematicChain, Transform
 from simulator.physics.lag import Lag
@@ -29,6 +30,7 @@ class Workcell:
 
     Attributes:
         truth: how all of it really behaves.
+        feeder: of the objects that the gripper picks up; None: it always has the next one.
         devices: what the outputs of the cell's `[outputs]` switch, by name.
         input_bits: levels of the digital inputs.
         moved_at: controller time of the last cycle in which the arm truly moved [s].
@@ -45,13 +47,18 @@ class Workcell:
         noise = (settings.position_noise_rad, settings.velocity_noise_rad_s)
         chain = KinematicChain(controller_table(cell.robot, truth.arm.dh_deviation))
         self.arm = Arm(chain, dt, home, _response(truth, dt, home), noise, truth.seed)
-        self.gripper = SimulatedGripper(cell.gripper, 2.0 * cell.object.radius_m, truth.gripper, truth.seed)
-        self.outputs = Outputs(dt, timing.output_delay_s, self.gripper.closed_bits)
+        self.feeder = None if truth.feed is None else Feeder(truth.feed, truth.seed, truth.camera)
+        takes = None if self.feeder is None else self._take
+        self.gripper = SimulatedGripper(cell.gripper, 2.0 * cell.object.radius_m, truth.gripper, truth.seed, takes)
+        self.outputs = Outputs(dt, timing.output_delay_s, self.gripper.first_bits)
         self.devices = {
             name: SwitchedDevice(each, truth.outputs[name], self.outputs.bits, f"{truth.seed} output {name}")
             for name, each in cell.outputs.items()
         }
+        self._grip_bit = 0 if cell.gripper.grip_input is None else 1 << cell.gripper.grip_input
+        self._gripped = self.gripper.holds is not None
         self.input_bits = sum(device.input_bits for device in self.devices.values())
+        self.input_bits |= self._grip_bit if self._gripped else 0
         self.world = World(cell, settings.restitution, truth)
         self.tool = kinematics.from_matrix(cell.tool.X_FT)
         self.base = _true_base(kinematics.from_matrix(cell.X_WB), truth)
@@ -68,6 +75,8 @@ class Workcell:
                 device.output_changed(at, bits)
         for device in self.devices.values():
             self.input_bits = device.sensed(t, self.input_bits)
+        if self.feeder is not None:
+            self.feeder.cycle(t)
         self.gripper.cycle(t, self.outputs.delay_s, self.dt)
         self.world.cycle(t, self.dt)
         left_at = self.gripper.take_release(t)
@@ -75,6 +84,20 @@ class Workcell:
             state, attitude = self._leaving(t - left_at)
             self.world.release(self.gripper.let_go(), left_at, state, t, attitude)
         self.gripper.rearm(self.arm.stands)
+        self._sense_grip()
+
+    def _sense_grip(self) -> None:
+        """Switches the input that shows whether the gripper holds an object, where that has changed."""
+        if self._gripped == (self.gripper.holds is not None):
+            return
+        self._gripped = not self._gripped
+        self.input_bits = self.input_bits | self._grip_bit if self._gripped else self.input_bits & ~self._grip_bit
+
+    def _take(self, t: float) -> int | None:
+        """Returns the number of the object on which the gripper closes at `t` [s]; None for none."""
+        assert self.feeder is not None
+        point = self._tool_point(self.arm.true_q)
+        return self.feeder.take(t, (point[3], point[7], point[11]))
 
     def lose_object(self, t: float) -> None:
         """Fault: the held object slips out of the gripper at `t` [s]."""
@@ -101,8 +124,12 @@ class Workcell:
 
     def in_contact(self, q: Sequence[float] | None = None) -> bool:
         """Whether the tool centre point is in the floor or in a keep-out shape, at joint positions `q` or the true."""
-        point = kinematics.product(self.base, self.arm.chain.forward(self.arm.true_q if q is None else q, self.tool))
+        point = self._tool_point(self.arm.true_q if q is None else q)
         return self.world.solid_at((point[3], point[7], point[11]))
+
+    def _tool_point(self, q: Sequence[float]) -> Transform:
+        """Returns the true pose of the tool centre point in the world at joint positions."""
+        return kinematics.product(self.base, self.arm.chain.forward(q, self.tool))
 
 
 def _response(truth: Truth, dt: float, home: list[float]) -> Response:

@@ -61,3 +61,19 @@ def test_a_gripper_that_never_opened_is_told_only_where_it_should_have(prepared:
     assert "may have left" in object_words(prepared.problem, prepared.trajectory, [], True)
     seen_long_ago = [replace(state, seen_at=state.seen_at - 5.0) for state in published(prepared, np.inf, np.inf)]
     assert "cannot be seen" in object_words(prepared.problem, prepared.trajectory, seen_long_ago, True)
+
+
+def test_an_object_that_slips_out_lands_from_where_the_input_went_low(prepared: Prepared) -> None:
+    """What the input does at rest, while the gripper closes, is no loss; nor is the next object a return."""
+    gripper = replace(prepared.cell.gripper, grip_input=4)
+    problem = replace(prepared.problem, cell=replace(prepared.cell, gripper=gripper))
+    slipped_s = prepared.trajectory.release_time_s
+    states = []
+    for state in published(prepared, np.inf, np.inf):
+        t = state.timestamp_s - AT_ZERO_S
+        states.append(replace(state, inputs=0 if slipped_s <= t < slipped_s + 0.1 else 1 << 4))
+    at_rest = [replace(states[0], inputs=inputs, timestamp_s=AT_ZERO_S - 0.01) for inputs in (1 << 4, 0)]
+    text = object_words(problem, prepared.trajectory, at_rest + states, was_told=False)
+    x, y, _ = (float(number) for number in re.search(r"\(([-\d.]+), ([-\d.]+), ([-\d.]+)\)", text).groups())
+    assert (x, y) == pytest.approx((1.2, 0.3), abs=0.08)  # let go where the plan does, known to a state
+    assert object_words(prepared.problem, prepared.trajectory, states, was_told=False) == ""

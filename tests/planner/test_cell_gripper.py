@@ -10,6 +10,7 @@ from planner.cell import CellSource, mended_cell, parse_cell
 from planner.errors import CellError
 
 SIM = 'robot = "ur5e"\n[link]\nkind = "sim"\n'
+SENSED = '[outputs.valve]\noutput = "standard_digital"\nindex = 2\nsense_input = 5\n'
 REAL = SIM.replace('"sim"', '"ur"')
 
 
@@ -84,6 +85,12 @@ HTTP = TIMED + 'kind = "http"\nopen_url = "{}"\nclose_url = "http://h/c"\n'
         (HTTP.format("http://h/o p"), "open_url", "blanks"),
         (HTTP.format("http://h:x/o"), "open_url", "ort"),
         (HTTP.format("http://other/o"), "close_url", "same host"),
+        ("grip_input = 18", "grip_input", "[0, 17]"),
+        ("grip_input = 2.5", "grip_input", "whole"),
+        ("grip_input = true", "grip_input", "number"),
+        ("close_s = 300", "close_s", "[0, 10]"),
+        ("close_s = -0.1", "close_s", "[0, 10]"),
+        (f"grip_input = 5\n{SENSED}", "grip_input", "outputs.valve.sense_input"),
     ],
 )
 def test_refusals_name_the_field_and_say_why(text, field, word):
@@ -91,6 +98,27 @@ def test_refusals_name_the_field_and_say_why(text, field, word):
         gripper_of(text)
     assert refusal.value.field == f"gripper.{field}"
     assert word in refusal.value.reason
+
+
+@pytest.mark.parametrize(
+    ("text", "close_s"),
+    [
+        ("", 0.3),
+        ('kind = "vacuum"', 0.3),
+        (TIMED + SCRIPT, 1.0),
+        ('kind = "robotiq"\nmodel = "2f85"', 3.0),
+        ("close_s = 0.8", 0.8),
+    ],
+)
+def test_a_gripper_is_given_the_time_of_its_kind_to_close(text, close_s):
+    assert gripper_of(text).close_s == close_s
+
+
+def test_an_input_may_show_the_grip_of_any_gripper():
+    assert gripper_of("").grip_input is None
+    assert gripper_of("grip_input = 4").grip_input == 4
+    assert gripper_of('kind = "vacuum"\ngrip_input = 17').grip_input == 17
+    assert gripper_of(f"grip_input = 4\n{SENSED}").grip_input == 4
 
 
 def test_a_compute_box_of_a_real_arm_has_an_address_of_its_own():

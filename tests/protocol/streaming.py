@@ -94,13 +94,22 @@ def enter_approach(state: ProtocolState, planted: Planted) -> Iterator[Happening
         yield from published("approaching", _on(state, slot, "gripping"))
 
 
-@transition("the stream closes the gripper", PROGRESS, "executor.streaming.approach.close_gripper")
+@transition("the stream closes the gripper", PROGRESS, "executor.streaming.approach.take_object")
 def grip(state: ProtocolState, planted: Planted) -> Iterator[Happening]:
     """A plan that lets go of nothing leaves it alone."""
     for slot, _ in _unasked(state, planted, "gripping"):
         yield "", _on(state, slot, "arming")
         if state.gripper != "shut":
             yield "shuts", _on(state, slot, "arming", gripper="shut")
+
+
+@transition("the gripper has closed on nothing", FAULT, "executor.streaming.approach.take_object")
+def miss_the_grip(state: ProtocolState, planted: Planted) -> Iterator[Happening]:
+    """Nothing moves; what the stream has closed it opens again, and a gripper that it found closed stays so."""
+    for slot, streamer in _unasked(state, planted, "arming"):
+        after = state._replace(**{slot: streamer._replace(phase="stopping", verdict="refused")})
+        yield "", after
+        yield "opens", after._replace(gripper="open")
 
 
 @transition("the stream arms the watchdog", PROGRESS, "executor.streaming.rtde_connection.RtdeConnection.arm_watchdog")
@@ -210,7 +219,7 @@ def pass_release(state: ProtocolState, planted: Planted) -> Iterator[Happening]:
     PROGRESS,
     "executor.streaming.state_checks.StopRequests.pending",
     "executor.streaming.loop.Stream._divert",
-    "executor.streaming.approach.close_gripper",
+    "executor.streaming.approach.take_object",
 )
 def stop(state: ProtocolState, planted: Planted) -> Iterator[Happening]:
     for slot, streamer in _connected(state, *STANDING, "starts moving", *BRAKED):

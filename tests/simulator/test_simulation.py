@@ -17,7 +17,7 @@ from simulator.faults import cause_fault
 from simulator.interfaces import OUTPUT_TYPES, wire
 from simulator.output_values import OutputValues
 from simulator.program.runner import PAUSED, PLAYING, STOPPED
-from simulator.settings import ROBOT_API_SPARE_PORT
+from simulator.settings import CAMERA_PORT, ROBOT_API_SPARE_PORT
 from simulator.simulation import Simulation
 from tests.simulator.conftest import SCRIPT, Driven, Peer, dashboard_server, make_cell
 
@@ -279,7 +279,7 @@ def test_no_program_starts_during_a_stop_or_in_local_control():
 # -- control port
 def test_the_command_line_asks_for_every_port_that_it_listens_on(simulation: Simulation):
     listened = {port.number for port in simulation.network.ports}
-    assert listened | {ROBOT_API_SPARE_PORT} == set(SIMULATOR_PORTS)
+    assert listened | {ROBOT_API_SPARE_PORT, CAMERA_PORT} == set(SIMULATOR_PORTS)  # of other arms, and of a feeder
 
 
 def test_the_control_port_answers_state_world_and_counts(simulation: Simulation):

@@ -120,6 +120,14 @@ def test_what_an_output_switches_is_as_late_as_the_cell_says(tmp_path: Path, out
         ("[arm]\ndh_deviation = { d_m = [0, 0, 0, 0, 0, 2] }", "arm.dh_deviation.d_m[5] = 2: must lie in [-1, 1]"),
         ("[camera]\nstd_m = true", "camera.std_m = True: must be a number"),
         ("[outputs.lamp]\ndelay_s = 0.001", "outputs.lamp: unknown key"),
+        ("[feeder]\nreach_m = 0.01", "feeder.places: must be a list of 1 to 1000 positions [x, y, z]"),
+        ("[feeder]\nplaces = []", "feeder.places = []: must be a list of 1 to 1000"),
+        ("[feeder]\nplaces = [[0, 0, 0], [0, 0]]", "feeder.places[1] = [0, 0]: must be a list of 3 numbers"),
+        ("[feeder]\nplaces = [[0, 0, 1e3]]", "feeder.places[0][2] = 1000.0: must lie in [-100, 100]"),
+        ("[feeder]\nplaces = [[0, 0, 0]]\nmissed = 3", "feeder.missed = 3: must lie in [0, 1]"),
+        ("[feeder]\nplaces = [[0, 0, 0]]\nreach_m = 0", "feeder.reach_m = 0: must lie in [0.0001, 1]"),
+        ("[feeder]\nplaces = [[0, 0, 0]]\nscatter_m = -1", "feeder.scatter_m = -1: must lie in [0, 1]"),
+        ("[feeder]\nplaces = [[0, 0, 0]]\nrefill_s = -1", "feeder.refill_s = -1: must lie in [0, 86400]"),
         ("camera = 3", "camera = 3: must be a table"),
         ("[timing", "truth.toml"),
         ("a = " + "[" * 5000, "nests deeper than 32 levels"),
@@ -164,6 +172,15 @@ def _opening() -> Any:
     from simulator.interfaces import InputValues
 
     return InputValues(others={"tool_digital_output_mask": 1, "tool_digital_output": 1})
+
+
+def test_a_feed_is_read_with_what_it_leaves_out(tmp_path: Path) -> None:
+    (tmp_path / "truth.toml").write_text("[feeder]\nplaces = [[0.5, 0, 0.02], [0.6, 0, 0.02]]\nrefill_s = 3\n")
+    cell = make_cell()
+    found = load_truth(tmp_path / "truth.toml", cell).feed
+    assert found is not None
+    assert found.places == ((0.5, 0.0, 0.02), (0.6, 0.0, 0.02))
+    assert (found.reach_m, found.scatter_m, found.refill_s, found.missed) == (cell.object.radius_m, 0.0, 3.0, 0.0)
 
 
 def test_a_hidden_truth_shows_what_a_controller_and_a_camera_tell(tmp_path: Path) -> None:

@@ -47,6 +47,7 @@ POLL_S = 0.0005  # [s] between two looks at the controller while a moment is awa
 
 
 ROBOTIQ = 'kind = "robotiq"\nmodel = "2f85"\n'  # the gripper of `GRIPPER_FAULTS`
+GRIP_SENSOR = 'output = "tool_digital"\nopen_level = true\ngrip_input = 4\n'  # that of `INPUT_FAULTS`
 
 Undo = Callable[[], None]
 
@@ -417,10 +418,13 @@ GRIPPER_FAULTS = (  # of a gripper on a network, in the phases of a throw; with 
     Fault("object lost by the gripper", _told("object_lost"), GRIPPER, True, SEEN_S, lets_go=True, unseen=COMMANDED),
     Fault("networked gripper opened", _gripper_told("SET POS 0 GTO 1\n"), GRIPPER, True, SEEN_S, lets_go=True),
 )
+INPUT_FAULTS = (  # of a gripper on an output, whose grip an input shows; in the phases of a throw likewise
+    Fault("object lost, as an input shows", _told("object_lost"), GRIPPER, True, lets_go=True, unseen=COMMANDED),
+)
 STREAMED = tuple(phase for phase in PHASES if phase.await_moment is _replacing)  # a script cannot be replaced
 THROWS = tuple(phase for phase in PHASES if phase.begin is _begin_throw)
 PHASE = {phase.name: phase for phase in PHASES}
-FAULT = {fault.name: fault for fault in (*FAULTS, *GRIPPER_FAULTS)}
+FAULT = {fault.name: fault for fault in (*FAULTS, *GRIPPER_FAULTS, *INPUT_FAULTS)}
 
 
 # Cells

@@ -8,7 +8,8 @@ from collections.abc import Iterable
 
 import click
 
-SIMULATOR_PORTS = (29900, 29980, 29999, 30001, 30002, 30003, 30004, 30011, 30012, 30013, 30020)  # docs/simulator.md
+# source: docs/simulator.md
+SIMULATOR_PORTS = (29900, 29901, 29980, 29999, 30001, 30002, 30003, 30004, 30011, 30012, 30013, 30020)
 ANY = ("0.0.0.0", "::")
 COMMAND_WORDS = 4  # of a process in a message: enough to recognise it
 

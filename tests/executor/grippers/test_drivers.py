@@ -65,6 +65,33 @@ def test_it_closes_opens_and_closes_again(twin: TwinOnWire, port: SocketPort) ->
     assert port.problem() is None
 
 
+@pytest.mark.parametrize("number", [3, None], ids=["object", "nothing"])
+@pytest.mark.parametrize("kind", REPORTING)
+def test_it_tells_whether_it_closed_on_an_object(kind: str, number: int | None) -> None:
+    """The twin is open and empty, and its closing takes an object or nothing."""
+    twin = TwinOnWire(TABLES[kind], lambda t: number)
+    try:
+        connection = GripperConnection(twin.link, twin.host)
+        made = SocketPort(twin.job(os.dup(connection.fileno())))
+        connection.close()
+        assert made.holds() is not True
+        made.tell(False)
+        until(lambda: not twin.gripper.open and not twin.gripper.is_busy, made.cycle)
+        until(lambda: made.holds() is (number is not None), made.cycle)
+        for _ in range(20):
+            made.cycle()
+            assert made.holds() is (number is not None)
+        assert made.not_holding() == f"the gripper at {twin.host}:{twin.link.port} reports no object"
+        made.close()
+    finally:
+        twin.close()
+
+
+@pytest.mark.parametrize("twin", ["http"], indirect=True)
+def test_a_call_does_not_tell_of_an_object(twin: TwinOnWire, port: SocketPort) -> None:
+    assert port.holds() is None
+
+
 @pytest.mark.parametrize("twin", WITH_FINGERS, indirect=True)
 def test_one_that_is_stuck_reports_that_it_stays_closed(twin: TwinOnWire, port: SocketPort) -> None:
     until(lambda: not twin.gripper.is_busy, port.cycle)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from executor import shared_memory as shm
 from executor.preparation import prepare_job
-from executor.streaming.approach import START_RAD, approach
+from executor.streaming.approach import START_RAD, approach, take_object
 from executor.streaming.loop import ARRIVED_RAD
 from planner.approach import find_approach
 from tests.executor.conftest import Prepared, settings
@@ -77,3 +79,69 @@ def test_an_abort_on_the_way_brakes(prepared: Prepared) -> None:
     assert fastest > 0.5
     assert np.abs(arm.true_qd).max() < 0.01
     assert arm.tick * arm.job.dt < 0.6 + 0.1
+
+
+TAKES_S = 0.12  # [s] from the gripper's command until the sensor shows the object
+
+
+class GrippingArm(OffArm):
+    """An arm at rest whose gripper follows its output at once, and has an object some time later, or never."""
+
+    def __init__(self, prepared: Prepared, has_object: bool, is_open: bool = True, **changes: object) -> None:
+        super().__init__(replace(prepared.job, grip_input=4, close_s=0.2, **changes), 0.02, np.ones(6))
+        self.has_object = has_object
+        self.q = list(prepared.job.q[0])
+        self.bit = 1 << 16 + self.job.output_index
+        self.outputs = self.bit if is_open == self.job.output_level else 0
+        self.inputs = 0 if is_open or not has_object else 1 << 4
+        self.told = []
+        self.closed_at = None
+
+    def output(self, kind: str, index: int, level: bool) -> None:
+        opens = level == self.job.output_level
+        self.told.append(opens)
+        self.outputs = self.bit if level else 0
+        self.closed_at = None if opens else self.tick * self.job.dt
+
+    def read(self) -> None:
+        if self.closed_at is not None and self.has_object and self.tick * self.job.dt > self.closed_at + TAKES_S:
+            self.inputs = 1 << 4
+
+
+def test_what_a_gripper_closes_on_is_carried(prepared: Prepared) -> None:
+    arm = GrippingArm(prepared, has_object=True)
+    assert take_object(arm, NOBODY) is None
+    assert arm.told == [False]
+    assert arm.memory.fields[shm.GRIP] == shm.GRIP_HELD
+    assert arm.tick * arm.job.dt >= arm.job.close_s  # it is given its time, as the object may still shift
+
+
+def test_a_gripper_that_closes_on_nothing_is_a_refusal_and_opened_again(prepared: Prepared) -> None:
+    arm = GrippingArm(prepared, has_object=False)
+    assert take_object(arm, NOBODY) == ("refused", "the gripper closed on nothing: input 4 is low")
+    assert arm.told == [False, True]
+    assert arm.memory.fields[shm.GRIP] == shm.GRIP_EMPTY
+    assert not arm.sent
+
+
+def test_a_closed_gripper_without_an_object_is_a_refusal_and_left_alone(prepared: Prepared) -> None:
+    arm = GrippingArm(prepared, has_object=False, is_open=False)
+    reason = "the gripper is closed and holds nothing: input 4 is low"
+    assert take_object(arm, NOBODY) == ("refused", reason)
+    assert arm.told == []
+    assert take_object(GrippingArm(prepared, has_object=True, is_open=False), NOBODY) is None
+
+
+@pytest.mark.parametrize("changes", [{"output_row": -1}, {"dry_run": True}])
+def test_a_run_that_lets_go_of_nothing_needs_no_object(prepared: Prepared, changes: dict[str, object]) -> None:
+    arm = GrippingArm(prepared, has_object=False, **changes)
+    assert take_object(arm, NOBODY) is None
+    assert arm.told == []
+    assert arm.memory.fields[shm.GRIP] == shm.GRIP_UNSEEN
+
+
+def test_a_grip_that_nobody_can_see_is_not_judged(prepared: Prepared) -> None:
+    arm = GrippingArm(prepared, has_object=False)
+    arm.job = replace(arm.job, grip_input=None)
+    assert take_object(arm, NOBODY) is None
+    assert arm.memory.fields[shm.GRIP] == shm.GRIP_UNSEEN

@@ -63,3 +63,36 @@ def test_a_gripper_with_a_link_is_given_the_time_that_it_takes_to_open(prepared:
     watch.tell(True, 1.0)
     assert watch.look(False, 1.0 + prepared.job.lag_ticks * prepared.job.dt + ANSWER_S + 0.19) is None
     assert watch.look(False, 1.0 + prepared.job.lag_ticks * prepared.job.dt + ANSWER_S + 0.21)[0] == "not_released"
+
+
+@pytest.fixture
+def sensed(prepared: Prepared) -> GripperWatch:
+    """A watch of a gripper whose object an input shows, and has shown."""
+    return GripperWatch(replace(prepared.job, grip_input=4), held=True)
+
+
+def test_an_object_that_slips_out_is_released_early(sensed: GripperWatch) -> None:
+    assert sensed.look(False, 1.0, True) is None
+    told = ("released_early", "the object slipped out of the gripper: input 4 went low")
+    assert sensed.look(False, 1.002, False) == told
+
+
+def test_an_object_that_leaves_a_gripper_that_was_told_to_open_is_in_order(sensed: GripperWatch) -> None:
+    sensed.tell(True, 1.0)
+    assert sensed.look(False, 1.002, False) is None  # it lets go sooner than its output shows
+    assert sensed.look(True, 1.03, False) is None
+    sensed.tell(False, 1.032)  # too late: a stop does not hold what has left
+    assert sensed.look(False, 1.2, False) is None
+
+
+def test_what_was_never_seen_held_is_not_lost(prepared: Prepared) -> None:
+    """A way without a throw may be made with an empty gripper that is closed; or with an object, which is watched."""
+    watch = GripperWatch(replace(prepared.job, grip_input=4))
+    assert watch.look(False, 1.0, False) is None
+    assert watch.look(False, 1.002, True) is None
+    assert watch.look(False, 1.004, False)[0] == "released_early"
+
+
+def test_what_a_gripper_reports_of_its_object_is_left_to_its_driver(prepared: Prepared) -> None:
+    watch = GripperWatch(prepared.job, held=True)
+    assert watch.look(False, 1.0, False) is None

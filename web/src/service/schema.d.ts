@@ -1844,7 +1844,7 @@ export interface components {
             finished_at: string | null;
             /** Id */
             id: string;
-            /** @description null where the run was refused, or its executor lost. */
+            /** @description null where the run was refused before it began, or its executor lost. */
             metrics: components["schemas"]["ExecutionMetrics"] | null;
             /**
              * Mode
@@ -1900,6 +1900,11 @@ export interface components {
          * @description What was measured in one run; null where this run or this cell has no value.
          */
         ExecutionMetrics: {
+            /**
+             * @description null: nothing in this cell shows it, or nothing is let go.
+             * @default null
+             */
+            grip: components["schemas"]["GripCheck"] | null;
             /**
              * Gripper Command Late S
              * @description How late that was [s].
@@ -2341,6 +2346,23 @@ export interface components {
              * @description [m/s]
              */
             linear: number[];
+        };
+        /**
+         * GripCheck
+         * @description What was seen of the grip of a throw before the arm moved.
+         */
+        GripCheck: {
+            /**
+             * By
+             * @description What showed it: `gripper.grip_input`, or the gripper itself.
+             * @enum {string}
+             */
+            by: "input" | "gripper";
+            /**
+             * Held
+             * @description Whether the gripper held an object.
+             */
+            held: boolean;
         };
         /**
          * GripperAnswer
@@ -5897,6 +5919,7 @@ export type FieldReason = components['schemas']['FieldReason'];
 export type FlightAnswer = components['schemas']['FlightAnswer'];
 export type FullPose = components['schemas']['FullPose'];
 export type FullTwist = components['schemas']['FullTwist'];
+export type GripCheck = components['schemas']['GripCheck'];
 export type GripperAnswer = components['schemas']['GripperAnswer'];
 export type Health = components['schemas']['Health'];
 export type HitProbability = components['schemas']['HitProbability'];
