@@ -81,24 +81,27 @@ def drawn_truth(rng: np.random.Generator, disturbance: str = "none") -> HiddenTr
 
 
 @contextmanager
-def running_cell(truth: str, tables: str = "", host: str = HOST, port: int = PORT) -> Iterator[Laboratory]:
-    """Starts everything for a fresh cell with a hidden truth, and more `tables` in its file; stops it."""
+def running_cell(
+    truth: str, tables: str = "", host: str = HOST, port: int = PORT, gripper: str = ""
+) -> Iterator[Laboratory]:
+    """Starts everything for a fresh cell with a hidden truth, and more `tables` and `gripper` in its file; stops it."""
     with tempfile.TemporaryDirectory(prefix="fling-hidden-") as temporary:
         folder = Path(temporary)
         url = f"http://127.0.0.1:{port}"
         text = (default_cells_folder() / f"{CELL}.toml").read_text()
+        text = text.replace("[gripper]\n", f"[gripper]\n{gripper}\n")
         (folder / f"{CELL}.toml").write_text(re.sub(r'host\s*=\s*"[^"]*"', f'host = "{host}"', text) + tables)
         (folder / "truth.toml").write_text(truth)
         database = f"sqlite:///{folder / 'fling.db'}"
         settings = {"FLING_DATABASE_URL": database, "FLING_CELLS": str(folder), "FLING_DATA": str(folder),
                     "FLING_DEFAULT_CELL": CELL, "FLING_PORT": str(port), "FLING_APPROACH_PACE": "2"}  # fmt: skip
-        with _fling_up(settings, folder / "truth.toml", folder / "log.txt"), fling.Client(url) as client:
-            yield Laboratory(client, url)
+        with _fling_up(settings, folder / "truth.toml", folder / "log.txt") as up, fling.Client(url) as client:
+            yield Laboratory(client, url, up)
 
 
 @contextmanager
-def _fling_up(settings: dict[str, str], truth: Path, log: Path) -> Iterator[None]:
-    """Runs `fling up` until the block ends."""
+def _fling_up(settings: dict[str, str], truth: Path, log: Path) -> Iterator[int]:
+    """Runs `fling up` until the block ends; returns its process."""
     line = [sys.executable, "-P", "-c", FLING, "up", "--truth", str(truth), "--reveal"]
     with log.open("w") as out, subprocess.Popen(line, env={**os.environ, **settings}, stdout=out, stderr=out) as up:
         try:
@@ -107,17 +110,18 @@ def _fling_up(settings: dict[str, str], truth: Path, log: Path) -> Iterator[None
                 if up.poll() is not None or time.monotonic() > deadline:
                     raise RuntimeError(f"fling up does not start:\n{log.read_text()}")
                 time.sleep(0.2)
-            yield
+            yield up.pid
         finally:
             up.send_signal(signal.SIGINT)
 
 
 @dataclass(frozen=True)
 class Laboratory:
-    """A running cell, and who works at it."""
+    """A running cell, who works at it, and the process that runs its processes."""
 
     client: fling.Client
     url: str
+    processes: int
 
     def command(self, *words: str) -> dict[str, Any]:
         """Runs a command of `fling` as the docs have it, once more where the machine was too busy."""
