@@ -109,6 +109,7 @@ class JobRun:
             return await self._finish("stopped", reason)
         self._state = "running" if self._job.pause_requested_at is None else "paused"
         if self._state == "paused":
+            self._unready_since = None
             await asyncio.sleep(WAIT_S)
             return False
         return await self._go_on(progress)
@@ -141,7 +142,7 @@ class JobRun:
             await asyncio.sleep(WAIT_S)
         except ProblemDetails as problem:
             return await self._not_executable(problem)
-        else:
+        else:  # asked for, or the job was asked to pause or to end meanwhile
             self._unready_since = None
             self._unusable = 0
         return False
