@@ -85,7 +85,7 @@ class ObjectResult(BaseModel):
     object: str | None = Field(description="As the request names it.")
     result: str = Field(
         description="waiting; moving; hit, miss, or thrown where nobody saw the landing; missed_grip; not_planned: no "
-        "motion was found; kept: still in the gripper; unknown: in the gripper, or thrown."
+        "motion was found; kept: still in the gripper; dropped on the way; unknown: in the gripper, or thrown."
     )
     object_at: str | None = Field(description="Where it is as far as known, in words; null while it moves.")
     reason: str | None = Field(description="Of the execution, or of the planner's refusal.")

@@ -14,16 +14,18 @@ from starlette.concurrency import run_in_threadpool
 
 from api.dependencies import Service
 from api.http import ProblemDetails
-from api.planning import PlanningQueueFull
+from api.planning import PlanningEnded, PlanningQueueFull
 from api.routes import PlanOrder, current_positions, stored_plan
 from jobs.cycles import MISSED_GRIP, NOT_PLANNED, WENT, JobOrder, JobProgress, NextMotion, motion_request
+from jobs.pool import PoolBroken
 from planner.errors import Infeasible, InvalidProblem, SolverFailed
 from planner.request import problem_from_request, read_request
-from store import JobCycleRow, PlanRow
+from store import JobCycleRow, PlanRow, StoreError
 
 THERE_RAD = 0.01  # [rad] an arm this near stands where its last motion ended; as executor.streaming.approach START_RAD
 SETTLED_S = 3.0  # [s] until a heartbeat tells where the arm came to rest
 LOOK_S = 0.05  # [s] between two looks
+AGAIN_S = 1.0  # [s] until planner processes are asked again that could not answer
 REFUSALS = (Infeasible, SolverFailed, InvalidProblem)
 
 
@@ -113,22 +115,27 @@ class MotionPlanner:
 
         A throw that cannot go on to the next pick ends at home.
         """
-        asked = _key(motion, start)
-        if self._ahead is not None and self._ahead[0] == asked:
-            return await asyncio.shield(self._ahead[1])
-        self.forget()
-        return await self._plan(motion, start)
+        task = self._begun(motion, start)
+        try:
+            return await asyncio.shield(task)
+        except StoreError:  # it is planned again
+            self.forget()
+            raise
 
     async def plan_ahead(self, progress: JobProgress) -> None:
         """Begins to plan what comes after a progress that is expected, unless that has begun."""
         motion = progress.next_motion(progress.arm_at())
         expected = await self._expected(progress)
-        if motion is None or expected is None:
-            return
-        asked = _key(motion, expected.positions)
+        if motion is not None and expected is not None:
+            self._begun(motion, expected.positions)
+
+    def _begun(self, motion: NextMotion, start: Sequence[float]) -> asyncio.Task[PlannedMotion | str]:
+        """Returns the planning of a motion; what was begun for another one is dropped."""
+        asked = motion, tuple(start)
         if self._ahead is None or self._ahead[0] != asked:
             self.forget()
-            self._ahead = asked, asyncio.create_task(self._plan(motion, expected.positions))
+            self._ahead = asked, asyncio.create_task(self._plan(motion, start))
+        return self._ahead[1]
 
     def forget(self) -> None:
         """Drops what was planned ahead."""
@@ -189,13 +196,11 @@ class MotionPlanner:
                 )
             except PlanningQueueFull as full:
                 await asyncio.sleep(full.retry_after_s)
+            except (PlanningEnded, PoolBroken):  # the service ends, and this task with it; or it has no planner now
+                await asyncio.sleep(AGAIN_S)
 
     def _aim(self, request: Mapping[str, Any]) -> tuple[list[float], float]:
         """Returns the place of a request's target (3,) in the world, and what counts as a hit [m]."""
         problem = problem_from_request(request, self._service.cell(self._order.cell))
         assert problem.target is not None  # it is a throw at one
         return problem.target.p_W.tolist(), problem.hit_radius_m
-
-
-def _key(motion: NextMotion, start: Sequence[float]) -> tuple[NextMotion, tuple[float, ...]]:
-    return motion, tuple(start)

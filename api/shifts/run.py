@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -35,7 +36,8 @@ WATCH_S = 0.05  # [s] between two looks at a running execution
 WAIT_S = 0.5  # [s] between two looks at what is waited for: the end of a pause, a free cell
 READY_S = 10.0  # [s] that a robot may be not ready before the job stops: a busy machine delays heartbeats
 UNUSABLE_MAX = 3  # plans in a row that could not be executed any more as soon as they were there
-BEGUN = ("streaming", "braking")  # states of an execution whose motion has begun
+MOVING = ("streaming", "braking")  # states of an execution that moves
+LOST = "executor_lost"  # outcome that a later executor assumes, until the lost one's own record is found
 
 log = logging.getLogger("fling")
 
@@ -98,6 +100,8 @@ class JobRun:
         if running is not None:
             await self._follow(running, progress)
             return False
+        if await run_in_threadpool(self._learn_late, progress.rows):
+            return False
         self._job = await run_in_threadpool(self._store.beat_job, self._job.id, self._driver_id, self._state)
         if self._job.cancel_requested_at is not None:
             return await self._finish("cancelled")
@@ -105,6 +109,7 @@ class JobRun:
             return await self._finish("stopped", reason)
         self._state = "running" if self._job.pause_requested_at is None else "paused"
         if self._state == "paused":
+            self._unready_since = None
             await asyncio.sleep(WAIT_S)
             return False
         return await self._go_on(progress)
@@ -137,7 +142,7 @@ class JobRun:
             await asyncio.sleep(WAIT_S)
         except ProblemDetails as problem:
             return await self._not_executable(problem)
-        else:
+        else:  # asked for, or the job was asked to pause or to end meanwhile
             self._unready_since = None
             self._unusable = 0
         return False
@@ -154,15 +159,25 @@ class JobRun:
             if execution.state == "finished":
                 break
             await asyncio.sleep(WATCH_S)
-        began = execution.metrics is None and await run_in_threadpool(self._began, execution)
-        end = cycle_end(cycle, execution, began)
+        await run_in_threadpool(self._note_end, cycle, execution)
+
+    def _note_end(self, cycle: JobCycleRow, execution: ExecutionRow) -> None:
+        """Notes what a finished execution was for the job."""
+        moved = any(state in MOVING for state in self._store.states_of(execution.id))
+        end = cycle_end(cycle, execution, moved)
         said = {"outcome": execution.outcome, "reason": execution.reason, "ended_at": time.time()}
         ended = replace(cycle, result=end.result, object_at=end.object_at, **said)
-        await run_in_threadpool(self._store.end_job_cycle, self._driver_id, ended)
+        self._store.end_job_cycle(self._driver_id, ended)
 
-    def _began(self, execution: ExecutionRow) -> bool:
-        """Returns whether the motion of an execution began."""
-        return any(state in BEGUN for state in self._store.states_of(execution.id))
+    def _learn_late(self, rows: Sequence[JobCycleRow]) -> bool:
+        """Notes what executors that were lost told once they were back; returns whether there was something new."""
+        for cycle in rows:
+            if cycle.outcome == LOST and cycle.execution_id is not None:
+                execution = self._store.execution(cycle.execution_id)
+                if execution is not None and execution.outcome != LOST:
+                    self._note_end(cycle, execution)
+                    return True
+        return False
 
     async def _progress(self) -> JobProgress:
         rows = await run_in_threadpool(self._store.job_cycles, self._job.id)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jobs.cycles.progress import FAILED, KEPT, MISSED_GRIP, MOVED, NOT_BEGUN, THROWN, UNKNOWN
+from jobs.cycles.progress import DROPPED, FAILED, KEPT, MISSED_GRIP, MOVED, NOT_BEGUN, THROWN, UNKNOWN
 from store import ExecutionRow, JobCycleRow, LandingRow
 
 AT_PICK = "at its pick"
@@ -42,13 +42,16 @@ class SeenLanding(NamedTuple):
     error_m: float | None = None
 
 
-def cycle_end(cycle: JobCycleRow, execution: ExecutionRow, began: bool) -> CycleEnd:
+def cycle_end(cycle: JobCycleRow, execution: ExecutionRow, was_seen_moving: bool) -> CycleEnd:
     """Returns what a finished execution was for its job.
+
+    An executor that was lost may have moved without anybody being told, so that its execution counts as not begun only
+    where it had not claimed it.
 
     Args:
         cycle: that it belongs to.
         execution: finished.
-        began: whether its motion began: it was streaming or braking.
+        was_seen_moving: whether it came to the state `streaming` or `braking`.
     """
     if cycle.kind == "approach":
         return CycleEnd(MOVED if execution.outcome == "completed" else FAILED, None)
@@ -56,14 +59,20 @@ def cycle_end(cycle: JobCycleRow, execution: ExecutionRow, began: bool) -> Cycle
     grip = (metrics or {}).get("grip") or {}
     if grip.get("held") is False and not (metrics or {}).get("released"):
         return CycleEnd(MISSED_GRIP, AT_PICK)
-    if execution.outcome == "refused" or (metrics is None and not began):
+    is_told = execution.outcome in ("refused", "aborted") or execution.claimed_at is None
+    if execution.outcome == "refused" or (metrics is None and is_told):
         return CycleEnd(NOT_BEGUN, f"{AT_PICK}, or {IN_GRIPPER} there")
+    at_target = f"thrown at target {cycle.target}"
     if metrics is None:
-        return CycleEnd(UNKNOWN, f"{IN_GRIPPER}, or thrown at target {cycle.target}: the execution has no record")
-    if metrics.get("released"):
-        doubt = "" if execution.outcome == "completed" else ", as far as the executor knows"
-        return CycleEnd(THROWN, f"thrown at target {cycle.target}{doubt}")
-    return CycleEnd(KEPT, IN_GRIPPER)
+        likely = "" if was_seen_moving else f"{AT_PICK}, as no motion was seen, "
+        return CycleEnd(UNKNOWN, f"{likely}{IN_GRIPPER}, or {at_target}: the execution left no record")
+    if execution.outcome == "released_early":
+        return CycleEnd(DROPPED, "dropped on the way, as the reason says")
+    if execution.outcome == "not_released" or not metrics.get("released"):
+        return CycleEnd(KEPT, IN_GRIPPER)
+    if execution.outcome == "completed":
+        return CycleEnd(THROWN, at_target)
+    return CycleEnd(UNKNOWN, f"{at_target}, or {IN_GRIPPER}, as the reason says")
 
 
 def seen_landing(cycle: JobCycleRow, landings: Sequence[LandingRow]) -> SeenLanding | None:

@@ -20,10 +20,11 @@ THROWN = "thrown"  # the object was let go; landings say whether it hit
 MISSED_GRIP = "missed_grip"  # the gripper closed on nothing, and the arm did not move
 FAILED = "failed"  # an approach that did not arrive
 KEPT = "kept"  # the arm moved, and the object was not let go
+DROPPED = "dropped"  # the gripper let the object go, or lost it, before it was told to
 UNKNOWN = "unknown"  # nobody can say whether the object was let go
 NOT_PLANNED = "not_planned"  # no motion was found
 WENT = (MOVED, THROWN)  # results after which the arm stands where the motion was to end
-MAY_HAVE_THROWN = (THROWN, KEPT, UNKNOWN)  # results that use a target's turn up
+MAY_HAVE_THROWN = (THROWN, KEPT, DROPPED, UNKNOWN)  # results that use a target's turn up
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Any
 
 from jobs.cycles.judgement import AT_PICK, SeenLanding, seen_landing
 from jobs.cycles.order import JobOrder
-from jobs.cycles.progress import THROWN, JobProgress
+from jobs.cycles.progress import THROWN, UNKNOWN, JobProgress
 from store import JobCycleRow, LandingRow
 
 NORMAL_95 = 1.959963984540054  # [-] quantile of the standard normal distribution at 0.975
@@ -85,7 +85,7 @@ def _object_result(progress: JobProgress, seen: Mapping[int, SeenLanding], pick:
     if row is not None and row.result is None:
         state = "moving"
     landing = None if row is None else seen.get(row.number)
-    if state == THROWN and landing is not None:
+    if state in (THROWN, UNKNOWN) and landing is not None:
         state = "hit" if landing.is_hit else "miss"
     position = [None] * 3 if landing is None or landing.position is None else landing.position
     return {

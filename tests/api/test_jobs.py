@@ -346,3 +346,32 @@ def test_a_job_or_a_cell_that_is_not_there(service: RunningService):
 def test_only_operators_of_guarded_services_move_real_arms(service: RunningService):
     problem = problem_of(service.client.post("/jobs", json={**JOB, "cell": "real"}), 403, "forbidden")
     assert "simulated cells only" in problem["detail"]
+
+
+def test_what_a_lost_executor_tells_late_is_learnt_when_the_job_goes_on(
+    service: RunningService, carrying: CarryingExecutor
+):
+    carrying.ends = [("executor_lost", None)]
+    id = post(service, picks=PICKS[:2])
+    finished(service, id)
+    lost = results(service, id)[0]
+    assert lost["result"] == "unknown"
+    assert service.store.finish_execution(lost["execution_id"], "completed", None, {"released": True}, is_known=True)
+    service.client.post(f"/jobs/{id}/resume")
+    finished(service, id)
+    assert [each["result"] for each in results(service, id)] == ["thrown", "hit"]
+
+
+def test_a_job_whose_driver_cannot_read_it_stops_and_the_next_one_runs(
+    service: RunningService, carrying: CarryingExecutor
+):
+    broken = service.store.add_job("ur5e-sim", {"picks": "of another version"}, 1).id
+    id = post(service, picks=PICKS[:1])
+    deadline = time.monotonic() + DONE_S
+    while (row := service.store.job(broken)) is not None and row.state != "finished":
+        assert time.monotonic() < deadline
+        time.sleep(TICK_S)
+    assert row is not None
+    assert row.outcome == "stopped"
+    assert "InvalidProblem" in (row.reason or "")
+    assert finished(service, id)["outcome"] == "completed"

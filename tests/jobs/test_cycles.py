@@ -118,22 +118,25 @@ def test_a_missed_throw_stops_a_job_whose_policy_says_so_until_it_is_resumed():
 
 
 @pytest.mark.parametrize(
-    ("outcome", "metrics", "began", "result"),
+    ("outcome", "metrics", "claimed_at", "result"),
     [
-        ("completed", {"released": True}, True, "thrown"),
-        ("refused", {"grip": {"held": False, "by": "input"}}, False, "missed_grip"),
-        ("refused", None, False, "not_begun"),
-        ("aborted", None, False, "not_begun"),
-        ("executor_lost", None, False, "not_begun"),
-        ("executor_lost", None, True, "unknown"),
-        ("aborted", {"released": False}, True, "kept"),
-        ("held", {"released": False}, True, "kept"),
-        ("protective_stop", {"released": True}, True, "thrown"),
-        ("completed", {"released": True, "grip": {"held": True, "by": "gripper"}}, True, "thrown"),
+        ("completed", {"released": True}, 0.5, "thrown"),
+        ("refused", {"grip": {"held": False, "by": "input"}}, 0.5, "missed_grip"),
+        ("refused", None, 0.5, "not_begun"),
+        ("aborted", None, 0.5, "not_begun"),
+        ("executor_lost", None, None, "not_begun"),
+        ("executor_lost", None, 0.5, "unknown"),
+        ("aborted", {"released": False}, 0.5, "kept"),
+        ("held", {"released": False}, 0.5, "kept"),
+        ("protective_stop", {"released": True}, 0.5, "unknown"),
+        ("released_early", {"released": False}, 0.5, "dropped"),
+        ("not_released", {"released": True}, 0.5, "kept"),
+        ("completed", {"released": True, "grip": {"held": True, "by": "gripper"}}, 0.5, "thrown"),
     ],
 )
-def test_what_an_execution_was_for_its_job(outcome: str, metrics: Any, began: bool, result: str):
-    found = cycle_end(throw(1, 0, 1, 0), execution(outcome, metrics), began)
+def test_what_an_execution_was_for_its_job(outcome: str, metrics: Any, claimed_at: float | None, result: str):
+    ran = replace(execution(outcome, metrics), claimed_at=claimed_at)
+    found = cycle_end(throw(1, 0, 1, 0), ran, was_seen_moving=False)
     assert found.result == result
     assert found.object_at
     row = throw(1, 0, 1, 0, result=result, outcome=outcome)
