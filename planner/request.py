@@ -19,11 +19,13 @@ from planner.cell import Cell, Limits
 from planner.errors import FieldError, InvalidProblem, figures
 from planner.fields import Choice, Field, Kinds, Number, PerJoint, Record, Text, Vector, Yes
 from planner.passages import (
+    NOT_YET,
     END,
     PASSAGES,
     TIME_MAX_S,
     end_document,
     end_from_json,
+    gripper_named,
     main_state,
     passage_document,
     passages_from_json,
@@ -88,6 +90,9 @@ def _check_motion(given: dict[str, Any], path: str, errors: list[FieldError]) ->
             reason = "a tracked target is for a release alone: give its position, velocity and observed_at_s as numbers"
             errors.append(FieldError(f"{prefix}passages[{i}].state.position", reason))
     asked = given.get("min_hit_probability", 0.0)
+    if asked > 0.0 and any(gripper_named(each) for each in given.get("passages", ())):
+        reason = f"{asked:g}: nobody knows the odds of a motion in which one of `[grippers]` lets go"
+        errors.append(FieldError(f"{prefix}min_hit_probability", reason))
     states = [given["release"]] if "release" in given else [each.get("state") for each in given["passages"]]
     if asked > 0.0 and not any(KINDS[state["kind"]].aims for state in states if state):
         aiming = " or ".join(name for name, kind in KINDS.items() if kind.aims)
@@ -224,6 +229,10 @@ def problem_from_request(request: Mapping[str, Any], cell: Cell) -> ThrowProblem
     asked = PLAN_REQUEST.read(request, "", errors)
     limits = _limits(asked, cell.limits, errors)
     start = asked.get("start", {})
+    for number, each in enumerate(asked.get("passages", ())):
+        if gripper_named(each) and any((*start.get("velocities", ()), *start.get("accelerations", ()))):
+            reason = f"names a gripper, which {NOT_YET} for a start in motion"
+            errors.append(FieldError(f"passages[{number}].releases", reason))
     if "current" in start:
         errors.append(FieldError("start.current", "needs a service with an executor; give positions"))
     if "execution" in start and "positions" not in start:
@@ -240,7 +249,10 @@ def problem_from_request(request: Mapping[str, Any], cell: Cell) -> ThrowProblem
         release = KINDS[asked["release"]["kind"]].from_json(asked["release"], X_WR)
     if "starts_not_before_s" in asked and (release.target is None or not release.target.moves):
         raise InvalidProblem([FieldError("starts_not_before_s", "is for a target that moves")])
-    window_s, tolerance_m = _window(asked, release, cell)
+    lets_go = [(each.state, cell.seen_from(each.gripper)) for each in passages if each.releases]
+    windows = [_window(asked, *each) for each in lets_go or [(release, cell)]]
+    window_s = max(each for each, _ in windows)
+    tolerance_m = min((each for _, each in windows if each > 0.0), default=0.0)  # one that all landings keep
     return ThrowProblem(
         cell=cell,
         start=read_only(start["positions"]) if start else cell.home,

@@ -26,6 +26,7 @@ from planner.fields import (
     VectorOr,
     Whole,
     Yes,
+    YesOr,
 )
 from planner.fields import Number as NumberShape
 from planner.request import PLAN_REQUEST, RETARGET_REQUEST, read_request
@@ -60,6 +61,8 @@ def _type_of(shape: Shape) -> Any:
             return Annotated[str, Field(max_length=most)]
         case Yes():
             return Literal[True]
+        case YesOr(most):
+            return Literal[True] | Annotated[str, Field(min_length=1, max_length=most)]
         case Flag():
             return bool
     return _type_of_numbers(shape)

@@ -26,7 +26,9 @@ class SimulatedGripper:
         goal_m: opening to which they go, unless they hold an object [m].
     """
 
-    def __init__(self, gripper: Gripper, object_m: float, opening: GripperOpening, seed: int) -> None:
+    def __init__(
+        self, gripper: Gripper, object_m: float, opening: GripperOpening, seed: int | str, place: int = 0, places: int = 1
+    ) -> None:
         """Starts closed.
 
         Args:
@@ -34,6 +36,7 @@ class SimulatedGripper:
             object_m: diameter of an object [m].
             opening: time from the change of the output to the object leaving.
             seed: of its random deviation.
+            place, places: its number among the grippers of the tool, and theirs, which number objects in turn.
         """
         self.mask, self.open_bits = _lines(gripper)
         blows = gripper.kind == "vacuum" and gripper.second is not None
@@ -44,8 +47,9 @@ class SimulatedGripper:
         self.opening = opening
         self.openings = 0
         self.draw = random.Random(f"{seed} gripper")
-        self.holds: int | None = 1
-        self.objects = 1
+        self.holds: int | None = 1 + place
+        self.objects = 1 + place
+        self.places = places
         self.open = False
         self.stuck = False
         self.release_at: float | None = None
@@ -145,7 +149,7 @@ class SimulatedGripper:
     def rearm(self, arm_stands: bool) -> None:
         """Inserts the next object if the gripper is closed and empty and the arm does not move to speak of."""
         if self.holds is None and not self.open and arm_stands:
-            self.objects += 1
+            self.objects += self.places
             self.holds = self.objects
 
 
