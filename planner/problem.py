@@ -163,7 +163,7 @@ class ThrowProblem:
 
     def _errors_of_several(self) -> list[FieldError]:
         """Returns what is not supported of a motion in which another gripper than the cell's own lets go."""
-        if not any(each.gripper for each in self.passages):
+        if not self.names_gripper:
             return []
         errors = []
         for number, each in enumerate(self.passages):
@@ -201,6 +201,11 @@ class ThrowProblem:
         """The target, if it moves."""
         target = self.target
         return target if target is not None and target.moves else None
+
+    @property
+    def names_gripper(self) -> bool:
+        """Whether another gripper than the cell's own lets go."""
+        return any(each.gripper for each in self.passages)
 
     @property
     def start_slack_m(self) -> float:
