@@ -55,6 +55,11 @@ def _type_of(shape: Shape) -> Any:
             return _model_of(shape)
         case RecordList(record, least, most):
             return Annotated[list[_model_of(record)], Field(min_length=least, max_length=most)]
+    return _type_of_words(shape)
+
+
+def _type_of_words(shape: Shape) -> Any:
+    match shape:
         case Choice(values):
             return Literal[tuple(values)]
         case Text(most):

@@ -100,7 +100,9 @@ class PassageAnswer(ReleaseState):
     name: str
     end_index: int = Field(description="Sample at which the passage ends: that of a line's end; of a state, `index`.")
     time_s: float = Field(description="[s]")
-    releases: bool | str = Field(description="Whether an object leaves the tool here; of one of `[grippers]`, its name.")
+    releases: bool | str = Field(
+        description="Whether an object leaves the tool here; of one of `[grippers]`, its name."
+    )
     flight: FlightAnswer | None = Field(
         None, description="Of the object that leaves here; absent for a cell without `[grippers]`."
     )

@@ -1,7 +1,7 @@
 """Records of an execution: telemetry, recording, metrics, landing, and the journal that keeps them."""
 
-from executor.records.journal import MIN_FREE_BYTES, ExecutionResult, Journal, JournalLocked
 from executor.records.further import further_releases, further_words
+from executor.records.journal import MIN_FREE_BYTES, ExecutionResult, Journal, JournalLocked
 from executor.records.landing import Landing, ObservedLanding, expect_throw, wait_for_landing
 from executor.records.metrics import metrics, release_verdict, timing_advice, without_motion
 from executor.records.recording import to_mcap, to_samples

@@ -82,12 +82,7 @@ def further_grippers(
     """
     if not tables:
         return {}
-    if len(tables) > FURTHER_MAX:
-        raise CellError("grippers", len(tables), f"besides [gripper] there are {FURTHER_MAX} at most")
-    if own.gripper.kind != "digital":
-        raise CellError("gripper.kind", own.gripper.kind, 'must be "digital" beside [grippers]')
-    if isinstance(own.object, ThrownBody):
-        raise CellError("object.shape", own.object.kind, "must be a sphere beside [grippers]")
+    _check_own(own, len(tables))
     found = {"": own}
     taken = [*outputs, (own.gripper.output, own.gripper.index)]
     if own.gripper.second is not None:
@@ -102,6 +97,16 @@ def further_grippers(
             raise CellError(f"{where}index", line[1], f"is an output of kind {line[0]} that is in use already")
         taken.append(line)
     return found
+
+
+def _check_own(own: MountedGripper, further: int) -> None:
+    """Raises a `CellError` where the cell's own gripper has no `further` ones beside it."""
+    if further > FURTHER_MAX:
+        raise CellError("grippers", further, f"besides [gripper] there are {FURTHER_MAX} at most")
+    if own.gripper.kind != "digital":
+        raise CellError("gripper.kind", own.gripper.kind, 'must be "digital" beside [grippers]')
+    if isinstance(own.object, ThrownBody):
+        raise CellError("object.shape", own.object.kind, "must be a sphere beside [grippers]")
 
 
 def _further(table: dict[str, Any], controller: ControllerAddress, where: str) -> MountedGripper:

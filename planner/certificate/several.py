@@ -45,7 +45,7 @@ def merged(problem: ThrowProblem, parts: Sequence[Certificate], common: Sequence
 
 
 def _room(check: Check) -> tuple[bool, float]:
-    """Returns the sort key of one check among those of its name: failed ones first, then by what is left of the limit."""
+    """Returns the sort key of one check among those of its name: failed ones first, then by what is left."""
     margin = -math.inf if math.isnan(check.margin) else check.margin
     return check.ok, margin / max(abs(check.limit), 1e-9)
 

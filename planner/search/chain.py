@@ -50,7 +50,13 @@ BESIDE = 6  # [-] of these of each neighbour a point is passed in postures nearb
 WAYS = 1000  # [-] ways looked at: most that do not come to a motion have a leg that Ruckig refuses
 EASED = 0.8  # [-] of the time to a passage with an instant of its own: chosen accelerations seldom spare more
 ROUNDING = 1e-6  # [ticks] of a duration in floating point
-OF_RELEASE = ("flight_clearance", "flights_apart", "landing", "landing_window", "opening_direction")  # checks that the release decides
+OF_RELEASE = (
+    "flight_clearance",
+    "flights_apart",
+    "landing",
+    "landing_window",
+    "opening_direction",
+)  # checks that the release decides
 Piece = tuple[Array, Array, Array]  # the same at one tick or more (n, 6): of a state, a line or a leg
 
 

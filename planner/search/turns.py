@@ -26,7 +26,11 @@ from planner.seeds import candidates
 from planner.trajectory import Trajectory
 
 LEAVES_S = 0.04  # [s] after the release in which the object leaves the open grip: 1 cm under gravity takes 45 ms
-SPEEDS = (1.0, 0.8, 0.6)  # [-] of the tool speed, in turn: a throw by itself does not know how fast the other grippers are
+SPEEDS = (
+    1.0,
+    0.8,
+    0.6,
+)  # [-] of the tool speed, in turn: a throw by itself does not know how fast the other grippers are
 MOTIONS = 2  # [-] of each throw that the next one is planned from
 
 

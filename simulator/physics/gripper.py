@@ -27,7 +27,13 @@ class SimulatedGripper:
     """
 
     def __init__(
-        self, gripper: Gripper, object_m: float, opening: GripperOpening, seed: int | str, place: int = 0, places: int = 1
+        self,
+        gripper: Gripper,
+        object_m: float,
+        opening: GripperOpening,
+        seed: int | str,
+        place: int = 0,
+        places: int = 1,
     ) -> None:
         """Starts closed.
 

@@ -84,6 +84,10 @@ class Workcell:
         for gripper in self.grippers.values():
             gripper.cycle(t, self.outputs.delay_s, self.dt)
         self.world.cycle(t, self.dt)
+        self._let_go(t)
+
+    def _let_go(self, t: float) -> None:
+        """Lets every object fly that has left its gripper up to `t` [s]; an empty one takes the next."""
         for name, gripper in self.grippers.items():
             left_at = gripper.take_release(t)
             if left_at is not None:

@@ -89,7 +89,7 @@ def test_the_other_object_is_a_load_and_a_shape(here: Cell) -> None:
     assert own is here
     left = here.seen_from("left")
     assert left.sha256 == here.sha256
-    assert left.seen_from("") .tool.X_FT == pytest.approx(here.tool.X_FT)
+    assert pytest.approx(here.tool.X_FT) == left.seen_from("").tool.X_FT
     assert left.seen_from("left") is left
     assert [each.gripper for each in left.carried] == [""]
     assert len(left.tool.capsules) == len(here.tool.capsules) == 3
@@ -194,7 +194,13 @@ def test_a_passage_that_lets_nothing_go_is_one_of_the_own_gripper(here: Cell) ->
             "is the gripper's own output",
         ),
         (
-            {"state": {"kind": "target", "position": [1.1, -0.2, 0.0], "opening": {"radius_m": 0.1, "rim_height_m": 0.1}}},
+            {
+                "state": {
+                    "kind": "target",
+                    "position": [1.1, -0.2, 0.0],
+                    "opening": {"radius_m": 0.1, "rim_height_m": 0.1},
+                }
+            },
             "passages[1].state.opening",
             "a bin is not supported yet",
         ),

@@ -43,7 +43,9 @@ def test_two_balls_land_at_their_two_targets(rig: Rig, mode: str) -> None:
         assert further["landing_error_m"] < LANDED_M
         assert further["opened_late_s"] == pytest.approx(0.0, abs=4e-3)
         document = rig.document(row.id)
-        assert further["commanded_s"] == pytest.approx(document["passages"][1]["command_time_s"], abs=0.5 * TICK_S + 1e-6)
+        assert further["commanded_s"] == pytest.approx(
+            document["passages"][1]["command_time_s"], abs=0.5 * TICK_S + 1e-6
+        )
         state = rig.state()
         assert state["gripper_holds"] is None
         assert state["grippers_hold"] == {"left": None}
@@ -56,7 +58,7 @@ def test_each_gripper_has_a_delay_of_its_own_which_only_the_simulator_knows(rig:
         truth = rig.folder / "truth.toml"
         own, left = HIDDEN_DELAYS_S.values()
         truth.write_text(f"[gripper]\ndelay_s = {own}\n[grippers.left]\ndelay_s = {left}\njitter_s = 0.0\n")
-        rig.start_simulator("--truth", str(truth))
+        rig.start_simulator("--truth", str(truth), "--reveal")
         rig.start_executor()
         row = rig.quiet_run(stored(rig, two_throws()))
         assert row.outcome == "completed", row.reason
