@@ -335,6 +335,9 @@ class Execution:
         known = self._known() if self.row.mode == "speedj" else None
         numbers = records.metrics(self.problem, self.trajectory, ended, landing, timing, self.aim_shift, known)
         numbers["ready_s"] = None if ended.ready_at_s is None else ended.ready_at_s - self.taken_at_s
+        if self.problem.parts:
+            further = {} if outcome == "held" else self._further_landings()
+            numbers["grippers"] = records.further_releases(self.problem, self.trajectory, ended, further)
         if self.row.dry_run:
             numbers = records.without_motion(numbers)
         if outcome == "completed" and not self.row.dry_run:
@@ -356,7 +359,9 @@ class Execution:
         """Returns what became of the object in a run that was stopped; empty where the gripper stayed closed."""
         states = list(self.session.monitor.history)
         told = told_opening(self.problem.cell, ended)
-        return object_words(self.problem, self.trajectory, states, ended.output_sent_s is not None, told)
+        first = object_words(self.problem, self.trajectory, states, ended.output_sent_s is not None, told)
+        words = [first, *records.further_words(self.problem, self.trajectory, ended)]
+        return "; ".join(filter(None, words))
 
     def _observation(self, observed: records.ObservedLanding | None) -> dict[str, Any] | None:
         """Returns the observation of the simulated camera, to be stored once."""
@@ -406,13 +411,22 @@ class Execution:
         seen_s = 0.0 if state is None else state.seen_at - began_at
         return seen_s > SAFETY_WAIT_S or waited_s > MONITOR_WAIT_S
 
+    def _further_landings(self) -> dict[str, records.Landing | None]:
+        """Returns the observed landings of what other grippers let go than the first, by their names."""
+        further = [part for part in self.problem.parts[1:] if part.problem.throws]
+        return {part.problem.cell.mounted: self._landing_of(part.problem, part.of(self.trajectory)) for part in further}
+
     def _landing(self) -> records.Landing | None:
-        """Returns the observed landing; None where the cell cannot observe one."""
+        """Returns the observed landing of the object that leaves first; None where the cell cannot observe one."""
+        return self._landing_of(self.problem, self.trajectory)
+
+    def _landing_of(self, problem: ThrowProblem, trajectory: Trajectory) -> records.Landing | None:
         if self.session.cell.link.kind != "sim" or self.row.dry_run:
             return None
-        flight = release_flight(self.problem, self.trajectory)
+        flight = release_flight(problem, trajectory)
         duration = 0.0 if flight is None else flight.time_of_flight_s
+        gripper = problem.cell.mounted
         try:
-            return records.wait_for_landing(self.session.cell.link.host, self.throw, duration)
+            return records.wait_for_landing(self.session.cell.link.host, self.throw, duration, gripper)
         except (OSError, ValueError):
             return None  # the simulator is gone

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from executor.robot import OWNER_INPUT, ControlMode, KinematicsInfo, RobotSession, RobotState
 from executor.streaming.state_checks import OUTPUT_SHIFT, ROBOT_RUNNING, safety_words
 from learning import cell_with_profile
-from planner.answer import aim_shift, plan_from_document
+from planner.answer import aim_shift, flight_of_own_gripper, plan_from_document
 from planner.calibration import DhTable, ImplausibleChain, calibrated, transforms_of_table
 from planner.cell import Cell
 from planner.certificate import Examination
@@ -138,7 +138,7 @@ def prove_plan(document: bytes, cell: Cell) -> None:
 
 def _other_flight(plan: Mapping[str, Any], own: Cell) -> str | None:
     """Returns how a plan's flight was made for another object than this cell's; None where it agrees, or is silent."""
-    flight = plan.get("flight") or {}
+    flight = flight_of_own_gripper(plan)
     here = {
         "release_speed_factor": own.gripper.release_speed_factor,
         "drag_coefficient": own.object.drag_coefficient,
@@ -346,7 +346,7 @@ def _condition(state: RobotState) -> Iterator[str]:
 
 def _tool(cell: Cell, state: RobotState) -> Iterator[str]:
     lightest = cell.tool.mass_kg
-    heaviest = cell.tool.mass_kg + cell.object.mass_kg
+    heaviest = cell.tool.mass_kg + cell.object.mass_kg + sum(each.mass_kg for each in cell.carried)
     if state.payload_kg is not None and not lightest - PAYLOAD_KG <= state.payload_kg <= heaviest + PAYLOAD_KG:
         yield (
             f"the controller is set to a payload of {state.payload_kg:.2f} kg; "

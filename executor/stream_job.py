@@ -6,6 +6,7 @@ Rows lie on the controller's ticks. Row m is the state that should be measured o
 from __future__ import annotations
 
 import json
+import math
 import os
 import struct
 from collections.abc import Sequence
@@ -210,12 +211,15 @@ class StreamJob(JobRows):
     starts_at_s: float | None = None
     joins_row: int = 0
 
-    def stop_levels(self, sent: int, reached: int = -1) -> list[SwitchRow]:
+    def stop_levels(self, sent: int, reached: int = -1, row: float = math.inf) -> list[SwitchRow]:
         """Returns what a stop switches: the last level of each output that was switched, and may have another.
+
+        A gripper that was told to open is told to close again where its object has not left.
 
         Args:
             sent: how many of the `switches` are known to have been made.
             reached: row up to which a program in the controller may have made more.
+            row: with which the stop begins; infinite: there is none.
         """
         found = []
         for last in {each.line: each for each in self.switches}.values():
@@ -224,6 +228,8 @@ class StreamJob(JobRows):
             doubtful = [each for number, each in own if number >= sent and each.row <= reached]
             if any(each.level != last.level for each in made[-1:] + doubtful):
                 found.append(last)
+            elif (made or doubtful) and row < last.held_until:
+                found.append(replace(last, level=not last.level))
         return found
 
     def write(self) -> int:

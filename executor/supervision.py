@@ -387,10 +387,19 @@ class StreamRun:
         reached = -1
         if stopped and job.program and row is not None:
             reached = math.ceil((_clock_s(row) - job.first_clock_s) / job.dt + job.lag_ticks)
-        self.stop_levels = job.stop_levels(sent, reached)
+        self.stop_levels = job.stop_levels(sent, reached, self._stop_row(stopped))
         if stopped and self.stop_levels:
             self.left = set_outputs(job.host, self.stop_levels)
             self.stopped_s = math.nan if row is None else _clock_s(row)
+
+    def _stop_row(self, stopped: bool) -> float:
+        """Returns the row with which a stop began: that of the brake, or the present one; infinite without a stop."""
+        job = self.job
+        at_s = float(self.memory.fields[shm.STOPPED_S])
+        row = self.latest_row()
+        if math.isnan(at_s) and stopped and row is not None:
+            at_s = _clock_s(row)
+        return math.inf if math.isnan(at_s) else (at_s - job.first_clock_s) / job.dt + job.lag_ticks
 
     def _silent_outcome(self) -> str:
         """Returns the outcome of a process that reported none; where it failed in the library, the link failed."""

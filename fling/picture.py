@@ -54,6 +54,7 @@ class PlanScene:
         turned_index: Sample of the release in `path`; without one, that at which the last passage ends.
         passed: First and last sample of each passage, the same of a state; without any, that of the release.
         flight: Positions (n, 3) of the object in flight; empty for a move that ends at rest.
+        further: Flights (n, 3) of other objects than the first.
         target: Target (3,) of the throw, None for other releases.
         opening: Mouth of the bin around the target, None without one.
         floor_z: Height of the floor.
@@ -64,6 +65,7 @@ class PlanScene:
     turned_index: int
     passed: tuple[tuple[int, int], ...]
     flight: Vector
+    further: tuple[Vector, ...]
     target: Vector | None
     opening: Opening | None
     floor_z: float
@@ -99,7 +101,9 @@ def _scene(plan: Mapping[str, Any], cell: Cell) -> PlanScene:
     place = None if target is None else target.p_W
     opening = None if target is None else target.opening
     floor = cell.surroundings.floor_z_m
-    return PlanScene(arms, X_WT[:, :3, 3], k, passed, _flight(plan, problem), place, opening, floor)
+    flights = (each.get("flight") for each in plan.get("passages", ()) if each["index"] != trajectory.release_index)
+    further = tuple(np.array(each["object_path"]) for each in flights if each)
+    return PlanScene(arms, X_WT[:, :3, 3], k, passed, _flight(plan, problem), further, place, opening, floor)
 
 
 def _arm(cell: Cell, q: Vector) -> Vector:
@@ -141,7 +145,7 @@ def _bin_lines(scene: PlanScene, side: Vector) -> list[Vector]:
 
 
 def _view(name: str, left: float, scene: PlanScene, project: Any, bin: list[Vector], floor: bool) -> str:
-    points = [project(p) for p in (*scene.arms, scene.path, scene.flight, *bin) if len(p)]
+    points = [project(p) for p in (*scene.arms, scene.path, scene.flight, *scene.further, *bin) if len(p)]
     everything = np.vstack(points)
     if floor:
         everything = np.vstack([everything, [[everything[:, 0].min(), scene.floor_z]]])
@@ -156,9 +160,9 @@ def _view(name: str, left: float, scene: PlanScene, project: Any, bin: list[Vect
     parts.append(_line(to_pixels(path[: scene.turned_index + 1]), "launch"))
     parts.append(_line(to_pixels(path[scene.turned_index :]), "brake"))
     parts += [_line(to_pixels(path[first : last + 1]), "straight") for first, last in scene.passed if last > first]
-    if len(scene.flight):
-        parts.append(_line(to_pixels(project(scene.flight)), "flight"))
-        parts.append(_dot(to_pixels(project(scene.flight[-1:])), "landing", 4))
+    for flight in (each for each in (scene.flight, *scene.further) if len(each)):
+        parts.append(_line(to_pixels(project(flight)), "flight"))
+        parts.append(_dot(to_pixels(project(flight[-1:])), "landing", 4))
     parts += [_dot(to_pixels(path[index][None]), "let-go", 4) for span in scene.passed for index in sorted({*span})]
     parts += [_line(to_pixels(project(line)), "bin") for line in bin]
     if scene.target is not None:

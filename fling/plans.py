@@ -84,11 +84,13 @@ class Passed(Release):
         name: as in the request.
         end_index: sample at which it ends; that of a state itself.
         edges: its outputs, in the order of the request.
+        flight: of the object that leaves here, in a cell with `[grippers]`; else None: see `Plan.flight`.
     """
 
     name: str
     end_index: int
     edges: tuple[Edge, ...]
+    flight: Flight | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,29 +222,15 @@ class Plan:
                 name=found["name"],
                 end_index=found["end_index"],
                 edges=tuple(Edge(**edge) for edge in found["outputs"]),
+                flight=_flight(found.get("flight")),
             )
             for found in self.document.get("passages", ())
         )
 
     @cached_property
     def flight(self) -> Flight | None:
-        """The object's path after the release; None for a move that ends at rest."""
-        found = self.document["flight"]
-        if found is None:
-            return None
-        errors = [(entry["delay_s"], _finite(entry["landing_error_m"])) for entry in found["window"]]
-        drift = found["landing_per_release_delay_m_s"]
-        return Flight(
-            landing_point=np.array(found["landing_point"]),
-            time_of_flight_s=found["time_of_flight_s"],
-            apex_height_m=found["apex_height_m"],
-            speed_m_s=found["speed_m_s"],
-            path=np.array(found["object_path"]),
-            release_window_s=found["release_window_s"],
-            landing_tolerance_m=found["landing_tolerance_m"],
-            window=np.array(errors),
-            landing_per_release_delay_m_s=None if drift is None else np.array(drift),
-        )
+        """The path of the object that leaves first; None for a move that ends at rest."""
+        return _flight(self.document["flight"])
 
     @property
     def odds(self) -> Odds | None:
@@ -336,6 +324,25 @@ def _passed(found: Mapping[str, Any]) -> dict[str, Any]:
         "qdd": np.array(found["accelerations"]),
         **{name: np.array(values) for name, values in {**found["pose"], **found["twist"]}.items()},
     }
+
+
+def _flight(found: Mapping[str, Any] | None) -> Flight | None:
+    """Returns a flight as a plan's document tells it; None without one."""
+    if found is None:
+        return None
+    errors = [(entry["delay_s"], _finite(entry["landing_error_m"])) for entry in found["window"]]
+    drift = found["landing_per_release_delay_m_s"]
+    return Flight(
+        landing_point=np.array(found["landing_point"]),
+        time_of_flight_s=found["time_of_flight_s"],
+        apex_height_m=found["apex_height_m"],
+        speed_m_s=found["speed_m_s"],
+        path=np.array(found["object_path"]),
+        release_window_s=found["release_window_s"],
+        landing_tolerance_m=found["landing_tolerance_m"],
+        window=np.array(errors),
+        landing_per_release_delay_m_s=None if drift is None else np.array(drift),
+    )
 
 
 def _landing_text(flight: Flight) -> str:

@@ -220,7 +220,7 @@ class Passage:
         name: of its own in the motion.
         state: to be passed, or the line.
         outputs: what switches about it.
-        releases: whether the object leaves the tool there.
+        releases: whether the object leaves the tool there; a name: that of one of the cell's `[grippers]`.
         at_s: time from the motion's start [s].
         not_before_s: earliest time from the motion's start [s].
     """
@@ -228,7 +228,7 @@ class Passage:
     name: str
     state: Release | Line
     outputs: Sequence[Output] = ()
-    releases: bool = False
+    releases: bool | str = False
     at_s: float | None = None
     not_before_s: float | None = None
 

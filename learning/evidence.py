@@ -108,6 +108,8 @@ def _evidence(store: Store, cell: Cell, arm: StreamedArm, row: ExecutionRow) -> 
     if row.outcome not in COUNTED:
         raise _Unusable(f"its outcome is {row.outcome}")
     document, problem, trajectory = _plan(store, cell, row)
+    if problem.cell.mounted:
+        raise _Unusable("another gripper than the cell's own let go first")
     recording = store.recording(row.id)
     columns = {} if recording is None else _columns(*recording.table)
     if row.outcome != "completed" and not (columns and columns["clock"][-1] >= trajectory.duration_s):

@@ -89,7 +89,7 @@ def plan_document(plan: Plan, request: Mapping[str, Any], plan_id: str, created_
         "duration_s": trajectory.duration_s,
         **_passed(plan.problem, trajectory),
         **({} if plan.problem.starts_at_s is None else {"starts_at_s": plan.problem.starts_at_s}),
-        "flight": _flight(plan.problem, trajectory),
+        "flight": _flight(first_part(plan.problem), trajectory),
         "way_home": {"duration_s": plan.way_home.duration_s},
         "trajectory": _samples(cell, trajectory),
         "certificate": {
@@ -139,6 +139,11 @@ def _samples(cell: Cell, trajectory: Trajectory) -> dict[str, Any]:
     }
 
 
+def first_part(problem: ThrowProblem) -> ThrowProblem:
+    """Returns the motion as the gripper sees it that lets go first; itself where all is one gripper's."""
+    return problem.parts[0].problem if problem.parts else problem
+
+
 def _passed(problem: ThrowProblem, trajectory: Trajectory) -> dict[str, Any]:
     """Returns what a plan says of its release, null where passages without one are asked for, and of its passages."""
     release = None
@@ -154,13 +159,15 @@ def _passages(problem: ThrowProblem, trajectory: Trajectory) -> list[dict[str, A
     """Returns the passages with their states and their outputs' times, in their order."""
     edges = output_edges(problem.cell, problem.passages, trajectory)
     until = passed_until(problem.passages, trajectory)
+    flights = _flights(problem, trajectory)
     return [
         {
             "name": passage.name,
-            **_state(problem, trajectory, index, passage.releases),
+            **_state(problem.seen_at(number), trajectory, index, passage.releases),
             "end_index": end_index,
             "time_s": index / trajectory.sample_rate_hz,
-            "releases": passage.releases,
+            "releases": passage.gripper or passage.releases,
+            **flights.get(number, {}),
             "outputs": [
                 {
                     **edge.switch.as_document(),
@@ -172,8 +179,21 @@ def _passages(problem: ThrowProblem, trajectory: Trajectory) -> list[dict[str, A
                 if edge.switch is switch
             ],
         }
-        for passage, index, end_index in zip(problem.passages, trajectory.passed, until, strict=True)
+        for number, (passage, index, end_index) in enumerate(
+            zip(problem.passages, trajectory.passed, until, strict=True)
+        )
     ]
+
+
+def _flights(problem: ThrowProblem, trajectory: Trajectory) -> dict[int, dict[str, Any]]:
+    """Returns the flights of several objects by the numbers of their passages; none of a cell with one gripper."""
+    if not problem.cell.grippers or not problem.throws:
+        return {}
+    if not problem.parts:
+        number = next(i for i, each in enumerate(problem.passages) if each.releases) if problem.passages else -1
+        return {number: {"flight": _flight(problem, trajectory)}}
+    lets_go = [part for part in problem.parts if part.problem.throws]
+    return {part.release: {"flight": _flight(part.problem, part.of(trajectory))} for part in lets_go}
 
 
 def _state(problem: ThrowProblem, trajectory: Trajectory, k: int, lets_go: bool) -> dict[str, Any]:
@@ -278,7 +298,7 @@ def plan_from_document(document: Mapping[str, Any], cell: Cell) -> tuple[ThrowPr
     Raises:
         InvalidProblem: the request does not fit this cell, or the trajectory is malformed.
     """
-    cell = _as_the_flight_says(cell, document.get("flight") or {})
+    cell = _as_the_flight_says(cell, flight_of_own_gripper(document))
     problem = replace(problem_from_request(document["request"], cell), **_window(document))
     problem = aimed_problem(problem, aim_shift(document))
     try:
@@ -343,6 +363,18 @@ def aimed_problem(problem: ThrowProblem, shift: Array) -> ThrowProblem:
         return problem
     aim = replace(target, p_W=target.p_W + shift)
     return replace(problem.with_release(problem.release.with_target(aim)), aim_shift=problem.aim_shift + shift)
+
+
+def flight_of_own_gripper(document: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Returns the flight of what a plan's cell's own gripper lets go; empty where it is another one, or nothing.
+
+    Another one's object flies as the cell file says.
+    """
+    passages = document.get("passages", ())
+    flights = [each.get("flight") for each in passages if each["releases"] is True]
+    if any(isinstance(each["releases"], str) for each in passages):
+        return next(iter(flights), None) or {}
+    return document.get("flight") or {}
 
 
 def _as_the_flight_says(cell: Cell, flight: Mapping[str, Any]) -> Cell:

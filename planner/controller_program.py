@@ -75,12 +75,19 @@ class GripperEdge:
 
 @dataclass(frozen=True)
 class SwitchRow:
-    """A digital output that is switched with a row."""
+    """A digital output that is switched with a row.
+
+    Attributes:
+        row: that it is switched with.
+        output, index, level: kind and number of the output, and the level that it changes to.
+        held_until: of a gripper's, row before which a stop switches it back, as the object has not left; else -1.
+    """
 
     row: int
     output: str
     index: int
     level: bool
+    held_until: int = -1
 
     @property
     def line(self) -> tuple[str, int]:

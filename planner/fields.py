@@ -157,6 +157,23 @@ class Yes:
 
 
 @dataclass(frozen=True)
+class YesOr:
+    """True, or a text of at most so many characters that names something; or absent."""
+
+    most: int
+
+    def read(self, value: Any, path: str, errors: list[FieldError]) -> bool | str | None:
+        """Returns True, or the name."""
+        if value is True:
+            return True
+        if isinstance(value, str) and 0 < len(value) <= self.most:
+            return value
+        reason = f"may only be true or a name of at most {self.most} characters, or be left out; it is {shown(value)}"
+        errors.append(FieldError(path, reason))
+        return None
+
+
+@dataclass(frozen=True)
 class Whole:
     """A whole number within bounds."""
 

@@ -12,7 +12,7 @@ import numpy as np
 from planner.arrays import Array, read_only
 from planner.cell import Cell
 from planner.errors import FieldError
-from planner.fields import Choice, Field, Flag, Kinds, Number, Record, RecordList, Text, Vector, Whole, Yes, required
+from planner.fields import Choice, Field, Flag, Kinds, Number, Record, RecordList, Text, Vector, Whole, YesOr, required
 from planner.grippers import OUTPUTS
 from planner.releases import KINDS, POSE, JointRelease, PoseRelease, Release, SteadyLine, release_document
 from planner.trajectory import Trajectory
@@ -56,7 +56,8 @@ class Passage:
         name: that its request gives it.
         state: what is required of the state, as of a release; or the line.
         outputs: what switches about it.
-        releases: whether the object leaves the tool there.
+        releases: whether an object leaves the tool there.
+        gripper: name of the gripper that lets it go; empty: the cell's own.
         not_before_s: earliest time from the motion's start [s].
         at_s: time from the motion's start, rounded to a tick [s]; None: as soon as possible.
     """
@@ -67,6 +68,7 @@ class Passage:
     releases: bool = False
     not_before_s: float = 0.0
     at_s: float | None = None
+    gripper: str = ""
 
     @property
     def is_timed(self) -> bool:
@@ -100,13 +102,15 @@ class OutputEdge(NamedTuple):
         passage: number of its passage.
         switch: the output, and the level that it changes to.
         command_time_s: when the output is commanded: its delay and the arm's lag before the edge.
-        edge_time_s: when it is to change.
+        edge_time_s: when it is to change; of a gripper, when its object is to leave.
+        lets_go: whether it is a gripper's.
     """
 
     passage: int
     switch: OutputSwitch
     command_time_s: float
     edge_time_s: float
+    lets_go: bool = False
 
 
 SWITCH = Record(
@@ -145,7 +149,11 @@ PASSAGE = Record(
             "The state, of any kind of `release`. Give either a state or a line.",
         ),
         "line": Field(SteadyLine.record, "The straight line."),
-        "releases": Field(Yes(), "true: the object leaves the tool here; at one passage at most."),
+        "releases": Field(
+            YesOr(NAME_MAX),
+            "true: the object leaves the tool here. A name: it leaves that one of the cell's `[grippers]`, and the "
+            "state is one of its tool centre point. Each gripper lets go at one passage at most.",
+        ),
         "outputs": Field(RecordList(SWITCH, 0, OUTPUTS_MAX), "What switches about it; absent: nothing."),
         "at_s": Field(
             Number(above=0.0, most=TIME_MAX_S),
@@ -188,12 +196,19 @@ def passages_from_json(given: Sequence[Mapping[str, Any]], X_WR: Array) -> tuple
             name=each["name"],
             state=_state_from_json(each, X_WR),
             outputs=tuple(OutputSwitch(**switch) for switch in each.get("outputs", ())),
-            releases=each.get("releases", False),
+            releases="releases" in each,
+            gripper=gripper_named(each),
             not_before_s=each.get("not_before_s", 0.0),
             at_s=each.get("at_s"),
         )
         for each in given
     )
+
+
+def gripper_named(passage: Mapping[str, Any]) -> str:
+    """Returns the name of the gripper that a passage of a request lets go of; empty: the cell's own, or none."""
+    releases = passage.get("releases")
+    return releases if isinstance(releases, str) else ""
 
 
 def _state_from_json(given: Mapping[str, Any], X_WR: Array) -> Release:
@@ -209,7 +224,7 @@ def passage_document(passage: Passage) -> dict[str, Any]:
     stated = {"line": state.to_json()} if isinstance(state, SteadyLine) else {"state": release_document(state)}
     document: dict[str, Any] = {"name": passage.name, **stated}
     if passage.releases:
-        document["releases"] = True
+        document["releases"] = passage.gripper or True
     if passage.at_s is not None:
         document["at_s"] = passage.at_s
     if passage.not_before_s > 0.0:
@@ -243,8 +258,13 @@ def end_document(end: Release | None) -> dict[str, Any]:
 
 
 def main_state(passages: Sequence[Passage]) -> Release:
-    """Returns the state at which the object leaves; without one, that of the last passage."""
+    """Returns the state at which an object leaves, the first; without one, that of the last passage."""
     return next((each.state for each in passages if each.releases), passages[-1].state)
+
+
+def first_gripper(passages: Sequence[Passage]) -> str:
+    """Returns the name of the gripper that lets go first; empty: the cell's own, or none."""
+    return next((each.gripper for each in passages if each.releases), "")
 
 
 def with_main_state(passages: Sequence[Passage], state: Release) -> tuple[Passage, ...]:
@@ -268,7 +288,6 @@ def passage_errors(passages: Sequence[Passage], cell: Cell) -> list[FieldError]:
     """Returns every field of a request's passages that contradicts another one or the cell."""
     errors = []
     names = [each.name for each in passages]
-    releasing = [i for i, each in enumerate(passages) if each.releases]
     for i, each in enumerate(passages):
         path = f"passages[{i}]"
         if each.name in names[:i]:
@@ -278,14 +297,31 @@ def passage_errors(passages: Sequence[Passage], cell: Cell) -> list[FieldError]:
             errors.append(FieldError(f"{path}.state.kind", reason))
         if each.releases and each.state.is_at_rest:
             errors.append(FieldError(f"{path}.state", "is at rest: nothing is thrown from there"))
-        if each.releases and i != releasing[0]:
-            errors.append(FieldError(f"{path}.releases", f"{names[releasing[0]]!r} lets the object go already"))
+        if reason := _wrong_gripper(passages, i, cell):
+            errors.append(FieldError(f"{path}.releases", reason))
         if each.at_s is not None and each.not_before_s > 0.0:
             errors.append(FieldError(f"{path}.not_before_s", "give either at_s or not_before_s"))
-        for error in each.state.errors(cell):
+        of = cell.seen_from(each.gripper) if each.gripper in cell.grippers else cell
+        for error in each.state.errors(of):
             errors.append(FieldError(error.field.replace("release.", f"{path}.state.", 1), error.reason))
         errors += _output_errors(each, f"{path}.outputs", cell)
     return errors
+
+
+def _wrong_gripper(passages: Sequence[Passage], number: int, cell: Cell) -> str:
+    """Returns why a passage cannot let go of an object; empty where it can, or lets none go."""
+    asked = passages[number]
+    if not asked.releases:
+        return ""
+    if asked.gripper and asked.gripper not in cell.grippers:
+        names = ", ".join(name for name in cell.grippers if name) or "none besides [gripper]"
+        return f"{asked.gripper!r} is no gripper of the cell: there are {names}"
+    same = (each.name for each in passages[:number] if each.releases and each.gripper == asked.gripper)
+    before = next(same, None)
+    if before is None:
+        return ""
+    several = "; a cell with [grippers] has more objects to let go" if not cell.grippers else ""
+    return f"{before!r} lets the object go already{several}"
 
 
 def _output_errors(passage: Passage, path: str, cell: Cell) -> list[FieldError]:
@@ -293,11 +329,12 @@ def _output_errors(passage: Passage, path: str, cell: Cell) -> list[FieldError]:
     errors = []
     outputs = passage.outputs
     length = passage.state.length_m if isinstance(passage.state, SteadyLine) else None
-    gripper = cell.gripper
     tick_s = 1.0 / cell.robot.sample_rate_hz
-    own = [] if gripper.link is not None else [(gripper.output, gripper.index)]
-    if gripper.second is not None:
-        own.append((gripper.second.output, gripper.second.index))
+    own = []
+    for gripper in (cell.gripper, *(each.gripper for each in cell.grippers.values())):
+        own += [] if gripper.link is not None else [(gripper.output, gripper.index)]
+        if gripper.second is not None:
+            own.append((gripper.second.output, gripper.second.index))
     for i, each in enumerate(outputs):
         line = (each.output, each.index)
         if each.index >= OUTPUTS[each.output]:
@@ -333,11 +370,20 @@ def crowded_edges(edges: Sequence[OutputEdge], tick_s: float) -> tuple[OutputEdg
 
 
 def output_edges(cell: Cell, passages: Sequence[Passage], trajectory: Trajectory) -> list[OutputEdge]:
-    """Returns the edges of a motion's outputs in the order of their commands."""
+    """Returns the edges of a motion's outputs in the order of their commands.
+
+    Of several grippers the one that lets go first is not among them: the tick grid is laid through its command.
+    """
     edges = []
+    lets_go = [number for number, passage in enumerate(passages) if passage.releases]
     for number, passage in enumerate(passages):
+        passed_s = trajectory.passed[number] / trajectory.sample_rate_hz
         for switch in passage.outputs:
-            edge_s = trajectory.passed[number] / trajectory.sample_rate_hz + passage.offset_s(switch)
+            edge_s = passed_s + passage.offset_s(switch)
             command_s = edge_s - cell.digital_output(switch.output, switch.index).delay_s - cell.timing.lag_s
             edges.append(OutputEdge(number, switch, command_s, edge_s))
+        if number in lets_go[1:]:
+            gripper = cell.seen_from(passage.gripper).gripper
+            switch = OutputSwitch(gripper.output, gripper.index, gripper.open_level)
+            edges.append(OutputEdge(number, switch, passed_s - gripper.delay_s - cell.timing.lag_s, passed_s, True))
     return sorted(edges, key=lambda edge: edge.command_time_s)

@@ -25,10 +25,11 @@ from planner.geometry import (
     point_segment_distance,
     segment_shape_distance,
 )
-from planner.passages import Passage, passage_errors, with_main_state
+from planner.passages import NOT_YET, Passage, first_gripper, passage_errors, with_main_state
 from planner.releases import JointRelease, Opening, PointRelease, PoseRelease, Release, Target, TargetRelease
 from planner.rotations import pose, rotation_vector_to_matrix, unit_hint
 from planner.touchdown import Leaving, Touchdowns
+from planner.trajectory import Trajectory
 
 __all__ = [
     "BACKENDS",
@@ -39,6 +40,7 @@ __all__ = [
     "PointRelease",
     "PoseRelease",
     "Release",
+    "ReleasePart",
     "TargetRelease",
     "ThrowProblem",
 ]
@@ -60,11 +62,32 @@ BINS_KEPT = 32  # [-] cells with a bin of late
 
 
 @dataclass(frozen=True, eq=False)
+class ReleasePart:
+    """A motion of several grippers as one of them sees it.
+
+    Attributes:
+        problem: the whole motion, of which the gripper's own passages are judged, and no other gripper lets go: what
+            later ones hold is carried to the end, what earlier ones held is gone from the beginning.
+        numbers: of its passages among those of the motion.
+        release: number of the passage at which it lets go, or of its last one.
+    """
+
+    problem: ThrowProblem
+    numbers: tuple[int, ...]
+    release: int
+
+    def of(self, trajectory: Trajectory) -> Trajectory:
+        """Returns a motion with the samples of this part's release and passages."""
+        passed = tuple(trajectory.passed[number] for number in self.numbers)
+        return replace(trajectory, release_index=trajectory.passed[self.release], passage_indices=passed)
+
+
+@dataclass(frozen=True, eq=False)
 class ThrowProblem:
     """One planning problem.
 
     Attributes:
-        cell: the robot station.
+        cell: the robot station; of a tool with several grippers, as the one sees it that lets go first.
         start: joint positions (6,) [rad].
         start_qd, start_qdd: joint velocities (6,) [rad/s] and accelerations (6,) [rad/s^2] there; zero: at rest.
         release: what is required of the release, see `planner.releases`. With `passages`, the state of the one that
@@ -81,6 +104,8 @@ class ThrowProblem:
         end: state at rest in which the motion ends; None: anywhere.
         starts_not_before_s: earliest start, where the target moves [s, controller's clock].
         starts_at_s: the start of a plan to such a target, None before there is one [s, controller's clock].
+        command_off_s: by how much the gripper's command may be off its instant: half a tick where the tick grid is laid
+            through that of another one [s].
 
     Raises:
         InvalidProblem: every field that contradicts another field or the cell.
@@ -102,11 +127,15 @@ class ThrowProblem:
     start_qdd: Array = field(default_factory=lambda: np.zeros(6))
     starts_not_before_s: float | None = None
     starts_at_s: float | None = None
+    command_off_s: float = 0.0
 
     def __post_init__(self) -> None:
+        first = first_gripper(self.passages)
+        if first != self.cell.mounted and first in self.cell.grippers and self.throws:
+            object.__setattr__(self, "cell", self.cell.seen_from(first))
         errors = [*_limit_errors(self.limits, self.cell), *_start_errors(*self.start_state, self.limits)]
         errors += passage_errors(self.passages, self.cell) if self.passages else self.release.errors(self.cell)
-        errors += self._errors_of_moving_target()
+        errors += [*self._errors_of_moving_target(), *self._errors_of_several()]
         if self.backend not in BACKENDS:
             errors.append(FieldError("backend", f"{self.backend!r} is not one of {', '.join(BACKENDS)}"))
         elif self.is_chain and self.backend not in CHAIN_BACKENDS:
@@ -131,6 +160,21 @@ class ThrowProblem:
         if not self.starts_at_rest:
             errors.append(FieldError("start", "is in motion: it cannot wait for a target that moves"))
         return errors + self._errors_of_uncertain_target()
+
+    def _errors_of_several(self) -> list[FieldError]:
+        """Returns what is not supported of a motion in which another gripper than the cell's own lets go."""
+        if not self.names_gripper:
+            return []
+        errors = []
+        for number, each in enumerate(self.passages):
+            target = each.state.target
+            if target is not None and target.moves:
+                reason = f"a target that moves {NOT_YET} for a motion in which one of `[grippers]` lets go"
+                errors.append(FieldError(f"passages[{number}].state.velocity", reason))
+            if target is not None and target.opening is not None:
+                reason = f"a bin {NOT_YET} for a motion in which one of `[grippers]` lets go: state its place alone"
+                errors.append(FieldError(f"passages[{number}].state.opening", reason))
+        return errors
 
     def _errors_of_uncertain_target(self) -> list[FieldError]:
         """Returns the refusal of a target that may be elsewhere: three standard deviations are more than a hit's room.
@@ -157,6 +201,11 @@ class ThrowProblem:
         """The target, if it moves."""
         target = self.target
         return target if target is not None and target.moves else None
+
+    @property
+    def names_gripper(self) -> bool:
+        """Whether another gripper than the cell's own lets go."""
+        return any(each.gripper for each in self.passages)
 
     @property
     def start_slack_m(self) -> float:
@@ -240,6 +289,59 @@ class ThrowProblem:
         passages = with_main_state(self.passages, release) if self.passages else ()
         return replace(self, release=release, passages=passages)
 
+    @cached_property
+    def parts(self) -> tuple[ReleasePart, ...]:
+        """The motion as each gripper sees it that lets go, or has passages, in the order in which they let go.
+
+        Empty where all is one gripper's. A passage that lets nothing go is one of the cell's own.
+        """
+        owners = [self._owner(number) for number in range(len(self.passages))]
+        if len(set(owners)) < 2:
+            return ()
+        releasing = [number for number, each in enumerate(self.passages) if each.releases]
+        found = [self._part(owners, number, is_first=number == releasing[0]) for number in releasing]
+        if "" in owners and "" not in [owners[number] for number in releasing]:
+            found.append(self._part(owners, max(i for i, owner in enumerate(owners) if not owner), is_first=False))
+        return tuple(found)
+
+    def _owner(self, number: int) -> str:
+        """Returns the name of the gripper whose tool centre point has a passage's state."""
+        return self.passages[number].gripper if self.passages[number].releases else ""
+
+    def _part(self, owners: list[str], number: int, is_first: bool) -> ReleasePart:
+        """Returns the part of the owner of a passage, which lets go there, if it does."""
+        asked = self.passages[number]
+        own = tuple(i for i, owner in enumerate(owners) if owner == owners[number])
+        gone = [each.gripper for each in self.passages[:number] if each.releases and asked.releases]
+        off_s = 0.0 if is_first else 0.5 * self.dt
+        window_s = self.release_window_s + off_s if self.release_window_s > 0.0 else 0.0
+        problem = replace(
+            self,
+            cell=self.cell.seen_from(owners[number], gone),
+            release=asked.state,
+            passages=tuple(self.passages[i] for i in own),
+            end=self.end if is_first else None,
+            release_window_s=window_s,
+            command_off_s=off_s,
+        )
+        return ReleasePart(problem, own, number)
+
+    def seen_at(self, number: int) -> ThrowProblem:
+        """Returns the motion as the gripper sees it whose tool centre point has a passage's state; the end's: itself.
+
+        Args:
+            number: of the passage; that of the end follows the last.
+        """
+        return next((part.problem for part in self.parts if number in part.numbers), self)
+
+    def alone(self, number: int) -> ThrowProblem:
+        """Returns the problem of a passage, or of the end, by itself; numbers are as of `seen_at`."""
+        is_end = number == len(self.passages)
+        state = self.end if is_end else self.passages[number].state
+        assert state is not None
+        releases = not is_end and self.passages[number].releases
+        return self.seen_at(number).through(state, releases, self.is_thrown_before(number))
+
     def through(self, state: Release, releases: bool, is_thrown: bool) -> ThrowProblem:
         """Returns the problem of passing one state alone.
 
@@ -248,13 +350,14 @@ class ThrowProblem:
             releases: whether the object leaves there.
             is_thrown: whether it left before.
         """
-        alone = (Passage("", state, releases=releases),)
+        alone = (Passage("", state, releases=releases, gripper=self.cell.mounted if releases else ""),)
         holds = self.holds_object and not is_thrown
         return replace(self, release=state, passages=alone, end=None, holds_object=holds)
 
     def is_thrown_before(self, number: int) -> bool:
-        """Returns whether the object has left before a passage, by its number; that of the end follows the last."""
-        return any(each.releases for each in self.passages[:number])
+        """Returns whether the object of its gripper has left before a passage; numbers are as of `seen_at`."""
+        own = self.cell.mounted if number == len(self.passages) else self._owner(number)
+        return any(each.releases and each.gripper == own for each in self.passages[:number])
 
     @property
     def fixes_joints(self) -> bool:
@@ -432,7 +535,7 @@ class ThrowProblem:
         """
         if not self.throws or not self.holds_object:
             return 0.0
-        return max(self.planned_window_s, JITTER_DEVIATIONS * self.cell.gripper.jitter_s)
+        return max(self.planned_window_s, JITTER_DEVIATIONS * self.cell.gripper.jitter_s + self.command_off_s)
 
 
 @lru_cache(maxsize=BINS_KEPT)

@@ -8,7 +8,7 @@ together.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -20,10 +20,12 @@ from planner.errors import FieldError, InvalidProblem, figures
 from planner.fields import Choice, Field, Kinds, Number, PerJoint, Record, Text, Vector, Yes
 from planner.passages import (
     END,
+    NOT_YET,
     PASSAGES,
     TIME_MAX_S,
     end_document,
     end_from_json,
+    gripper_named,
     main_state,
     passage_document,
     passages_from_json,
@@ -72,7 +74,7 @@ def _check_start(given: dict[str, Any], path: str, errors: list[FieldError]) -> 
 
 
 def _check_motion(given: dict[str, Any], path: str, errors: list[FieldError]) -> None:
-    """Refuses a motion that is not stated in one way, and odds of one that aims at nothing."""
+    """Refuses a motion that is not stated in one way, and odds that it cannot have."""
     prefix = f"{path}." if path else ""
     if "passages" not in given:
         if "release" not in given:
@@ -87,7 +89,15 @@ def _check_motion(given: dict[str, Any], path: str, errors: list[FieldError]) ->
         if isinstance(passage.get("state", {}).get("position"), dict):
             reason = "a tracked target is for a release alone: give its position, velocity and observed_at_s as numbers"
             errors.append(FieldError(f"{prefix}passages[{i}].state.position", reason))
+    _check_odds(given, prefix, errors)
+
+
+def _check_odds(given: dict[str, Any], prefix: str, errors: list[FieldError]) -> None:
+    """Refuses odds of a motion that aims at nothing, or of one whose odds nobody knows."""
     asked = given.get("min_hit_probability", 0.0)
+    if asked > 0.0 and any(gripper_named(each) for each in given.get("passages", ())):
+        reason = f"{asked:g}: nobody knows the odds of a motion in which one of `[grippers]` lets go"
+        errors.append(FieldError(f"{prefix}min_hit_probability", reason))
     states = [given["release"]] if "release" in given else [each.get("state") for each in given["passages"]]
     if asked > 0.0 and not any(KINDS[state["kind"]].aims for state in states if state):
         aiming = " or ".join(name for name, kind in KINDS.items() if kind.aims)
@@ -224,6 +234,7 @@ def problem_from_request(request: Mapping[str, Any], cell: Cell) -> ThrowProblem
     asked = PLAN_REQUEST.read(request, "", errors)
     limits = _limits(asked, cell.limits, errors)
     start = asked.get("start", {})
+    errors += _grippers_in_motion(asked, start)
     if "current" in start:
         errors.append(FieldError("start.current", "needs a service with an executor; give positions"))
     if "execution" in start and "positions" not in start:
@@ -240,7 +251,8 @@ def problem_from_request(request: Mapping[str, Any], cell: Cell) -> ThrowProblem
         release = KINDS[asked["release"]["kind"]].from_json(asked["release"], X_WR)
     if "starts_not_before_s" in asked and (release.target is None or not release.target.moves):
         raise InvalidProblem([FieldError("starts_not_before_s", "is for a target that moves")])
-    window_s, tolerance_m = _window(asked, release, cell)
+    lets_go = [(each.state, cell.seen_from(each.gripper)) for each in passages if each.releases]
+    window_s, tolerance_m = _windows(asked, lets_go or [(release, cell)])
     return ThrowProblem(
         cell=cell,
         start=read_only(start["positions"]) if start else cell.home,
@@ -256,6 +268,15 @@ def problem_from_request(request: Mapping[str, Any], cell: Cell) -> ThrowProblem
         passages=passages,
         end=end_from_json(asked["end"], cell.home, X_WR) if "end" in asked else None,
     )
+
+
+def _grippers_in_motion(asked: Mapping[str, Any], start: Mapping[str, Any]) -> list[FieldError]:
+    """Returns the refusal of grippers that are named beside a start in motion."""
+    if not any((*start.get("velocities", ()), *start.get("accelerations", ()))):
+        return []
+    named = [number for number, each in enumerate(asked.get("passages", ())) if gripper_named(each)]
+    reason = f"names a gripper, which {NOT_YET} for a start in motion"
+    return [FieldError(f"passages[{number}].releases", reason) for number in named]
 
 
 def request_document(problem: ThrowProblem, release: Release) -> dict[str, Any]:
@@ -285,6 +306,20 @@ def _start_document(problem: ThrowProblem) -> dict[str, Any]:
     if problem.starts_at_rest:
         return start
     return {**start, "velocities": problem.start_qd.tolist(), "accelerations": problem.start_qdd.tolist()}
+
+
+def _windows(asked: Mapping[str, Any], lets_go: Sequence[tuple[Release, Cell]]) -> tuple[float, float]:
+    """Returns release window [s] and landing tolerance [m] of all releases: the longest, and the tightest of any.
+
+    Args:
+        asked: the request.
+        lets_go: releases, each with the cell as its gripper sees it.
+
+    Raises:
+        InvalidProblem: as of `_window`.
+    """
+    windows = [_window(asked, *each) for each in lets_go]
+    return max(each for each, _ in windows), min((each for _, each in windows if each > 0.0), default=0.0)
 
 
 def _window(asked: Mapping[str, Any], release: Release, cell: Cell) -> tuple[float, float]:

@@ -85,8 +85,11 @@ def sample_rows(
     reference_q, reference_qd, _ = trajectory.at(clock - lag)
     release_row = round((trajectory.release_time_s - first) / dt)
     output_row = round((opens - first) / dt) if throws else -1
-    lines = [(edge.switch.output, edge.switch.index, edge.switch.level) for edge in edges]
-    switches = [SwitchRow(round((at_s - first) / dt), *line) for at_s, line in zip(told, lines, strict=True)]
+    switches = []
+    for edge, at_s in zip(edges, told, strict=True):
+        until = math.ceil((edge.edge_time_s - first + lag) / dt) if edge.lets_go else -1
+        line = (edge.switch.output, edge.switch.index, edge.switch.level)
+        switches.append(SwitchRow(round((at_s - first) / dt), *line, held_until=until))
     return StreamRows(first, q, qd, qdd, reference_q, reference_qd, release_row, output_row, _one_a_row(switches))
 
 
@@ -100,9 +103,11 @@ def controller_program(cell: Cell, rows: StreamRows, brakes: Brakes, thinned: bo
         thinned: leave rows out, and ramp from one to the next, where a program does not hold all: an approach.
 
     Raises:
-        NoProgram: there are too many rows, or more than one output opens the gripper.
+        NoProgram: there are too many rows, more than one output opens the gripper, or several grippers open.
     """
     gripper = cell.gripper
+    if any(switch.held_until >= 0 for switch in rows.switches):
+        raise NoProgram("mode: a program lets go of one object, and this motion of several: use speedj or servoj")
     if rows.output_row >= 0 and (gripper.link is not None or gripper.second is not None):
         how = "more than one output" if gripper.link is None else "no output of the controller"
         raise NoProgram(f"a program opens grippers of one output; gripper.kind {gripper.kind!r} has {how}: use speedj")

@@ -89,6 +89,7 @@ def hidden_state(simulation: Simulation) -> Document:
         "gripper_open": gripper.open,
         "gripper_holds": gripper.holds,
         "gripper_stuck": gripper.stuck,
+        "grippers_hold": {name: each.holds for name, each in workcell.grippers.items() if name},
     }
 
 
@@ -147,11 +148,12 @@ def expect_throw(simulation: Simulation, request: Document) -> Document:
     world = simulation.controller.workcell.world
     try:
         height_m = float(request.get("landing_z_m", world.usual_landing_z_m))
+        of_each = {str(name): float(z_m) for name, z_m in dict(request.get("landing_z_m_of", {})).items()}
     except (TypeError, ValueError, OverflowError) as error:
         raise BadRequest("landing_z_m must be a number [m]") from error
-    if not math.isfinite(height_m):
+    if not all(map(math.isfinite, (height_m, *of_each.values()))):
         raise BadRequest("landing_z_m must be finite")
-    return {"throw": world.expect_throw(height_m)}
+    return {"throw": world.expect_throw(height_m, of_each)}
 
 
 def place_bin(simulation: Simulation, request: Document | None) -> None:

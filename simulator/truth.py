@@ -38,6 +38,7 @@ GRIPPER_BOUNDS = {
     "jitter_s": (0.0, 0.5),
     "drift_s_per_throw": (-0.01, 0.01),
 }
+FURTHER_BOUNDS = {key: GRIPPER_BOUNDS[key] for key in ("delay_s", "jitter_s")}
 OUTPUT_BOUNDS = {"delay_s": (0.0, 1.0), "jitter_s": (0.0, 0.1)}
 RELEASE_BOUNDS = {"speed_factor": (0.0, 1.5), "cling_share": (0.0, 1.0), "cling_speed_factor": (0.0, 1.5)}
 CAMERA_BOUNDS = {"std_m": (0.0, 1.0), "outlier_share": (0.0, 1.0), "outlier_std_m": (0.0, 10.0)}
@@ -213,6 +214,7 @@ class Truth:
         seed: of all random numbers.
         timing, gripper, release, arm, camera: its parts.
         outputs: of the cell's `[outputs]`, by name.
+        grippers: of the cell's `[grippers]`, by name.
         drag_coefficient: of the object [-].
         mass_kg: of the object [kg].
         belt: that carries the bins; None: they are where they are announced, and move as that says.
@@ -229,6 +231,7 @@ class Truth:
     arm: ArmDeviation
     camera: CameraNoise
     outputs: Mapping[str, OutputTiming]
+    grippers: Mapping[str, GripperOpening]
     belt: BeltMotion | None = None
     feed: ObjectFeed | None = None
     hidden: bool = False
@@ -273,6 +276,11 @@ def _defaults(cell: Cell) -> dict[str, Any]:
             "jitter_shape": "gaussian",
             "drift_s_per_throw": 0.0,
         },
+        "grippers": {
+            name: {"delay_s": each.gripper.delay_s, "jitter_s": each.gripper.jitter_s}
+            for name, each in cell.grippers.items()
+            if name
+        },
         "release": {"speed_factor": 1.0, "cling_share": 0.0, "cling_speed_factor": 1.0},
         "object": {"drag_coefficient": cell.object.drag_coefficient, "mass_kg": cell.object.mass_kg},
         "arm": {
@@ -306,6 +314,10 @@ def _truth(document: Mapping[str, Any], cell: Cell, hidden: bool) -> Truth:
         arm=_arm(document["arm"]),
         camera=CameraNoise(**_numbers(document["camera"], "camera.", CAMERA_BOUNDS)),
         outputs=_outputs(document["outputs"], cell, timing),
+        grippers={
+            name: GripperOpening(**_numbers(table, f"grippers.{name}.", FURTHER_BOUNDS))
+            for name, table in document["grippers"].items()
+        },
         belt=_belt(document["belt"]),
         feed=_feed(document["feeder"], cell.object.radius_m),
         hidden=hidden,

@@ -269,6 +269,8 @@ def _not_covered(
     may_move = any(release.get("velocity") or []) or release.get("uncertainty") is not None
     if may_move and release.get("kind") == "target":
         found |= dict.fromkeys((*OF_FLIGHT, "keep_out"), "a target that moves")
+    if cell.grippers:
+        found |= dict.fromkeys((*OF_FLIGHT, *OF_OBJECT), "a tool with several grippers")
     if isinstance(cell.object, ThrownBody) and release and not _is_at_rest(release):
         found |= dict.fromkeys(OF_FLIGHT, "the flight of a body that is no ball")
     return found

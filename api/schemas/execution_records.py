@@ -60,6 +60,19 @@ class GripCheck(BaseModel):
     by: Literal["input", "gripper"] = Field(description="What showed it: `gripper.grip_input`, or the gripper itself.")
 
 
+class FurtherRelease(BaseModel):
+    """What became of an object that another gripper let go than the first; times are on the plan's clock."""
+
+    gripper: str | None = Field(description="Its name in `[grippers]`; null: the cell's `[gripper]`.")
+    passage: str
+    commanded_s: float | None = Field(description="When its output was sent; null: never [s].")
+    opened_s: float | None = Field(description="When the object left; simulated cells [s].")
+    opened_late_s: float | None = Field(description="That less the planned release [s].")
+    landing_point: Vector3 | None = Field(description="Where the object landed; simulated cells [m].")
+    landing_error_m: float | None = Field(description="Distance from the planned landing point [m].")
+    landed_on: str | None = Field(description="What it landed on; simulated cells.")
+
+
 class ExecutionMetrics(BaseModel):
     """What was measured in one run; null where this run or this cell has no value."""
 
@@ -98,6 +111,9 @@ class ExecutionMetrics(BaseModel):
         None, description="Distance from the planned landing point, as a target that moves carries it [m]."
     )
     landed_on: str | None = Field(None, description="What the object landed on; simulated cells.")
+    grippers: list[FurtherRelease] | None = Field(
+        None, description="Of a motion in which several grippers let go: all but the first, whose is the above."
+    )
 
 
 class ReplacementAnswer(BaseModel):

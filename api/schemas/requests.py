@@ -27,6 +27,7 @@ from planner.fields import (
     VectorOr,
     Whole,
     Yes,
+    YesOr,
 )
 from planner.fields import Number as NumberShape
 from planner.request import PLAN_REQUEST, RETARGET_REQUEST, read_request
@@ -55,12 +56,19 @@ def _type_of(shape: Shape) -> Any:
             return model_of(shape)
         case RecordList(record, least, most):
             return Annotated[list[model_of(record)], Field(min_length=least, max_length=most)]
+    return _type_of_words(shape)
+
+
+def _type_of_words(shape: Shape) -> Any:
+    match shape:
         case Choice(values):
             return Literal[tuple(values)]
         case Text(most):
             return Annotated[str, Field(max_length=most)]
         case Yes():
             return Literal[True]
+        case YesOr(most):
+            return Literal[True] | Annotated[str, Field(min_length=1, max_length=most)]
         case Flag():
             return bool
     return _type_of_numbers(shape)

@@ -51,16 +51,6 @@ class OutputTimes(BaseModel):
     edge_time_s: float = Field(description="When it changes [s].")
 
 
-class PassageAnswer(ReleaseState):
-    """A state that the motion passes, or that at a line's start; `command_time_s` is null where nothing is let go."""
-
-    name: str
-    end_index: int = Field(description="Sample at which the passage ends: that of a line's end; of a state, `index`.")
-    time_s: float = Field(description="[s]")
-    releases: bool = Field(description="Whether the object leaves the tool here.")
-    outputs: list[OutputTimes]
-
-
 class WindowEntry(BaseModel):
     """Landing error of an early or late release."""
 
@@ -102,6 +92,21 @@ class FlightAnswer(BaseModel):
     release_window_s: float = Field(description="Half width of the release window; 0: only the nominal release [s].")
     landing_tolerance_m: float = Field(description="Landing error allowed in the window [m].")
     window: list[WindowEntry]
+
+
+class PassageAnswer(ReleaseState):
+    """A state that the motion passes, or that at a line's start; `command_time_s` is null where nothing is let go."""
+
+    name: str
+    end_index: int = Field(description="Sample at which the passage ends: that of a line's end; of a state, `index`.")
+    time_s: float = Field(description="[s]")
+    releases: bool | str = Field(
+        description="Whether an object leaves the tool here; of one of `[grippers]`, its name."
+    )
+    flight: FlightAnswer | None = Field(
+        None, description="Of the object that leaves here; absent for a cell without `[grippers]`."
+    )
+    outputs: list[OutputTimes]
 
 
 class TrajectoryAnswer(BaseModel):

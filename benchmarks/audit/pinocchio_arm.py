@@ -18,7 +18,7 @@ Vector = NDArray[np.float64]
 def arm_model(cell: Cell, with_object: bool) -> pin.Model:
     """Returns the Pinocchio model of a cell's arm, with tool and (optionally) object on the flange.
 
-    The tool and a ball as point masses, an object that is no ball with its inertia.
+    The tool and a ball as point masses, an object that is no ball with its inertia. What other grippers hold is on it.
     """
     model = pinocchio_arm(cell.robot.name, exact=True).copy()
     base = pin.SE3(cell.X_WB)
@@ -26,6 +26,8 @@ def arm_model(cell: Cell, with_object: bool) -> pin.Model:
     model.gravity.linear = np.array([0.0, 0.0, -cell.surroundings.gravity_m_s2])
     half_way = 0.5 * cell.tool.end_F
     model.appendBodyToJoint(6, pin.Inertia(cell.tool.mass_kg, half_way, np.zeros((3, 3))), pin.SE3.Identity())
+    for each in cell.carried:
+        model.appendBodyToJoint(6, pin.Inertia(each.mass_kg, each.p_F, np.zeros((3, 3))), pin.SE3.Identity())
     if with_object:
         thing = cell.object
         moments = np.diag(thing.inertia_kg_m2) if isinstance(thing, ThrownBody) else np.zeros((3, 3))

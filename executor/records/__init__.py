@@ -1,5 +1,6 @@
 """Records of an execution: telemetry, recording, metrics, landing, and the journal that keeps them."""
 
+from executor.records.further import further_releases, further_words
 from executor.records.journal import MIN_FREE_BYTES, ExecutionResult, Journal, JournalLocked
 from executor.records.landing import Landing, ObservedLanding, expect_throw, wait_for_landing
 from executor.records.metrics import metrics, release_verdict, timing_advice, without_motion
@@ -18,6 +19,8 @@ __all__ = [
     "Telemetry",
     "arm_timing",
     "expect_throw",
+    "further_releases",
+    "further_words",
     "metrics",
     "release_verdict",
     "row_document",

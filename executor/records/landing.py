@@ -68,16 +68,19 @@ def expect_throw(host: str, problem: ThrowProblem) -> int:
         simulator_client.request(host, "place_bin", **bin)
     else:
         simulator_client.request(host, "remove_bin")
-    return int(simulator_client.request(host, "expect_throw", landing_z_m=float(problem.plane_z))["throw"])
+    own = {part.problem.cell.mounted: float(part.problem.plane_z) for part in problem.parts if part.problem.throws}
+    of_each = {"landing_z_m_of": own} if own else {}
+    return int(simulator_client.request(host, "expect_throw", landing_z_m=float(problem.plane_z), **of_each)["throw"])
 
 
-def wait_for_landing(host: str, throw: int, flight_s: float) -> Landing | None:
+def wait_for_landing(host: str, throw: int, flight_s: float, gripper: str = "") -> Landing | None:
     """Waits for the landing of a throw's object; returns None where none left.
 
     Args:
         host: address of the simulated controller.
         throw: number of the throw.
         flight_s: planned flight time [s].
+        gripper: that lets go of the object, by its name.
 
     Raises:
         OSError, ValueError: the simulator does not answer.
@@ -86,7 +89,7 @@ def wait_for_landing(host: str, throw: int, flight_s: float) -> Landing | None:
     while True:
         world = simulator_client.request(host, "world")
         end = world["t"] + flight_s + SLACK_S if end is None else end
-        release, landing, observation = (_first(world.get(name), throw) for name in KINDS)
+        release, landing, observation = (_first(world.get(name), throw, gripper) for name in KINDS)
         if release is None and not world["hidden"]:
             return None
         if observation is not None or world["t"] > end:
@@ -94,8 +97,9 @@ def wait_for_landing(host: str, throw: int, flight_s: float) -> Landing | None:
         time.sleep(POLL_S)
 
 
-def _first(records: list[Record] | None, throw: int) -> Record | None:
-    return next((record for record in records or () if record["throw"] == throw), None)
+def _first(records: list[Record] | None, throw: int, gripper: str) -> Record | None:
+    own = (record for record in records or () if record["throw"] == throw and record.get("gripper", "") == gripper)
+    return next(own, None)
 
 
 def _landing(release: Record | None, landing: Record | None, observation: Record | None) -> Landing:

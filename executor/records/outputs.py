@@ -28,7 +28,7 @@ def switched_outputs(problem: ThrowProblem, trajectory: Trajectory, result: RunR
 
     Times are on the plan's clock [s]. An edge is seen with the first state that has the new level; it happened after
     the state before that one. It is None for an output that had that level before, or was never seen to change. What a
-    stop switched follows, of no passage.
+    stop switched follows, of no passage. The edge of a gripper is that of its output, one delay before the release.
     """
     cell = problem.cell
     edges = output_edges(problem.cell, problem.passages, trajectory)
@@ -38,7 +38,8 @@ def switched_outputs(problem: ThrowProblem, trajectory: Trajectory, result: RunR
         until_s = _until_s(edge, edges[number + 1 :], result.switched_s[number + 1 :], problem.dt)
         each = _record(cell, problem.passages[edge.passage].name, edge.switch, sent_s, until_s, telemetry)
         seen_s = each["edge_time_s"]
-        found.append(each | {"edge_late_s": None if seen_s is None else seen_s - edge.edge_time_s})
+        planned_s = edge.command_time_s + cell.timing.lag_s if edge.lets_go else edge.edge_time_s
+        found.append(each | {"edge_late_s": None if seen_s is None else seen_s - planned_s})
     for level in result.stop_levels:
         found.append(_record(cell, None, level, result.stopped_s, math.inf, telemetry) | {"edge_late_s": None})
     return found

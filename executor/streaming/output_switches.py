@@ -70,6 +70,6 @@ class OutputSwitches:
         """Notes that a brake from a row ends the switching; returns what it switches."""
         if isnan(self._connection.memory.fields[STOPPED_S]):
             self._connection.memory.fields[STOPPED_S] = self._told_s(row)
-        levels = self._job.stop_levels(self._next)
+        levels = self._job.stop_levels(self._next, row=row)
         self._next = len(self._job.switches)
         return levels

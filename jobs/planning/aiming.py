@@ -33,7 +33,7 @@ def plan_aimed(problem: ThrowProblem, known: CellKnowledge | None, hints: Search
     until = time.perf_counter() + problem.time_limit_s
     found = plan(problem, hints)
     target = problem.target
-    if known is None or target is None:
+    if known is None or target is None or problem.names_gripper:
         return found
     best = found
     least = np.inf
@@ -69,7 +69,7 @@ def _plan_until(until: float, problem: ThrowProblem, hints: SearchHints) -> Plan
 
 
 def learnt_fields(problem: ThrowProblem, found: Plan, known: CellKnowledge, profile_id: str | None) -> dict[str, Any]:
-    """Returns what a plan's document says of profile, aim and odds.
+    """Returns what a plan's document says of profile, aim and odds; nobody knows those of several grippers.
 
     Args:
         problem: as requested.
@@ -80,7 +80,7 @@ def learnt_fields(problem: ThrowProblem, found: Plan, known: CellKnowledge, prof
     fields: dict[str, Any] = {"profile": profile_id, "aim": None, "hit_probability": None, "landing_ellipse": None}
     aimed = found.problem.target
     target = problem.target
-    if target is None or aimed is None:
+    if target is None or aimed is None or problem.names_gripper:
         return fields
     place = place_of_target(problem, found)
     if profile_id is not None:

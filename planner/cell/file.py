@@ -30,7 +30,15 @@ from planner.cell.fields import (
     tables,
     vector,
 )
-from planner.cell.gripper import GRIPPER, OUTPUT, gripper_of, outputs_of
+from planner.cell.gripper import (
+    FURTHER_GRIPPER,
+    GRIPPER,
+    OUTPUT,
+    TOOL_MAX_M,
+    further_grippers,
+    gripper_of,
+    outputs_of,
+)
 from planner.cell.keep_out import contacts, keep_in_shapes, keep_out_shapes, tool_shapes
 from planner.cell.model import (
     FARTHEST_M,
@@ -38,12 +46,15 @@ from planner.cell.model import (
     Cell,
     ControllerAddress,
     Limits,
+    MountedGripper,
     Safety,
     Sim,
     Surroundings,
     Timing,
     Tool,
     ToolCapsule,
+    balls,
+    carried_by,
 )
 from planner.cell.source import CellSource, calibration_name, read_source
 from planner.cell.thrown_object import OBJECT, object_of
@@ -90,6 +101,7 @@ DEFAULTS: dict[str, Any] = {
     },
     "object": OBJECT,
     "gripper": GRIPPER,
+    "grippers": TablesByName(FURTHER_GRIPPER),
     "outputs": TablesByName(OUTPUT),
     "safety": {
         "tool_speed_m_s": None,
@@ -124,7 +136,6 @@ SAFETY_MAX = {  # far above what a pendant takes; catches typing errors
     "stopping_time_s": 10.0,
     "stopping_distance_m": 10.0,
 }
-TOOL_MAX_M = 3.0  # [m] from the flange: no arm carries a longer tool, and most that are longer are in millimetres
 TOOL_RADIUS_MIN_M = 1e-3  # [m] a thinner tool is a line, and nothing is that thin
 
 
@@ -201,6 +212,14 @@ def _cell(document: dict[str, Any], source: CellSource) -> Cell:
     tool = _tool(document["tool"], p_TO, source.meshes)
     controller = _link(document["link"])
     gripper = gripper_of(document["gripper"], controller)
+    outputs = outputs_of(document["outputs"], document["timing"]["lag_s"], gripper.grip_input)
+    lines = [(each.output, each.index) for each in outputs.values()]
+    own = MountedGripper(gripper, tool.X_FT, thing)
+    grippers = further_grippers(document["grippers"], own, controller, lines)
+    if grippers and not tool.capsules:
+        raise CellError("tool.capsules", None, "are missing: nobody knows the shape of a tool with several grippers")
+    carried = carried_by(grippers, set(grippers) - {""})
+    tool = replace(tool, capsules=(*tool.capsules, *balls(carried)))
     X_WB = placement(document["base_in_world"], "position_m", "rotation_vector_rad", "base_in_world.", FARTHEST_M)
     return Cell(
         name=source.name,
@@ -214,11 +233,13 @@ def _cell(document: dict[str, Any], source: CellSource) -> Cell:
         surroundings=_surroundings(document["surroundings"], X_WB[:3, 3], source.meshes, arm, tool),
         object=thing,
         gripper=gripper,
+        grippers=grippers,
+        carried=carried,
         safety=safety,
         timing=Timing(number(document["timing"], "lag_s", "timing.", 0.0, 0.5)),
         link=controller,
         sim=_sim(document["sim"], arm),
-        outputs=outputs_of(document["outputs"], document["timing"]["lag_s"], gripper.grip_input),
+        outputs=outputs,
         document=document,
         meshes=source.meshes,
     )

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
+import re
 import urllib.parse
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
 from planner.arrays import Array, read_only
-from planner.cell.fields import choice, number, optional, vector
-from planner.cell.model import ControllerAddress, DigitalOutput, Gripper
+from planner.cell.fields import choice, number, optional, placement, vector
+from planner.cell.model import ControllerAddress, DigitalOutput, Gripper, MountedGripper
+from planner.cell.thrown_object import OBJECT, ThrownBody, object_of
 from planner.errors import CellError
 from planner.grippers import (
     CALL_CLOSE_S,
@@ -29,8 +31,11 @@ from planner.grippers import (
     GripperLink,
     SecondOutput,
 )
+from planner.rotations import pose
 
 WHERE = "gripper."
+TOOL_MAX_M = 3.0  # [m] from the flange: no arm carries a longer tool, and most that are longer are in millimetres
+Lines = Iterable[tuple[str, int]]
 # [m/s^2] a grip that withstands less holds nothing, and one that withstands a thousand times gravity is not limited
 HOLD_ACCELERATION_RANGE = 1e-3, 1e4
 OUTPUT_DELAY_MAX_S = 0.5  # [s] of an output beyond the lag of motions; catches milliseconds
@@ -54,6 +59,83 @@ GRIPPER: dict[str, Any] = {
     "close_s": None,
     "grip_input": None,
 }
+
+FURTHER_MAX = 3  # [-] grippers of a tool besides the cell's own
+NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}")
+HOLDS = ("delay_s", "jitter_s", "opening_direction", "opening_cone_rad", "hold_acceleration_m_s2")
+FURTHER_GRIPPER: dict[str, Any] = {  # one that a single output opens
+    **{key: GRIPPER[key] for key in ("open_level", *HOLDS)},
+    "output": None,
+    "index": None,
+    "tcp_position_m": None,
+    "tcp_rotation_vector_rad": [0.0, 0.0, 0.0],
+    "object": OBJECT,
+}
+
+
+def further_grippers(
+    tables: Mapping[str, dict[str, Any]], own: MountedGripper, controller: ControllerAddress, outputs: Lines
+) -> dict[str, MountedGripper]:
+    """Returns every gripper of a tool that has several, the cell's own first; none where the cell file has one.
+
+    Args:
+        tables: of the further ones, by name.
+        own: the cell's own.
+        controller: of the cell.
+        outputs: kind and number of the outputs that the cell file lists.
+
+    Raises:
+        CellError: a field is refused, an output is of two of them, or what one holds is no ball.
+    """
+    if not tables:
+        return {}
+    _check_own(own, len(tables))
+    found = {"": own}
+    taken = [*outputs, (own.gripper.output, own.gripper.index)]
+    if own.gripper.second is not None:
+        taken.append((own.gripper.second.output, own.gripper.second.index))
+    for name, table in tables.items():
+        where = f"grippers.{name}."
+        if not NAME_PATTERN.fullmatch(name):
+            raise CellError("grippers", name, "a name must be letters, digits, '-' and '_', 32 at most")
+        found[name] = _further(table, controller, where)
+        line = (found[name].gripper.output, found[name].gripper.index)
+        if line in taken:
+            raise CellError(f"{where}index", line[1], f"is an output of kind {line[0]} that is in use already")
+        taken.append(line)
+    return found
+
+
+def _check_own(own: MountedGripper, further: int) -> None:
+    """Raises a `CellError` where the cell's own gripper has no `further` ones beside it."""
+    if further > FURTHER_MAX:
+        raise CellError("grippers", further, f"besides [gripper] there are {FURTHER_MAX} at most")
+    if own.gripper.kind != "digital":
+        raise CellError("gripper.kind", own.gripper.kind, 'must be "digital" beside [grippers]')
+    if isinstance(own.object, ThrownBody):
+        raise CellError("object.shape", own.object.kind, "must be a sphere beside [grippers]")
+
+
+def _further(table: dict[str, Any], controller: ControllerAddress, where: str) -> MountedGripper:
+    """Returns a further gripper; `where` its table is, its object too."""
+    placed = ("tcp_position_m", "tcp_rotation_vector_rad")
+    for key in ("output", "index", placed[0]):
+        if table[key] is None:
+            raise CellError(where + key, None, "is missing")
+    keys = {key: value for key, value in table.items() if key not in (*placed, "object")}
+    try:
+        gripper = gripper_of({**GRIPPER, **keys}, controller)
+    except CellError as error:
+        raise CellError(error.field.replace(WHERE, where, 1), error.value, error.reason) from None
+    try:
+        thing, p_TO = object_of(table["object"])
+    except CellError as error:
+        raise CellError(where + error.field, error.value, error.reason) from None
+    if isinstance(thing, ThrownBody):
+        raise CellError(f"{where}object.shape", thing.kind, "must be a sphere in one of several grippers")
+    table["open_level"] = gripper.open_level
+    X_FT = placement(table, *placed, where, TOOL_MAX_M)
+    return MountedGripper(gripper, read_only(X_FT @ pose(p_TO, np.eye(3))), thing)
 
 
 def gripper_of(table: dict[str, Any], controller: ControllerAddress) -> Gripper:

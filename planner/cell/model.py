@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -24,6 +24,7 @@ CONTACT_M = 1e-6  # [m] rounding: so deep in it, a point still stands on a box o
 PAYLOAD_ROUNDING = 1e-9  # [-] of the sum of two masses
 LIMIT_ROUNDING = 1e-9  # [-] of a limit that was written as text with twelve digits
 FLIGHT_CLEARANCE_MIN_M = 0.001  # [m] least flight clearance: meshes, calibration and flight are no better than that
+CELLS_KEPT = 32  # cells as one of several grippers sees them: caches know cells by identity
 STANDING_RAD = 1e-3  # [rad] by which an arm may stand beyond its range; its controller lets it no farther, and back
 
 
@@ -277,6 +278,38 @@ class Gripper:
     grip_input: int | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class MountedGripper:
+    """One of several grippers on a tool, with what it holds.
+
+    Attributes:
+        gripper: what opens it, and how it holds the object.
+        X_FT: pose (4, 4) of its tool centre point, the centre of its object, in the flange frame.
+        object: that it holds.
+    """
+
+    gripper: Gripper
+    X_FT: Array
+    object: ThrownObject
+
+
+@dataclass(frozen=True, eq=False)
+class CarriedObject:
+    """A ball in another gripper than the one that is looked at: a load and a shape of the tool.
+
+    Attributes:
+        gripper: name of the gripper; empty: the cell's own.
+        p_F: its centre (3,) in the flange frame [m].
+        mass_kg: [kg].
+        radius_m: [m].
+    """
+
+    gripper: str
+    p_F: Array
+    mass_kg: float
+    radius_m: float
+
+
 @dataclass(frozen=True)
 class Safety:
     """The arm's own safety limits, as its pendant shows them; None: not limited.
@@ -374,6 +407,9 @@ class Cell:
         X_WB: pose (4, 4) of the arm's base in the world.
         tool, limits, surroundings, object, gripper, safety, timing, link, sim: the tables of the cell file.
         outputs: further outputs, by name.
+        grippers: every gripper of a tool that has several, by name; the cell's own is "". Empty: it has one.
+        mounted: name of the one that tool, gripper and object are of; see `seen_from`.
+        carried: what the other ones hold; their balls are the last of the tool's capsules.
         document: keys and numbers of the cell file as written, with defaults filled in.
         meshes: what became of the mesh files that the cell file names, see `covers_of`.
         content: hash of what the cell says, by which one that was changed in code is told from that of a file.
@@ -401,6 +437,9 @@ class Cell:
     sim: Sim
     outputs: Mapping[str, DigitalOutput]
     document: Mapping[str, Any] = field(repr=False)
+    grippers: Mapping[str, MountedGripper] = field(default_factory=dict)
+    mounted: str = ""
+    carried: tuple[CarriedObject, ...] = ()
     meshes: bytes | None = field(default=None, repr=False)
     content: str = field(default="", repr=False)
     check: Callable[[Cell], object] | None = field(default=None, repr=False)
@@ -439,13 +478,25 @@ class Cell:
     def _refuse_overweight(self) -> None:
         """Raises a `CellError` where tool and object are heavier together than the arm is rated for."""
         tool_kg = self.tool.mass_kg
-        object_kg = self.object.mass_kg
+        object_kg = self.object.mass_kg + sum(each.mass_kg for each in self.carried)
         rated_kg = self.robot.published.payload_kg
         if rated_kg is None or tool_kg + object_kg <= rated_kg * (1.0 + PAYLOAD_ROUNDING):
             return
         field, value = ("tool.mass_kg", tool_kg) if tool_kg > object_kg else ("object.mass_kg", object_kg)
         weigh = f"tool and object weigh {tool_kg + object_kg:.6g} kg together"
         raise CellError(field, value, f"{weigh}; a {self.robot.name} is rated for {rated_kg:g} kg")
+
+    def seen_from(self, name: str, gone: Collection[str] = ()) -> Cell:
+        """Returns this cell as one of its grippers sees it: tool centre point, gripper and object are its own.
+
+        What the others hold is carried: a load and a shape of the tool. It keeps its hash.
+
+        Args:
+            name: of the gripper; one that the cell does not have sees nothing else.
+            gone: names of the others that hold nothing any more.
+        """
+        others = frozenset(self.grippers) - {name}
+        return _seen_from(self, name, others - frozenset(gone)) if name in self.grippers else self
 
     def digital_output(self, output: str, index: int) -> DigitalOutput:
         """Returns a digital output; one that the cell file does not list has no delay."""
@@ -506,3 +557,32 @@ class Cell:
     def as_document(self) -> dict[str, Any]:
         """Returns the cell file's keys and numbers with defaults filled in, plus `name` and `sha256`."""
         return {"name": self.name, "sha256": self.sha256, **self.document}
+
+
+@lru_cache(maxsize=CELLS_KEPT)
+def _seen_from(cell: Cell, name: str, holding: frozenset[str]) -> Cell:
+    """Returns a cell as a gripper sees it, while `holding` are the others that hold an object."""
+    own = MountedGripper(cell.gripper, cell.tool.X_FT, cell.object)  # which a profile may have taught
+    grippers = {**cell.grippers, cell.mounted: own}
+    carried = carried_by(grippers, holding)
+    if name == cell.mounted and [each.gripper for each in carried] == [each.gripper for each in cell.carried]:
+        return cell
+    shape = cell.tool.capsules[: len(cell.tool.capsules) - len(cell.carried)]
+    of = grippers[name]
+    tool = replace(cell.tool, X_FT=of.X_FT, capsules=(*shape, *balls(carried)), p_FH=cell.tool.end_F)
+    seen = {"tool": tool, "gripper": of.gripper, "object": of.object}
+    return replace(cell, **seen, grippers=grippers, mounted=name, carried=carried, content="")
+
+
+def carried_by(grippers: Mapping[str, MountedGripper], names: Collection[str]) -> tuple[CarriedObject, ...]:
+    """Returns what some of several grippers hold."""
+    return tuple(
+        CarriedObject(name, each.X_FT[:3, 3], each.object.mass_kg, each.object.radius_m)
+        for name, each in grippers.items()
+        if name in names
+    )
+
+
+def balls(carried: tuple[CarriedObject, ...]) -> tuple[ToolCapsule, ...]:
+    """Returns the shapes of what is carried."""
+    return tuple(ToolCapsule(each.p_F, each.p_F, each.radius_m) for each in carried)

@@ -15,6 +15,7 @@ from planner.certificate import clearance, grip, joints, passages, release, safe
 from planner.certificate.certificate import Certificate, Check, NotChecked
 from planner.certificate.flight import flight_clearance
 from planner.certificate.samples import MotionSamples
+from planner.certificate.several import merged, together
 from planner.problem import ThrowProblem
 from planner.trajectory import Trajectory
 
@@ -91,10 +92,14 @@ class Examination:
         self._trajectory = trajectory
         self._motion = MotionSamples(problem, trajectory)
         self._found: dict[CheckFunction, Check | NotChecked | None] = {}
+        self._parts = [Examination(part.problem, part.of(trajectory)) for part in problem.parts]
 
     @cached_property
     def certificate(self) -> Certificate:
         """Every check that applies, with its margin; see `certify`."""
+        if self._parts:
+            parts = [part.certificate for part in self._parts]
+            return merged(self._problem, parts, self._together)
         told = MotionSamples(self._problem, self._trajectory, is_told=True)
         found = [self._told(check, told) for check in self._applicable]
         return Certificate(
@@ -102,15 +107,35 @@ class Examination:
             tuple(check.name for check in found if isinstance(check, NotChecked)),
         )
 
+    @cached_property
+    def _together(self) -> list[Check]:
+        """The checks of several grippers together; those of each are its part's."""
+        return together(self._problem, self._trajectory, [part._motion for part in self._parts])
+
+    @property
+    def failed_releases(self) -> list[tuple[Check, int]]:
+        """The checks that do not hold, each with the sample of the release that it is of."""
+        if not self._parts:
+            return [(check, self._trajectory.release_index) for check in self.failures]
+        last = self._trajectory.passed[max(part.release for part in self._problem.parts)]
+        found = [(check, last) for check in self._together if not check.ok]
+        return found + [each for part in self._parts for each in part.failed_releases]
+
     @property
     def failures(self) -> tuple[Check, ...]:
         """The checks that do not hold, as the certificate has them."""
+        if self._parts:
+            return self.certificate.failures
         results = (self._result(check) for check in self._applicable)
         return tuple(result for result in results if isinstance(result, Check) and not result.ok)
 
     @cached_property
     def first_failure(self) -> Check | None:
         """The first failed check, None for a valid certificate; the release window's only where no other fails."""
+        if self._parts:
+            of_each = (part.first_failure for part in self._parts)
+            failed = [*(check for check in of_each if check), *(check for check in self._together if not check.ok)]
+            return next(iter(sorted(failed, key=lambda check: check.name == "landing_window")), None)
         order = sorted(self._applicable, key=_turn)
         results = (self._result(check) for check in order)
         return next((result for result in results if isinstance(result, Check) and not result.ok), None)

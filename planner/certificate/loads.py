@@ -52,7 +52,9 @@ def loads_of(cell: Cell) -> Loads:
         (link.mass, float(np.linalg.norm(link.com)), i, float(np.trace(link.inertia)))
         for i, link in enumerate(robot.links, start=1)
     ]
-    rows += [(tool.mass_kg, hand, 6, 0.0), (object_kg, reach, 6, turned_kg_m2)]
+    whole = (tool.mass_kg, float(np.linalg.norm(tool.com_F)), 6, float(np.trace(tool.inertia_F)))
+    rows += [whole if cell.carried else (tool.mass_kg, hand, 6, 0.0)]
+    rows += [(object_kg, reach, 6, turned_kg_m2)]
     lever = np.array([levers(robot, frame, com) for _, com, frame, _ in rows])
     turned = np.array([np.arange(6) < frame for _, _, frame, _ in rows])
     mass = np.array([row[0] for row in rows])

@@ -36,7 +36,7 @@ def passage(motion: MotionSamples) -> Check | None:
     trajectory = motion.trajectory
     if not problem.passages:
         return None
-    wrong = _wrong_order(problem, trajectory) or _crowded_outputs(problem, trajectory)
+    wrong = wrong_order(problem, trajectory) or crowded_outputs(problem, trajectory)
     if wrong is not None:
         return wrong
     until = passed_until(problem.passages, trajectory)
@@ -57,15 +57,16 @@ def _kept(motion: MotionSamples, name: str, state: Release, first: int, last: in
     return [replace(each, detail=f"{name}: {each.detail or each.unit}") for each in checks if each is not None]
 
 
-def _wrong_order(problem: ThrowProblem, trajectory: Trajectory) -> Check | None:
+def wrong_order(problem: ThrowProblem, trajectory: Trajectory) -> Check | None:
     """Returns the failed check of passages that are not where or when they are asked for; None for those that are."""
     passed = trajectory.passed
     ends = passed_until(problem.passages, trajectory) if len(passed) == len(problem.passages) else [len(trajectory.q)]
     if ends[-1] >= len(trajectory.q) or not all(end < begun for end, begun in zip((0, *ends), passed, strict=False)):
         return at_most("passage", math.inf, 0.0, "1", None, "they are not passed one after another")
+    first = next((each for each in problem.passages if each.releases), None)
     for each, index in zip(problem.passages, passed, strict=True):
         at_s = index / trajectory.sample_rate_hz
-        if each.releases and index != trajectory.release_index:
+        if each is first and index != trajectory.release_index:
             return at_most("passage", math.inf, 0.0, "1", at_s, f"{each.name}: the object is let go elsewhere")
         if not each.is_in_time(index, trajectory.sample_rate_hz):
             limit = each.not_before_s if each.at_s is None else each.at_s
@@ -73,7 +74,7 @@ def _wrong_order(problem: ThrowProblem, trajectory: Trajectory) -> Check | None:
     return None
 
 
-def _crowded_outputs(problem: ThrowProblem, trajectory: Trajectory) -> Check | None:
+def crowded_outputs(problem: ThrowProblem, trajectory: Trajectory) -> Check | None:
     """Returns the failed check of an output that would switch twice within a tick; None where none does."""
     edges = output_edges(problem.cell, problem.passages, trajectory)
     crowded = crowded_edges(edges, trajectory.dt)

@@ -39,6 +39,8 @@ def payload_of(cell: Cell, with_object: bool) -> Payload:
     beyond = p_FT - cell.tool.end_F  # of the object's centre from the end of the hand; none but for `object.in_tool`
     tool_kg = cell.tool.mass_kg
     object_kg = cell.object.mass_kg if with_object else 0.0
+    if cell.carried:
+        return _with_carried(cell, object_kg)
     mass = tool_kg + object_kg
     if mass == 0.0:
         return Payload(0.0, np.zeros(3), np.zeros((3, 3)))
@@ -50,6 +52,18 @@ def payload_of(cell: Cell, with_object: bool) -> Payload:
         R_FO = cell.tool.X_FT[:3, :3] @ cell.object.R_TO
         inertia = inertia + R_FO * cell.object.inertia_kg_m2 @ R_FO.T
     return Payload(mass, com, inertia)
+
+
+def _with_carried(cell: Cell, object_kg: float) -> Payload:
+    """Returns the tool, its object and what its other grippers hold, each a point, as one body."""
+    tool = cell.tool
+    masses = np.array([tool.mass_kg, object_kg, *(each.mass_kg for each in cell.carried)])
+    places = np.array([0.5 * tool.end_F, tool.X_FT[:3, 3], *(each.p_F for each in cell.carried)])
+    mass = float(masses.sum())
+    com = masses @ places / mass
+    off = places - com
+    squares = (masses[:, None] * off).T @ off
+    return Payload(mass, com, np.trace(squares) * np.eye(3) - squares)
 
 
 def gravity_in_base(cell: Cell) -> Array:

@@ -49,7 +49,7 @@ def _of_passage(problem: ThrowProblem, number: int) -> list[Violation]:
     """Returns what rules out a passage by itself, or the end of a line; names it."""
     passage = problem.passages[number]
     name = f"passage {passage.name!r}"
-    alone = problem.through(passage.state, passage.releases, problem.is_thrown_before(number))
+    alone = problem.alone(number)
     found = [*_of_demands(alone), *filter(None, [released_flight_blocked(alone)])]
     if isinstance(passage.state, SteadyLine):
         name += f", {'start' if found else 'end'} of the line"

@@ -37,6 +37,7 @@ from planner.search.passing import State, passing_accelerations
 from planner.search.record import PlanningSearch
 from planner.search.search import search_candidates
 from planner.search.tool_lines import line_motions
+from planner.search.turns import LEAVES_S, search_in_turn
 from planner.seeds import Candidate, candidates, near_candidates
 from planner.trajectory import Trajectory
 
@@ -45,12 +46,17 @@ STATES = 24  # [-] joint states kept of a passage: a pose has eight branches, ea
 MOTIONS = 200  # [-] motions certified before a search gives up: two along a way, with chosen accelerations and without
 THROWN_FROM = 2  # [-] postures of the passage before that throws of their own are looked for from, besides the start
 THROWN_SHARE = 0.9  # [-] of the accelerations, in these throws: legs on ticks reach no state at the limit
-LEAVES_S = 0.04  # [s] after the release in which the object leaves the open grip: 1 cm under gravity takes 45 ms
 BESIDE = 6  # [-] of these of each neighbour a point is passed in postures nearby
 WAYS = 1000  # [-] ways looked at: most that do not come to a motion have a leg that Ruckig refuses
 EASED = 0.8  # [-] of the time to a passage with an instant of its own: chosen accelerations seldom spare more
 ROUNDING = 1e-6  # [ticks] of a duration in floating point
-OF_RELEASE = ("flight_clearance", "landing", "landing_window", "opening_direction")  # checks that the release decides
+OF_RELEASE = (
+    "flight_clearance",
+    "flights_apart",
+    "landing",
+    "landing_window",
+    "opening_direction",
+)  # checks that the release decides
 Piece = tuple[Array, Array, Array]  # the same at one tick or more (n, 6): of a state, a line or a leg
 
 
@@ -64,6 +70,10 @@ def search_chain(search: PlanningSearch) -> None:
         Infeasible: a passage has no joint state, or no motion was certified; names the passage, or the leg.
         SolverFailed: the deadline ended the search before that.
     """
+    search_in_turn(search)
+    if search.best is not None:
+        search.note_end()
+        return
     begun_s = time.perf_counter()
     legs = _legs(search)
     for _ in range(WAYS):
@@ -98,11 +108,11 @@ def _try(search: PlanningSearch, legs: _Legs, way: list[int]) -> None:
     if found.is_valid:
         return
     blamed = set()
-    for failed in found.examination.failures:
+    for failed, release_index in found.examination.failed_releases:
         violation = Violation(failed.name, failed.value, failed.limit, failed.unit, failed.at_s, failed.detail)
         if failed.name == "passage" and failed.unit == "s":
             raise Infeasible([violation])
-        leg, ends = _leg_of(search.problem, motion, failed)
+        leg, ends = _leg_of(search.problem, motion, failed, release_index)
         if leg not in blamed:
             blamed.add(leg)
             legs.give_way(leg, way, violation, ends)
@@ -147,13 +157,18 @@ def _eased(legs: _Legs, way: Sequence[int]) -> _Legs:
     return replace(legs, states=states, ticks=ticks, paces=paces, obstacles={})
 
 
-def _leg_of(problem: ThrowProblem, motion: Trajectory, failed: Check) -> tuple[int, bool]:
+def _leg_of(problem: ThrowProblem, motion: Trajectory, failed: Check, release_index: int) -> tuple[int, bool]:
     """Returns the number of the leg in which a check fails, or that leads to the line, or to the release of the flight.
 
     With it, whether the passage at its end is to blame.
+
+    Args:
+        problem, motion: as made.
+        failed: the check.
+        release_index: sample of the release that it is of.
     """
     if failed.name in OF_RELEASE:
-        return motion.passed.index(motion.release_index), True
+        return motion.passed.index(release_index), True
     at_s = math.inf if failed.at_s is None else failed.at_s
     leg = int(np.searchsorted(np.array(passed_until(problem.passages, motion)) * motion.dt, at_s))
     return leg, leg < len(motion.passed) and at_s > motion.passed[leg] * motion.dt
@@ -343,15 +358,15 @@ def _legs(search: PlanningSearch) -> _Legs:
         SolverFailed: the deadline passed before one was found.
     """
     problem = search.problem
-    asked = [(f"passage {each.name!r}", each.state, each.releases) for each in problem.passages]
+    asked = [f"passage {each.name!r}" for each in problem.passages]
     if problem.end is not None:
-        asked.append(("the end", problem.end, False))
+        asked.append("the end")
     names = ["the start"]
     leads = [0]
     q, qd, qdd = problem.start_state
     states: list[list[Piece | None]] = [[(q[None], qd[None], qdd[None])]]
-    alone = [problem.through(each[1], each[2], problem.is_thrown_before(number)) for number, each in enumerate(asked)]
-    found = [_found(search, each[0], one) for each, one in zip(asked, alone, strict=True)]
+    alone = [problem.alone(number) for number in range(len(asked))]
+    found = [_found(search, name, one) for name, one in zip(asked, alone, strict=True)]
     for number, one in enumerate(alone):
         after = found[number + 1] if number + 1 < len(found) else []
         lead = math.ceil(one.opening_spread_s / one.dt) + 1
@@ -359,7 +374,7 @@ def _legs(search: PlanningSearch) -> _Legs:
         leads.append(lead if one.throws else 0)
         both = [*thrown, *found[number], *_between(one, states[-1], after)]
         states.append(_kept(problem, both, states[-1], after))
-        names.append(asked[number][0])
+        names.append(asked[number])
     if problem.end is None:
         names.append("rest")
         states.append([None])
@@ -383,7 +398,6 @@ def _last(piece: Piece) -> State:
 
 def _found(search: PlanningSearch, name: str, alone: ThrowProblem) -> list[Piece | None]:
     """Returns the samples of a passage from the joint states in which it keeps every limit by itself."""
-    problem = search.problem
     begun_s = time.perf_counter()
     try:
         found = candidates(alone, search.deadline_s)
@@ -394,7 +408,7 @@ def _found(search: PlanningSearch, name: str, alone: ThrowProblem) -> list[Piece
         log = [attempt.__dict__ for attempt in search.attempts]
         violations = [each if alone.throws else each.in_passing() for each in refusal.violations]
         raise Infeasible([each.within(name) for each in violations], attempts=log) from None
-    return _samples(problem, found)
+    return _samples(alone, found)
 
 
 def _samples(problem: ThrowProblem, found: Sequence[Candidate]) -> list[Piece | None]:

@@ -34,7 +34,9 @@ class SimulatedGripper:
         gripper: Gripper,
         object_m: float,
         opening: GripperOpening,
-        seed: int,
+        seed: int | str,
+        place: int = 0,
+        places: int = 1,
         takes: Callable[[float], int | None] | None = None,
     ) -> None:
         """Starts closed, or open where objects have to be picked up.
@@ -44,6 +46,7 @@ class SimulatedGripper:
             object_m: diameter of an object [m].
             opening: time from the change of the output to the object leaving.
             seed: of its random deviation.
+            place, places: its number among the grippers of the tool, and theirs, which number objects in turn.
             takes: returns the number of the object that closing takes at a time [s], None for none; None: it always
                 has the next one.
         """
@@ -57,8 +60,9 @@ class SimulatedGripper:
         self.openings = 0
         self.draw = random.Random(f"{seed} gripper")
         self.takes = takes
-        self.holds: int | None = 1 if takes is None else None
-        self.objects = 1
+        self.holds: int | None = 1 + place if takes is None else None
+        self.objects = 1 + place
+        self.places = places
         self.open = takes is not None
         self.stuck = False
         self.release_at: float | None = None
@@ -166,7 +170,7 @@ class SimulatedGripper:
     def rearm(self, arm_stands: bool) -> None:
         """Inserts the next object if the gripper is closed and empty and the arm does not move to speak of."""
         if self.takes is None and self.holds is None and not self.open and arm_stands:
-            self.objects += 1
+            self.objects += self.places
             self.holds = self.objects
 
 

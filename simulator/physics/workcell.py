@@ -34,7 +34,9 @@ class Workcell:
         devices: what the outputs of the cell's `[outputs]` switch, by name.
         input_bits: levels of the digital inputs.
         moved_at: controller time of the last cycle in which the arm truly moved [s].
-        tool: true pose of the tool centre point in the flange.
+        grippers, tools: all grippers of the tool, and the true poses of their tool centre points in the flange, by
+            name; the cell's own is "".
+        tool: that of the cell's own.
         base: true pose of the base in the world.
     """
 
@@ -49,8 +51,18 @@ class Workcell:
         self.arm = Arm(chain, dt, home, _response(truth, dt, home), noise, truth.seed)
         self.feeder = None if truth.feed is None else Feeder(truth.feed, truth.seed, truth.camera)
         takes = None if self.feeder is None else self._take
-        self.gripper = SimulatedGripper(cell.gripper, 2.0 * cell.object.radius_m, truth.gripper, truth.seed, takes)
-        self.outputs = Outputs(dt, timing.output_delay_s, self.gripper.first_bits)
+        names = list(cell.grippers) or [""]
+        of_own = (cell.gripper, 2.0 * cell.object.radius_m, truth.gripper, truth.seed)
+        self.gripper = SimulatedGripper(*of_own, 0, len(names), takes)
+        self.grippers = {"": self.gripper}
+        self.tools = {"": kinematics.from_matrix(cell.tool.X_FT)}
+        for place, name in enumerate(names[1:], start=1):
+            each = cell.grippers[name]
+            of_each = (each.gripper, 2.0 * each.object.radius_m, truth.grippers[name], f"{truth.seed} {name}")
+            self.grippers[name] = SimulatedGripper(*of_each, place, len(names))
+            self.tools[name] = kinematics.from_matrix(each.X_FT)
+        first = sum(each.first_bits for each in self.grippers.values())
+        self.outputs = Outputs(dt, timing.output_delay_s, first)
         self.devices = {
             name: SwitchedDevice(each, truth.outputs[name], self.outputs.bits, f"{truth.seed} output {name}")
             for name, each in cell.outputs.items()
@@ -60,7 +72,7 @@ class Workcell:
         self.input_bits = sum(device.input_bits for device in self.devices.values())
         self.input_bits |= self._grip_bit if self._gripped else 0
         self.world = World(cell, settings.restitution, truth)
-        self.tool = kinematics.from_matrix(cell.tool.X_FT)
+        self.tool = self.tools[""]
         self.base = _true_base(kinematics.from_matrix(cell.X_WB), truth)
         self._clings = random.Random(f"{truth.seed} cling")
 
@@ -70,21 +82,28 @@ class Workcell:
         if self.arm.moves:
             self.moved_at = t
         for at, bits in self.outputs.cycle(t):
-            self.gripper.output_changed(at, bits)
+            for gripper in self.grippers.values():
+                gripper.output_changed(at, bits)
             for device in self.devices.values():
                 device.output_changed(at, bits)
         for device in self.devices.values():
             self.input_bits = device.sensed(t, self.input_bits)
         if self.feeder is not None:
             self.feeder.cycle(t)
-        self.gripper.cycle(t, self.outputs.delay_s, self.dt)
+        for gripper in self.grippers.values():
+            gripper.cycle(t, self.outputs.delay_s, self.dt)
         self.world.cycle(t, self.dt)
-        left_at = self.gripper.take_release(t)
-        if left_at is not None:
-            state, attitude = self._leaving(t - left_at)
-            self.world.release(self.gripper.let_go(), left_at, state, t, attitude)
-        self.gripper.rearm(self.arm.stands)
+        self._let_go(t)
         self._sense_grip()
+
+    def _let_go(self, t: float) -> None:
+        """Lets every object fly that has left its gripper up to `t` [s]; an empty one takes the next."""
+        for name, gripper in self.grippers.items():
+            left_at = gripper.take_release(t)
+            if left_at is not None:
+                state, attitude = self._leaving(t - left_at, name)
+                self.world.release(gripper.let_go(), left_at, state, t, attitude, name)
+            gripper.rearm(self.arm.stands)
 
     def _sense_grip(self) -> None:
         """Switches the input that shows whether the gripper holds an object, where that has changed."""
@@ -106,12 +125,12 @@ class Workcell:
             state, attitude = self._leaving(0.0)
             self.world.release(number, t, state, t, attitude)
 
-    def _leaving(self, back_s: float) -> tuple[State, Attitude]:
-        """Returns with which state and attitude in the world the held object left, `back_s` [s] ago."""
-        pose, twist = self.arm.true_motion_before(min(back_s, self.dt), self.tool)
+    def _leaving(self, back_s: float, gripper: str = "") -> tuple[State, Attitude]:
+        """Returns with which state and attitude in the world the object of a gripper left, `back_s` [s] ago."""
+        pose, twist = self.arm.true_motion_before(min(back_s, self.dt), self.tools[gripper])
         b = self.base
         point = kinematics.product(b, pose)
-        factor = self._speed_factor()
+        factor = 1.0 if gripper else self._speed_factor()
         velocity = [factor * (b[r] * twist[0] + b[r + 1] * twist[1] + b[r + 2] * twist[2]) for r in (0, 4, 8)]
         spin = [b[r] * twist[3] + b[r + 1] * twist[4] + b[r + 2] * twist[5] for r in (0, 4, 8)]
         return (point[3], point[7], point[11], *velocity), Attitude(point, spin)

@@ -10,8 +10,9 @@ body where the balls of its hull touch it.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,6 +34,8 @@ CLEAR_OF_PLANE_M = 1e-9  # [m] height above the plane at which a bouncing object
 CONTACT_M = 1e-4  # [m] gap that counts as contact; far below any landing error, and bounds the steps past an obstacle
 
 State = tuple[float, ...]  # x y z vx vy vz in the world [m, m/s]
+
+NO_OTHERS: Mapping[str, float] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -64,6 +67,7 @@ class FlyingObject:
         turning: how it is turned, and turns; None of a ball.
         bounces: number of its bounces so far.
         caught: what it touched, if it was caught.
+        gripper: name of the gripper that let it go; empty: the cell's own.
     """
 
     number: int
@@ -72,6 +76,7 @@ class FlyingObject:
     throw: int = 0
     bounces: int = 0
     caught: Contact | None = None
+    gripper: str = ""
 
 
 class World:
@@ -90,6 +95,10 @@ class World:
         self.hull = thrown
         self.body = TurningBody(thrown) if isinstance(thrown, ThrownBody) else None
         self.drag = drag_constant(truth.mass_kg, thrown.drag_radius_m, truth.drag_coefficient)
+        self.further = {  # drag and radius of the balls of further grippers
+            name: (drag_constant(ball.mass_kg, ball.drag_radius_m, ball.drag_coefficient), ball.radius_m)
+            for name, ball in ((name, each.object) for name, each in cell.grippers.items() if name)
+        }
         self.camera = ObservingCamera(truth.camera, truth.seed)
         self.throw = 0
         self.observations: list[dict[str, Any]] = []
@@ -103,26 +112,42 @@ class World:
         self.belt = truth.belt
         self.usual_landing_z_m = cell.sim.landing_height_m
         self.planes: list[Plane] = []
+        self.planes_of: dict[str, list[Plane]] = {}
         self.expect_throw(self.usual_landing_z_m)
         self.flights: list[FlyingObject] = []
         self.releases: list[dict[str, Any]] = []
         self.landings: list[dict[str, Any]] = []
 
-    def expect_throw(self, landing_z_m: float) -> int:
-        """Returns the number of the throw that comes next; its objects land on the plane at `landing_z_m` [m]."""
-        self.planes = [Plane("floor", self.floor_z_m), Plane("landing plane", landing_z_m, is_solid=False)]
+    def expect_throw(self, landing_z_m: float, of_each: Mapping[str, float] = NO_OTHERS) -> int:
+        """Returns the number of the throw that comes next; its objects land on the plane at `landing_z_m` [m].
+
+        Those of the grippers `of_each` on planes of their own [m].
+        """
+        self.planes = self._floor_and(landing_z_m)
+        self.planes_of = {name: self._floor_and(z_m) for name, z_m in of_each.items()}
         self.throw += 1
         return self.throw
 
-    def release(self, number: int, at_s: float, state: State, now_s: float, attitude: Attitude = UPRIGHT) -> None:
+    def _floor_and(self, landing_z_m: float) -> list[Plane]:
+        return [Plane("floor", self.floor_z_m), Plane("landing plane", landing_z_m, is_solid=False)]
+
+    def release(
+        self,
+        number: int,
+        at_s: float,
+        state: State,
+        now_s: float,
+        attitude: Attitude = UPRIGHT,
+        gripper: str = "",
+    ) -> None:
         """Releases object `number` with state and attitude at `at_s` [s], and advances its flight to `now_s` [s]."""
         record = {"object": number, "throw": self.throw, "t": at_s}
         record |= {"position_m": list(state[:3]), "velocity_m_s": list(state[3:])}
         turning = None
         if self.body is not None:
             turning = self.body.leaving(np.reshape(attitude.tool, (3, 4))[:, :3], attitude.spin)
-        flight = FlyingObject(number, state, turning, self.throw)
-        record |= self._axis(flight)
+        flight = FlyingObject(number, state, turning, self.throw, gripper=gripper)
+        record |= {**self._axis(flight), **self._from(flight)}
         self.releases.append(record)
         del self.releases[:-RECORDS_MAX]
         self.flights.append(flight)
@@ -153,7 +178,7 @@ class World:
                 self._touch(flight, self._contact(flight, touched[1]), start)
             elif reached is not None:
                 self._land(flight, reached[1], start)
-            elif flight.state[2] < min(p.z_m for p in self.planes) - FALL_MAX_M:
+            elif flight.state[2] < min(p.z_m for p in self._planes_below(flight)) - FALL_MAX_M:
                 self.flights.remove(flight)
 
     def place_bin(self, placed: RoundBin | None) -> None:
@@ -169,7 +194,16 @@ class World:
         self.bin = None if self.placed is None else self.placed.at(t)
 
     def _after(self, flight: FlyingObject, duration: float) -> State:
-        return step(flight.state, duration, self.gravity, self.drag)
+        drag, _ = self.further.get(flight.gripper, (self.drag, self.radius_m))
+        return step(flight.state, duration, self.gravity, drag)
+
+    def _from(self, flight: FlyingObject) -> dict[str, str]:
+        """Returns what a record tells of the gripper that let an object go: of the cell's own nothing."""
+        return {"gripper": flight.gripper} if flight.gripper else {}
+
+    def _planes_below(self, flight: FlyingObject) -> list[Plane]:
+        """Returns floor and landing plane of an object."""
+        return self.planes_of.get(flight.gripper, self.planes)
 
     def _reached(self, flight: FlyingObject, duration: float) -> tuple[float, Plane] | None:
         """Returns time [s] and plane of the first plane that an object comes down through within `duration`."""
@@ -186,10 +220,11 @@ class World:
         """Returns the planes on which an object can land; a caught one has only its own, one in a bin the bottom."""
         if flight.caught is not None and flight.caught.lies_at_z_m is not None:
             return [Plane(flight.caught.name, flight.caught.lies_at_z_m)]
+        planes = self._planes_below(flight)
         if self.bin is None:
-            return self.planes
+            return planes
         bottom = Plane(BIN, self.bin.bottom[2])
-        return [bottom] if self.bin.encloses(flight.state) else [bottom, *self.planes]
+        return [bottom] if self.bin.encloses(flight.state) else [bottom, *planes]
 
     def _crossing(self, flight: FlyingObject, duration: float, plane: Plane) -> float:
         """Returns the time until an object comes down through the plane [s], by bisection."""
@@ -228,12 +263,13 @@ class World:
         fastest = math.hypot(*flight.state[3:]) + self.gravity * duration
         if self.body is not None and flight.turning is not None:
             fastest += self.body.farthest_m * self.body.speed(flight.turning)
+        _, radius_m = self.further.get(flight.gripper, (self.drag, self.radius_m))
         passed = 0.0
         while True:
             x, y, z = self._after(flight, passed)[:3]
             if self.body is None:
-                p = (x, y, max(z, lies_on_z + self.radius_m))
-                gaps = [(o.gap(p, self.radius_m), o) for o in obstacles]
+                p = (x, y, max(z, lies_on_z + radius_m))
+                gaps = [(o.gap(p, radius_m), o) for o in obstacles]
             else:
                 gaps = self._gaps_of_body(flight, obstacles, passed)
             gap, nearest = min(gaps, key=lambda pair: pair[0])
@@ -340,11 +376,13 @@ class World:
             "surface": surface,
             "bounce": flight.bounces,
             **self._axis(flight),
+            **self._from(flight),
         }
         self.landings.append(record)
         del self.landings[:-RECORDS_MAX]
         if flight.bounces == 0:
-            self.observations.append({"throw": flight.throw, **self.camera.observe(record)})
+            seen = {"throw": flight.throw, **self.camera.observe(record), **self._from(flight)}
+            self.observations.append(seen)
             del self.observations[:-RECORDS_MAX]
 
 

@@ -44,9 +44,24 @@ def test_every_example_has_a_picture_with_its_outputs(names: dict[str, Any]) -> 
     assert names["trigger"].certificate.valid
     figures = [plt.figure(number) for number in plt.get_fignums()]
     spans = [len(figure.axes[1].patches) for figure in figures]
-    assert spans == [5, 1, 1]
+    assert spans == [5, 1, 1, 0]
     for figure in figures:
         path, _ = figure.axes
         (first, *others) = [line.get_xydata() for line in path.lines]
         on = others[: len(figure.axes[1].patches)]
         assert all(0 < len(piece) < len(first) for piece in on)
+
+
+def test_two_objects_fly_to_two_places_in_one_motion(names: dict[str, Any]) -> None:
+    both = names["both"]
+    assert isinstance(both, fling.Plan)
+    assert both.certificate.valid
+    first, second = both.passages
+    assert first.time_s < second.time_s
+    assert first.command_time_s == pytest.approx(first.time_s - 0.040 - 0.020)
+    assert second.command_time_s == pytest.approx(second.time_s - 0.030 - 0.020)
+    for passed, place in zip(both.passages, names["PLACES"], strict=True):
+        assert passed.flight is not None
+        assert passed.flight.path[0] == pytest.approx(passed.position)
+        assert passed.flight.path[-1] == pytest.approx(place, abs=1e-3)
+    assert both._repr_html_().count('class="flight"') == 4  # two in each view

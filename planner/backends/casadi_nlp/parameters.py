@@ -208,6 +208,8 @@ def link_parameters(cell: Cell) -> Vector:
         R_FO = X_FT[:3, :3] @ thing.R_TO
         inertia = R_FO * thing.inertia_kg_m2 @ R_FO.T
     rows[-1] = rows[-1] + _about_origin(cell.tool.mass_kg, cell.tool.end_F / 2.0, np.zeros((3, 3)))
+    for each in cell.carried:
+        rows[-1] = rows[-1] + _about_origin(each.mass_kg, each.p_F, np.zeros((3, 3)))
     rows[-1] = rows[-1] + _about_origin(thing.mass_kg, X_FT[:3, 3], inertia)
     return np.concatenate(rows)
 

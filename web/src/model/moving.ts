@@ -13,7 +13,7 @@ interface AskedTarget {
 interface AskedMotion {
   readonly frame?: string | null;
   readonly release?: AskedTarget | null;
-  readonly passages?: readonly { readonly state?: AskedTarget | null; readonly releases?: boolean | null }[] | null;
+  readonly passages?: readonly { readonly state?: AskedTarget | null; readonly releases?: boolean | string | null }[] | null;
 }
 
 export class MovingTarget {

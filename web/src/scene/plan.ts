@@ -88,8 +88,15 @@ export class PlanMotion {
     return this.flies ? sampledPath(this.p, this.v, this.flightTime, FLIGHT_POINTS, this.air) : [];
   }
 
-  /** Returns the flights of a release as early and as late as the plan's window says. */
+  /** Returns the flights of other objects than the first, of a tool with several grippers. */
+  furtherFlights(): Vector[][] {
+    const others = this.plan.passages?.filter((passage) => passage.flight && passage.index !== mainState(this.plan).index) ?? [];
+    return others.map((passage) => passage.flight!.object_path as unknown as Vector[]);
+  }
+
+  /** Returns the flights of a release as early and as late as the plan's window says; of another gripper's none. */
   windowFlights(): Vector[][] {
+    if (this.plan.passages?.find((passage) => passage.releases)?.releases !== true && this.plan.passages) return [];
     const planeZ = this.plan.flight?.landing_point[2];
     const delays = this.plan.flight?.window.map((row) => row.delay_s) ?? [];
     if (planeZ === undefined || !delays.length) return [];
@@ -110,7 +117,7 @@ export class PlanMotion {
   /** Returns the points that a camera should have in view. */
   extent(): Vector[] {
     const [launch, brake] = this.toolPath();
-    return [...launch, ...brake, ...this.flight()];
+    return [...launch, ...brake, ...this.flight(), ...this.furtherFlights().flat()];
   }
 }
 
@@ -135,6 +142,7 @@ export function planThings(motion: PlanMotion, palette: Palette, stale: boolean)
     polyline(motion.flight(), { colour: tone.flight, width: 3, opacity }),
     ...arrow(p, [SPEED_SCALE_S * v[0], SPEED_SCALE_S * v[1], SPEED_SCALE_S * v[2]], tone.arrow),
     disc(landing, 0.5 * LANDING_M, tone.flight),
+    ...motion.furtherFlights().flatMap((points) => [polyline(points, { colour: tone.flight, width: 3, opacity }), disc(points.at(-1)!, 0.5 * LANDING_M, tone.flight)]),
     ...motion.windowFlights().flatMap((points) => windowThings(points, tone.flight)),
     ...ellipseThings(motion.plan, palette, stale),
   ];

@@ -1936,6 +1936,12 @@ export interface components {
              */
             gripper_opened_s: number | null;
             /**
+             * Grippers
+             * @description Of a motion in which several grippers let go: all but the first, whose is the above.
+             * @default null
+             */
+            grippers: components["schemas"]["FurtherRelease"][] | null;
+            /**
              * Landed On
              * @description What the object landed on; simulated cells.
              * @default null
@@ -2346,6 +2352,49 @@ export interface components {
              * @description [m/s]
              */
             linear: number[];
+        };
+        /**
+         * FurtherRelease
+         * @description What became of an object that another gripper let go than the first; times are on the plan's clock.
+         */
+        FurtherRelease: {
+            /**
+             * Commanded S
+             * @description When its output was sent; null: never [s].
+             */
+            commanded_s: number | null;
+            /**
+             * Gripper
+             * @description Its name in `[grippers]`; null: the cell's `[gripper]`.
+             */
+            gripper: string | null;
+            /**
+             * Landed On
+             * @description What it landed on; simulated cells.
+             */
+            landed_on: string | null;
+            /**
+             * Landing Error M
+             * @description Distance from the planned landing point [m].
+             */
+            landing_error_m: number | null;
+            /**
+             * Landing Point
+             * @description Where the object landed; simulated cells [m].
+             */
+            landing_point: number[] | null;
+            /**
+             * Opened Late S
+             * @description That less the planned release [s].
+             */
+            opened_late_s: number | null;
+            /**
+             * Opened S
+             * @description When the object left; simulated cells [s].
+             */
+            opened_s: number | null;
+            /** Passage */
+            passage: string;
         };
         /**
          * GripCheck
@@ -3269,7 +3318,7 @@ export interface components {
             reason: string | null;
             /**
              * Result
-             * @description waiting; moving; hit, miss, or thrown where nobody saw the landing; missed_grip; not_planned: no motion was found; kept: still in the gripper; unknown: in the gripper, or thrown.
+             * @description waiting; moving; hit, miss, or thrown where nobody saw the landing; missed_grip; not_planned: no motion was found; kept: still in the gripper; dropped on the way; unknown: in the gripper, or thrown.
              */
             result: string;
             /**
@@ -3444,6 +3493,8 @@ export interface components {
              * @description Sample at which the passage ends: that of a line's end; of a state, `index`.
              */
             end_index: number;
+            /** @description Of the object that leaves here; absent for a cell without `[grippers]`. */
+            flight?: components["schemas"]["FlightAnswer"] | null;
             /**
              * Index
              * @description Sample of the trajectory; the release is exactly on a tick.
@@ -3461,9 +3512,9 @@ export interface components {
             positions: number[];
             /**
              * Releases
-             * @description Whether the object leaves the tool here.
+             * @description Whether an object leaves the tool here; of one of `[grippers]`, its name.
              */
-            releases: boolean;
+            releases: boolean | string;
             /**
              * Time S
              * @description [s]
@@ -3505,9 +3556,9 @@ export interface components {
             outputs?: components["schemas"]["OutputSwitchRequest"][] | null;
             /**
              * Releases
-             * @description true: the object leaves the tool here; at one passage at most.
+             * @description true: the object leaves the tool here. A name: it leaves that one of the cell's `[grippers]`, and the state is one of its tool centre point. Each gripper lets go at one passage at most.
              */
-            releases?: true | null;
+            releases?: true | string | null;
             /**
              * State
              * @description The state, of any kind of `release`. Give either a state or a line.
@@ -5919,6 +5970,7 @@ export type FieldReason = components['schemas']['FieldReason'];
 export type FlightAnswer = components['schemas']['FlightAnswer'];
 export type FullPose = components['schemas']['FullPose'];
 export type FullTwist = components['schemas']['FullTwist'];
+export type FurtherRelease = components['schemas']['FurtherRelease'];
 export type GripCheck = components['schemas']['GripCheck'];
 export type GripperAnswer = components['schemas']['GripperAnswer'];
 export type Health = components['schemas']['Health'];

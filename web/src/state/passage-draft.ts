@@ -33,6 +33,7 @@ export interface PassageDraft {
   readonly state: StateDraft;
   readonly line: LineDraft;
   readonly releases: boolean;
+  readonly gripper: string; // that lets go there; empty: the cell's own
   readonly outputs: readonly OutputDraft[];
   readonly at: string; // [s] from the motion's start; empty: as soon as possible
   readonly notBefore: string; // [s]
@@ -49,7 +50,7 @@ export function newPassage(others: readonly PassageDraft[]): PassageDraft {
   while (names.includes(`passage ${number}`)) number += 1;
   const id = 1 + Math.max(0, ...others.map((other) => other.id));
   return {
-    id, name: `passage ${number}`, isLine: false, state: { ...FIRST_STATE_DRAFT, kind: "point" }, line: FIRST_LINE, releases: false, outputs: [], at: "", notBefore: "",
+    id, name: `passage ${number}`, isLine: false, state: { ...FIRST_STATE_DRAFT, kind: "point" }, line: FIRST_LINE, releases: false, gripper: "", outputs: [], at: "", notBefore: "",
   };
 }
 
@@ -65,7 +66,7 @@ export function passageOf(draft: PassageDraft, path: string, now_s: number | nul
   return defined({
     name: draft.name,
     ...stated,
-    releases: draft.releases && !draft.isLine ? (true as const) : undefined,
+    releases: draft.releases && !draft.isLine ? draft.gripper || (true as const) : undefined,
     at_s: optional(draft.at, "time", `${path}.at_s`),
     not_before_s: optional(draft.notBefore, "earliest time", `${path}.not_before_s`),
     outputs: draft.outputs.length > 0 ? draft.outputs.map((output, i) => outputOf(output, draft.isLine, `${path}.outputs[${i}]`)) : undefined,
@@ -99,7 +100,8 @@ export function passagesOf(asked: NonNullable<PlanRequest["passages"]>): Passage
     isLine: Boolean(passage.line),
     ...(passage.state ? { state: stateOf(passage.state as Release) } : {}),
     ...(passage.line ? { line: lineTexts(passage.line) } : {}),
-    releases: passage.releases === true,
+    releases: Boolean(passage.releases),
+    gripper: typeof passage.releases === "string" ? passage.releases : "",
     outputs: (passage.outputs ?? []).map((each) => ({
       output: each.output as OutputKind, index: String(each.index), level: each.level, offset: each.offset_s ? String(each.offset_s) : "", place: textOf(each.offset_m),
     })),

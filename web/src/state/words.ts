@@ -252,6 +252,8 @@ const CONSTRAINT_WORDS: Readonly<Record<string, string>> = {
   start: "Start",
   reach: "Reach",
   flight_clearance: "Clearance of the flight",
+  flights_apart: "Distance between the objects in the air",
+  releases_apart: "Time between the grippers' openings",
   grip_acceleration: "Acceleration in the grip",
   opening_direction: "Opening direction",
   elbow_speed: "Elbow speed",

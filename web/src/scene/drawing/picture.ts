@@ -167,7 +167,7 @@ function throwLines({ motion, object, cell, q }: Drawn, pen: Pen, palette: Palet
   return [
     ...lines,
     ...motion.windowFlights().map((points) => pen.line(points, palette.flight, 0.9, ' stroke-dasharray="6 4"')),
-    pen.line(motion.flight(), palette.flight, 2.2),
+    ...[motion.flight(), ...motion.furtherFlights()].map((points) => pen.line(points, palette.flight, 2.2)),
     pen.line([p, plus(p, v, 0.09)], palette.arrow, 2),
     pen.label(plus(p, v, 0.09), `release, ${flight!.speed_m_s.toFixed(2)} m/s`, palette.arrow),
     pen.label(flight!.landing_point as unknown as Vector, `landing after ${flight!.time_of_flight_s.toFixed(2)} s`, palette.target),

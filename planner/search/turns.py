@@ -1,0 +1,106 @@
+"""The search for a motion in which several grippers let go, one after another: each throw by itself, from the last.
+
+    the first throw, as if it were the only one
+      → from where its object is out of the grip, still in motion, the next throw; else from where its brake ends
+      → certified as one
+
+So each launch is one of the optimiser, and the motion goes on from throw to throw without a leg between them.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
+from planner.backends.solution import Solution
+from planner.errors import Infeasible, InvalidProblem, SolverFailed
+from planner.problem import ThrowProblem
+from planner.search.record import CertifiedSolution, PlanningSearch, counted
+from planner.search.search import search_candidates
+from planner.search.stops import search_with_stop
+from planner.seeds import candidates
+from planner.trajectory import Trajectory
+
+LEAVES_S = 0.04  # [s] after the release in which the object leaves the open grip: 1 cm under gravity takes 45 ms
+SPEEDS = (
+    1.0,
+    0.8,
+    0.6,
+)  # [-] of the tool speed, in turn: a throw by itself does not know how fast the other grippers are
+MOTIONS = 2  # [-] of each throw that the next one is planned from
+
+
+def search_in_turn(search: PlanningSearch) -> None:
+    """Searches for a motion of throws alone, until one is certified; leaves the search without one otherwise.
+
+    Args:
+        search: of a chain; updated in place.
+    """
+    problem = search.problem
+    is_plain = all(each.releases and not each.is_timed for each in problem.passages) and problem.end is None
+    if len(problem.passages) < 2 or not is_plain or problem.backend != "auto":
+        return
+    begun_s = time.perf_counter()
+    for share in SPEEDS:
+        _go_on(search, share, None, ())
+    tried = len(search.certified) + len(search.rejected)
+    result = f"one throw after another: {len(search.certified)} of {counted(tried, 'motion')} certified"
+    search.log_attempt("auto", result, begun_s)
+
+
+def _go_on(search: PlanningSearch, share: float, made: Trajectory | None, passed: tuple[int, ...]) -> None:
+    """Plans the throws that are still to come, at a share of the tool speed, from the end of what is made.
+
+    Whole motions are certified.
+    """
+    problem = search.problem
+    number = len(passed)
+    alone = problem.alone(number)
+    alone = replace(alone, limits=replace(alone.limits, tcp_speed_max=share * alone.limits.tcp_speed_max))
+    if made is not None:
+        with suppress(InvalidProblem):
+            alone = replace(alone, start=made.q[-1], start_qd=made.qd[-1], start_qdd=made.qdd[-1])
+    for throw in _throws(search, alone):
+        if search.best is not None or search.out_of_time:
+            return
+        trajectory = throw.solution.trajectory
+        whole = trajectory if made is None else _joined(made, trajectory)
+        released = (*passed, whole.release_index)
+        if number + 1 == len(problem.passages):
+            search.begin_candidate()
+            motion = replace(whole, release_index=released[0], passage_indices=released)
+            search.certify(throw.backend, Solution(motion, "one throw after another"))
+            continue
+        leaves = whole.release_index + math.ceil((alone.opening_spread_s + LEAVES_S) / alone.dt)
+        for end in (leaves, len(whole.q) - 1):
+            if search.best is None and end < len(whole.q):
+                _go_on(search, share, _until(whole, end), released)
+
+
+def _throws(search: PlanningSearch, alone: ThrowProblem) -> list[CertifiedSolution]:
+    """Returns the motions of a throw by itself, the soonest first."""
+    inner = PlanningSearch(alone, search.deadline_s, tell=search.tell_inner)
+    with suppress(Infeasible, SolverFailed):
+        found = candidates(alone, search.deadline_s)
+        search_candidates(inner, found)
+        if inner.best is None and alone.starts_at_rest:
+            search_with_stop(inner, found)
+    search.iterations += inner.iterations
+    search.extend_deadline(inner.loading_s)
+    return inner.by_rank()[:MOTIONS]
+
+
+def _until(motion: Trajectory, end: int) -> Trajectory:
+    """Returns a motion up to a sample after its release."""
+    arrays = [each[: end + 1] for each in (motion.q, motion.qd, motion.qdd)]
+    return Trajectory(motion.sample_rate_hz, *arrays, release_index=motion.release_index)
+
+
+def _joined(first: Trajectory, second: Trajectory) -> Trajectory:
+    """Returns two motions as one, of which the second begins in the last state of the first."""
+    arrays = [np.concatenate([getattr(first, name), getattr(second, name)[1:]]) for name in ("q", "qd", "qdd")]
+    return Trajectory(first.sample_rate_hz, *arrays, release_index=len(first.q) - 1 + second.release_index)

@@ -1,0 +1,89 @@
+"""Two objects thrown in one motion on a simulated cell: each leaves by its own output, and lands at its own target."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from executor.streaming.state_checks import OUTPUT_SHIFT
+from tests.planner.two_grippers import TARGETS, two_grippers, two_throws
+from tests.system.rig import Rig
+from tests.system.test_passages import stored
+
+HIDDEN_DELAYS_S = {"": 0.044, "left": 0.033}  # of the true grippers: later than the cell file says
+LANDED_M = 0.01  # of 0.5 s of flight at 2 m/s, on an arm that follows its plan
+TICK_S = 0.002
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Rig:
+    """A rig of this test only, with a tool of two grippers, not started."""
+    rig = Rig(tmp_path)
+    rig.rewrite(two_grippers(rig.path.read_text()))
+    return rig
+
+
+@pytest.mark.parametrize("mode", ["speedj", "servoj"])
+def test_two_balls_land_at_their_two_targets(rig: Rig, mode: str) -> None:
+    try:
+        rig.start()
+        row = rig.quiet_run(stored(rig, two_throws()), mode)
+        assert row.outcome == "completed", row.reason
+        landed = {each.get("gripper", ""): each for each in rig.world()["landings"] if each["bounce"] == 0}
+        assert set(landed) == {"", "left"}
+        for name, target in TARGETS.items():
+            assert np.linalg.norm(np.array(landed[name]["position_m"]) - target) < LANDED_M
+        assert row.metrics is not None
+        assert row.metrics["landing_error_m"] < LANDED_M
+        (further,) = row.metrics["grippers"]
+        assert further["gripper"] == "left"
+        assert further["landing_error_m"] < LANDED_M
+        assert further["opened_late_s"] == pytest.approx(0.0, abs=4e-3)
+        document = rig.document(row.id)
+        assert further["commanded_s"] == pytest.approx(
+            document["passages"][1]["command_time_s"], abs=0.5 * TICK_S + 1e-6
+        )
+        state = rig.state()
+        assert state["gripper_holds"] is None
+        assert state["grippers_hold"] == {"left": None}
+    finally:
+        rig.stop()
+
+
+def test_each_gripper_has_a_delay_of_its_own_which_only_the_simulator_knows(rig: Rig) -> None:
+    try:
+        truth = rig.folder / "truth.toml"
+        own, left = HIDDEN_DELAYS_S.values()
+        truth.write_text(f"[gripper]\ndelay_s = {own}\n[grippers.left]\ndelay_s = {left}\njitter_s = 0.0\n")
+        rig.start_simulator("--truth", str(truth), "--reveal")
+        rig.start_executor()
+        row = rig.quiet_run(stored(rig, two_throws()))
+        assert row.outcome == "completed", row.reason
+        changes = rig.state()["output_changes"]
+        for name, (kind, index) in {"": ("tool_digital", 0), "left": ("standard_digital", 1)}.items():
+            bit = 1 << OUTPUT_SHIFT[kind] + index
+            opened = [t for (_, before), (t, bits) in pairwise([(0.0, 0), *changes]) if bits & bit and not before & bit]
+            (left,) = [each["t"] for each in rig.world()["releases"] if each.get("gripper", "") == name][-1:]
+            assert left - max(t for t in opened if t <= left) == pytest.approx(HIDDEN_DELAYS_S[name], abs=1e-6)
+    finally:
+        rig.stop()
+
+
+def test_a_stop_between_two_releases_keeps_the_second_object(rig: Rig) -> None:
+    try:
+        rig.start()
+        id = rig.queue_plan(stored(rig, two_throws()))
+        rig.until(lambda: len(rig.world()["releases"]) == 1, period=0.001)
+        rig.store.request_abort(id)
+        row = rig.end(id)
+        assert row.outcome == "aborted", row.reason
+        assert "the object of 'second' is held" in row.reason
+        assert len(rig.world()["releases"]) == 1
+        state = rig.state()
+        assert state["grippers_hold"] == {"left": 2}
+        assert not state["digital_outputs"] >> OUTPUT_SHIFT["standard_digital"] + 1 & 1
+    finally:
+        rig.stop()
