@@ -12,7 +12,7 @@ from planner.errors import CellError
 from planner.geometry import arm_capsules
 from planner.kinematics import forward
 from planner.robots import INCOMPLETE_NAMES, completed, missing_numbers, published_number, robot
-from tests.planner.published_arms import pinocchio_arm
+from audit.judge.published_arms import pinocchio_arm
 
 LINK = '[link]\nkind = "sim"\n'
 NUMBERS = {

@@ -20,7 +20,7 @@ from planner.problem import JointRelease
 from planner.robots import robot
 from planner.seeds import Candidate, candidates
 from tests.planner.problems import cell, joint_problem, random_state
-from tests.planner.published_arms import pinocchio_arm
+from audit.judge.published_arms import pinocchio_arm
 
 NAMES = ("elbow_speed", "momentum", "power", "stopping_time", "stopping_distance")
 FIELDS = ("elbow_speed_m_s", "momentum_kg_m_s", "power_w", "stopping_time_s", "stopping_distance_m")

@@ -9,9 +9,9 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
-from benchmarks.audit.distances import LENGTH_SLACK_M, shapes
-from benchmarks.audit.fault import AuditFault, over, under
-from benchmarks.audit.pinocchio_arm import arm_model, poses_and_velocity
+from audit.judge.distances import LENGTH_SLACK_M, shapes
+from audit.judge.fault import AuditFault, over, under
+from audit.judge.pinocchio_arm import arm_model, poses_and_velocity
 from planner.cell import Solid
 from planner.problem import TargetRelease, ThrowProblem
 from planner.trajectory import Trajectory

@@ -14,14 +14,14 @@ import pinocchio as pin
 import trimesh
 from numpy.typing import NDArray
 
-from benchmarks.audit.bodies import body_points, body_solid
-from benchmarks.audit.fault import AuditFault, over, under
-from benchmarks.audit.pinocchio_arm import arm_model, dh_frames_in_urdf, object_in_flange, poses_and_velocity
+from audit.judge.bodies import body_points, body_solid
+from audit.judge.fault import AuditFault, over, under
+from audit.judge.pinocchio_arm import arm_model, dh_frames_in_urdf, object_in_flange, poses_and_velocity
 from planner.cell import Cell, Solid, ThrownBody
 from planner.geometry import SELF_CLEARANCE_M, body_capsules
 from planner.problem import TargetRelease, ThrowProblem
 from planner.robots import Robot
-from tests.planner.published_arms import pinocchio_arm
+from audit.judge.published_arms import robot_model
 
 Vector = NDArray[np.float64]
 
@@ -312,8 +312,8 @@ def _apart(robot: Robot, bodies: tuple[_Solid, ...]) -> tuple[tuple[int, int], .
     The object is beside what grips it: the tool, and wrists that it touches in some posture without being apart.
     """
     rng = np.random.default_rng(0)
-    model = pinocchio_arm(robot.name, exact=True)
-    X_frames = dh_frames_in_urdf(robot.name)
+    model = robot_model(robot)
+    X_frames = dh_frames_in_urdf(robot)
     data = model.createData()
     solids = [coal.Capsule(b.radius_m, b.length_m) if b.length_m else coal.Sphere(b.radius_m) for b in bodies]
     fixed = [pin.SE3(np.vstack([np.reshape(b.placement, (3, 4)), [0.0, 0.0, 0.0, 1.0]])) for b in bodies]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.audit.body_flights import body_flight_faults, body_landing_errors
-from benchmarks.audit.fault import AuditFault
-from benchmarks.audit.flights import ball_flight_faults, ball_landing_errors
+from audit.judge.body_flights import body_flight_faults, body_landing_errors
+from audit.judge.fault import AuditFault
+from audit.judge.flights import ball_flight_faults, ball_landing_errors
 from planner.cell import ThrownBody
 from planner.problem import ThrowProblem
 from planner.trajectory import Trajectory

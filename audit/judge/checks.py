@@ -13,12 +13,12 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
-from benchmarks.audit.distances import LENGTH_SLACK_M, SPARSE_S, spatial_faults
-from benchmarks.audit.fault import AuditFault, joint_faults, over
-from benchmarks.audit.landings import flight_faults
-from benchmarks.audit.mujoco_model import inverse_dynamics
-from benchmarks.audit.pinocchio_arm import arm_model, dh_frames_in_urdf, poses_and_velocity
-from benchmarks.audit.safety import grip_faults, object_times, safety_faults
+from audit.judge.distances import LENGTH_SLACK_M, SPARSE_S, spatial_faults
+from audit.judge.fault import AuditFault, joint_faults, over
+from audit.judge.landings import flight_faults
+from audit.judge.mujoco_model import inverse_dynamics
+from audit.judge.pinocchio_arm import arm_model, dh_frames_in_urdf, poses_and_velocity
+from audit.judge.safety import grip_faults, object_times, safety_faults
 from planner.problem import JointRelease, PointRelease, PoseRelease, Release, ThrowProblem
 from planner.releases import SteadyLine
 from planner.trajectory import Trajectory
@@ -218,7 +218,7 @@ def _orientation(
     data = model.createData()
     pin.forwardKinematics(model, data, q, qd)
     R_WT = (
-        data.oMi[6].rotation @ dh_frames_in_urdf(problem.cell.robot.name)[5].rotation @ problem.cell.tool.X_FT[:3, :3]
+        data.oMi[6].rotation @ dh_frames_in_urdf(problem.cell.robot)[5].rotation @ problem.cell.tool.X_FT[:3, :3]
     )
     turn = float(np.linalg.norm(pin.log3(R_WT @ release.X_WT[:3, :3].T)))
     spin = float(np.linalg.norm(pin.getVelocity(model, data, 6, pin.LOCAL_WORLD_ALIGNED).angular - release.V_WT[3:]))
