@@ -14,7 +14,19 @@ from pathlib import Path
 
 import pytest
 
-ROOMS = ("fling", "planner", "store", "learning", "jobs", "api", "executor", "simulator", "verifier", "audit", "benchmarks")
+ROOMS = (
+    "fling",
+    "planner",
+    "store",
+    "learning",
+    "jobs",
+    "api",
+    "executor",
+    "simulator",
+    "verifier",
+    "audit",
+    "benchmarks",
+)
 FOLDERS = (*ROOMS, "tests", "docs")  # that hold code of this project
 # contract: (module of the copy, the module that a forbidden import of it names). One line each.
 PLANTED = {

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from audit.judge.bodies import body_points, body_solid
 from audit.judge.fault import AuditFault, over, under
 from audit.judge.pinocchio_arm import arm_model, dh_frames_in_urdf, object_in_flange, poses_and_velocity
+from audit.judge.published_arms import robot_model
 from planner.cell import Cell, Solid, ThrownBody
 from planner.geometry import SELF_CLEARANCE_M, body_capsules
 from planner.problem import TargetRelease, ThrowProblem
 from planner.robots import Robot
-from audit.judge.published_arms import robot_model
 
 Vector = NDArray[np.float64]
 
@@ -73,7 +73,13 @@ class SpatialExtremes:
 
 
 def spatial_faults(
-    problem: ThrowProblem, q: Vector, qd: Vector, t: Vector, held_until_s: float, passed_s: Vector
+    problem: ThrowProblem,
+    q: Vector,
+    qd: Vector,
+    t: Vector,
+    held_until_s: float,
+    passed_s: Vector,
+    beyond: tuple[Obstacle, ...] = (),
 ) -> list[AuditFault]:
     """Returns the violated distances, speeds and singularity distances.
 
@@ -84,11 +90,12 @@ def spatial_faults(
         t: Times (n,) [s].
         held_until_s: Time until which the object may be held, the end of the release window [s].
         passed_s: Times of the release, or of the passages, that are at speed (k,) [s].
+        beyond: obstacles beside those of the cell.
     """
     cell = problem.cell
     worst = SpatialExtremes()
     model = arm_model(cell, False)
-    obstacles = _obstacles(problem)
+    obstacles = [*_obstacles(problem), *beyond]
     bodies = _all(cell)
     for solid in [*(body.solid for body in bodies), *(solid for solid, _, _, _ in obstacles)]:
         solid.computeLocalAABB()
@@ -103,7 +110,7 @@ def spatial_faults(
         for first, second in pairs:
             solids = bodies[first].solid, places[first], bodies[second].solid, places[second]
             worst.self_gap = min(worst.self_gap, _distance(*solids, worst.self_gap))
-        present = obstacles if problem.starts_at_s is None else _obstacles(problem, float(t[i]))
+        present = obstacles if problem.starts_at_s is None else [*_obstacles(problem, float(t[i])), *beyond]
         for solid, *_ in present:
             solid.computeLocalAABB()
         worst.boxes = _box_gap(cell, present, places, held, worst.boxes)
@@ -111,6 +118,39 @@ def spatial_faults(
         if (np.abs(t[i] - passed_s) <= SINGULARITY_WINDOW_S).any():
             worst.singular = min(worst.singular, _singularity_distance(data))
     return worst.faults(problem)
+
+
+def posture_room(cell: Cell, q: Vector) -> float:
+    """Returns by how much an arm that holds its object keeps more than each distance that is asked of it [m].
+
+    Negative where it is too near to the floor, to itself, to a shape, or outside a room.
+
+    Args:
+        cell: the cell.
+        q: joint positions (6,) [rad].
+    """
+    model = arm_model(cell, False)
+    poses, _ = poses_and_velocity(cell, model, model.createData(), q, np.zeros(6))
+    bodies = _all(cell)
+    obstacles = _keep_out(cell)
+    for solid in [*(body.solid for body in bodies), *(solid for solid, _, _, _ in obstacles)]:
+        solid.computeLocalAABB()
+    places = [_coal(poses[body.frame] * body.placement) for body in bodies]
+    clearance = cell.surroundings.clearance_m
+    least = min(_height(cell, poses, True) - clearance, -_outside(cell, poses))
+    least = min(least, _box_gap(cell, obstacles, places, True, np.inf) - clearance)
+    for i, j in _judged_pairs(cell):
+        pair = bodies[i].solid, places[i], bodies[j].solid, places[j]
+        least = min(least, _distance(*pair, least + SELF_CLEARANCE_M) - SELF_CLEARANCE_M)
+    return least
+
+
+def singularity_distance(cell: Cell, q: Vector) -> float:
+    """Returns the smallest of the three distances of docs/conventions.md at joint positions (6,) [-]."""
+    model = arm_model(cell, False)
+    data = model.createData()
+    pin.forwardKinematics(model, data, q)
+    return _singularity_distance(data)
 
 
 def _outside(cell: Cell, poses: list[pin.SE3]) -> float:
@@ -156,12 +196,20 @@ def _box_gap(cell: Cell, obstacles: list[Obstacle], places: list[coal.Transform3
     """
     count = len(shapes(cell)) + held
     bodies = [(shape, own) for shape, own in list(zip(_all(cell), places, strict=True))[:count] if shape.frame > 0]
-    for solid, place, further_m, name in obstacles:
-        for shape, own in bodies:
-            if _may_touch(cell, shape.name, name):
-                continue
-            gap = _distance(shape.solid, own, solid, place, least + further_m)
-            least = min(least, gap - further_m)
+    if not obstacles:
+        return least
+    p = np.array([own.getTranslation() for _, own in bodies])
+    r = np.array([shape.solid.aabb_radius for shape, _ in bodies])
+    other_p = np.array([place.getTranslation() for _, place, _, _ in obstacles])
+    other_r = np.array([solid.aabb_radius + further_m for solid, _, further_m, _ in obstacles])
+    away = np.linalg.norm(p[:, None] - other_p, axis=2) - r[:, None] - other_r  # of the balls about them
+    for i, j in np.argwhere(away < least).tolist():
+        shape, own = bodies[i]
+        solid, place, further_m, name = obstacles[j]
+        if away[i, j] >= least or _may_touch(cell, shape.name, name):
+            continue
+        gap = _distance(shape.solid, own, solid, place, np.inf)
+        least = min(least, gap - further_m)
     return least
 
 
@@ -171,12 +219,7 @@ def _obstacles(problem: ThrowProblem, t: float = 0.0) -> list[Obstacle]:
     A bin that moves stands where it is at a time `t` of the motion [s].
     With each what it is to be kept from beyond the cell's clearance [m], and its name.
     """
-    around = problem.cell.surroundings
-    found: list[Obstacle] = []
-    for name, shape in zip(around.keep_out_names, around.keep_out, strict=True):
-        own = around.clearance_m if shape.clearance_m is None else shape.clearance_m
-        place = coal.Transform3s(shape.X_WC[:3, :3], shape.X_WC[:3, 3])
-        found.append((coal_solid(shape), place, own - around.clearance_m, name))
+    found = _keep_out(problem.cell)
     release = problem.release
     if isinstance(release, TargetRelease) and release.opening is not None:
         height = release.opening.rim_height_m
@@ -184,6 +227,17 @@ def _obstacles(problem: ThrowProblem, t: float = 0.0) -> list[Obstacle]:
         if problem.starts_at_s is not None:
             middle = middle + (problem.starts_at_s + t - release.at_s) * release.v_W
         found.append((coal.Cylinder(release.opening.radius_m, height), coal.Transform3s(np.eye(3), middle), 0.0, "bin"))
+    return found
+
+
+def _keep_out(cell: Cell) -> list[Obstacle]:
+    """Returns the keep-out shapes."""
+    around = cell.surroundings
+    found = []
+    for name, shape in zip(around.keep_out_names, around.keep_out, strict=True):
+        own = around.clearance_m if shape.clearance_m is None else shape.clearance_m
+        place = coal.Transform3s(shape.X_WC[:3, :3], shape.X_WC[:3, 3])
+        found.append((coal_solid(shape), place, own - around.clearance_m, name))
     return found
 
 

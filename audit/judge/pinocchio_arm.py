@@ -8,9 +8,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from audit.judge.published_arms import dh_placement, robot_model
 from planner.cell import Cell, ThrownBody
 from planner.robots import Robot
-from audit.judge.published_arms import dh_placement, robot_model
 
 Vector = NDArray[np.float64]
 

@@ -92,9 +92,12 @@ def robot_model(robot: Robot) -> pin.Model:
     joint = 0
     before = pin.SE3.Identity()
     for i, link in enumerate(robot.links):
-        joint = model.addJoint(joint, pin.JointModelRZ(), before, link.name)
-        before = dh_placement(robot, i)
-        model.appendBodyToJoint(joint, pin.Inertia(link.mass, link.com, link.inertia), before)
+        is_last = i == len(robot.links) - 1  # whose frame is the flange: as far along its own axis as the table says
+        behind = dh_placement(robot, i)
+        at, behind = (before * behind, pin.SE3.Identity()) if is_last else (before, behind)
+        joint = model.addJoint(joint, pin.JointModelRZ(), at, link.name)
+        model.appendBodyToJoint(joint, pin.Inertia(link.mass, link.com, link.inertia), behind)
+        before = behind
     return model
 
 
