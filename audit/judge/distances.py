@@ -99,6 +99,8 @@ def spatial_faults(
     bodies = _all(cell)
     for solid in [*(body.solid for body in bodies), *(solid for solid, _, _, _ in obstacles)]:
         solid.computeLocalAABB()
+    every_pair = _judged_pairs(cell)
+    of_arm = tuple(pair for pair in every_pair if pair[1] < len(shapes(cell)))
     data = model.createData()
     for i in range(len(t)):
         poses, v = poses_and_velocity(cell, model, data, q[i], qd[i])
@@ -106,10 +108,7 @@ def spatial_faults(
         held = bool(t[i] <= held_until_s)
         worst.speed = max(worst.speed, float(np.linalg.norm(v)))
         worst.floor = min(worst.floor, _height(cell, poses, held))
-        pairs = [pair for pair in _judged_pairs(cell) if held or pair[1] < len(shapes(cell))]
-        for first, second in pairs:
-            solids = bodies[first].solid, places[first], bodies[second].solid, places[second]
-            worst.self_gap = min(worst.self_gap, _distance(*solids, worst.self_gap))
+        worst.self_gap = _self_gap(bodies, places, every_pair if held else of_arm, worst.self_gap)
         present = obstacles if problem.starts_at_s is None else [*_obstacles(problem, float(t[i])), *beyond]
         for solid, *_ in present:
             solid.computeLocalAABB()
@@ -139,10 +138,8 @@ def posture_room(cell: Cell, q: Vector) -> float:
     clearance = cell.surroundings.clearance_m
     least = min(_height(cell, poses, True) - clearance, -_outside(cell, poses))
     least = min(least, _box_gap(cell, obstacles, places, True, np.inf) - clearance)
-    for i, j in _judged_pairs(cell):
-        pair = bodies[i].solid, places[i], bodies[j].solid, places[j]
-        least = min(least, _distance(*pair, least + SELF_CLEARANCE_M) - SELF_CLEARANCE_M)
-    return least
+    of_arm = _self_gap(bodies, places, _judged_pairs(cell), np.inf)
+    return min(least, of_arm - SELF_CLEARANCE_M)
 
 
 def singularity_distance(cell: Cell, q: Vector) -> float:
@@ -189,6 +186,22 @@ def _singularity_distance(data: pin.Data) -> float:
     return float(min(wrist, elbow, shoulder))
 
 
+def _self_gap(
+    bodies: list[BodyShape], places: list[coal.Transform3s], pairs: tuple[tuple[int, int], ...], least: float
+) -> float:
+    """Returns the smallest distance of pairs of bodies [m], or `least`, where that is smaller."""
+    one, other = np.array(pairs, np.intp).reshape(-1, 2).T
+    p = np.array([place.getTranslation() for place in places])
+    r = np.array([body.solid.aabb_radius for body in bodies])
+    away = np.linalg.norm(p[one] - p[other], axis=1) - r[one] - r[other]  # of the balls about them
+    for k in np.flatnonzero(away < least).tolist():
+        first, second = pairs[k]
+        if away[k] < least:
+            gap = _distance(bodies[first].solid, places[first], bodies[second].solid, places[second])
+            least = min(least, gap)
+    return least
+
+
 def _box_gap(cell: Cell, obstacles: list[Obstacle], places: list[coal.Transform3s], held: bool, least: float) -> float:
     """Returns the smallest distance of the bodies from shapes and bin, less what these are kept from further [m].
 
@@ -208,7 +221,7 @@ def _box_gap(cell: Cell, obstacles: list[Obstacle], places: list[coal.Transform3
         solid, place, further_m, name = obstacles[j]
         if away[i, j] >= least or _may_touch(cell, shape.name, name):
             continue
-        gap = _distance(shape.solid, own, solid, place, np.inf)
+        gap = _distance(shape.solid, own, solid, place)
         least = min(least, gap - further_m)
     return least
 
@@ -395,12 +408,9 @@ def _coal(X: pin.SE3) -> coal.Transform3s:
     return coal.Transform3s(X.rotation, X.translation)
 
 
-def _distance(
-    one: coal.ShapeBase, own: coal.Transform3s, other: coal.ShapeBase, place: coal.Transform3s, least: float
-) -> float:
-    """Returns the distance of two solids [m], or that of the balls about them where it is no less than `least`."""
-    away = math.dist(own.getTranslation(), place.getTranslation()) - one.aabb_radius - other.aabb_radius
-    return away if away >= least else float(coal.distance(one, own, other, place, _REQUEST, coal.DistanceResult()))
+def _distance(one: coal.ShapeBase, own: coal.Transform3s, other: coal.ShapeBase, place: coal.Transform3s) -> float:
+    """Returns the distance of two solids [m]."""
+    return float(coal.distance(one, own, other, place, _REQUEST, coal.DistanceResult()))
 
 
 def _height(cell: Cell, poses: list[pin.SE3], held: bool) -> float:
