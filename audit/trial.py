@@ -88,8 +88,8 @@ class Trial:
         return bool(self.faults) or self.proof == Status.VIOLATED.value
 
     def as_row(self) -> dict[str, Any]:
-        """Returns it as JSON: what is empty is left out."""
-        return {name: value for name, value in asdict(self).items() if value not in ("", (), {}, False)}
+        """Returns it as JSON: what is empty is left out, but never the index."""
+        return {name: value for name, value in asdict(self).items() if value or name == "index"}
 
 
 class Stopwatch:
