@@ -53,7 +53,7 @@ class AuditRecord:
         rows: by index.
 
     Raises:
-        RecordRefused: there is a record already, or one of another signature.
+        RecordRefused: there is a record already, one of another signature, or something else.
     """
 
     def __init__(self, folder: Path, about: Mapping[str, Any], resume: bool) -> None:
@@ -93,16 +93,19 @@ class AuditRecord:
         """
         content = self._path.read_bytes()
         whole = content[: content.rfind(b"\n") + 1]
-        if not whole:
-            raise RecordRefused(f"{self._path} is no record: it has no whole line")
-        lines = [json.loads(line) for line in whole.splitlines()]
+        try:
+            lines = [json.loads(line) for line in whole.splitlines()]
+            rows = {int(row["index"]): row for row in lines[1:]}
+            header = dict(lines[0])
+        except (ValueError, KeyError, IndexError, TypeError) as error:
+            raise RecordRefused(f"{self._path} is no record: {error!r}") from error
         for name, value in self.about.items():
-            if lines[0].get(name) != value:
-                raise RecordRefused(f"{self._path} is of another {name}: {lines[0].get(name)!r}, this one: {value!r}")
+            if header.get(name) != value:
+                raise RecordRefused(f"{self._path} is of another {name}: {header.get(name)!r}, this one: {value!r}")
         if whole != content:
             with self._path.open("r+b") as file:
                 file.truncate(len(whole))
-        self.rows = {row["index"]: row for row in lines[1:]}
+        self.rows = rows
 
     def _append(self, row: Mapping[str, Any]) -> None:
         with self._path.open("a", encoding="utf-8") as file:

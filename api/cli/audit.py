@@ -55,6 +55,8 @@ def audit(
     _require_packages()
     if (count is None) == (index is None):
         raise click.UsageError("give either --count or --index")
+    if index is not None and (resume or workers or ray):
+        raise click.UsageError("--resume, --workers and --ray go with --count")
     if index is not None:
         _one(seed, index, out, proofs, as_json)
         return
