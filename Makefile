@@ -7,7 +7,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
 NATIVE := $(wildcard planner/native/*/*.[ch] planner/backends/casadi_nlp/*.py planner/backends/casadi_nlp/symbols/*.py)
 # Steps of setting up, by what is asked for.
 STEPS := $(if $(filter-out demo up web web-check sbom audit,$(or $(MAKECMDGOALS),setup)),3,$(if $(filter demo up,$(MAKECMDGOALS)),2,1))
-SOURCES := fling planner store learning jobs api executor simulator verifier benchmarks
+SOURCES := fling planner store learning jobs api executor simulator verifier audit benchmarks
 
 .PHONY: setup demo up test verify verify-ci wheels sbom audit soak fuzz test-kernels check web web-check bench bench-batches pictures docs lock clean
 

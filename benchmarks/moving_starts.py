@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.audit import find_faults
+from audit.judge import find_faults
 from benchmarks.numbered import measured_rows, numbered_parser
 from planner.backends import ruckig_otg
 from planner.cell import Cell, parse_cell

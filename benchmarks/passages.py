@@ -176,7 +176,7 @@ def measured(number: int, seed: int, is_audited: bool) -> dict[str, Any]:
         number, seed: of the motion.
         is_audited: whether there is an audit; otherwise the faults are None.
     """
-    from benchmarks.audit import find_faults
+    from audit.judge import find_faults
 
     drawing = Drawing(number, seed)
     problem, known, pace = drawing.motion()

@@ -20,7 +20,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from benchmarks.audit import coal_mesh, coal_solid
+from audit.judge import coal_mesh, coal_solid
 from planner.cell import Solid, cover_in, load_cell, read_source, shape_of
 from planner.geometry import shape_distances
 from planner.rotations import pose, rotation_vector_to_matrix

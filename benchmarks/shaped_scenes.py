@@ -16,7 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.audit import find_faults
+from audit.judge import find_faults
 from benchmarks.problem_sets import Task, cell, obstructed_tasks, shaped_cell_tasks, shaped_tasks
 from planner.errors import Infeasible, InvalidProblem, SolverFailed
 from planner.planning import plan

@@ -2,7 +2,7 @@
 
     python -m benchmarks.walls_and_bins --count 60 --seed 0
 
-Every answer is judged again by `benchmarks.audit`, which shares no code with the certificate.
+Every answer is judged again by `audit.judge`, which shares no code with the certificate.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.audit import flight_faults
+from audit.judge import flight_faults
 from benchmarks.problem_sets import Task, cell, obstructed_tasks, open_tasks
 from planner.errors import Infeasible, SolverFailed
 from planner.planning import Plan, plan

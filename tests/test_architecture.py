@@ -14,7 +14,19 @@ from pathlib import Path
 
 import pytest
 
-ROOMS = ("fling", "planner", "store", "learning", "jobs", "api", "executor", "simulator", "verifier", "benchmarks")
+ROOMS = (
+    "fling",
+    "planner",
+    "store",
+    "learning",
+    "jobs",
+    "api",
+    "executor",
+    "simulator",
+    "verifier",
+    "audit",
+    "benchmarks",
+)
 FOLDERS = (*ROOMS, "tests", "docs")  # that hold code of this project
 # contract: (module of the copy, the module that a forbidden import of it names). One line each.
 PLANTED = {
@@ -23,6 +35,7 @@ PLANTED = {
     "back-ends": ("planner/backends/ruckig_otg/__init__.py", "planner.backends.profiles"),
     "certificate": ("planner/backends/profiles.py", "planner.certificate"),
     "verifier": ("verifier/joint_checks.py", "planner.certificate"),
+    "audit": ("audit/judge/checks.py", "planner.certificate"),
     "pure": ("planner/cell/model.py", "pydantic"),
     "library": ("fling/planning.py", "store"),
     "executor": ("executor/stream_job.py", "planner.planning"),
@@ -52,6 +65,9 @@ FACES = (
     "store",
     "store.many",
     "verifier",
+    "audit",
+    "audit.judge",
+    "audit.problems",
     "learning",
     "jobs.planning",
     "jobs.maps",
@@ -65,7 +81,6 @@ FACES = (
     "api.routes",
     "api.scene",
     "api.schemas",
-    "benchmarks.audit",
     "benchmarks.problem_sets",
     "benchmarks.report",
     "benchmarks.streaming",

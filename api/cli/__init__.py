@@ -27,6 +27,7 @@ COMMANDS = {
     "landing": ("landing", "landing", "Report where an object landed, or list the reports."),
     "report": ("report", "report", "A plan, an execution or an experiment as a self-contained HTML file."),
     "verify": ("verify", "verify", "Prove a plan anew, by arithmetic that rounds outwards."),
+    "audit": ("audit", "audit", "Random problems planned, and every plan judged by foreign code."),
     "export": ("export", "export", "A plan as a URScript program for the pendant."),
     "retarget": ("throw", "retarget", "Give a running throw another target."),
     "abort": ("throw", "abort", "Ask for the brake of a running execution."),
@@ -77,5 +78,6 @@ def main() -> None:
 
     Exit status: 0 done; 1 wrong input, missing file or not reachable; 2 infeasible; 3 solver failed; 4 executed, but
     not completed; 64 wrong command line. `fling doctor`: 0 fit; 1 fit with warnings; 2 unfit. `fling verify`: 0 proven;
-    1 not proven; 2 violated. With --json errors are JSON on standard error.
+    1 not proven; 2 violated. `fling audit`: 0 no plan is wrong; 2 one is. With --json errors are JSON on standard
+    error.
     """

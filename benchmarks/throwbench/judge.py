@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.audit import AuditFault, clearance_faults, landing_errors, motion_faults, over, release_state, under
+from audit.judge import AuditFault, clearance_faults, landing_errors, motion_faults, over, release_state, under
 from benchmarks.throwbench.answer import BadAnswer, motion_of
 from benchmarks.throwbench.problem_document import Problem, problem_from_document
 from planner.problem import TargetRelease, ThrowProblem

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.audit import self_pairs
+from audit.judge import self_pairs
 from planner.arrays import Array, read_only
 from planner.cell import Box, Cell, Limits, Solid, ToolCapsule, parse_cell
 from planner.geometry import SELF_CLEARANCE_M, body_capsules

@@ -18,7 +18,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from benchmarks.audit.pinocchio_arm import arm_model, poses_and_velocity
+from audit.judge.pinocchio_arm import arm_model, poses_and_velocity
 from benchmarks.peers.arm import PeerArm
 from benchmarks.peers.ruckig_alone import plan
 from benchmarks.throwbench import HASHES, hash_of, hidden_problems, load_set, sets, verify

@@ -6,13 +6,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from audit.judge.published_arms import pinocchio_arm
 from planner.cell import CellSource, cell_of_keys, completed_arm, mended_cell, parse_cell
 from planner.dynamics import joint_torques
 from planner.errors import CellError
 from planner.geometry import arm_capsules
 from planner.kinematics import forward
 from planner.robots import INCOMPLETE_NAMES, completed, missing_numbers, published_number, robot
-from tests.planner.published_arms import pinocchio_arm
 
 LINK = '[link]\nkind = "sim"\n'
 NUMBERS = {

@@ -4,6 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from audit.judge.published_arms import pinocchio_arm
 from planner.cell import ThrownBody, cell_of_keys
 from planner.certificate import ArmSamples
 from planner.dynamics import Payload, joint_torques, payload_of
@@ -11,7 +12,6 @@ from planner.kinematics import LinkMotion, link_poses
 from planner.robots import ROBOT_NAMES, robot
 from planner.rotations import rotation_vector_to_matrix
 from tests.planner.problems import cell
-from tests.planner.published_arms import pinocchio_arm
 
 RNG = np.random.default_rng(9)
 PAYLOAD = Payload(2.3, np.array([0.03, -0.05, 0.11]), np.diag([0.01, 0.02, 0.015]) + 0.001)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.audit import find_faults
+from audit.judge import find_faults
 from planner.approach import find_approach
 from planner.approach.rrt_connect import Obstacles
 from planner.approach.swept_clearance import SweptPaths, keep_clear

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from benchmarks.audit import coal_mesh
+from audit.judge import coal_mesh
 from planner.arrays import Array
 from planner.cell import load_cell, mended_cell, read_source
 from planner.cell.meshes.boxes import BOXES_MAX, cover

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.audit import find_faults, flight_faults
+from audit.judge import find_faults, flight_faults
 from learning.throws import STEP_S, Circumstances, Throws, throw_table
 from planner.answer import Plan, plan_document, plan_from_document
 from planner.certificate import certify, window_landing_points

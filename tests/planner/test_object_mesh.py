@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 from scipy.spatial import ConvexHull
 
 from api.cli import main
-from benchmarks.audit import coal_mesh, find_faults
+from audit.judge import coal_mesh, find_faults
 from planner.arrays import Array
 from planner.cell import Cell, CellSource, ThrownBody, cell_of, load_cell, mended_cell, read_source
 from planner.cell.meshes.enclosing import EnclosingShape, enclosing, smallest_ball

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from audit.judge.published_arms import COMPLETE, JOINTS, LINKS, SAME, published
 from planner.errors import IncompleteRobot, UnknownRobot
 from planner.robots import ARM_NUMBERS, INCOMPLETE_NAMES, ROBOT_NAMES, completed, missing_numbers, robot
-from tests.planner.published_arms import COMPLETE, JOINTS, LINKS, SAME, published
 
 DATA = Path(__file__).parents[2] / "planner" / "robot_data"
 

@@ -9,7 +9,7 @@ import trimesh
 from click.testing import CliRunner
 
 from api.cli import main
-from benchmarks.audit.distances import coal_mesh, coal_solid
+from audit.judge.distances import coal_mesh, coal_solid
 from planner.cell import CellSource, load_cell, mended_cell, parse_cell, shape_of, tool_shapes
 from planner.cell.capsule_cover import MOST
 from planner.cell_folder import check_home

@@ -6,13 +6,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from audit.judge.published_arms import published
 from planner.cell_folder import home_faults
 from planner.dynamics import Payload, joint_torques
 from planner.errors import FileRefused
 from planner.kinematics import forward
 from planner.robots import ROBOT_NAMES, robot
 from planner.urdf import cell_from_urdf
-from tests.planner.published_arms import published
 from tests.planner.urdf_files import at, urdf_text
 
 ATOL = 1e-9  # [m] the published quarter turns are rounded to nine decimals, and 1e-8 m is taken for rounding

@@ -5,7 +5,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 import pinocchio as pin
 
-from tests.planner.published_arms import JOINTS, LINKS, SAME, published
+from audit.judge.published_arms import JOINTS, LINKS, SAME, published
 
 TOOL = """
   <link name="{p}gripper">

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 from scipy.interpolate import CubicHermiteSpline
 
-from benchmarks.audit.pinocchio_arm import arm_model, poses_and_velocity
+from audit.judge.pinocchio_arm import arm_model, poses_and_velocity
 from planner.cell import Cell
 from tests.planner import problems
 from verifier.arm import ArmPieces, empty_masses, object_mass

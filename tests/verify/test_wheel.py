@@ -15,8 +15,8 @@ from packaging.requirements import Requirement
 
 
 def test_the_wheel_holds_every_module_and_data_file(wheel: Path, checkout: Path):
-    packages = ("fling", "planner", "store", "learning", "jobs", "api", "executor", "simulator", "verifier")
-    kinds = (".py", ".toml", ".html", ".css", ".js", ".svg", ".txt")
+    packages = ("fling", "planner", "store", "learning", "jobs", "api", "executor", "simulator", "verifier", "audit")
+    kinds = (".py", ".toml", ".html", ".css", ".js", ".svg", ".txt", ".yaml")
     expected = {
         str(file.relative_to(checkout)) for p in packages for file in (checkout / p).rglob("*") if file.suffix in kinds
     }
@@ -47,7 +47,7 @@ def test_without_a_compiler_building_from_source_says_so(checkout: Path, tmp_pat
 
 
 def test_the_source_archive_holds_what_it_is_built_from(source_archive: Path, checkout: Path):
-    packages = ("fling", "planner", "store", "learning", "jobs", "api", "executor", "simulator", "verifier")
+    packages = ("fling", "planner", "store", "learning", "jobs", "api", "executor", "simulator", "verifier", "audit")
     kinds = (".py", ".toml", ".c", ".h", ".html", ".css", ".js", ".svg", ".txt", ".in")
     folders = [checkout / name for name in ("cells", "requirements", *packages)]
     files = [file for folder in folders for file in folder.rglob("*") if file.suffix in kinds]

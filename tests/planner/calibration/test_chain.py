@@ -7,6 +7,7 @@ import pinocchio as pin
 import pytest
 import yaml
 
+from audit.judge.published_arms import LINKS, placement, published_file
 from planner.calibration import (
     DhTable,
     calibrated,
@@ -21,7 +22,6 @@ from planner.geometry import levers
 from planner.kinematics import chain_difference, forward, inverse_branches, jacobian, link_poses, singularity_distances
 from planner.robots import ROBOT_NAMES, robot
 from tests.planner.calibration.arms import UR5E_FILE, UR10_DEVIATIONS, deviated_table, measured_arm, product_of
-from tests.planner.published_arms import LINKS, placement, published_file
 
 EXACT = 1e-9  # [m, -] of a pose
 

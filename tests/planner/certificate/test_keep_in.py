@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from benchmarks.audit.distances import coal_solid
+from audit.judge.distances import coal_solid
 from planner.approach import find_approach
 from planner.cell import Box, shape_of
 from planner.certificate import certify

@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from audit.judge.published_arms import pinocchio_arm
 from planner.backends import ruckig_otg
 from planner.cell import Safety
 from planner.certificate import certify
@@ -20,7 +21,6 @@ from planner.problem import JointRelease
 from planner.robots import robot
 from planner.seeds import Candidate, candidates
 from tests.planner.problems import cell, joint_problem, random_state
-from tests.planner.published_arms import pinocchio_arm
 
 NAMES = ("elbow_speed", "momentum", "power", "stopping_time", "stopping_distance")
 FIELDS = ("elbow_speed_m_s", "momentum_kg_m_s", "power_w", "stopping_time_s", "stopping_distance_m")

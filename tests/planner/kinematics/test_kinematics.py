@@ -4,6 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from audit.judge.published_arms import pinocchio_arm
 from planner.kinematics import (
     analytical_jacobian,
     forward,
@@ -20,7 +21,6 @@ from planner.kinematics import (
 )
 from planner.robots import ROBOT_NAMES, robot
 from planner.rotations import matrix_to_rotation_vector, pose, rotation_vector_to_matrix
-from tests.planner.published_arms import pinocchio_arm
 
 RNG = np.random.default_rng(7)
 X_FT = pose([0.03, -0.05, 0.17], rotation_vector_to_matrix([0.3, -0.2, 0.5]))

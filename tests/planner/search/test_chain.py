@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.audit import find_faults
+from audit.judge import find_faults
 from planner.backends import ruckig_otg
 from planner.cell import Cell
 from planner.certificate import certify

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from benchmarks.audit import find_faults
+from audit.judge import find_faults
 from planner.answer import plan_document, plan_from_document
 from planner.cell import Cell, cell_of_keys
 from planner.certificate import certify

@@ -9,9 +9,9 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
-from benchmarks.audit.distances import LENGTH_SLACK_M, shapes
-from benchmarks.audit.fault import AuditFault, over, under
-from benchmarks.audit.pinocchio_arm import arm_model, poses_and_velocity
+from audit.judge.distances import LENGTH_SLACK_M, shapes
+from audit.judge.fault import AuditFault, over, under
+from audit.judge.pinocchio_arm import arm_model, poses_and_velocity
 from planner.cell import Solid
 from planner.problem import TargetRelease, ThrowProblem
 from planner.trajectory import Trajectory
@@ -180,9 +180,10 @@ def _obstacles(problem: ThrowProblem, arm: MovingArm, delay: float, paths: Paths
     begins_s = motion_s + delay
     contact = _first_contact(problem, passing, begins_s)
     through = passing[:contact]
+    height = height_below_target(problem, radius)
     gaps = [("the floor", float((x[:, 2] - radius).min()) - around.floor_z_m)]
     for name, shape in zip(around.keep_out_names, around.keep_out, strict=True):
-        path = np.concatenate([through, _lying(problem, passing[contact:], shape)])
+        path = np.concatenate([through, _lying(problem, passing[contact:], shape, height)])
         gaps.append((name, float(_from_shape(path, shape).min()) - radius))
     for name, frame, apart in arm.gaps(through, delay):
         counted = since_clear(apart - radius) if frame in GRIPPED_FRAMES else np.ones(len(apart), bool)
@@ -193,12 +194,11 @@ def _obstacles(problem: ThrowProblem, arm: MovingArm, delay: float, paths: Paths
     return found + _bin(problem, _beside_bin(problem, through, begins_s), slack)
 
 
-def _lying(problem: ThrowProblem, x: Vector, shape: Solid) -> Vector:
+def _lying(problem: ThrowProblem, x: Vector, shape: Solid, height: float | None) -> Vector:
     """Returns where the centre of an object is that lies beside a shape, as it goes on below `x` (n, 3), and at last.
 
-    Nowhere where the target is in the air, or for a shape that is as high as what carries it, or lower.
+    Nowhere where the target is in the air, or for a shape that is as high as what carries it at `height` [m], or lower.
     """
-    height = height_below_target(problem, problem.cell.object.radius_m)
     if height is None or not isinstance(problem.release, TargetRelease) or shape.upper[2] <= height + LEVEL_M:
         return np.empty((0, 3))
     x = x if problem.release.opening is None else x[:0]  # nothing is followed within a bin

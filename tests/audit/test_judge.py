@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from benchmarks.audit import find_faults, flight_faults
-from benchmarks.audit.flights import drag_constant, integrate, obstacles_of_path
-from benchmarks.audit.safety import grip_faults, object_times, safety_faults
+from audit.judge import find_faults, flight_faults
+from audit.judge.flights import drag_constant, integrate, obstacles_of_path
+from audit.judge.safety import grip_faults, object_times, safety_faults
 from benchmarks.problem_sets import (
     build,
     obstructed_tasks,

@@ -8,8 +8,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from audit.judge.published_arms import dh_placement, robot_model
 from planner.cell import Cell, ThrownBody
-from tests.planner.published_arms import pinocchio_arm
+from planner.robots import Robot
 
 Vector = NDArray[np.float64]
 
@@ -20,7 +21,7 @@ def arm_model(cell: Cell, with_object: bool) -> pin.Model:
 
     The tool and a ball as point masses, an object that is no ball with its inertia. What other grippers hold is on it.
     """
-    model = pinocchio_arm(cell.robot.name, exact=True).copy()
+    model = robot_model(cell.robot).copy()
     base = pin.SE3(cell.X_WB)
     model.jointPlacements[1] = base * model.jointPlacements[1]
     model.gravity.linear = np.array([0.0, 0.0, -cell.surroundings.gravity_m_s2])
@@ -57,22 +58,24 @@ def poses_and_velocity(
         qd: Joint velocities (6,) [rad/s].
     """
     pin.forwardKinematics(model, data, q, qd)
-    poses = [pin.SE3(cell.X_WB), *(data.oMi[i] * dh_frames_in_urdf(cell.robot.name)[i - 1] for i in range(1, 7))]
+    poses = [pin.SE3(cell.X_WB), *(data.oMi[i] * dh_frames_in_urdf(cell.robot)[i - 1] for i in range(1, 7))]
     flange = pin.getVelocity(model, data, 6, pin.LOCAL_WORLD_ALIGNED)
     arm_W = data.oMi[6].rotation @ cell.tool.X_FT[:3, 3]
     return poses, flange.linear + pin.skew(flange.angular) @ arm_W
 
 
 @cache
-def dh_frames_in_urdf(name: str) -> list[pin.SE3]:
-    """Returns the constant poses of the DH frames in the URDF's link frames, derived at the zero posture.
+def dh_frames_in_urdf(robot: Robot) -> list[pin.SE3]:
+    """Returns the constant poses of the DH frames in the joints' frames of Pinocchio, derived at the zero posture.
 
     The arms' shapes are defined in DH frames; both sets of frames move with the same links.
     """
-    from planner.kinematics import link_poses
-    from planner.robots import robot
-
-    model = pinocchio_arm(name, exact=True)
+    model = robot_model(robot)
     data = model.createData()
     pin.forwardKinematics(model, data, np.zeros(6))
-    return [data.oMi[i].inverse() * pin.SE3(link_poses(robot(name), np.zeros(6))[i]) for i in range(1, 7)]
+    found = []
+    at = pin.SE3.Identity()
+    for i in range(6):
+        at = at * dh_placement(robot, i)
+        found.append(data.oMi[i + 1].inverse() * at)
+    return found

@@ -9,10 +9,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from benchmarks.audit.bodies import axes_along, body_points, gaps, heights, shadow_m2
-from benchmarks.audit.distances import LENGTH_SLACK_M, coal_solid, shapes
-from benchmarks.audit.fault import AuditFault, over, under
-from benchmarks.audit.flights import (
+from audit.judge.bodies import axes_along, body_points, gaps, heights, shadow_m2
+from audit.judge.distances import LENGTH_SLACK_M, coal_solid, shapes
+from audit.judge.fault import AuditFault, over, under
+from audit.judge.flights import (
     AIR_KG_M3,
     ANGLE_SLACK,
     GRIPPED_FRAMES,
@@ -27,7 +27,7 @@ from benchmarks.audit.flights import (
     way_out,
     window_delays,
 )
-from benchmarks.audit.pinocchio_arm import object_in_flange
+from audit.judge.pinocchio_arm import object_in_flange
 from planner.cell import ThrownBody
 from planner.problem import TargetRelease, ThrowProblem
 from planner.trajectory import Trajectory

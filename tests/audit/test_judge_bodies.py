@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.audit import find_faults, landing_errors
-from benchmarks.audit.body_flights import body_flight_faults, flown
-from benchmarks.audit.flights import MovingArm, ball_landing_errors
+from audit.judge import find_faults, landing_errors
+from audit.judge.body_flights import body_flight_faults, flown
+from audit.judge.flights import MovingArm, ball_landing_errors
 from planner import certificate
 from planner.cell import Cell, cell_of_keys
 from planner.planning import Plan, plan

@@ -7,9 +7,9 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
-from benchmarks.audit.distances import shapes
-from benchmarks.audit.fault import AuditFault, over
-from benchmarks.audit.pinocchio_arm import arm_model, dh_frames_in_urdf, poses_and_velocity
+from audit.judge.distances import shapes
+from audit.judge.fault import AuditFault, over
+from audit.judge.pinocchio_arm import arm_model, dh_frames_in_urdf, poses_and_velocity
 from planner.problem import ThrowProblem
 from planner.trajectory import Trajectory
 
@@ -92,7 +92,7 @@ class _Watch:
     def _elbow_ends(self, q: Vector) -> Vector:
         frame = self._elbow.frame
         pin.forwardKinematics(self._model, self._data, q)
-        pose = self._data.oMi[frame] * dh_frames_in_urdf(self._cell.robot.name)[frame - 1]
+        pose = self._data.oMi[frame] * dh_frames_in_urdf(self._cell.robot)[frame - 1]
         return np.array([pose.act(end) for end in self._elbow.ends])
 
 

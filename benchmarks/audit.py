@@ -1,4 +1,7 @@
-"""Runs the audit on random certified plans. Rows are kept on disk, so that an interrupted run can continue."""
+"""Audits certified plans of the benchmark's own sets: `python -m benchmarks.audit`. Rows are kept on disk.
+
+`fling audit` draws more kinds of cells and requests.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,7 @@ from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
 
+from audit.judge import find_faults
 from benchmarks.problem_sets import ARMS, Task, build, cell, random_cell_tasks, varied_tasks
 from benchmarks.results import add_row, kept_rows
 from planner.errors import Infeasible, SolverFailed
@@ -19,7 +23,7 @@ SEED_OFFSET = 1000  # other problems than those of the sets
 RUCKIG_EVERY = 4  # one plan in four is Ruckig's, which reaches its limits in another way
 TIME_LIMIT_S = 30.0  # [s] of a plan: on a busy machine, too, work limits the search and not the clock
 SPARE = 1.04  # [-] problems drawn per audited plan: some are refused
-ROWS = Path(__file__).parents[2] / "build" / "benchmarks" / "audit.jsonl"
+ROWS = Path(__file__).parents[1] / "build" / "benchmarks" / "audit.jsonl"
 
 
 @dataclass(frozen=True)
@@ -105,8 +109,6 @@ def _run(count: int, seed: int, cells: int, part: int, of: int, rows: Path) -> N
 
 def _faults(task: Task) -> list[str] | None:
     """Returns the faults of the task's plan, None without a plan."""
-    from benchmarks.audit.checks import find_faults
-
     try:
         motion = plan(task.problem).trajectory
     except (Infeasible, SolverFailed):
@@ -133,3 +135,7 @@ def main() -> None:
     print(f"{found.audited} certified plans audited, {found.refused} refused, {len(found.faulty)} faulty")
     for name, fault in found.faulty:
         print(f"{name}: {fault}")
+
+
+if __name__ == "__main__":
+    main()

@@ -14,14 +14,14 @@ import pinocchio as pin
 import trimesh
 from numpy.typing import NDArray
 
-from benchmarks.audit.bodies import body_points, body_solid
-from benchmarks.audit.fault import AuditFault, over, under
-from benchmarks.audit.pinocchio_arm import arm_model, dh_frames_in_urdf, object_in_flange, poses_and_velocity
+from audit.judge.bodies import body_points, body_solid
+from audit.judge.fault import AuditFault, over, under
+from audit.judge.pinocchio_arm import arm_model, dh_frames_in_urdf, object_in_flange, poses_and_velocity
+from audit.judge.published_arms import robot_model
 from planner.cell import Cell, Solid, ThrownBody
 from planner.geometry import SELF_CLEARANCE_M, body_capsules
 from planner.problem import TargetRelease, ThrowProblem
 from planner.robots import Robot
-from tests.planner.published_arms import pinocchio_arm
 
 Vector = NDArray[np.float64]
 
@@ -73,7 +73,13 @@ class SpatialExtremes:
 
 
 def spatial_faults(
-    problem: ThrowProblem, q: Vector, qd: Vector, t: Vector, held_until_s: float, passed_s: Vector
+    problem: ThrowProblem,
+    q: Vector,
+    qd: Vector,
+    t: Vector,
+    held_until_s: float,
+    passed_s: Vector,
+    beyond: tuple[Obstacle, ...] = (),
 ) -> list[AuditFault]:
     """Returns the violated distances, speeds and singularity distances.
 
@@ -84,14 +90,17 @@ def spatial_faults(
         t: Times (n,) [s].
         held_until_s: Time until which the object may be held, the end of the release window [s].
         passed_s: Times of the release, or of the passages, that are at speed (k,) [s].
+        beyond: obstacles beside those of the cell.
     """
     cell = problem.cell
     worst = SpatialExtremes()
     model = arm_model(cell, False)
-    obstacles = _obstacles(problem)
+    obstacles = [*_obstacles(problem), *beyond]
     bodies = _all(cell)
     for solid in [*(body.solid for body in bodies), *(solid for solid, _, _, _ in obstacles)]:
         solid.computeLocalAABB()
+    every_pair = _judged_pairs(cell)
+    of_arm = tuple(pair for pair in every_pair if pair[1] < len(shapes(cell)))
     data = model.createData()
     for i in range(len(t)):
         poses, v = poses_and_velocity(cell, model, data, q[i], qd[i])
@@ -99,11 +108,8 @@ def spatial_faults(
         held = bool(t[i] <= held_until_s)
         worst.speed = max(worst.speed, float(np.linalg.norm(v)))
         worst.floor = min(worst.floor, _height(cell, poses, held))
-        pairs = [pair for pair in _judged_pairs(cell) if held or pair[1] < len(shapes(cell))]
-        for first, second in pairs:
-            solids = bodies[first].solid, places[first], bodies[second].solid, places[second]
-            worst.self_gap = min(worst.self_gap, _distance(*solids, worst.self_gap))
-        present = obstacles if problem.starts_at_s is None else _obstacles(problem, float(t[i]))
+        worst.self_gap = _self_gap(bodies, places, every_pair if held else of_arm, worst.self_gap)
+        present = obstacles if problem.starts_at_s is None else [*_obstacles(problem, float(t[i])), *beyond]
         for solid, *_ in present:
             solid.computeLocalAABB()
         worst.boxes = _box_gap(cell, present, places, held, worst.boxes)
@@ -111,6 +117,37 @@ def spatial_faults(
         if (np.abs(t[i] - passed_s) <= SINGULARITY_WINDOW_S).any():
             worst.singular = min(worst.singular, _singularity_distance(data))
     return worst.faults(problem)
+
+
+def posture_room(cell: Cell, q: Vector) -> float:
+    """Returns by how much an arm that holds its object keeps more than each distance that is asked of it [m].
+
+    Negative where it is too near to the floor, to itself, to a shape, or outside a room.
+
+    Args:
+        cell: the cell.
+        q: joint positions (6,) [rad].
+    """
+    model = arm_model(cell, False)
+    poses, _ = poses_and_velocity(cell, model, model.createData(), q, np.zeros(6))
+    bodies = _all(cell)
+    obstacles = _keep_out(cell)
+    for solid in [*(body.solid for body in bodies), *(solid for solid, _, _, _ in obstacles)]:
+        solid.computeLocalAABB()
+    places = [_coal(poses[body.frame] * body.placement) for body in bodies]
+    clearance = cell.surroundings.clearance_m
+    least = min(_height(cell, poses, True) - clearance, -_outside(cell, poses))
+    least = min(least, _box_gap(cell, obstacles, places, True, np.inf) - clearance)
+    of_arm = _self_gap(bodies, places, _judged_pairs(cell), np.inf)
+    return min(least, of_arm - SELF_CLEARANCE_M)
+
+
+def singularity_distance(cell: Cell, q: Vector) -> float:
+    """Returns the smallest of the three distances of docs/conventions.md at joint positions (6,) [-]."""
+    model = arm_model(cell, False)
+    data = model.createData()
+    pin.forwardKinematics(model, data, q)
+    return _singularity_distance(data)
 
 
 def _outside(cell: Cell, poses: list[pin.SE3]) -> float:
@@ -149,6 +186,22 @@ def _singularity_distance(data: pin.Data) -> float:
     return float(min(wrist, elbow, shoulder))
 
 
+def _self_gap(
+    bodies: list[BodyShape], places: list[coal.Transform3s], pairs: tuple[tuple[int, int], ...], least: float
+) -> float:
+    """Returns the smallest distance of pairs of bodies [m], or `least`, where that is smaller."""
+    one, other = np.array(pairs, np.intp).reshape(-1, 2).T
+    p = np.array([place.getTranslation() for place in places])
+    r = np.array([body.solid.aabb_radius for body in bodies])
+    away = np.linalg.norm(p[one] - p[other], axis=1) - r[one] - r[other]  # of the balls about them
+    for k in np.flatnonzero(away < least).tolist():
+        first, second = pairs[k]
+        if away[k] < least:
+            gap = _distance(bodies[first].solid, places[first], bodies[second].solid, places[second])
+            least = min(least, gap)
+    return least
+
+
 def _box_gap(cell: Cell, obstacles: list[Obstacle], places: list[coal.Transform3s], held: bool, least: float) -> float:
     """Returns the smallest distance of the bodies from shapes and bin, less what these are kept from further [m].
 
@@ -156,12 +209,20 @@ def _box_gap(cell: Cell, obstacles: list[Obstacle], places: list[coal.Transform3
     """
     count = len(shapes(cell)) + held
     bodies = [(shape, own) for shape, own in list(zip(_all(cell), places, strict=True))[:count] if shape.frame > 0]
-    for solid, place, further_m, name in obstacles:
-        for shape, own in bodies:
-            if _may_touch(cell, shape.name, name):
-                continue
-            gap = _distance(shape.solid, own, solid, place, least + further_m)
-            least = min(least, gap - further_m)
+    if not obstacles:
+        return least
+    p = np.array([own.getTranslation() for _, own in bodies])
+    r = np.array([shape.solid.aabb_radius for shape, _ in bodies])
+    other_p = np.array([place.getTranslation() for _, place, _, _ in obstacles])
+    other_r = np.array([solid.aabb_radius + further_m for solid, _, further_m, _ in obstacles])
+    away = np.linalg.norm(p[:, None] - other_p, axis=2) - r[:, None] - other_r  # of the balls about them
+    for i, j in np.argwhere(away < least).tolist():
+        shape, own = bodies[i]
+        solid, place, further_m, name = obstacles[j]
+        if away[i, j] >= least or _may_touch(cell, shape.name, name):
+            continue
+        gap = _distance(shape.solid, own, solid, place)
+        least = min(least, gap - further_m)
     return least
 
 
@@ -171,12 +232,7 @@ def _obstacles(problem: ThrowProblem, t: float = 0.0) -> list[Obstacle]:
     A bin that moves stands where it is at a time `t` of the motion [s].
     With each what it is to be kept from beyond the cell's clearance [m], and its name.
     """
-    around = problem.cell.surroundings
-    found: list[Obstacle] = []
-    for name, shape in zip(around.keep_out_names, around.keep_out, strict=True):
-        own = around.clearance_m if shape.clearance_m is None else shape.clearance_m
-        place = coal.Transform3s(shape.X_WC[:3, :3], shape.X_WC[:3, 3])
-        found.append((coal_solid(shape), place, own - around.clearance_m, name))
+    found = _keep_out(problem.cell)
     release = problem.release
     if isinstance(release, TargetRelease) and release.opening is not None:
         height = release.opening.rim_height_m
@@ -184,6 +240,17 @@ def _obstacles(problem: ThrowProblem, t: float = 0.0) -> list[Obstacle]:
         if problem.starts_at_s is not None:
             middle = middle + (problem.starts_at_s + t - release.at_s) * release.v_W
         found.append((coal.Cylinder(release.opening.radius_m, height), coal.Transform3s(np.eye(3), middle), 0.0, "bin"))
+    return found
+
+
+def _keep_out(cell: Cell) -> list[Obstacle]:
+    """Returns the keep-out shapes."""
+    around = cell.surroundings
+    found = []
+    for name, shape in zip(around.keep_out_names, around.keep_out, strict=True):
+        own = around.clearance_m if shape.clearance_m is None else shape.clearance_m
+        place = coal.Transform3s(shape.X_WC[:3, :3], shape.X_WC[:3, 3])
+        found.append((coal_solid(shape), place, own - around.clearance_m, name))
     return found
 
 
@@ -312,8 +379,8 @@ def _apart(robot: Robot, bodies: tuple[_Solid, ...]) -> tuple[tuple[int, int], .
     The object is beside what grips it: the tool, and wrists that it touches in some posture without being apart.
     """
     rng = np.random.default_rng(0)
-    model = pinocchio_arm(robot.name, exact=True)
-    X_frames = dh_frames_in_urdf(robot.name)
+    model = robot_model(robot)
+    X_frames = dh_frames_in_urdf(robot)
     data = model.createData()
     solids = [coal.Capsule(b.radius_m, b.length_m) if b.length_m else coal.Sphere(b.radius_m) for b in bodies]
     fixed = [pin.SE3(np.vstack([np.reshape(b.placement, (3, 4)), [0.0, 0.0, 0.0, 1.0]])) for b in bodies]
@@ -341,12 +408,9 @@ def _coal(X: pin.SE3) -> coal.Transform3s:
     return coal.Transform3s(X.rotation, X.translation)
 
 
-def _distance(
-    one: coal.ShapeBase, own: coal.Transform3s, other: coal.ShapeBase, place: coal.Transform3s, least: float
-) -> float:
-    """Returns the distance of two solids [m], or that of the balls about them where it is no less than `least`."""
-    away = math.dist(own.getTranslation(), place.getTranslation()) - one.aabb_radius - other.aabb_radius
-    return away if away >= least else float(coal.distance(one, own, other, place, _REQUEST, coal.DistanceResult()))
+def _distance(one: coal.ShapeBase, own: coal.Transform3s, other: coal.ShapeBase, place: coal.Transform3s) -> float:
+    """Returns the distance of two solids [m]."""
+    return float(coal.distance(one, own, other, place, _REQUEST, coal.DistanceResult()))
 
 
 def _height(cell: Cell, poses: list[pin.SE3], held: bool) -> float:

@@ -13,12 +13,12 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
-from benchmarks.audit.distances import LENGTH_SLACK_M, SPARSE_S, spatial_faults
-from benchmarks.audit.fault import AuditFault, joint_faults, over
-from benchmarks.audit.landings import flight_faults
-from benchmarks.audit.mujoco_model import inverse_dynamics
-from benchmarks.audit.pinocchio_arm import arm_model, dh_frames_in_urdf, poses_and_velocity
-from benchmarks.audit.safety import grip_faults, object_times, safety_faults
+from audit.judge.distances import LENGTH_SLACK_M, SPARSE_S, Obstacle, spatial_faults
+from audit.judge.fault import AuditFault, joint_faults, over, under
+from audit.judge.landings import aim_faults, flight_faults
+from audit.judge.mujoco_model import inverse_dynamics
+from audit.judge.pinocchio_arm import arm_model, dh_frames_in_urdf, poses_and_velocity
+from audit.judge.safety import grip_faults, object_times, safety_faults
 from planner.problem import JointRelease, PointRelease, PoseRelease, Release, ThrowProblem
 from planner.releases import SteadyLine
 from planner.trajectory import Trajectory
@@ -30,6 +30,7 @@ TORQUE_S = 0.004  # [s] grid of torques
 LIMIT_SLACK = 1e-5  # [-] of a limit: spline interpolation, and quarter turns rounded in the URDF
 SPEED_SLACK = 1.1e-4  # [m/s] at the release: the certificate's tolerance and rounding
 START_SLACK = 1e-6  # [rad, rad/s] at start and end
+TICK_SLACK_S = 1e-8  # [s] of a time on ticks: rounding
 TORQUE_AGREEMENT = 1e-4  # [-] of the largest torque, between Pinocchio and MuJoCo
 
 
@@ -77,21 +78,29 @@ class DenseSamples:
         return max(1, int(step_s / (self.t[1] - self.t[0]) + 1e-6)) if len(self.t) > 1 else 1
 
 
-def find_faults(problem: ThrowProblem, motion: Trajectory, step_s: float = SPARSE_S) -> list[AuditFault]:
+def find_faults(
+    problem: ThrowProblem, motion: Trajectory, step_s: float = SPARSE_S, beyond: tuple[Obstacle, ...] = ()
+) -> list[AuditFault]:
     """Returns the faults of a certified motion; an empty list if it is right.
 
     Args:
         problem: The problem.
         motion: The motion.
         step_s: Grid of the distances [s].
+        beyond: Obstacles that the cell knows by others which cover them: meshes as they are.
     """
-    found = motion_faults(problem, motion, step_s=step_s)
+    found = motion_faults(problem, motion, step_s=step_s, beyond=beyond)
     found += [*safety_faults(problem, motion), *grip_faults(problem, motion)]
-    return found + flight_faults(problem, motion) + _passages(problem, motion)
+    found += [*flight_faults(problem, motion), *aim_faults(problem, motion)]
+    return [*found, *_passages(problem, motion), *_times(problem, motion)]
 
 
 def motion_faults(
-    problem: ThrowProblem, motion: Trajectory, smooth: bool = False, step_s: float = SPARSE_S
+    problem: ThrowProblem,
+    motion: Trajectory,
+    smooth: bool = False,
+    step_s: float = SPARSE_S,
+    beyond: tuple[Obstacle, ...] = (),
 ) -> list[AuditFault]:
     """Returns the faults of a motion by itself: start, rest, joints, torques, distances, speed; not of the release.
 
@@ -100,10 +109,11 @@ def motion_faults(
         motion: The motion; its accelerations are not used.
         smooth: Whether its jerk may change within a tick.
         step_s: Grid of the distances [s].
+        beyond: Obstacles beside those of the cell.
     """
     dense = DenseSamples.of(motion, smooth, problem.start_qdd)
     found = [*_limits(problem, motion, dense), *_torques(problem, motion, dense)]
-    return found + _space(problem, motion, dense, step_s)
+    return found + _space(problem, motion, dense, step_s, beyond)
 
 
 def _limits(problem: ThrowProblem, motion: Trajectory, dense: DenseSamples) -> list[AuditFault]:
@@ -151,11 +161,14 @@ def _torques(problem: ThrowProblem, motion: Trajectory, dense: DenseSamples) -> 
     return joint_faults("joint_torque", "torque", worst, problem.limits.tau_max, slack, "N m") + found
 
 
-def _space(problem: ThrowProblem, motion: Trajectory, dense: DenseSamples, step_s: float) -> list[AuditFault]:
+def _space(
+    problem: ThrowProblem, motion: Trajectory, dense: DenseSamples, step_s: float, beyond: tuple[Obstacle, ...]
+) -> list[AuditFault]:
     rows = slice(None, None, dense.every(step_s))
     moving = [t for release, t in _passed(problem, motion) if not release.is_at_rest]
     held_until_s = object_times(problem, motion)[1]
-    return spatial_faults(problem, dense.q[rows], dense.qd[rows], dense.t[rows], held_until_s, np.array(moving))
+    states = dense.q[rows], dense.qd[rows], dense.t[rows]
+    return spatial_faults(problem, *states, held_until_s, np.array(moving), beyond)
 
 
 def _passed(problem: ThrowProblem, motion: Trajectory) -> list[tuple[Release, float]]:
@@ -181,6 +194,19 @@ def _on_line(line: SteadyLine) -> list[tuple[Release, float]]:
     t = np.linspace(0.0, lasts_s, int(lasts_s / STEP_S) + 2)
     poses = [pin.SE3(pin.exp3(s * twist[3:]) @ R_0, line.X_WT[:3, 3] + s * twist[:3]).homogeneous for s in t]
     return [(PoseRelease(X, twist), float(s)) for X, s in zip(poses, t, strict=True)]
+
+
+def _times(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
+    """Returns the passages that are too early, or not at the time that is asked for, to a tick."""
+    found = []
+    for passage, k in zip(problem.passages, motion.passed if problem.passages else (), strict=True):
+        at_s = k * motion.dt
+        text = f"passage {passage.name!r} is passed"
+        if passage.at_s is not None:
+            off = abs(at_s - passage.at_s)
+            found += over("passage_time", f"{text} off its time", off, 0.5 * motion.dt, TICK_SLACK_S, "s")
+        found += under("passage_time", f"{text} before its time", at_s, passage.not_before_s, TICK_SLACK_S, "s")
+    return found
 
 
 def _passages(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
@@ -217,9 +243,7 @@ def _orientation(
 ) -> list[AuditFault]:
     data = model.createData()
     pin.forwardKinematics(model, data, q, qd)
-    R_WT = (
-        data.oMi[6].rotation @ dh_frames_in_urdf(problem.cell.robot.name)[5].rotation @ problem.cell.tool.X_FT[:3, :3]
-    )
+    R_WT = data.oMi[6].rotation @ dh_frames_in_urdf(problem.cell.robot)[5].rotation @ problem.cell.tool.X_FT[:3, :3]
     turn = float(np.linalg.norm(pin.log3(R_WT @ release.X_WT[:3, :3].T)))
     spin = float(np.linalg.norm(pin.getVelocity(model, data, 6, pin.LOCAL_WORLD_ALIGNED).angular - release.V_WT[3:]))
     found = over("release_position", "release turned", turn, 0.0, 2.0 * LENGTH_SLACK_M, "rad")
