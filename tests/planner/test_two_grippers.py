@@ -10,8 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from benchmarks.audit import find_faults
-from benchmarks.audit.pinocchio_arm import arm_model
+from audit.judge import arm_model, find_faults
 from planner.answer import plan_document, plan_from_document
 from planner.cell import Cell
 from planner.certificate import certify
