@@ -212,10 +212,8 @@ def joined(running: Motion, job: StreamJob, new: Motion, present: int) -> Motion
     """
     if (starts_at_s := new.problem.starts_at_s) is not None:
         raise CannotJoin(f"the plan starts at {starts_at_s:.3f} s of the controller's clock, and joins no motion")
-    if running.problem.names_gripper:
-        raise CannotJoin(
-            "the running plan lets go of one of the cell's [grippers]: nothing can follow it in motion yet"
-        )
+    if running.problem.names_gripper or new.problem.names_gripper:
+        raise CannotJoin("one of the cell's [grippers] lets go in one of the two plans: that cannot be replaced yet")
     tick = _join_tick(running.trajectory, new, first_tick(job, present))
     begins = joins_row(job, tick)
     _check_gripper(job, new.problem, begins)

@@ -37,11 +37,10 @@ from planner.search.passing import State, passing_accelerations
 from planner.search.record import PlanningSearch
 from planner.search.search import search_candidates
 from planner.search.tool_lines import line_motions
-from planner.search.turns import LEAVES_S, search_in_turn
+from planner.search.turns import LEAVES_S, PACES, search_in_turn
 from planner.seeds import Candidate, candidates, near_candidates
 from planner.trajectory import Trajectory
 
-PACES = (1.0, 0.5, 0.25)  # [-] of a leg, tried in turn: torques, tool speed and what is near may ask for a gentler one
 STATES = 24  # [-] joint states kept of a passage: a pose has eight branches, each with full turns and two accelerations
 MOTIONS = 200  # [-] motions certified before a search gives up: two along a way, with chosen accelerations and without
 THROWN_FROM = 2  # [-] postures of the passage before that throws of their own are looked for from, besides the start

@@ -11,11 +11,13 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
+from planner.backends import ruckig_otg
 from planner.backends.solution import Solution
 from planner.errors import Infeasible, InvalidProblem, SolverFailed
 from planner.problem import ThrowProblem
@@ -25,12 +27,10 @@ from planner.search.stops import search_with_stop
 from planner.seeds import candidates
 from planner.trajectory import Trajectory
 
+PACES = (1.0, 0.5, 0.25)  # [-] of a leg, tried in turn: torques, tool speed and what is near may ask for a gentler one
 LEAVES_S = 0.04  # [s] after the release in which the object leaves the open grip: 1 cm under gravity takes 45 ms
-SPEEDS = (
-    1.0,
-    0.8,
-    0.6,
-)  # [-] of the tool speed, in turn: a throw by itself does not know how fast the other grippers are
+# [-] of the tool speed, in turn: a throw by itself does not know how fast the other grippers are
+SPEEDS = (1.0, 0.8, 0.6)
 MOTIONS = 2  # [-] of each throw that the next one is planned from
 
 
@@ -41,7 +41,8 @@ def search_in_turn(search: PlanningSearch) -> None:
         search: of a chain; updated in place.
     """
     problem = search.problem
-    is_plain = all(each.releases and not each.is_timed for each in problem.passages) and problem.end is None
+    is_plain = all(each.releases and not each.is_timed for each in problem.passages)
+    is_plain &= problem.end is None or problem.end.joint_state is not None
     if len(problem.passages) < 2 or not is_plain or problem.backend != "auto":
         return
     begun_s = time.perf_counter()
@@ -57,28 +58,39 @@ def _go_on(search: PlanningSearch, share: float, made: Trajectory | None, passed
 
     Whole motions are certified.
     """
+    if search.best is not None or search.out_of_time:
+        return
     problem = search.problem
     number = len(passed)
     alone = problem.alone(number)
     alone = replace(alone, limits=replace(alone.limits, tcp_speed_max=share * alone.limits.tcp_speed_max))
     if made is not None:
-        with suppress(InvalidProblem):
+        try:
             alone = replace(alone, start=made.q[-1], start_qd=made.qd[-1], start_qdd=made.qdd[-1])
-    for throw in _throws(search, alone):
-        if search.best is not None or search.out_of_time:
+        except InvalidProblem:
             return
+    for throw in _throws(search, alone):
         trajectory = throw.solution.trajectory
         whole = trajectory if made is None else _joined(made, trajectory)
+        leaves = whole.release_index + math.ceil((alone.opening_spread_s + LEAVES_S) / alone.dt)
+        goes_on = [_until(whole, end) for end in (leaves, len(whole.q) - 1) if end < len(whole.q)]
         released = (*passed, whole.release_index)
         if number + 1 == len(problem.passages):
-            search.begin_candidate()
-            motion = replace(whole, release_index=released[0], passage_indices=released)
-            search.certify(throw.backend, Solution(motion, "one throw after another"))
+            ended = [whole] if problem.end is None else _ended(problem, goes_on)
+            _certify(search, throw.backend, ended, released)
             continue
-        leaves = whole.release_index + math.ceil((alone.opening_spread_s + LEAVES_S) / alone.dt)
-        for end in (leaves, len(whole.q) - 1):
-            if search.best is None and end < len(whole.q):
-                _go_on(search, share, _until(whole, end), released)
+        for until in goes_on:
+            _go_on(search, share, until, released)
+
+
+def _certify(search: PlanningSearch, backend: str, motions: Iterable[Trajectory], released: tuple[int, ...]) -> None:
+    """Certifies whole motions with releases at these samples, until one is valid."""
+    for motion in motions:
+        if search.best is not None:
+            return
+        search.begin_candidate()
+        whole = replace(motion, release_index=released[0], passage_indices=released)
+        search.certify(backend, Solution(whole, "one throw after another"))
 
 
 def _throws(search: PlanningSearch, alone: ThrowProblem) -> list[CertifiedSolution]:
@@ -92,6 +104,18 @@ def _throws(search: PlanningSearch, alone: ThrowProblem) -> list[CertifiedSoluti
     search.iterations += inner.iterations
     search.extend_deadline(inner.loading_s)
     return inner.by_rank()[:MOTIONS]
+
+
+def _ended(problem: ThrowProblem, motions: Sequence[Trajectory]) -> Iterator[Trajectory]:
+    """Yields the motions with a leg to the end that is asked for, the fastest first."""
+    assert problem.end is not None and problem.end.joint_state is not None
+    goal = (problem.end.joint_state[0], np.zeros(6), np.zeros(6))
+    for motion in motions:
+        for pace in PACES:
+            with suppress(SolverFailed):
+                leg = ruckig_otg.leg(problem, (motion.q[-1], motion.qd[-1], motion.qdd[-1]), goal, pace)
+                last = Trajectory(motion.sample_rate_hz, *leg, release_index=0)
+                yield replace(_joined(motion, last), release_index=motion.release_index)
 
 
 def _until(motion: Trajectory, end: int) -> Trajectory:

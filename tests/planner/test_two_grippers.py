@@ -171,6 +171,14 @@ def test_the_other_gripper_alone_throws_from_its_own_place(here: Cell) -> None:
     assert certify(problem, motion).valid
 
 
+def test_both_throws_end_at_home(here: Cell, made: Plan) -> None:
+    found = plan(problem_from_request(two_throws(end={"kind": "home"}), here))
+    assert found.trajectory.passed == made.trajectory.passed
+    assert np.array_equal(found.trajectory.q[-1], here.home)
+    for part in found.problem.parts:
+        assert find_faults(part.problem, part.of(found.trajectory)) == []
+
+
 def test_a_passage_that_lets_nothing_go_is_one_of_the_own_gripper(here: Cell) -> None:
     over = {"kind": "joint", "positions": here.home.tolist(), "velocities": [0.1] * 6}
     request = two_throws()
