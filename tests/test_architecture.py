@@ -24,7 +24,6 @@ ROOMS = (
     "executor",
     "simulator",
     "verifier",
-    "audit",
     "benchmarks",
 )
 FOLDERS = (*ROOMS, "tests", "docs")  # that hold code of this project
@@ -65,7 +64,6 @@ FACES = (
     "store",
     "store.many",
     "verifier",
-    "audit",
     "audit.judge",
     "audit.problems",
     "learning",

@@ -36,7 +36,8 @@ DEADLINE_S = 600.0  # generous: a busy machine
 
 
 def rows_in(folder: Path) -> dict[int, dict[str, Any]]:
-    lines = (folder / "audit.jsonl").read_text().splitlines()
+    """The whole lines of a record: a kill may have left another."""
+    lines = (folder / "audit.jsonl").read_text().rpartition("\n")[0].splitlines()
     return {row["index"]: row for row in map(json.loads, lines[1:])}
 
 
@@ -188,6 +189,15 @@ def test_a_plan_that_is_wrong_is_told_and_counted(monkeypatch: pytest.MonkeyPatc
 
 def _is_planned(index: int) -> bool:
     return tried(AuditTask(SEED, index)).outcome == "planned"
+
+
+@pytest.mark.xfail(strict=True, reason="while its hull touches the tool, nothing is asked of a body beside it")
+def test_a_body_that_starts_beside_the_tool_is_not_struck_by_it() -> None:
+    """Found by the audit: a rod 1 mm beside the tool, in a cell without `opening_direction`, flies 4.5 cm into it.
+
+    Its hull overlaps the tool as it is released, and a gripper that has not let go is not judged. Its shape does not.
+    """
+    assert tried(AuditTask(62, 112)).faults == ()
 
 
 def test_what_is_not_installed_is_named_with_its_extra(monkeypatch: pytest.MonkeyPatch) -> None:
