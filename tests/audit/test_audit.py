@@ -191,13 +191,13 @@ def _is_planned(index: int) -> bool:
     return tried(AuditTask(SEED, index)).outcome == "planned"
 
 
-@pytest.mark.xfail(strict=True, reason="while its hull touches the tool, nothing is asked of a body beside it")
 def test_a_body_that_starts_beside_the_tool_is_not_struck_by_it() -> None:
-    """Found by the audit: a rod 1 mm beside the tool, in a cell without `opening_direction`, flies 4.5 cm into it.
+    """Found by the audit: a rod 1 mm beside the tool, in a cell without `opening_direction`, flew 4.5 cm into it.
 
-    Its hull overlaps the tool as it is released, and a gripper that has not let go is not judged. Its shape does not.
+    Its hull overlaps the tool as it is released: it may not get deeper.
     """
-    assert tried(AuditTask(62, 112)).faults == ()
+    tried_again = tried(AuditTask(62, 112))
+    assert (tried_again.outcome, tried_again.faults) == ("planned", ())
 
 
 def test_what_is_not_installed_is_named_with_its_extra(monkeypatch: pytest.MonkeyPatch) -> None:

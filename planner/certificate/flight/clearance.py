@@ -2,7 +2,8 @@
 
 The tool, and links beside which the object is gripped, count from the first instant of the grid below at which the
 object is clear of them: it usually starts within their capsules, so that these cannot judge how it leaves
-(`opening_direction` does). Releases that follow each other closely are clear of them one soon after the other; where
+(`opening_direction` does). Where the cell does not say how the gripper opens, the object gets no deeper into them than
+it was when released, but for 1 mm. Releases that follow each other closely are clear of them one soon after the other; where
 they are not, one between them comes out, and meets or grazes what it has just left. A target at which the object does
 not fit fails, although a flight to it may end before the sphere touches what is there.
 """
@@ -40,6 +41,7 @@ RELEASES_S = 0.005  # [s] step of the grid of releases
 # [s] Two releases of an interval are clear of the tool so soon after each other, or in neighbouring patches: their
 # instants are 8 to 16 ms apart, 20 ms at rest, and a tick beside the release.
 TOGETHER_S = 0.016
+DEEPER_M = 0.001  # [m] that an object may get deeper into what it is gripped by: as of its way out, `exits.FREE_M`
 BEYOND_S = (0.02, 0.1, 0.5)  # [s] by which the grid passes the end of the latest flight known, until all have ended
 
 
@@ -144,9 +146,17 @@ def _least_gap(flights: Flights) -> LeastGap:
     only_judged = np.asarray(~begun.counted.all(axis=(1, 2)))
     undecided = judged & (lower < np.where(only_judged, -CONTACT_M, CLOSE_M)[:, None, None])
     least = np.where(begun.counted & judged & ~undecided, lower, np.inf)
+    allowed = np.full(len(lower), -CONTACT_M)
+    allowed[flights.gripped] = np.minimum(flights.gaps_at_release, 0.0) - DEEPER_M
+    sinks = begun.held & (lower < allowed[:, None, None])
     item, _, column = np.unravel_index(int(least.argmin()), lower.shape)
     found = LeastGap(float(least.min()), float(grid.t[column]), flights.names[item], True)
-    return _refined(found, flights, grid.bounds, _patches(grid, undecided), only_judged) if undecided.any() else found
+    patches = _patches(grid, undecided | sinks)
+    if not patches.item.size:
+        return found
+    is_held = sinks[undecided | sinks]
+    patches = patches._replace(allowed_m=np.where(is_held, allowed[patches.item], -CONTACT_M))
+    return _refined(found, flights, grid.bounds, patches, only_judged)
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,13 +166,14 @@ class Begun:
     Attributes:
         grid: the grid.
         lower: lower bounds on the gaps over the patches (items, m, n) [m]; infinite without one.
-        judged, counted, apart: as `_decided` returns them.
+        judged, counted, held, apart: as `_decided` returns them.
     """
 
     grid: Grid
     lower: Array
     judged: Mask
     counted: Mask
+    held: Mask
     apart: Mask
 
 
@@ -358,12 +369,13 @@ def _capsule_distances(flights: Flights, grid: Grid, bounds: PatchBounds, y: Arr
     return loops.capsule_bounds((y, grid.X_WL, h), capsules, grid.rates, bounds.reach, moving)
 
 
-def _decided(flights: Flights, grid: Grid, lower: Array) -> tuple[Mask, Mask, Mask]:
-    """Returns which patches are judged and which count in the value (items, m, n), and which intervals are apart (m,).
+def _decided(flights: Flights, grid: Grid, lower: Array) -> tuple[Mask, Mask, Mask, Mask]:
+    """Returns which patches are judged, count in the value, are held (items, m, n), and which intervals are apart (m,).
 
     For what the object is gripped by, the patches before the first one in or from which it is clear are not judged. If
     it was not proven clear from the beginning, the others do not count in the value: the distance begins at 0, as it
-    ends at 0 where the object lands. Where the two releases of an interval are clear of it far apart, the first one
+    ends at 0 where the object lands. Those that are not judged are held, unless the cell says how the gripper opens: then
+its cone judges them (`exits`). Where the two releases of an interval are clear of it far apart, the first one
     decides.
     """
     in_flight = ~np.isposinf(lower)
@@ -380,7 +392,8 @@ def _decided(flights: Flights, grid: Grid, lower: Array) -> tuple[Mask, Mask, Ma
     between = either & held & ~both
     apart = (between.sum(axis=2) > 1) & ((between * np.diff(grid.t)).sum(axis=2) > TOGETHER_S)
     judged[gripped] &= clear | np.where(apart[:, :, None], either, both)
-    return judged, counted, apart.any(axis=0)
+    still = in_flight & ~judged & (flights.motion.problem.cell.gripper.opening_direction is None)
+    return judged, counted, still, apart.any(axis=0)
 
 
 def _starts_clear(flights: Flights, grid: Grid, held: Mask) -> Mask:
@@ -417,7 +430,8 @@ def _patches(grid: Grid, chosen: Mask) -> Patches:
     item, row, column = np.nonzero(chosen)
     frames = grid.bounds.frames(item)
     w, a = grid.rates[:, frames, column]
-    return Patches(item, grid.r0[row], grid.r1[row], grid.t[column], grid.t[column + 1], w, a)
+    allowed = np.full(len(item), -CONTACT_M)
+    return Patches(item, grid.r0[row], grid.r1[row], grid.t[column], grid.t[column + 1], w, a, allowed)
 
 
 def _refined(found: LeastGap, flights: Flights, bounds: PatchBounds, patches: Patches, only_judged: Mask) -> LeastGap:
@@ -440,14 +454,15 @@ def _refined(found: LeastGap, flights: Flights, bounds: PatchBounds, patches: Pa
             break
         seen = bounds.evaluate(patches)
         free = ~only_judged[patches.item]
-        corner, patch = np.unravel_index(int(seen.sampled.argmin()), seen.sampled.shape)
-        if seen.sampled[corner, patch] < -CONTACT_M:
+        spare = seen.sampled - patches.allowed_m
+        corner, patch = np.unravel_index(int(spare.argmin()), spare.shape)
+        if spare[corner, patch] < 0.0:
             value = float(seen.sampled[corner, patch])
             at_s = float(seen.t[corner, patch])
             return LeastGap(value, at_s, flights.names[patches.item[patch]], False)
         nearest = min(nearest, float(seen.sampled[:, free].min(initial=math.inf)))
         close = max(-CONTACT_M, min(CLOSE_M, nearest - ACCURACY_M))
-        undecided = seen.lower < np.where(free, close, -CONTACT_M)
+        undecided = seen.lower < np.where(free, close, patches.allowed_m)
         decided = np.where(free & ~undecided, seen.lower, math.inf)
         least = int(decided.argmin())
         if decided[least] < found.value:

@@ -86,6 +86,11 @@ class Flights:
 
     def _beside_release(self) -> Index:
         """Returns the capsules that the object is gripped by or beside, nearer than the clearance when released."""
+        return self.motion.body.beside_object[self.gaps_at_release < self.clearance_m]
+
+    @cached_property
+    def gaps_at_release(self) -> Array:
+        """Gaps to the capsules that the object is gripped by or beside when it is released on time (k,) [m]."""
         body = self.motion.body
         X_WL = self.motion.at_knots.X_WL[self.motion.release_knot : self.motion.release_knot + 1]
         ends = body.end_points(X_WL)[..., 0]
@@ -93,8 +98,7 @@ class Flights:
         p0, p1 = ends[body.object]
         x = p0[:, None] + np.linspace(0.0, 1.0, len(self.balls_m)) * (p1 - p0)[:, None]
         apart = x[..., None] - nearest_on_segments(x[..., None], ends[beside, 0].T[:, None], ends[beside, 1].T[:, None])
-        gaps = np.sqrt(dot(apart, apart)).min(axis=0) - body.radii[beside] - self.radius_m
-        return beside[gaps < self.clearance_m]
+        return np.sqrt(dot(apart, apart)).min(axis=0) - body.radii[beside] - self.radius_m
 
     def required_of(self, obstacle: str) -> float:
         """Returns the distance that the object keeps from an obstacle [m]; 0 for a name that is none."""

@@ -54,6 +54,7 @@ class Patches(NamedTuple):
         r0, r1: interval of release times (k,) [s].
         t0, t1: interval of times (k,) [s].
         w, a: sums of the joint speeds and accelerations that move the obstacle, at most (k,) [rad/s, rad/s^2].
+        allowed_m: the least gap that is no fault (k,) [m].
     """
 
     item: Index
@@ -63,6 +64,7 @@ class Patches(NamedTuple):
     t1: Array
     w: Array
     a: Array
+    allowed_m: Array
 
     def keep(self, chosen: Mask | Index) -> Patches:
         """Returns the `chosen` patches."""
