@@ -3241,7 +3241,7 @@ export interface components {
             reason: string | null;
             /**
              * Result
-             * @description waiting; moving; hit, miss, or thrown where nobody saw the landing; missed_grip; not_planned: no motion was found; kept: still in the gripper; unknown: in the gripper, or thrown.
+             * @description waiting; moving; hit, miss, or thrown where nobody saw the landing; missed_grip; not_planned: no motion was found; kept: still in the gripper; dropped on the way; unknown: in the gripper, or thrown.
              */
             result: string;
             /**
