@@ -35,9 +35,9 @@ class SimulatedGripper:
         object_m: float,
         opening: GripperOpening,
         seed: int | str,
+        takes: Callable[[float], int | None] | None = None,
         place: int = 0,
         places: int = 1,
-        takes: Callable[[float], int | None] | None = None,
     ) -> None:
         """Starts closed, or open where objects have to be picked up.
 

@@ -53,13 +53,13 @@ class Workcell:
         takes = None if self.feeder is None else self._take
         names = list(cell.grippers) or [""]
         of_own = (cell.gripper, 2.0 * cell.object.radius_m, truth.gripper, truth.seed)
-        self.gripper = SimulatedGripper(*of_own, 0, len(names), takes)
+        self.gripper = SimulatedGripper(*of_own, takes, 0, len(names))
         self.grippers = {"": self.gripper}
         self.tools = {"": kinematics.from_matrix(cell.tool.X_FT)}
         for place, name in enumerate(names[1:], start=1):
             each = cell.grippers[name]
             of_each = (each.gripper, 2.0 * each.object.radius_m, truth.grippers[name], f"{truth.seed} {name}")
-            self.grippers[name] = SimulatedGripper(*of_each, place, len(names))
+            self.grippers[name] = SimulatedGripper(*of_each, None, place, len(names))
             self.tools[name] = kinematics.from_matrix(each.X_FT)
         first = sum(each.first_bits for each in self.grippers.values())
         self.outputs = Outputs(dt, timing.output_delay_s, first)

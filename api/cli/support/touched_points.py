@@ -12,7 +12,7 @@ from typing import Any, Self
 import click
 import numpy as np
 
-from fling.camera import Camera
+import fling
 from learning import CameraFit, TouchedPointsRefused, fit_camera, slip
 from planner.rotations import rotation_vector_to_matrix
 
@@ -25,7 +25,7 @@ class TouchedPoints:
     """The camera that points decide."""
 
     fit: CameraFit
-    camera: Camera
+    camera: fling.Camera
 
     @classmethod
     def read(cls, file: Path, base_in_world: Mapping[str, Sequence[float]] | None) -> Self:
@@ -44,7 +44,7 @@ class TouchedPoints:
         except TouchedPointsRefused as refused:
             raise click.ClickException(f"{file}: {refused}") from refused
         free = 3 * len(seen) - FREE
-        return cls(fit, Camera(fit.X_WC, math.sqrt(float(np.sum(fit.residuals_m**2)) / free)))
+        return cls(fit, fling.Camera(fit.X_WC, math.sqrt(float(np.sum(fit.residuals_m**2)) / free)))
 
     def document(self) -> dict[str, Any]:
         """Returns the camera and the points' residuals as JSON."""
