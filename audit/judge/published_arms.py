@@ -92,10 +92,10 @@ def robot_model(robot: Robot) -> pin.Model:
     joint = 0
     before = pin.SE3.Identity()
     for i, link in enumerate(robot.links):
-        is_last = i == len(robot.links) - 1  # whose frame is the flange: as far along its own axis as the table says
-        behind = dh_placement(robot, i)
-        at, behind = (before * behind, pin.SE3.Identity()) if is_last else (before, behind)
-        joint = model.addJoint(joint, pin.JointModelRZ(), at, link.name)
+        # As in the URDF each joint's frame is along its own axis where the link's is: the last one is the flange.
+        along = pin.SE3(np.eye(3), np.array([0.0, 0.0, robot.d[i]]))
+        behind = along.inverse() * dh_placement(robot, i)
+        joint = model.addJoint(joint, pin.JointModelRZ(), before * along, link.name)
         model.appendBodyToJoint(joint, pin.Inertia(link.mass, link.com, link.inertia), behind)
         before = behind
     return model

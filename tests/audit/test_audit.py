@@ -53,7 +53,8 @@ def test_a_small_run_finds_no_plan_wrong(whole: Path) -> None:
     summary = json.loads((whole / "summary.json").read_text())
     assert summary["wrong"] == summary["errors"] == {}
     assert summary["audited"] > COUNT / 2
-    assert summary["proofs"].get("proven", 0) > 0
+    assert set(summary["proofs"]) <= {"proven", "not proven"}
+    assert sum(summary["proofs"].values()) == sum("proof" in row for row in rows_in(whole).values()) > 0
     assert summary["results_sha256"] == rows_sha256(rows_in(whole))
     assert summary["seed"] == SEED
     assert summary["million_core_hours"] == pytest.approx(summary["processor_s"] / COUNT / 3600.0 * 1e6)
@@ -207,6 +208,12 @@ def test_what_is_not_installed_is_named_with_its_extra(monkeypatch: pytest.Monke
     assert done.exit_code == 1
     assert "fling-robotics[audit]" in done.stderr
     assert "coal" in done.stderr
+
+
+def test_a_plan_is_proven_too_where_that_is_asked_for() -> None:
+    ball = next(i for i in range(24, 60) if drawn_problem(SEED, i).kind == "rest")
+    found = tried(AuditTask(SEED, ball, 1.0))
+    assert (found.outcome, found.proof, found.open) == ("planned", "proven", ())
 
 
 def test_the_share_of_proofs_is_what_is_asked_for() -> None:

@@ -123,7 +123,7 @@ def test_a_mesh_that_its_boxes_do_not_cover(thrown: Plan) -> None:
 
 @pytest.mark.parametrize("name", ["ur5e", "ur20", "ur3"])
 def test_an_arm_of_the_tables_numbers_is_the_published_one(name: str) -> None:
-    """Poses, velocities and torques of both routes, for an arm that has both."""
+    """Poses, velocities, torques and joints' places, which singularities are told by, for an arm that has both."""
     arm = robot(name)
     table = completed(name, {"link_mass_kg": [link.mass for link in arm.links]})
     models = [robot_model(each) for each in (arm, table)]
@@ -136,7 +136,8 @@ def test_an_arm_of_the_tables_numbers_is_the_published_one(name: str) -> None:
         pin.forwardKinematics(model, data, q, qd)
         poses = [(data.oMi[i] * dh_frames_in_urdf(each)[i - 1]).homogeneous for i in range(1, 7)]
         twist = pin.getVelocity(model, data, 6, pin.LOCAL_WORLD_ALIGNED).vector
-        seen.append(np.concatenate([tau, twist, np.ravel(poses)]))
+        joints = [data.oMi[i].homogeneous for i in range(1, 7)]
+        seen.append(np.concatenate([tau, twist, np.ravel(poses), np.ravel(joints)]))
     np.testing.assert_allclose(*seen, rtol=0.0, atol=1e-8)
 
 
