@@ -2,8 +2,8 @@
 
 The tool, and links beside which the object is gripped, count from the first instant of the grid below at which the
 object is clear of them: it usually starts within their capsules, so that these cannot judge how it leaves
-(`opening_direction` does). Where the cell does not say how the gripper opens, the object gets no deeper into them than
-it was when released, but for 1 mm. Releases that follow each other closely are clear of them one soon after the other; where
+(`opening_direction` does). A body, and a ball where the cell does not say how the gripper opens, gets no deeper into
+them than it was when released, but for 0.1 mm. Releases that follow each other closely are clear of them one soon after the other; where
 they are not, one between them comes out, and meets or grazes what it has just left. A target at which the object does
 not fit fails, although a flight to it may end before the sphere touches what is there.
 """
@@ -41,7 +41,7 @@ RELEASES_S = 0.005  # [s] step of the grid of releases
 # [s] Two releases of an interval are clear of the tool so soon after each other, or in neighbouring patches: their
 # instants are 8 to 16 ms apart, 20 ms at rest, and a tick beside the release.
 TOGETHER_S = 0.016
-DEEPER_M = 0.001  # [m] that an object may get deeper into what it is gripped by: as of its way out, `exits.FREE_M`
+DEEPER_M = 1e-4  # chosen [m] that an object may get deeper into what it is gripped by: what a proof can tell at once
 BEYOND_S = (0.02, 0.1, 0.5)  # [s] by which the grid passes the end of the latest flight known, until all have ended
 
 
@@ -374,8 +374,8 @@ def _decided(flights: Flights, grid: Grid, lower: Array) -> tuple[Mask, Mask, Ma
 
     For what the object is gripped by, the patches before the first one in or from which it is clear are not judged. If
     it was not proven clear from the beginning, the others do not count in the value: the distance begins at 0, as it
-    ends at 0 where the object lands. Those that are not judged are held, unless the cell says how the gripper opens: then
-its cone judges them (`exits`). Where the two releases of an interval are clear of it far apart, the first one
+    ends at 0 where the object lands. Those that are not judged are held, unless a ball's gripper is known to open along a
+cone: that judges them (`exits`), but not how a body turns. Where the two releases of an interval are clear of it far apart, the first one
     decides.
     """
     in_flight = ~np.isposinf(lower)
@@ -392,7 +392,8 @@ its cone judges them (`exits`). Where the two releases of an interval are clear 
     between = either & held & ~both
     apart = (between.sum(axis=2) > 1) & ((between * np.diff(grid.t)).sum(axis=2) > TOGETHER_S)
     judged[gripped] &= clear | np.where(apart[:, :, None], either, both)
-    still = in_flight & ~judged & (flights.motion.problem.cell.gripper.opening_direction is None)
+    problem = flights.motion.problem
+    still = in_flight & ~judged & (problem.body is not None or problem.cell.gripper.opening_direction is None)
     return judged, counted, still, apart.any(axis=0)
 
 
