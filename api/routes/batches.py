@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import asyncio
 import os
 import tempfile
-import time
-from collections.abc import AsyncGenerator
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Annotated, Any
 
-import orjson
 from anyio import to_thread
 from fastapi import APIRouter, Body, Header, Query, Request, Response
 from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
@@ -29,16 +25,15 @@ from api.http import (
     preferred_media_type,
     problem_answers,
 )
+from api.progress_feed import ProgressSeen, progress_events
 from api.routes.plans import POST_PROBLEMS, PageCursor, PageLimit
 from api.schemas import BATCH_EXAMPLES, BatchAnswer, BatchList, BatchRequest, BatchResultList
 from jobs.batches import PARQUET, BatchRequests, BatchSpecification, Parameters, ParquetMissing, write_table
-from store import BatchResultRow, BatchRow, Store, StoreUnavailable
+from store import BatchResultRow, BatchRow, Store
 
 router = APIRouter(route_class=StrictJsonRoute, tags=["batches"])
 
 SIZE_MAX = 100_000  # requests of one batch: some seconds to check
-POLL_S = 0.5  # [s] between two looks at the progress
-KEEP_ALIVE_S = 10.0  # [s] silence before a comment is sent, so that proxies keep the connection
 BatchId = Annotated[str, id_in_path("batch")]
 BatchBody = Annotated[BatchRequest, Body(openapi_examples=BATCH_EXAMPLES)]  # type: ignore[arg-type]
 GRIDS_KEPT = 16  # so that not every page of results reads its batch again
@@ -128,7 +123,8 @@ async def watch_batch(
 ) -> StreamingResponse:
     """Streams the progress of a batch as server-sent events until it is finished."""
     row = await run_in_threadpool(find_batch, service, id)
-    return event_stream(_events(request, service.store, row.id, last_event_id), request.state.is_allowed)
+    look = partial(_progress, service.store, row.id)
+    return event_stream(progress_events(request, look, last_event_id), request.state.is_allowed)
 
 
 @router.get(
@@ -164,28 +160,12 @@ def find_batch(service: Service, id: str) -> BatchRow:
     return find("batch", id, service.store.batch, service.store.batches)
 
 
-async def _events(request: Request, store: Store, id: str, after: int) -> AsyncGenerator[bytes]:
-    """Yields the progress whenever it changes, up to the end of the batch or of the service."""
-    yield b"retry: 500\n\n"
-    last = after
-    sent_at = time.monotonic()
-    while not request.app.state.is_draining:
-        try:
-            row = await run_in_threadpool(store.batch, id)
-        except StoreUnavailable:
-            row = None
-        if row is not None:
-            event_id = row.done + 1 + (row.total + 1 if row.state == "finished" else 0)
-            if event_id > last or row.state == "finished":
-                last = event_id
-                sent_at = time.monotonic()
-                yield f"id: {event_id}\nevent: progress\ndata: ".encode() + orjson.dumps(batch_document(row)) + b"\n\n"
-            if row.state == "finished":
-                return
-        if time.monotonic() - sent_at > KEEP_ALIVE_S:
-            sent_at = time.monotonic()
-            yield b": keep-alive\n\n"
-        await asyncio.sleep(POLL_S)
+def _progress(store: Store, id: str) -> ProgressSeen | None:
+    row = store.batch(id)
+    if row is None:
+        return None
+    is_over = row.state == "finished"
+    return ProgressSeen(row.done + 1 + (row.total + 1 if is_over else 0), batch_document(row), is_over)
 
 
 @lru_cache(GRIDS_KEPT)

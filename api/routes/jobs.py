@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import asyncio
 import io
-import time
-from collections.abc import AsyncGenerator, Sequence
+from collections.abc import Sequence
+from functools import partial
 from typing import Annotated, Any
 
-import orjson
 from fastapi import APIRouter, Body, Header, Query, Request, Response
 from fastapi.responses import JSONResponse, StreamingResponse
 from starlette.concurrency import run_in_threadpool
@@ -36,17 +34,16 @@ from api.http import (
     problem_answers,
 )
 from api.job_requests import check_order, job_document, job_head, result_documents
+from api.progress_feed import ProgressSeen, progress_events
 from api.routes.executions import UNGUARDED
 from api.routes.plans import POST_PROBLEMS, PageCursor, PageLimit
 from api.schemas import JOB_EXAMPLES, JobAnswer, JobHead, JobList, JobRequestBody, ObjectResultList
 from jobs.batches import INTEGER, NUMBER, PARQUET, TEXT, ParquetMissing, write_csv, write_parquet
 from jobs.cycles import JobOrder
-from store import JobRow, Store, StoreUnavailable
+from store import JobRow, Store
 
 router = APIRouter(route_class=StrictJsonRoute, tags=["jobs"])
 
-POLL_S = 0.5  # [s] between two looks at the progress
-KEEP_ALIVE_S = 10.0  # [s] silence before a comment is sent, so that proxies keep the connection
 JobId = Annotated[str, id_in_path("job")]
 JobBody = Annotated[JobRequestBody, Body(openapi_examples=JOB_EXAMPLES)]  # type: ignore[arg-type]
 PickCursor = Annotated[int, Query(ge=-1, le=2**31 - 1, description="`next_cursor` of the page before."), PLAIN]
@@ -166,7 +163,8 @@ async def watch_job(
 ) -> StreamingResponse:
     """Streams the progress of a job as server-sent events until it is finished."""
     row = await run_in_threadpool(find_job, service, id)
-    return event_stream(_events(request, service.store, row.id, last_event_id), request.state.is_allowed)
+    look = partial(_progress, service.store, row.id)
+    return event_stream(progress_events(request, look, last_event_id), request.state.is_allowed)
 
 
 @router.get(
@@ -203,27 +201,9 @@ def find_job(service: Service, id: str) -> JobRow:
     return find("job", id, service.store.job, service.store.jobs)
 
 
-async def _events(request: Request, store: Store, id: str, after: int) -> AsyncGenerator[bytes]:
-    """Yields the progress whenever it changes, up to the end of the job or of the service."""
-    yield b"retry: 500\n\n"
-    last = after
-    sent_at = time.monotonic()
-    while not request.app.state.is_draining:
-        try:
-            row = await run_in_threadpool(store.job, id)
-            if row is not None and (row.revision > last or row.state == "finished"):
-                document = await run_in_threadpool(_document, store, row)
-                last = row.revision
-                sent_at = time.monotonic()
-                yield f"id: {last}\nevent: progress\ndata: ".encode() + orjson.dumps(document) + b"\n\n"
-            if row is not None and row.state == "finished":
-                return
-        except StoreUnavailable:  # the store has logged it
-            pass
-        if time.monotonic() - sent_at > KEEP_ALIVE_S:
-            sent_at = time.monotonic()
-            yield b": keep-alive\n\n"
-        await asyncio.sleep(POLL_S)
+def _progress(store: Store, id: str) -> ProgressSeen | None:
+    row = store.job(id)
+    return None if row is None else ProgressSeen(row.revision, _document(store, row), row.state == "finished")
 
 
 def _document(store: Store, row: JobRow) -> dict[str, Any]:
