@@ -16,6 +16,8 @@ from planner.rotations import matrix_to_rotation_vector, pose, rotation_vector_t
 
 Vector = NDArray[np.float64]
 
+NO_CAMERA = "is no camera, as fling calibrate camera --out writes it"
+
 
 @dataclass(frozen=True, eq=False)
 class Camera:
@@ -40,8 +42,10 @@ class Camera:
             document = json.loads(Path(file).read_text())
             R = rotation_vector_to_matrix(_vector(document, "rotation_vector_rad"))
             return cls(pose(_vector(document, "position_m"), R), float(document["std_m"]))
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise FileRefused(file, f"is no camera, as fling calibrate camera --out writes it ({error})") from error
+        except KeyError as error:
+            raise FileRefused(file, f"{NO_CAMERA}: it lacks {error}") from error
+        except (OSError, ValueError, TypeError) as error:
+            raise FileRefused(file, f"{NO_CAMERA}: {error}") from error
 
     def save(self, file: Path | str) -> None:
         """Writes it as JSON."""
@@ -53,12 +57,24 @@ class Camera:
         return {"position_m": self.X_WC[:3, 3].tolist(), "rotation_vector_rad": turn.tolist(), "std_m": self.std_m}
 
     def in_world(self, points: ArrayLike | Sequence[Sequence[float]]) -> Vector:
-        """Returns seen points (n, 3) or (3,) [m, camera] as places in the world [m]."""
-        return np.asarray(points, float) @ self.X_WC[:3, :3].T + self.X_WC[:3, 3]
+        """Returns seen points (n, 3) or (3,) [m, camera] as places in the world [m]; none of none.
+
+        Raises:
+            ValueError: the points have other than three coordinates, or one is no number.
+        """
+        seen = np.asarray(points, float)
+        if seen.size == 0:
+            return np.zeros((0, 3))
+        if seen.shape[-1] != 3 or not np.isfinite(seen).all():
+            raise ValueError(f"a point has three coordinates in metres; given are {seen.tolist()}")
+        return seen @ self.X_WC[:3, :3].T + self.X_WC[:3, 3]
 
 
 def _vector(document: dict[str, Any], name: str) -> Vector:
-    found = np.array(document[name], float)
+    try:
+        found = np.array(document[name], float)
+    except ValueError:
+        found = np.empty(0)
     if found.shape != (3,) or not np.isfinite(found).all():
-        raise ValueError(f"{name}: not three numbers")
+        raise ValueError(f"{name} = {document[name]} is not three numbers")
     return found

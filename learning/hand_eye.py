@@ -12,6 +12,7 @@ Vector = NDArray[np.float64]
 POINTS_MIN = 4  # with three, every point decides the pose, and the residuals show no slip
 SPREAD_MIN_M = 0.02  # [m] of the points across their longest line: else they leave a turn about it open
 SLIP = 4.0  # times the median of the points: beyond chance also of a point at the edge, which the others decide less
+MIRRORED = 10.0  # times better that mirrored points fit: points in a plane fit either way alike
 SCALE_TOLERANCE = 0.05  # [-] of a camera's distances: beyond, its unit is another or it is not calibrated itself
 
 
@@ -48,7 +49,7 @@ def fit_camera(seen: Vector, touched: Vector) -> CameraFit:
         touched: the same points in the world (n, 3) [m].
 
     Raises:
-        TouchedPointsRefused: fewer than four, nearly on a line, or of another scale.
+        TouchedPointsRefused: fewer than four, nearly on a line, of another scale, or mirrored.
     """
     if len(seen) < POINTS_MIN:
         raise TouchedPointsRefused(f"{len(seen)} points: at least {POINTS_MIN} are needed, so that a slip shows")
@@ -62,6 +63,12 @@ def fit_camera(seen: Vector, touched: Vector) -> CameraFit:
         what = f"distances between the points as seen are {scale:.4g} times those touched"
         raise TouchedPointsRefused(f"{what}: both are in metres, and a point has one line")
     X_WC = _closest_pose(seen, touched)
+    mirrored = seen * [1.0, 1.0, -1.0]
+    off_m = float(np.linalg.norm(_off_m(X_WC, seen, touched)))
+    off_mirrored_m = float(np.linalg.norm(_off_m(_closest_pose(mirrored, touched), mirrored, touched)))
+    if off_m > MIRRORED * off_mirrored_m:
+        what = f"mirrored, the seen points fit {off_m / off_mirrored_m:.0f} times better"
+        raise TouchedPointsRefused(f"{what}: the axes of the camera's frame are not right-handed")
     kept = [np.delete(np.arange(len(seen)), i) for i in range(len(seen))]
     without = [_closest_pose(seen[rows], touched[rows]) for rows in kept]
     left_out = [_off_m(X, seen[i : i + 1], touched[i : i + 1])[0] for i, X in enumerate(without)]

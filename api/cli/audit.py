@@ -50,7 +50,8 @@ def audit(
     A problem is a function of seed and index alone. The record is audit.jsonl, a line a problem, and summary.json; a
     kill loses what was in work. Needs the extra `audit`.
 
-    Exit status: 0 no plan is wrong; 1 wrong input; 2 a certified plan is wrong, or the planner broke down.
+    Exit status: 0 no plan is wrong; 1 wrong input; 2 a certified plan is wrong, or the planner broke down; 130 it was
+    interrupted, and --resume goes on.
     """
     _require_packages()
     if (count is None) == (index is None):
@@ -75,7 +76,10 @@ def audit(
     finally:
         signal.signal(signal.SIGINT, before)
     click.echo(json.dumps(summary.as_document()) if as_json else str(summary))
-    sys.exit(_status(summary, count))
+    status = _status(summary, count)
+    if status == INTERRUPTED:
+        click.echo(f"interrupted after {summary.problems} of {count}: the same command with --resume goes on", err=True)
+    sys.exit(status)
 
 
 def _require_packages() -> None:

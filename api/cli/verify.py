@@ -43,7 +43,9 @@ def verify(file: Path, cells: Path | None, as_json: bool) -> None:
 
 def _text(verdict: Verification) -> str:
     checks = len({finding.name for finding in verdict.findings})
-    return "\n".join([*map(str, verdict.open), f"{verdict.status}: {checks} checks"])
+    left = len({finding.name for finding in verdict.open})
+    counts = f"{left} of {checks} checks" if left else f"{checks} checks"
+    return "\n".join([*map(str, verdict.open), f"{verdict.status}: {counts}"])
 
 
 def _document(verdict: Verification) -> str:

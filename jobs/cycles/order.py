@@ -140,6 +140,11 @@ def _grid_picks(grid: Mapping[str, Any], errors: list[FieldError]) -> list[dict[
     if columns * rows > PICKS_MAX:
         errors.append(FieldError("picks.grid", f"has {columns * rows} picks; a job may have at most {PICKS_MAX}"))
         return []
+    for name, count in (("along_m", columns), ("across_m", rows)):
+        if count > 1 and not any(grid[name]):
+            errors.append(
+                FieldError(f"picks.grid.{name}", f"is no step: the {count} picks along it would be one place")
+            )
     corner = grid["corner"]
     picks = []
     for row in range(rows):

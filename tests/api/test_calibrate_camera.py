@@ -63,3 +63,15 @@ def test_a_file_that_is_no_camera_is_refused(tmp_path: Path) -> None:
     (tmp_path / "other.json").write_text('{"position_m": [1, 2]}')
     with pytest.raises(fling.FileRefused, match=r"other\.json: is no camera"):
         fling.Camera.load(tmp_path / "other.json")
+    (tmp_path / "other.json").write_text('{"position_m": [1, 2, 3], "std_m": 0.0}')
+    with pytest.raises(fling.FileRefused, match="it lacks 'rotation_vector_rad'"):
+        fling.Camera.load(tmp_path / "other.json")
+
+
+def test_a_camera_that_sees_nothing_says_so() -> None:
+    camera = fling.Camera(np.eye(4))
+    assert camera.in_world([]).shape == (0, 3)
+    with pytest.raises(ValueError, match="three coordinates"):
+        camera.in_world([[0.1, 0.2]])
+    with pytest.raises(ValueError, match="three coordinates"):
+        camera.in_world([0.1, 0.2, float("nan")])

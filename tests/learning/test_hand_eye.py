@@ -63,3 +63,9 @@ def test_points_that_decide_no_pose_are_refused() -> None:
         fit_camera(line, touched)
     with pytest.raises(TouchedPointsRefused, match="are 1000 times those touched"):
         fit_camera(1e3 * touched, touched)
+
+
+def test_a_frame_that_is_not_right_handed_is_refused() -> None:
+    _, seen, touched = drawn(2, 10)
+    with pytest.raises(TouchedPointsRefused, match="axes of the camera's frame are not right-handed"):
+        fit_camera(seen * [1.0, -1.0, 1.0], touched)

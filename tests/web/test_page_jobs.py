@@ -73,11 +73,11 @@ def told(guest: Visit) -> dict[str, Any]:
 
 def test_a_job_is_shown_while_it_runs(guest: Visit, told: dict[str, Any]) -> None:
     job = guest.region("Job")
-    expect(job.get_by_role("status")).to_have_text("Throwing from pick 13 at target 2, attempt 2, then to pick 14.")
+    expect(job.get_by_role("status")).to_have_text("Throwing from pick 12 at target 1, attempt 2, then to pick 13.")
     expect(job).to_contain_text("12 of 14 objects are done; 10 of 11 landings seen are hits (91 %; 62 % to 98 %")
     expect(job).to_contain_text("1 missed, 1 not gripped; 612 cycles an hour.")
     rows = job.get_by_role("row")
-    expect(rows).to_have_count(5)  # the page of the current object: its head and picks 11 to 14
+    expect(rows).to_have_count(5)  # the page of the current object: its head and picks 10 to 13
     expect(rows.nth(3)).to_contain_text("ball 13")
     job.get_by_role("button", name="Before").click()
     expect(rows).to_have_count(11)
@@ -92,7 +92,7 @@ def test_a_job_is_paused_and_resumed(guest: Visit, told: dict[str, Any]) -> None
     told["job"] = {**told["job"], "pause_requested": True}
     expect(job.get_by_role("status")).to_contain_text("It pauses after this motion.", timeout=FOLLOWED_MS)
     told["job"] = {**told["job"], "state": "paused", "current": None}
-    expect(job.get_by_role("status")).to_contain_text("The job is paused.", timeout=FOLLOWED_MS)
+    expect(job.get_by_role("status")).to_have_text("The job is paused.", timeout=FOLLOWED_MS)
     job.get_by_role("button", name="Resume").click()
     told["job"] = {**told["job"], "state": "finished", "outcome": "stopped", "reason": "protective stop"}
     expect(job.get_by_role("status")).to_have_text("Stopped: protective stop", timeout=FOLLOWED_MS)

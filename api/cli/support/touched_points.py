@@ -65,7 +65,8 @@ class TouchedPoints:
         ]
         off = slip(self.fit)
         if off is not None:
-            lines.append(f"point {off + 1} is far off while the others agree: was another one touched, or seen?")
+            which = f"point {off + 1} is far off while the others agree: was another one touched, or seen?"
+            lines.append(f"{which} The camera above includes it; take its line out of the file and calibrate again")
         return "\n".join(lines)
 
 

@@ -372,11 +372,11 @@ def _capsule_distances(flights: Flights, grid: Grid, bounds: PatchBounds, y: Arr
 def _decided(flights: Flights, grid: Grid, lower: Array) -> tuple[Mask, Mask, Mask, Mask]:
     """Returns which patches are judged, count in the value, are held (items, m, n), and which intervals are apart (m,).
 
-    For what the object is gripped by, the patches before the first one in or from which it is clear are not judged. If
-    it was not proven clear from the beginning, the others do not count in the value: the distance begins at 0, as it
-    ends at 0 where the object lands. Those that are not judged are held, unless a ball's gripper is known to open along a
-cone: that judges them (`exits`), but not how a body turns. Where the two releases of an interval are clear of it far apart, the first one
-    decides.
+        For what the object is gripped by, the patches before the first one in or from which it is clear are not judged. If
+        it was not proven clear from the beginning, the others do not count in the value: the distance begins at 0, as it
+        ends at 0 where the object lands. Those that are not judged are held, unless a ball's gripper is known to open along a
+    cone: that judges them (`exits`), but not how a body turns. Where the two releases of an interval are clear of it far apart, the first one
+        decides.
     """
     in_flight = ~np.isposinf(lower)
     gripped = flights.gripped

@@ -57,11 +57,12 @@ function Actions({ job }: { job: Job }): JSX.Element {
 export function stateWords(job: Job): string {
   if (job.state === "finished") return [JOB_OUTCOMES[job.outcome ?? ""] ?? job.outcome, job.reason].filter(Boolean).join(": ");
   const { current } = job;
+  if (job.state === "paused") return "The job is paused.";
   const ends = job.cancel_requested ? " It is cancelled after this motion." : job.pause_requested ? " It pauses after this motion." : "";
   if (current === null) return job.state === "running" ? "The next motion is being planned." : `The job is ${job.state}.${ends}`;
-  const next = current.next_pick === null ? "home" : `pick ${current.next_pick + 1}`;
+  const next = current.next_pick === null ? "home" : `pick ${current.next_pick}`;
   const attempt = current.attempt > 1 ? `, attempt ${current.attempt}` : "";
-  const does = current.kind === "throw" ? `Throwing from pick ${current.pick! + 1} at target ${current.target! + 1}${attempt}, then to ${next}.` : `On the way to ${next}.`;
+  const does = current.kind === "throw" ? `Throwing from pick ${current.pick} at target ${current.target}${attempt}, then to ${next}.` : `On the way to ${next}.`;
   return `${does}${ends}`;
 }
 
@@ -118,9 +119,9 @@ function Queue({ job, objects }: { job: Job; objects: readonly ObjectResult[] })
           <tbody>
             {rows.map((each) => (
               <tr key={each.pick}>
-                <td class="number">{each.pick + 1}</td>
+                <td class="number">{each.pick}</td>
                 <td>{each.object ?? "–"}</td>
-                <td class="number">{each.target === null ? "–" : each.target + 1}</td>
+                <td class="number">{each.target ?? "–"}</td>
                 <td class={TONES[each.result] ?? ""}>
                   {RESULT_WORDS[each.result] ?? each.result}
                   {each.attempts > 1 ? <small>{each.attempts} attempts</small> : null}
