@@ -18,6 +18,7 @@ from executor.lost_object import object_words, told_opening
 from executor.preflight import (
     ExecutionRefused,
     gripper_is_open,
+    open_grippers,
     output_level_warnings,
     prove_plan,
     readiness,
@@ -80,8 +81,10 @@ class Execution:
         if not self.problem.starts_at_rest:
             raise ExecutionRefused("the plan starts in motion: it can only replace a running one")
         ready = readiness(session)
-        if ready.refusals:
-            raise ExecutionRefused("; ".join(ready.refusals))
+        state = session.monitor.fresh()
+        refusals = [*ready.refusals, *([] if state is None else open_grippers(cell, state))]
+        if refusals:
+            raise ExecutionRefused("; ".join(refusals))
         for warning in ready.warnings:
             self.note(f"warning: {warning}")
         self.note(f"robot: {cell.robot.name}, serial number {ready.serial or 'not told'}")

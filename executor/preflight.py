@@ -157,6 +157,21 @@ def gripper_is_open(cell: Cell, state: RobotState) -> bool:
     return bool(state.outputs >> bit & 1) == cell.gripper.open_level
 
 
+def open_grippers(cell: Cell, state: RobotState) -> list[str]:
+    """Returns the further grippers of a tool whose outputs are at the level that opens them, in words.
+
+    A run closes the cell's own gripper alone: the motion is certified with what the others hold.
+    """
+    found = []
+    for name, each in cell.grippers.items():
+        gripper = each.gripper
+        is_open = bool(state.outputs >> OUTPUT_SHIFT[gripper.output] + gripper.index & 1) == gripper.open_level
+        if name and is_open:
+            line = f"{gripper.output} {gripper.index} is {'on' if gripper.open_level else 'off'}"
+            found.append(f"the gripper {name!r} is open: {line}; load and close it")
+    return found
+
+
 def output_level_warnings(problem: ThrowProblem, trajectory: Trajectory, state: RobotState) -> list[str]:
     """Returns the outputs of a plan's passages that have the level of their first edge already."""
     first: dict[tuple[str, int], OutputSwitch] = {}

@@ -370,11 +370,11 @@ def flight_of_own_gripper(document: Mapping[str, Any]) -> Mapping[str, Any]:
 
     Another one's object flies as the cell file says.
     """
-    passages = document.get("passages", ())
-    flights = [each.get("flight") for each in passages if each["releases"] is True]
-    if any(isinstance(each["releases"], str) for each in passages):
-        return next(iter(flights), None) or {}
-    return document.get("flight") or {}
+    found = [each for each in document.get("passages") or () if isinstance(each, Mapping)]
+    flights = [each.get("flight") for each in found if each.get("releases") is True]
+    is_of_others = any(isinstance(each.get("releases"), str) for each in found)
+    flight = next(iter(flights), None) if is_of_others else document.get("flight")
+    return flight if isinstance(flight, Mapping) else {}
 
 
 def _as_the_flight_says(cell: Cell, flight: Mapping[str, Any]) -> Cell:

@@ -6,6 +6,7 @@ import math
 import re
 import urllib.parse
 from collections.abc import Iterable, Mapping
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -103,6 +104,13 @@ def further_grippers(
         if line in taken:
             raise CellError(f"{where}index", line[1], f"is an output of kind {line[0]} that is in use already")
         taken.append(line)
+    for (one, first), (other, second) in combinations(found.items(), 2):
+        apart_m = float(np.linalg.norm(first.X_FT[:3, 3] - second.X_FT[:3, 3]))
+        least_m = first.object.radius_m + second.object.radius_m
+        if apart_m < least_m:
+            what = f"is {apart_m:.3f} m from the tool centre point of {one or '[gripper]'!r}"
+            reason = f"{what}: their objects, {least_m:.3f} m across both radii, would be in each other"
+            raise CellError(f"grippers.{other}.tcp_position_m", second.X_FT[:3, 3].tolist(), reason)
     return found
 
 

@@ -15,7 +15,7 @@ from planner.certificate import clearance, grip, joints, passages, release, safe
 from planner.certificate.certificate import Certificate, Check, NotChecked
 from planner.certificate.flight import flight_clearance
 from planner.certificate.samples import MotionSamples
-from planner.certificate.several import merged, together
+from planner.certificate.several import merged, together, with_kept
 from planner.problem import ThrowProblem
 from planner.trajectory import Trajectory
 
@@ -86,26 +86,46 @@ class Examination:
     far a motion keeps from what it does not violate, and proves a bound on that.
     """
 
-    def __init__(self, problem: ThrowProblem, trajectory: Trajectory) -> None:
-        """Takes a trajectory, and the problem that it is to solve."""
+    def __init__(self, problem: ThrowProblem, trajectory: Trajectory, is_part: bool = False) -> None:
+        """Takes a trajectory, and the problem that it is to solve; that of one of several grippers is a part."""
+        self._is_part = is_part
         self._problem = problem
         self._trajectory = trajectory
         self._motion = MotionSamples(problem, trajectory)
         self._found: dict[CheckFunction, Check | NotChecked | None] = {}
-        self._parts = [Examination(part.problem, part.of(trajectory)) for part in problem.parts]
+        self._parts = [Examination(part.problem, part.of(trajectory), is_part=True) for part in problem.parts]
 
     @cached_property
     def certificate(self) -> Certificate:
         """Every check that applies, with its margin; see `certify`."""
         if self._parts:
             parts = [part.certificate for part in self._parts]
-            return merged(self._problem, parts, self._together)
+            return with_kept(merged(self._problem, parts, self._together), self._kept)
         told = MotionSamples(self._problem, self._trajectory, is_told=True)
         found = [self._told(check, told) for check in self._applicable]
-        return Certificate(
+        certificate = Certificate(
             tuple(check for check in found if isinstance(check, Check)),
             tuple(check.name for check in found if isinstance(check, NotChecked)),
         )
+        return with_kept(certificate, self._kept)
+
+    @cached_property
+    def _kept(self) -> list[Check | NotChecked]:
+        """The grip of each gripper that lets nothing go, beside one that does."""
+        if self._is_part:
+            return []
+        motions = {name: MotionSamples(each, self._trajectory) for name, each in self._problem.kept.items()}
+        found = {name: grip.grip_acceleration(motion) for name, motion in motions.items()}
+        return [
+            replace(check, detail=f"of {name or 'the own gripper'}") if isinstance(check, Check) else check
+            for name, check in found.items()
+            if check is not None
+        ]
+
+    @property
+    def _lost(self) -> list[Check]:
+        """Of these the ones that do not hold."""
+        return [check for check in self._kept if isinstance(check, Check) and not check.ok]
 
     @cached_property
     def _together(self) -> list[Check]:
@@ -118,7 +138,7 @@ class Examination:
         if not self._parts:
             return [(check, self._trajectory.release_index) for check in self.failures]
         last = self._trajectory.passed[max(part.release for part in self._problem.parts)]
-        found = [(check, last) for check in self._together if not check.ok]
+        found = [(check, last) for check in (*self._together, *self._lost) if not check.ok]
         return found + [each for part in self._parts for each in part.failed_releases]
 
     @property
@@ -127,7 +147,7 @@ class Examination:
         if self._parts:
             return self.certificate.failures
         results = (self._result(check) for check in self._applicable)
-        return tuple(result for result in results if isinstance(result, Check) and not result.ok)
+        return (*(result for result in results if isinstance(result, Check) and not result.ok), *self._lost)
 
     @cached_property
     def first_failure(self) -> Check | None:
@@ -135,10 +155,12 @@ class Examination:
         if self._parts:
             of_each = (part.first_failure for part in self._parts)
             failed = [*(check for check in of_each if check), *(check for check in self._together if not check.ok)]
+            failed += self._lost
             return next(iter(sorted(failed, key=lambda check: check.name == "landing_window")), None)
         order = sorted(self._applicable, key=_turn)
         results = (self._result(check) for check in order)
-        return next((result for result in results if isinstance(result, Check) and not result.ok), None)
+        failed = (result for result in results if isinstance(result, Check) and not result.ok)
+        return next(failed, None) or next(iter(self._lost), None)
 
     @property
     def _applicable(self) -> tuple[CheckFunction, ...]:

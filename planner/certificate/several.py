@@ -17,7 +17,7 @@ import numpy as np
 
 from planner.arrays import Array
 from planner.certificate.bounds import point_bound
-from planner.certificate.certificate import Certificate, Check, at_least
+from planner.certificate.certificate import Certificate, Check, NotChecked, at_least
 from planner.certificate.passages import crowded_outputs, wrong_order
 from planner.certificate.release import release_flight
 from planner.certificate.samples import MotionSamples
@@ -42,6 +42,18 @@ def merged(problem: ThrowProblem, parts: Sequence[Certificate], common: Sequence
         found.setdefault(check.name, []).append(check)
     not_checked = dict.fromkeys(name for certificate in parts for name in certificate.not_checked)
     return Certificate(tuple(min(checks, key=_room) for checks in found.values()), tuple(not_checked))
+
+
+def with_kept(certificate: Certificate, kept: Sequence[Check | NotChecked]) -> Certificate:
+    """Returns a certificate with checks of grippers that let nothing go: of each name the worst is told."""
+    if not kept:
+        return certificate
+    found = {check.name: check for check in certificate.checks}
+    for check in kept:
+        if isinstance(check, Check):
+            found[check.name] = min(found.get(check.name, check), check, key=_room)
+    unchecked = [check.name for check in kept if isinstance(check, NotChecked)]
+    return Certificate(tuple(found.values()), tuple(dict.fromkeys([*certificate.not_checked, *unchecked])))
 
 
 def _room(check: Check) -> tuple[bool, float]:

@@ -275,3 +275,25 @@ def test_a_cell_with_one_gripper_is_seen_as_it_is() -> None:
 
 def made_release(here: Cell) -> Any:
     return problem_from_request({"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}}, here).release
+
+
+def test_what_no_passage_lets_go_of_is_held_as_firmly_as_its_gripper_can(here: Cell) -> None:
+    """The own gripper withstands little more than gravity, and another one throws."""
+    throw = {"name": "throw", "state": {"kind": "target", "position": TARGETS["left"]}, "releases": "left"}
+    thrown = plan(problem_from_request({"passages": [throw]}, here)).trajectory
+    weak = replace(here, gripper=replace(here.gripper, hold_acceleration_m_s2=np.array([12.0])))
+    own = here.grippers[""]
+    weak = replace(weak, grippers={**here.grippers, "": replace(own, gripper=weak.gripper)})
+    check = certify(problem_from_request({"passages": [throw]}, weak), thrown).check("grip_acceleration")
+    t = np.arange(0.0, thrown.duration_s, 5e-4)
+    points = [tool_state(here.seen_from(""), *thrown.at(np.array(each))[:2]).p_WT for each in t]
+    felt = np.gradient(np.gradient(np.reshape(points, (-1, 3)), t, axis=0), t, axis=0) + np.array([0.0, 0.0, G])
+    assert check is not None
+    assert (check.ok, check.limit, check.detail) == (False, 12.0, "of the own gripper")
+    assert check.value == pytest.approx(np.linalg.norm(felt[5:-5], axis=1).max(), rel=0.05)
+
+
+def test_objects_in_each_other_are_refused() -> None:
+    near = LEFT.replace("[0.0, -0.06, 0.17]", "[0.0, 0.055, 0.17]")
+    with pytest.raises(CellError, match=r"their objects, .* m across both radii, would be in each other"):
+        cell_of_two(near)

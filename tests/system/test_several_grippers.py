@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 from itertools import pairwise
 from pathlib import Path
 
@@ -18,10 +19,21 @@ LANDED_M = 0.01  # of 0.5 s of flight at 2 m/s, on an arm that follows its plan
 TICK_S = 0.002
 
 
+class LoadedRig(Rig):
+    """A rig at which somebody closes the further gripper before each run."""
+
+    def queue_plan(self, plan_id: str, mode: str = "speedj", dry_run: bool = False) -> str:
+        """Queues an execution of a stored plan, both grippers loaded; returns its id."""
+        with socket.create_connection((self.host, 30002)) as pendant:
+            pendant.sendall(b"sec load():\n  set_standard_digital_out(1, False)\nend\n")
+            self.until(lambda: self.state()["grippers_hold"]["left"] is not None)
+        return super().queue_plan(plan_id, mode, dry_run)
+
+
 @pytest.fixture
 def rig(tmp_path: Path) -> Rig:
     """A rig of this test only, with a tool of two grippers, not started."""
-    rig = Rig(tmp_path)
+    rig = LoadedRig(tmp_path)
     rig.rewrite(two_grippers(rig.path.read_text()))
     return rig
 
@@ -85,5 +97,21 @@ def test_a_stop_between_two_releases_keeps_the_second_object(rig: Rig) -> None:
         state = rig.state()
         assert state["grippers_hold"] == {"left": 2}
         assert not state["digital_outputs"] >> OUTPUT_SHIFT["standard_digital"] + 1 & 1
+    finally:
+        rig.stop()
+
+
+def test_a_run_without_one_of_its_objects_is_refused(rig: Rig) -> None:
+    try:
+        rig.start()
+        plan_id = stored(rig, two_throws())
+        with socket.create_connection((rig.host, 30002)) as pendant:
+            pendant.sendall(b"sec open():\n  set_standard_digital_out(1, True)\nend\n")
+            rig.until(lambda: rig.state()["grippers_hold"]["left"] is None)
+        row = rig.end(Rig.queue_plan(rig, plan_id))
+        assert (row.outcome, row.reason) == (
+            "refused",
+            "the gripper 'left' is open: standard_digital 1 is on; load and close it",
+        )
     finally:
         rig.stop()

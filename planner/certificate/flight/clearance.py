@@ -2,10 +2,10 @@
 
 The tool, and links beside which the object is gripped, count from the first instant of the grid below at which the
 object is clear of them: it usually starts within their capsules, so that these cannot judge how it leaves
-(`opening_direction` does). A body, and a ball where the cell does not say how the gripper opens, gets no deeper into
-them than it was when released, but for 0.1 mm. Releases that follow each other closely are clear of them one soon after the other; where
-they are not, one between them comes out, and meets or grazes what it has just left. A target at which the object does
-not fit fails, although a flight to it may end before the sphere touches what is there.
+(`opening_direction` does). Capsules that a body's hull alone touches, not its shape, do not grip it: into these it gets
+no deeper than it was when released, but for 0.1 mm. Releases that follow each other closely are clear of them one soon
+after the other; where they are not, one between them comes out, and meets or grazes what it has just left. A target at
+which the object does not fit fails, although a flight to it may end before the sphere touches what is there.
 """
 
 from __future__ import annotations
@@ -372,11 +372,11 @@ def _capsule_distances(flights: Flights, grid: Grid, bounds: PatchBounds, y: Arr
 def _decided(flights: Flights, grid: Grid, lower: Array) -> tuple[Mask, Mask, Mask, Mask]:
     """Returns which patches are judged, count in the value, are held (items, m, n), and which intervals are apart (m,).
 
-        For what the object is gripped by, the patches before the first one in or from which it is clear are not judged. If
-        it was not proven clear from the beginning, the others do not count in the value: the distance begins at 0, as it
-        ends at 0 where the object lands. Those that are not judged are held, unless a ball's gripper is known to open along a
-    cone: that judges them (`exits`), but not how a body turns. Where the two releases of an interval are clear of it far apart, the first one
-        decides.
+    For what the object is gripped by, the patches before the first one in or from which it is clear are not judged. If
+    it was not proven clear from the beginning, the others do not count in the value: the distance begins at 0, as it
+    ends at 0 where the object lands. Those that are not judged are held, where a body's own shape is clear of it at the
+    release: what touches its hull alone does not grip it. Where the two releases of an interval are clear of it far
+    apart, the first one decides.
     """
     in_flight = ~np.isposinf(lower)
     gripped = flights.gripped
@@ -392,8 +392,8 @@ def _decided(flights: Flights, grid: Grid, lower: Array) -> tuple[Mask, Mask, Ma
     between = either & held & ~both
     apart = (between.sum(axis=2) > 1) & ((between * np.diff(grid.t)).sum(axis=2) > TOGETHER_S)
     judged[gripped] &= clear | np.where(apart[:, :, None], either, both)
-    problem = flights.motion.problem
-    still = in_flight & ~judged & (problem.body is not None or problem.cell.gripper.opening_direction is None)
+    still = in_flight & ~judged
+    still[flights.gripped] &= flights.shape_is_beside[:, None, None]
     return judged, counted, still, apart.any(axis=0)
 
 

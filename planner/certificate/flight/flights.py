@@ -20,13 +20,17 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from planner.arrays import Array, Index, Mask
-from planner.cell import nearest_on_cores
+from planner.cell import nearest_on_cores, shape_of
 from planner.certificate.flight.body import BodyLandings
 from planner.certificate.samples import MotionSamples
 from planner.flight import fly, paths, positions_after
 from planner.geometry import Surface
 from planner.kinematics import dot
 from planner.releases import Opening
+from planner.rotations import pose
+
+POINTS_ALONG = 33  # of a segment in each round: each leaves a sixteenth of it
+ROUNDS_ALONG = 5
 
 # [m] of an object in flight: of a point the distance from a wall without thickness, or within a box, is never below 0
 LEAST_RADIUS_M = 1e-5
@@ -99,6 +103,25 @@ class Flights:
         x = p0[:, None] + np.linspace(0.0, 1.0, len(self.balls_m)) * (p1 - p0)[:, None]
         apart = x[..., None] - nearest_on_segments(x[..., None], ends[beside, 0].T[:, None], ends[beside, 1].T[:, None])
         return np.sqrt(dot(apart, apart)).min(axis=0) - body.radii[beside] - self.radius_m
+
+    @cached_property
+    def shape_is_beside(self) -> Mask:
+        """Which of these capsules a body's own shape is clear of when it is released on time (k,); none of a ball's.
+
+        What its hull alone touches does not grip it.
+        """
+        body = self.motion.body
+        if self.landings_of_body is None:
+            return np.zeros(len(body.beside_object), np.bool_)
+        at = np.array([self.released_s])
+        thing = self.landings_of_body.thing
+        X_WO = pose(self.nominal[0], self.landings_of_body.axes(at, at)[0])
+        round_m = np.array([0.5 * thing.size_m[0], thing.size_m[2] - thing.size_m[0] * (thing.kind == "capsule")])
+        shape = shape_of(thing.kind, X_WO, thing.size_m if thing.kind == "box" else round_m).row
+        k = self.motion.release_knot
+        ends = body.end_points(self.motion.at_knots.X_WL[k : k + 1])[..., 0][body.beside_object]
+        gaps = [segment_gap(start, end, shape) for start, end in ends]
+        return np.array(gaps) > body.radii[body.beside_object]
 
     def required_of(self, obstacle: str) -> float:
         """Returns the distance that the object keeps from an obstacle [m]; 0 for a name that is none."""
@@ -435,6 +458,24 @@ def is_falling(x: Array) -> Mask:
 def flights_of(motion: MotionSamples) -> Flights:
     """Returns the flights of a motion."""
     return Flights(motion)
+
+
+def segment_gap(start: Array, end: Array, shape: Array) -> float:
+    """Returns the distance of a segment from a shape [m], which is convex along it; to 1e-6 of its length.
+
+    Args:
+        start, end: of the segment (3,) [m].
+        shape: as of `Solid.row` (20,).
+    """
+    low, high = 0.0, 1.0
+    gaps = np.empty(0)
+    for _ in range(ROUNDS_ALONG):
+        share = np.linspace(low, high, POINTS_ALONG)
+        p = start[:, None] + share * (end - start)[:, None]
+        gaps = np.linalg.norm(p - nearest_on_cores(p, shape[:, None]), axis=0) - shape[19]
+        least = int(gaps.argmin())
+        low, high = share[max(least - 1, 0)], share[min(least + 1, len(share) - 1)]
+    return float(gaps.min())
 
 
 def nearest_on_segments(x: Array, start: Array, end: Array) -> Array:
