@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import json
 import subprocess
@@ -53,7 +54,7 @@ class AuditRecord:
         rows: by index.
 
     Raises:
-        RecordRefused: there is a record already, one of another signature, or something else.
+        RecordRefused: there is a record already, one of another signature, or something else; or another audit writes it.
     """
 
     def __init__(self, folder: Path, about: Mapping[str, Any], resume: bool) -> None:
@@ -62,7 +63,12 @@ class AuditRecord:
         self._folder = folder
         self._path = folder / ROWS
         folder.mkdir(parents=True, exist_ok=True)
-        if self._path.exists() and self._path.stat().st_size:
+        self._file = self._path.open("a", encoding="utf-8")
+        try:
+            fcntl.lockf(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise RecordRefused(f"{self._path} is being written by another audit") from error
+        if self._path.stat().st_size:
             if not resume:
                 raise RecordRefused(f"{self._path} is a record already: give --resume, or another --out")
             self._continue()
@@ -93,9 +99,15 @@ class AuditRecord:
         """
         content = self._path.read_bytes()
         whole = content[: content.rfind(b"\n") + 1]
+        if not whole:  # a kill within the first line
+            self._file.truncate(0)
+            self._append(self.about)
+            return
         try:
             lines = [json.loads(line) for line in whole.splitlines()]
             rows = {int(row["index"]): row for row in lines[1:]}
+            if len(rows) != len(lines) - 1:
+                raise ValueError("an index stands twice")
             header = dict(lines[0])
         except (ValueError, KeyError, IndexError, TypeError) as error:
             raise RecordRefused(f"{self._path} is no record: {error!r}") from error
@@ -108,8 +120,8 @@ class AuditRecord:
         self.rows = rows
 
     def _append(self, row: Mapping[str, Any]) -> None:
-        with self._path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(row) + "\n")
+        self._file.write(json.dumps(row) + "\n")
+        self._file.flush()
 
 
 def rows_sha256(rows: Mapping[int, Mapping[str, Any]]) -> str:
