@@ -9,7 +9,7 @@ import subprocess
 from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from audit.problems import GENERATOR
 from audit.trial import Trial
@@ -54,7 +54,7 @@ class AuditRecord:
         rows: by index.
 
     Raises:
-        RecordRefused: there is a record already, one of another signature, or something else; or another audit writes it.
+        RecordRefused: there is a record already, one of another signature, or something else; another audit writes it.
     """
 
     def __init__(self, folder: Path, about: Mapping[str, Any], resume: bool) -> None:
@@ -65,15 +65,39 @@ class AuditRecord:
         folder.mkdir(parents=True, exist_ok=True)
         self._file = self._path.open("a", encoding="utf-8")
         try:
+            self._begin(resume)
+        except RecordRefused:
+            self.close()
+            raise
+
+    def __enter__(self) -> Self:
+        """Returns itself; it is closed at the end of the block."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Closes the file."""
+        self.close()
+
+    def close(self) -> None:
+        """Closes the file, so that another audit may go on with it."""
+        self._file.close()
+
+    def _begin(self, resume: bool) -> None:
+        """Takes the file for this audit alone, and reads what is there.
+
+        Raises:
+            RecordRefused: as of the constructor.
+        """
+        try:
             fcntl.lockf(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
             raise RecordRefused(f"{self._path} is being written by another audit") from error
-        if self._path.stat().st_size:
-            if not resume:
-                raise RecordRefused(f"{self._path} is a record already: give --resume, or another --out")
+        if not self._path.stat().st_size:
+            self._append(self.about)
+        elif resume:
             self._continue()
         else:
-            self._append(about)
+            raise RecordRefused(f"{self._path} is a record already: give --resume, or another --out")
 
     def add(self, trial: Trial) -> None:
         """Appends what became of a problem."""

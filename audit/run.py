@@ -54,14 +54,14 @@ def run_audit(
         RecordRefused: there is a record already, or one of another commit or seed.
         PoolBroken: no worker can be started.
     """
-    record = AuditRecord(options.out, signature(options.seed, options.proofs), options.resume)
-    lacking = [index for index in range(options.count) if index not in record.rows]
-    for trial in _trials(options, lacking, must_stop) if lacking else ():
-        record.add(trial)
-        tell(trial)
-    rows = {index: row for index, row in record.rows.items() if index < options.count}
-    summary = summary_of(rows, rows_sha256(rows), record.size_bytes)
-    record.end(summary.as_document())
+    with AuditRecord(options.out, signature(options.seed, options.proofs), options.resume) as record:
+        lacking = [index for index in range(options.count) if index not in record.rows]
+        for trial in _trials(options, lacking, must_stop) if lacking else ():
+            record.add(trial)
+            tell(trial)
+        rows = {index: row for index, row in record.rows.items() if index < options.count}
+        summary = summary_of(rows, rows_sha256(rows), record.size_bytes)
+        record.end(summary.as_document())
     return summary
 
 

@@ -24,7 +24,8 @@ def written(folder: Path, *lines: str) -> Path:
 
 def test_a_kill_within_the_first_line_leaves_nothing_to_go_on_with(tmp_path: Path) -> None:
     file = written(tmp_path, '{"audit": "fl')
-    assert AuditRecord(tmp_path, ABOUT, resume=True).rows == {}
+    with AuditRecord(tmp_path, ABOUT, resume=True) as record:
+        assert record.rows == {}
     assert json.loads(file.read_text()) == ABOUT
 
 
@@ -45,4 +46,5 @@ def test_two_audits_do_not_write_one_record(tmp_path: Path) -> None:
         with pytest.raises(RecordRefused, match="is being written by another audit"):
             AuditRecord(tmp_path, ABOUT, resume=True)
         other.communicate(b"\n")
-    assert AuditRecord(tmp_path, ABOUT, resume=True).rows == {}
+    with AuditRecord(tmp_path, ABOUT, resume=True) as record:
+        assert record.rows == {}
