@@ -157,6 +157,15 @@ def gripper_is_open(cell: Cell, state: RobotState) -> bool:
     return bool(state.outputs >> bit & 1) == cell.gripper.open_level
 
 
+def gripper_document(cell: Cell, state: RobotState | None) -> dict[str, bool | None]:
+    """Returns what outputs and inputs show of the gripper, as `GET /cells/{name}/state` does; null: nothing."""
+    number = cell.gripper.grip_input
+    return {
+        "gripper_open": None if state is None or cell.gripper.link is not None else gripper_is_open(cell, state),
+        "gripper_holds": None if state is None or number is None else bool(state.inputs >> number & 1),
+    }
+
+
 def output_level_warnings(problem: ThrowProblem, trajectory: Trajectory, state: RobotState) -> list[str]:
     """Returns the outputs of a plan's passages that have the level of their first edge already."""
     first: dict[tuple[str, int], OutputSwitch] = {}
