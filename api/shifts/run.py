@@ -134,6 +134,10 @@ class JobRun:
             return False
         if motion.kind == "approach" and (reason := await self._not_free(progress)) is not None:
             return await self._not_ready(reason)
+        return await self._ask(planned, number)
+
+    async def _ask(self, planned: PlannedMotion, number: int) -> bool:
+        """Asks for a planned motion; returns whether the job is finished."""
         try:
             await run_in_threadpool(check_executable, self._service, planned.plan, planned.plan.id)
             await run_in_threadpool(
@@ -216,7 +220,7 @@ class JobRun:
         if status.robot.get("gripper_holds"):
             return f"the gripper holds an object: {FREE_IT}"
         has_run = any(row.kind == "throw" and row.execution_id is not None for row in progress.rows)
-        is_closed = status.robot.get("gripper_open") is False and (has_run or status.kind != "sim")
+        is_closed = status.robot.get("gripper_open") is False and (has_run or status.link_kind != "sim")
         return f"the gripper is closed: {FREE_IT}" if is_closed else None
 
     async def _not_ready(self, reason: str) -> bool:

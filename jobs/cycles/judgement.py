@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -67,13 +67,18 @@ def cycle_end(cycle: JobCycleRow, execution: ExecutionRow, was_seen_moving: bool
     if metrics is None:
         likely = "" if was_seen_moving else f"{AT_PICK}, as no motion was seen, "
         return CycleEnd(UNKNOWN, f"{likely}{IN_GRIPPER}, or {at_target}: the execution left no record")
-    if execution.outcome == "released_early":
+    return _recorded_end(execution.outcome, metrics, at_target)
+
+
+def _recorded_end(outcome: str | None, metrics: Mapping[str, Any], at_target: str) -> CycleEnd:
+    """Returns what a throw was for its job by its metrics, once it was not refused."""
+    if outcome == "released_early":
         return CycleEnd(DROPPED, "dropped on the way, as the reason says")
     if not metrics.get("released") and metrics.get("ticks") == 0:
         return CycleEnd(NOT_BEGUN, NOT_MOVED)
-    if execution.outcome == "not_released" or not metrics.get("released"):
+    if outcome == "not_released" or not metrics.get("released"):
         return CycleEnd(KEPT, IN_GRIPPER)
-    if execution.outcome == "completed":
+    if outcome == "completed":
         return CycleEnd(KEPT, IN_GRIPPER) if metrics.get("object_left") is False else CycleEnd(THROWN, at_target)
     return CycleEnd(UNKNOWN, f"{at_target}, or {IN_GRIPPER}, as the reason says")
 
