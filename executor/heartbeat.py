@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from executor.cell_watch import CellWatch
 from executor.ownership import where_it_runs
-from executor.preflight import PreflightReport, readiness
+from executor.preflight import PreflightReport, gripper_document, readiness
 from executor.records import Journal
 from executor.robot import RobotSession, robot_document
 from executor.worker import Worker
@@ -77,7 +77,7 @@ class Heartbeat(Worker):
             refusals = [*self.unfit(), *ready.refusals]
             known = (ready.serial, session.monitor.version)
             findings = robot_document(session.monitor.fresh(), refusals, ready.warnings, *known)
-            robot = {**findings, "cell_sha256": cell.sha256}
+            robot = {**findings, **gripper_document(cell, session.monitor.fresh()), "cell_sha256": cell.sha256}
             fault = self.journal.fault() or self.watch.fault
             read_only = session.settings.read_only
             given = (cell.name, self.executor_id, cell.link.kind, robot, fault, read_only)

@@ -172,6 +172,15 @@ def open_grippers(cell: Cell, state: RobotState) -> list[str]:
     return found
 
 
+def gripper_document(cell: Cell, state: RobotState | None) -> dict[str, bool | None]:
+    """Returns what outputs and inputs show of the gripper, as `GET /cells/{name}/state` does; null: nothing."""
+    number = cell.gripper.grip_input
+    return {
+        "gripper_open": None if state is None or cell.gripper.link is not None else gripper_is_open(cell, state),
+        "gripper_holds": None if state is None or number is None else bool(state.inputs >> number & 1),
+    }
+
+
 def output_level_warnings(problem: ThrowProblem, trajectory: Trajectory, state: RobotState) -> list[str]:
     """Returns the outputs of a plan's passages that have the level of their first edge already."""
     first: dict[tuple[str, int], OutputSwitch] = {}

@@ -44,8 +44,8 @@ OFFERED_PLACE = 20  # where that is
 ANSWERED = 21  # number of the newest one that was answered
 TAKEN = 22  # number of the one that the stream goes by; 0: the job that it was started with
 READY_AT_S = 23  # when the arm stood at the plan's start, the gripper closed [s, monotonic]; 0: it did not
-GRIP = 24  # what was seen of the grip before the motion: one of the next three
-GRIP_UNSEEN, GRIP_HELD, GRIP_EMPTY = range(3)
+GRIP = 24  # what was seen of the grip before the motion: one of the next four
+GRIP_UNSEEN, GRIP_HELD, GRIP_EMPTY, GRIP_REOPENED = range(4)  # found closed and empty; closed on nothing, opened again
 
 # Columns of a telemetry row: the scalars, then the vectors of six.
 SCALARS = (

@@ -55,7 +55,7 @@ EXPLAINED_BY_FOREIGN = ("aborted", "tracking", "late", "link_lost")  # what anot
 CRASHES = (-signal.SIGSEGV, -signal.SIGABRT, -signal.SIGBUS)
 EXTERNAL_SIGNALS = (-signal.SIGKILL, -signal.SIGTERM, -signal.SIGINT)  # return codes that no library causes
 STREAM_MODULE = "executor.streaming"
-HELD = {shm.GRIP_HELD: True, shm.GRIP_EMPTY: False}
+HELD = {shm.GRIP_HELD: True, shm.GRIP_EMPTY: False, shm.GRIP_REOPENED: False}
 HUNG = -signal.SIGALRM  # return code of a stream that hung in the library: `executor.streaming.rtde_connection`
 LOCK = struct.Struct("hhqqi4x")  # source: fcntl(2), struct flock on 64-bit Linux: type, whence, start, length, process
 
@@ -427,6 +427,7 @@ class StreamRun:
             output_late_s=float(fields[shm.OUTPUT_LATE_S]),
             stayed_closed=bool(fields[shm.STAYED_CLOSED]),
             grip_held=HELD.get(int(fields[shm.GRIP])),
+            opened_again=int(fields[shm.GRIP]) == shm.GRIP_REOPENED,
             moved_between=(float(fields[shm.SHUT_AT_S]), float(fields[shm.MOVED_BY_S])),
             output_closed_s=self.held_at_s if np.isnan(closed) else closed,
             timestamp_at_zero=float(fields[shm.TIMESTAMP_AT_ZERO]),

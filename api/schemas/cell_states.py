@@ -56,6 +56,8 @@ class RobotStateAnswer(BaseModel):
     speed_scaling: float | None = Field(None, description="Speed scaling times slider [-].")
     digital_output_bits: int | None = None
     digital_input_bits: int | None = None
+    gripper_open: bool | None = Field(None, description="Whether its output opens the gripper; null: none does.")
+    gripper_holds: bool | None = Field(None, description="What `gripper.grip_input` shows; null: the cell has none.")
     payload_kg: float | None = Field(None, description="Configured on the controller [kg].")
     tcp_offset: Joints | None = Field(None, description="Configured: position [m], rotation vector [rad].")
 

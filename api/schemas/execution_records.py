@@ -58,6 +58,7 @@ class GripCheck(BaseModel):
 
     held: bool = Field(description="Whether the gripper held an object.")
     by: Literal["input", "gripper"] = Field(description="What showed it: `gripper.grip_input`, or the gripper itself.")
+    opened_again: bool = Field(False, description="Whether it had closed on nothing, and was opened again.")
 
 
 class FurtherRelease(BaseModel):
@@ -105,6 +106,7 @@ class ExecutionMetrics(BaseModel):
     gripper_opened_late_s: float | None = Field(None, description="That less the planned release [s].")
     grip: GripCheck | None = Field(None, description="null: nothing in this cell shows it, or nothing is let go.")
     released: bool | None = Field(None, description="Whether the gripper was commanded to open.")
+    object_left: bool | None = Field(None, description="Whether an object was then seen to leave; simulated cells.")
     outputs: list[SwitchedOutput] = Field([], description="Of the passages, in the order of their commands.")
     landing_point: Vector3 | None = Field(None, description="Where the object landed; simulated cells [m].")
     landing_error_m: float | None = Field(

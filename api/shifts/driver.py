@@ -1,9 +1,10 @@
-"""The driver of jobs: the oldest job of every cell, one at a time, by one instance of the service."""
+"""The driver of jobs: one job of every cell at a time, the oldest first, by one instance of the service."""
 
 from __future__ import annotations
 
 import asyncio
 import logging
+from contextlib import suppress
 
 from starlette.concurrency import run_in_threadpool
 
@@ -42,15 +43,12 @@ class JobDrivers:
             await asyncio.gather(*self._runs.values(), return_exceptions=True)
 
     async def _begin_all(self) -> None:
-        try:
-            for row in _oldest_of_cells(await run_in_threadpool(self._service.store.unfinished_jobs)):
+        with suppress(StoreError):  # the store has logged it
+            for row in _next_of_cells(await run_in_threadpool(self._service.store.unfinished_jobs)):
                 is_free = not row.is_driven or row.driver_id == self._name
                 if is_free and row.id not in self._runs:
-                    await self._begin(await run_in_threadpool(self._service.store.claim_job, row.id, self._name))
-        except (JobDriven, JobLost):  # another instance was quicker, or it was cancelled meanwhile
-            pass
-        except StoreError:  # the store has logged it
-            pass
+                    with suppress(JobDriven, JobLost):  # another instance was quicker, or it was cancelled meanwhile
+                        await self._begin(await run_in_threadpool(self._service.store.claim_job, row.id, self._name))
 
     async def _begin(self, row: JobRow) -> None:
         failures = self._failures.get(row.id, [])
@@ -73,9 +71,9 @@ class JobDrivers:
             self._failures.setdefault(id, []).append(f"{type(error).__name__}: {error}")
 
 
-def _oldest_of_cells(rows: list[JobRow]) -> list[JobRow]:
-    """Returns the first job of every cell."""
+def _next_of_cells(rows: list[JobRow]) -> list[JobRow]:
+    """Returns the first job of every cell: one that has begun goes on before an older one that was resumed."""
     first: dict[str, JobRow] = {}
-    for row in rows:
+    for row in sorted(rows, key=lambda row: row.state == "queued"):
         first.setdefault(row.cell, row)
     return list(first.values())

@@ -16,7 +16,7 @@ from api.dependencies import Service
 from api.http import ProblemDetails
 from api.planning import PlanningEnded, PlanningQueueFull
 from api.routes import PlanOrder, current_positions, stored_plan
-from jobs.cycles import MISSED_GRIP, NOT_PLANNED, WENT, JobOrder, JobProgress, NextMotion, motion_request
+from jobs.cycles import NOT_PLANNED, STAYED, WENT, JobOrder, JobProgress, NextMotion, motion_request
 from jobs.pool import PoolBroken
 from planner.errors import Infeasible, InvalidProblem, SolverFailed
 from planner.request import problem_from_request, read_request
@@ -40,6 +40,12 @@ class ArmPlace:
 
     pick: int | None
     positions: Sequence[float]
+
+    def is_at(self, other: ArmPlace | None) -> bool:
+        """Returns whether this is another place as well, as far as the arm's control tells them apart."""
+        if other is None or self.pick != other.pick:
+            return False
+        return float(np.abs(np.subtract(self.positions, other.positions)).max()) <= THERE_RAD
 
 
 @dataclass(frozen=True)
@@ -148,7 +154,7 @@ class MotionPlanner:
     async def _expected(self, progress: JobProgress) -> ArmPlace | None:
         """Returns where the last motion left the arm; None where nobody can say."""
         last = next((row for row in reversed(progress.rows) if row.result != NOT_PLANNED), None)
-        if last is None or last.plan_id is None or last.result not in (*WENT, MISSED_GRIP):
+        if last is None or last.plan_id is None or last.result not in (*WENT, *STAYED):
             return None
         plan = await run_in_threadpool(self._service.store.plan, last.plan_id)
         assert plan is not None  # retention keeps the plans of jobs

@@ -36,6 +36,7 @@ WATCH_S = 0.05  # [s] between two looks at a running execution
 WAIT_S = 0.5  # [s] between two looks at what is waited for: the end of a pause, a free cell
 READY_S = 10.0  # [s] that a robot may be not ready before the job stops: a busy machine delays heartbeats
 UNUSABLE_MAX = 3  # plans in a row that could not be executed any more as soon as they were there
+FREE_IT = "empty and open it, then resume"
 MOVING = ("streaming", "braking")  # states of an execution that moves
 LOST = "executor_lost"  # outcome that a later executor assumes, until the lost one's own record is found
 
@@ -128,6 +129,15 @@ class JobRun:
         if not isinstance(planned, PlannedMotion):
             await run_in_threadpool(self._store.add_job_cycle, self._driver_id, self._refused(number, motion, planned))
             return False
+        if not where.is_at(await self._planner.where(progress)):  # it was moved meanwhile: the plan begins elsewhere
+            self._planner.forget()
+            return False
+        if motion.kind == "approach" and (reason := await self._not_free(progress)) is not None:
+            return await self._not_ready(reason)
+        return await self._ask(planned, number)
+
+    async def _ask(self, planned: PlannedMotion, number: int) -> bool:
+        """Asks for a planned motion; returns whether the job is finished."""
         try:
             await run_in_threadpool(check_executable, self._service, planned.plan, planned.plan.id)
             await run_in_threadpool(
@@ -198,6 +208,20 @@ class JobRun:
             reason=reason,
             ended_at=time.time(),
         )
+
+    async def _not_free(self, progress: JobProgress) -> str | None:
+        """Returns why the gripper is not free to go down on an object; None where it is, or nobody sees it.
+
+        A simulated gripper starts closed, and nobody can open it by hand: before the first throw that does not count.
+        """
+        status = await run_in_threadpool(self._store.cell_status, self._job.cell)
+        if status is None:
+            return None
+        if status.robot.get("gripper_holds"):
+            return f"the gripper holds an object: {FREE_IT}"
+        has_run = any(row.kind == "throw" and row.execution_id is not None for row in progress.rows)
+        is_closed = status.robot.get("gripper_open") is False and (has_run or status.link_kind != "sim")
+        return f"the gripper is closed: {FREE_IT}" if is_closed else None
 
     async def _not_ready(self, reason: str) -> bool:
         """Waits a little for a robot that is not ready; stops the job once it was not for `READY_S`."""

@@ -57,6 +57,7 @@ def metrics(
         **_tracking(problem, telemetry, timing),
         **_release(problem, trajectory, telemetry, known),
         **_gripper(trajectory, result, landing),
+        "object_left": _object_left(problem, result, landing),
         **_grip(problem, result),
         "outputs": switched_outputs(problem, trajectory, result),
         **_landing(problem, trajectory, landing, np.zeros(3) if aim_shift is None else aim_shift),
@@ -90,7 +91,7 @@ def release_verdict(
         moved = "" if math.isinf(shift) else f": the landing moves by {1e3 * shift:.0f} mm"
         return "late", f"the gripper command was {1e3 * late:.0f} ms late{moved}"
     off = [*_speed_warning(numbers), *_landing_warning(problem, trajectory, landing, aim_shift)]
-    if numbers["released"] and landing is None and problem.cell.link.kind == "sim":
+    if numbers["object_left"] is False:
         return "completed", "the gripper was commanded to open, but no object left it"
     if warnings := [*off, *output_warnings(numbers["outputs"], problem), *timing_advice(problem, numbers)]:
         return "completed", f"warning: {'; '.join(warnings)}"
@@ -213,12 +214,22 @@ def _gripper(trajectory: Trajectory, result: RunResult, landing: Landing | None)
     }
 
 
+def _object_left(problem: ThrowProblem, result: RunResult, landing: Landing | None) -> bool | None:
+    """Returns whether an object was seen to leave a gripper that was told to open; None where nobody can tell."""
+    if result.output_sent_s is None or problem.cell.link.kind != "sim":
+        return None
+    if landing is None:
+        return False
+    is_told = landing.released_at is not None or landing.observed is not None  # a simulator may hide what left
+    return True if is_told else None
+
+
 def _grip(problem: ThrowProblem, result: RunResult) -> dict[str, Any]:
     """Returns what was seen of the grip before the motion, and what showed it; nothing where nobody can tell."""
     if result.grip_held is None:
         return {}
     by = "gripper" if problem.cell.gripper.grip_input is None else "input"
-    return {"grip": {"held": result.grip_held, "by": by}}
+    return {"grip": {"held": result.grip_held, "by": by, "opened_again": result.opened_again}}
 
 
 def _landing(

@@ -34,6 +34,7 @@ class RunResult:
         stayed_closed: whether the gripper was seen not to open when it was told.
         moved_between: controller's times between which its fingers began to open [s]; NaN where it does not report it.
         grip_held: whether the gripper was seen to hold an object before the motion; None: nobody can tell.
+        opened_again: whether the gripper had closed on nothing, and was opened again.
         timestamp_at_zero: the controller's time at plan time 0 [s].
         in_order: whether the process itself brought the arm to rest.
         switched_s: plan times at which the outputs of the passages were sent, in their order [s]; NaN for never.
@@ -55,6 +56,7 @@ class RunResult:
     stayed_closed: bool = False
     moved_between: tuple[float, float] = (math.nan, math.nan)
     grip_held: bool | None = None
+    opened_again: bool = False
     switched_s: tuple[float, ...] = ()
     stop_levels: Sequence[SwitchRow] = ()
     stopped_s: float = math.nan

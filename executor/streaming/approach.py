@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from executor.shared_memory import GRIP, GRIP_EMPTY, GRIP_HELD, PULSE
+from executor.shared_memory import GRIP, GRIP_EMPTY, GRIP_HELD, GRIP_REOPENED, PULSE
 from executor.streaming.clock import ControllerClock
 from executor.streaming.rtde_connection import RtdeConnection
 from executor.streaming.script_stream import stream_of
@@ -16,7 +16,8 @@ REPEAT_S = 0.05  # [s] after which an output that does not answer is told again:
 def take_object(connection: RtdeConnection, requests: StopRequests) -> tuple[str, str] | None:
     """Closes a gripper that is not seen closed, and checks that it holds an object, while the arm stands.
 
-    Only where that can be seen. A gripper that has closed on nothing is opened again, as it was before.
+    Only where that can be seen. A gripper that has closed on nothing is opened again, as it was before. One that is
+    open and has an object all the same, as its input shows, did not let the last one go.
 
     Returns:
         Outcome and reason of an early end; None where there is none.
@@ -28,13 +29,16 @@ def take_object(connection: RtdeConnection, requests: StopRequests) -> tuple[str
     gripper = connection.gripper
     if job.dry_run or job.output_row < 0:
         return None
+    if gripper.is_open() and job.grip_input is not None and gripper.holds():
+        return "refused", f"the gripper still holds an object: input {job.grip_input} is high"
     closes = gripper.is_open() is not False
     if closes and (early := _close(connection, requests)) is not None:
         return early
     holds = gripper.holds()
     if holds is None:
         return None
-    connection.memory.fields[GRIP] = GRIP_HELD if holds else GRIP_EMPTY
+    empty = GRIP_REOPENED if closes else GRIP_EMPTY
+    connection.memory.fields[GRIP] = GRIP_HELD if holds else empty
     if holds:
         return None
     if closes:

@@ -3,15 +3,15 @@
 from jobs.cycles.judgement import CycleEnd, combined_position, cycle_end
 from jobs.cycles.motions import BRAKE_M_S2, PickLines, motion_request, raised
 from jobs.cycles.order import JOB_REQUEST, JobOrder
-from jobs.cycles.progress import MISSED_GRIP, MOVED, NOT_PLANNED, THROWN, WENT, JobProgress, NextMotion
+from jobs.cycles.progress import MOVED, NOT_PLANNED, STAYED, THROWN, WENT, JobProgress, NextMotion
 from jobs.cycles.record import object_results, progress_of, shift_record, wilson_interval
 
 __all__ = [
     "BRAKE_M_S2",
     "JOB_REQUEST",
-    "MISSED_GRIP",
     "MOVED",
     "NOT_PLANNED",
+    "STAYED",
     "THROWN",
     "WENT",
     "CycleEnd",

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from store import ExecutionRow, JobCycleRow, LandingRow
 
 AT_PICK = "at its pick"
 IN_GRIPPER = "in the gripper"
+NOT_MOVED = f"{AT_PICK}, or {IN_GRIPPER} there"
 
 
 class CycleEnd(NamedTuple):
@@ -57,21 +58,28 @@ def cycle_end(cycle: JobCycleRow, execution: ExecutionRow, was_seen_moving: bool
         return CycleEnd(MOVED if execution.outcome == "completed" else FAILED, None)
     metrics = execution.metrics
     grip = (metrics or {}).get("grip") or {}
-    if grip.get("held") is False and not (metrics or {}).get("released"):
+    if grip.get("opened_again") and not (metrics or {}).get("released"):
         return CycleEnd(MISSED_GRIP, AT_PICK)
     is_told = execution.outcome in ("refused", "aborted") or execution.claimed_at is None
     if execution.outcome == "refused" or (metrics is None and is_told):
-        return CycleEnd(NOT_BEGUN, f"{AT_PICK}, or {IN_GRIPPER} there")
+        return CycleEnd(NOT_BEGUN, NOT_MOVED)
     at_target = f"thrown at target {cycle.target}"
     if metrics is None:
         likely = "" if was_seen_moving else f"{AT_PICK}, as no motion was seen, "
         return CycleEnd(UNKNOWN, f"{likely}{IN_GRIPPER}, or {at_target}: the execution left no record")
-    if execution.outcome == "released_early":
+    return _recorded_end(execution.outcome, metrics, at_target)
+
+
+def _recorded_end(outcome: str | None, metrics: Mapping[str, Any], at_target: str) -> CycleEnd:
+    """Returns what a throw was for its job by its metrics, once it was not refused."""
+    if outcome == "released_early":
         return CycleEnd(DROPPED, "dropped on the way, as the reason says")
-    if execution.outcome == "not_released" or not metrics.get("released"):
+    if not metrics.get("released") and metrics.get("ticks") == 0:
+        return CycleEnd(NOT_BEGUN, NOT_MOVED)
+    if outcome == "not_released" or not metrics.get("released"):
         return CycleEnd(KEPT, IN_GRIPPER)
-    if execution.outcome == "completed":
-        return CycleEnd(THROWN, at_target)
+    if outcome == "completed":
+        return CycleEnd(KEPT, IN_GRIPPER) if metrics.get("object_left") is False else CycleEnd(THROWN, at_target)
     return CycleEnd(UNKNOWN, f"{at_target}, or {IN_GRIPPER}, as the reason says")
 
 

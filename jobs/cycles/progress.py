@@ -14,16 +14,19 @@ from typing import Literal
 from jobs.cycles.order import JobOrder
 from store import JobCycleRow
 
-NOT_BEGUN = "not_begun"  # the arm did not move, and no grip was judged: the object is where it was
+NOT_BEGUN = "not_begun"  # the arm did not move: the object is where it was, or in the gripper there
 MOVED = "moved"  # an approach: the arm stands at its pick
 THROWN = "thrown"  # the object was let go; landings say whether it hit
-MISSED_GRIP = "missed_grip"  # the gripper closed on nothing, and the arm did not move
+MISSED_GRIP = "missed_grip"  # the gripper closed on nothing and was opened again; the arm did not move
 FAILED = "failed"  # an approach that did not arrive
 KEPT = "kept"  # the arm moved, and the object was not let go
 DROPPED = "dropped"  # the gripper let the object go, or lost it, before it was told to
 UNKNOWN = "unknown"  # nobody can say whether the object was let go
 NOT_PLANNED = "not_planned"  # no motion was found
 WENT = (MOVED, THROWN)  # results after which the arm stands where the motion was to end
+STAYED = (MISSED_GRIP, NOT_BEGUN)  # results after which it stands where the motion was to begin
+BLOCKED = 2  # approaches in a row without a motion: it is rather the arm that cannot go than the picks out of reach
+GRIPPED = (KEPT, DROPPED, UNKNOWN)  # results after which the gripper may be closed, on its object or on nothing
 MAY_HAVE_THROWN = (THROWN, KEPT, DROPPED, UNKNOWN)  # results that use a target's turn up
 
 
@@ -80,7 +83,7 @@ class JobProgress:
         return self._last.get(pick)
 
     def attempts(self, pick: int) -> int:
-        """Returns how many throws from a pick were asked for, or refused by the planner."""
+        """Returns how many throws from a pick were begun, or refused by the planner."""
         return self._attempts[pick]
 
     @cached_property
@@ -89,7 +92,7 @@ class JobProgress:
 
     @cached_property
     def _attempts(self) -> Counter[int | None]:
-        return Counter(row.pick for row in self.rows)
+        return Counter(row.pick for row in self.rows if row.result != NOT_BEGUN)
 
     def arm_at(self) -> int | None:
         """Returns the pick at which the arm stands if nobody has moved it since; None: elsewhere."""
@@ -98,7 +101,7 @@ class JobProgress:
                 continue
             if row.result in WENT:
                 return row.next_pick
-            return row.pick if row.result in (MISSED_GRIP, NOT_BEGUN) else None
+            return row.pick if row.result in STAYED else None
         return None
 
     def next_motion(self, at: int | None) -> NextMotion | None:
@@ -125,7 +128,12 @@ class JobProgress:
                 if policy["missed_grip"] == "stop":
                     return f"nothing was gripped at pick {last.pick}"
             elif last.result != NOT_PLANNED and (last.outcome != "completed" or last.result not in WENT):
-                return f"execution {last.execution_id} ended as {last.outcome}: {last.reason or 'no reason was told'}"
+                ended = f"execution {last.execution_id} ended as {last.outcome}: {last.reason or 'no reason was told'}"
+                return f"{ended}; empty and open the gripper, then resume" if last.result in GRIPPED else ended
+        vain = [row for row in self.rows[-BLOCKED:] if _is_vain(row) and (row.ended_at or 0.0) > since]
+        if len(vain) == BLOCKED:
+            to = f"at last to pick {vain[-1].next_pick}"
+            return f"no motion was found in {BLOCKED} approaches in a row, {to}: {vain[-1].reason}"
         seen = [number for number, at in self.missed.items() if at > since]
         if seen and policy["missed_throw"] == "stop":
             row = next(row for row in self.rows if row.number == seen[0])
@@ -146,6 +154,11 @@ class JobProgress:
         return max(served, default=-1) + 1
 
 
+def _is_vain(row: JobCycleRow) -> bool:
+    """Returns whether this is an approach for which no motion was found."""
+    return row.kind == "approach" and row.result == NOT_PLANNED
+
+
 def _pick_of(row: JobCycleRow) -> int | None:
     """Returns the pick that a motion decides about; None of an approach that was planned."""
-    return row.next_pick if row.kind == "approach" and row.result == NOT_PLANNED else row.pick
+    return row.next_pick if _is_vain(row) else row.pick

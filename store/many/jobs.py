@@ -92,9 +92,12 @@ class JobRepository(Repository):
     def claim_job(self, id: str, driver_id: str) -> JobRow:
         """Makes a driver the one of an unfinished job; returns it with what was ordered.
 
+        A cell has one driven job at most. All its unfinished jobs are locked before they are looked at, so that of two
+        services that claim two jobs of it the second one sees what the first one has.
+
         Raises:
             UnknownRow: There is no such job.
-            JobDriven: Another driver has it, and is alive.
+            JobDriven: Another driver has it, and is alive; or another job of its cell is driven.
             JobLost: It is finished.
         """
         now = time.time()
@@ -102,7 +105,12 @@ class JobRepository(Repository):
             jobs.c.driver_id.is_(None), jobs.c.driver_id == driver_id, jobs.c.heartbeat_at < now - DRIVER_FRESH_S
         )
         with writing(self._engine) as connection:
+            of_cell = select(*HEAD_COLUMNS).where(jobs.c.cell == _read(connection, id).cell, UNFINISHED)
+            connection.execute(of_cell.order_by(jobs.c.id).with_for_update()).all()
             row = _read(connection, id, lock=True)
+            others = (JobRow(**each._mapping) for each in connection.execute(of_cell.where(jobs.c.id != id)).all())
+            if (driven := next((each for each in others if each.is_driven), None)) is not None:
+                raise JobDriven(f"job {driven.id} of cell {row.cell!r} is driven by {driven.driver_id}")
             claim = update(jobs).where(jobs.c.id == id, UNFINISHED, free)
             values = {"driver_id": driver_id, "heartbeat_at": now, "started_at": row.started_at or now}
             if connection.execute(claim.values(**values)).rowcount:

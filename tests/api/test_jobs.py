@@ -14,9 +14,10 @@ from typing import Any
 import orjson
 import pytest
 
-from api.shifts import JobDrivers
-from store import CellBusy, JobCycleRow, JobLost, Store, new_id
-from tests.api.conftest import NO_ID, FakeExecutor, RunningService
+from api.shifts import JobDrivers, run
+from api.shifts.planned import MotionPlanner
+from store import CellBusy, JobCycleRow, JobDriven, JobLost, Store, new_id
+from tests.api.conftest import NO_ID, FakeExecutor, RunningService, beat_as
 from tests.api.test_bad_input import problem_of
 
 DOWN = [math.pi, 0.0, 0.0]
@@ -27,7 +28,7 @@ JOB = {"cell": "ur5e-sim", "picks": PICKS, "targets": [BIN, POINT]}
 DONE_S = 120.0  # [s] a handful of plans on a busy machine
 TICK_S = 0.02  # [s] between two looks of the executor
 COMPLETED = ("completed", {"released": True})
-MISSED_GRIP = ("refused", {"grip": {"held": False, "by": "input"}})
+MISSED_GRIP = ("refused", {"grip": {"held": False, "by": "input", "opened_again": True}})
 
 
 class CarryingExecutor(FakeExecutor):
@@ -37,6 +38,7 @@ class CarryingExecutor(FakeExecutor):
         ends: outcome and metrics of each execution that throws, in turn; then all are completed.
         ran: plan ids, in the order of the executions.
         gate: executions end while it is set.
+        shows: what heartbeats tell of the gripper.
     """
 
     def __init__(self, store: Store, cell: str = "ur5e-sim") -> None:
@@ -46,6 +48,7 @@ class CarryingExecutor(FakeExecutor):
         self.gate = threading.Event()
         self.gate.set()
         self.off_m = 0.0
+        self.shows: dict[str, bool] = {}
         self._carrying = threading.Thread(target=self._carry, daemon=True)
 
     def start(self) -> CarryingExecutor:
@@ -57,6 +60,9 @@ class CarryingExecutor(FakeExecutor):
         self.gate.set()
         super().stop()
         self._carrying.join()
+
+    def beat(self) -> None:
+        beat_as(self.store, "fake", self.cell, "sim", {**self.robot, **self.shows}, self.fault, self.read_only)
 
     def _carry(self) -> None:
         while not self._ended.wait(TICK_S):
@@ -181,6 +187,85 @@ def test_a_job_that_stopped_goes_on_where_it_was(service: RunningService, carryi
     assert [each["result"] for each in results(service, id)] == ["waiting", "waiting"]
     assert service.client.post(f"/jobs/{id}/resume").status_code == 202
     assert finished(service, id)["record"]["objects"] == {"hit": 2}
+
+
+def test_a_throw_that_did_not_begin_leaves_its_pick_straight_up(service: RunningService, carrying: CarryingExecutor):
+    carrying.ends = [("refused", None)]
+    id = post(service, picks=PICKS[:1])
+    assert finished(service, id)["outcome"] == "stopped"
+    service.client.post(f"/jobs/{id}/resume")
+    assert finished(service, id)["record"]["objects"] == {"hit": 1}
+    assert [each["attempts"] for each in results(service, id)] == [1]
+    plan = orjson.loads(service.store.plan(carrying.ran[2]).document)  # type: ignore[union-attr]
+    assert [passage["name"] for passage in plan["passages"]] == ["up", "throw"]
+
+
+def test_a_job_that_is_resumed_waits_for_the_one_that_runs_in_its_cell(
+    service: RunningService, carrying: CarryingExecutor
+):
+    carrying.ends = [MISSED_GRIP]
+    first = post(service, picks=PICKS[:1])
+    finished(service, first)
+    carrying.gate.clear()
+    second = post(service, picks=PICKS[1:])
+    wait_until(service, second, lambda job: job["current"] is not None)
+    service.client.post(f"/jobs/{first}/resume")
+    with pytest.raises(JobDriven, match=second):
+        service.store.claim_job(first, "another service")
+    carrying.gate.set()
+    assert finished(service, second)["record"]["objects"] == {"hit": 2}
+    assert finished(service, first)["record"]["objects"] == {"hit": 1}
+    again = [row.asked_at for row in service.store.job_cycles(first)][2:]
+    assert min(again) > max(row.ended_at for row in service.store.job_cycles(second))  # type: ignore[type-var]
+
+
+def test_an_arm_that_is_moved_while_its_throw_is_planned_approaches_anew(
+    service: RunningService, carrying: CarryingExecutor, monkeypatch: pytest.MonkeyPatch
+):
+    planned = MotionPlanner.planned
+    moved: list[list[float]] = []
+
+    async def moves_the_arm(self: MotionPlanner, motion: Any, start: Any) -> Any:
+        found = await planned(self, motion, start)
+        if motion.kind == "throw" and not moved:
+            moved.append([start[0] + 0.2, *start[1:]])
+            carrying.robot = {"positions": moved[0]}
+            carrying.beat()
+        return found
+
+    monkeypatch.setattr(MotionPlanner, "planned", moves_the_arm)
+    id = post(service, picks=PICKS[:1])
+    assert finished(service, id)["record"]["objects"] == {"hit": 1}
+    assert [row.kind for row in service.store.job_cycles(id)] == ["approach", "approach", "throw"]
+    plan = orjson.loads(service.store.plan(carrying.ran[1]).document)  # type: ignore[union-attr]
+    assert plan["trajectory"]["positions"][0] == pytest.approx(moved[0], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("shows", "reason"),
+    [({"gripper_open": False}, "the gripper is closed: "), ({"gripper_holds": True}, "the gripper holds an object: ")],
+)
+def test_no_pick_is_approached_with_a_closed_or_full_gripper(
+    service: RunningService,
+    carrying: CarryingExecutor,
+    monkeypatch: pytest.MonkeyPatch,
+    shows: dict[str, bool],
+    reason: str,
+):
+    monkeypatch.setattr(run, "READY_S", 0.2)
+    carrying.ends = [("protective_stop", {"released": False})]
+    id = post(service, picks=PICKS[:2])
+    finished(service, id)
+    carrying.shows = shows
+    carrying.beat()
+    service.client.post(f"/jobs/{id}/resume")
+    job = finished(service, id)
+    assert (job["outcome"], job["reason"]) == ("stopped", f"{reason}empty and open it, then resume")
+    assert len(carrying.ran) == 2
+    carrying.shows = {"gripper_open": True, "gripper_holds": False}
+    carrying.beat()
+    service.client.post(f"/jobs/{id}/resume")
+    assert finished(service, id)["record"]["objects"] == {"kept": 1, "hit": 1}
 
 
 def test_a_target_that_was_missed_gets_another_object(service: RunningService, carrying: CarryingExecutor):

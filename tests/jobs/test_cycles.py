@@ -121,12 +121,18 @@ def test_a_missed_throw_stops_a_job_whose_policy_says_so_until_it_is_resumed():
     ("outcome", "metrics", "claimed_at", "result"),
     [
         ("completed", {"released": True}, 0.5, "thrown"),
-        ("refused", {"grip": {"held": False, "by": "input"}}, 0.5, "missed_grip"),
+        ("refused", {"grip": {"held": False, "by": "input", "opened_again": True}}, 0.5, "missed_grip"),
+        ("refused", {"grip": {"held": False, "by": "input", "opened_again": False}}, 0.5, "not_begun"),
         ("refused", None, 0.5, "not_begun"),
         ("aborted", None, 0.5, "not_begun"),
         ("executor_lost", None, None, "not_begun"),
         ("executor_lost", None, 0.5, "unknown"),
         ("aborted", {"released": False}, 0.5, "kept"),
+        ("aborted", {"released": False, "ticks": 7}, 0.5, "kept"),
+        ("aborted", {"released": False, "ticks": 0}, 0.5, "not_begun"),
+        ("released_early", {"released": False, "ticks": 0}, 0.5, "dropped"),
+        ("completed", {"released": True, "object_left": True}, 0.5, "thrown"),
+        ("completed", {"released": True, "object_left": False}, 0.5, "kept"),
         ("held", {"released": False}, 0.5, "kept"),
         ("protective_stop", {"released": True}, 0.5, "unknown"),
         ("released_early", {"released": False}, 0.5, "dropped"),
@@ -141,7 +147,39 @@ def test_what_an_execution_was_for_its_job(outcome: str, metrics: Any, claimed_a
     assert found.object_at
     row = throw(1, 0, 1, 0, result=result, outcome=outcome)
     stops = JobProgress(ordered(missed_grip="retry"), [APPROACH, row]).stop_reason(0.0) is not None
-    assert stops == (outcome != "completed" and result != "missed_grip")
+    assert stops == (result not in ("thrown", "missed_grip"))
+
+
+@pytest.mark.parametrize(
+    ("result", "frees"), [("kept", True), ("dropped", True), ("unknown", True), ("not_begun", False)]
+)
+def test_a_job_that_stops_with_a_gripper_that_may_be_full_says_that_it_is_to_be_emptied(result: str, frees: bool):
+    row = throw(1, 0, 1, 0, result=result, outcome="aborted", reason="so")
+    reason = JobProgress(ordered(), [APPROACH, row]).stop_reason(0.0)
+    assert reason is not None
+    assert ("empty and open the gripper" in reason) == frees
+
+
+def test_a_throw_that_did_not_begin_is_no_attempt():
+    rows = [APPROACH, throw(1, 0, 1, 0, result="not_begun", outcome="aborted")]
+    progress = JobProgress(ordered(missed_grip="retry", attempts=1), rows)
+    found = progress.next_motion(progress.arm_at())
+    assert found is not None
+    assert (found.pick, found.attempt, found.rises_from) == (0, 1, 0)
+    missed = throw(2, 0, 1, 0, result="missed_grip", outcome="refused", attempt=found.attempt)
+    assert JobProgress(progress.order, [*rows, missed]).state_of(0) == "missed_grip"
+    assert JobProgress(progress.order, [*rows, missed]).attempts(0) == 1
+
+
+def test_two_approaches_in_a_row_without_a_motion_stop_a_job_until_it_is_resumed():
+    said = {"result": "not_planned", "reason": "in a collision", "outcome": None}
+    first, second = (replace(APPROACH, number=i, next_pick=i, ended_at=i + 1.0, **said) for i in (0, 1))
+    assert JobProgress(ordered(), [first]).stop_reason(0.0) is None
+    both = JobProgress(ordered(), [first, second])
+    expected = "no motion was found in 2 approaches in a row, at last to pick 1: in a collision"
+    assert both.stop_reason(0.0) == expected
+    assert both.stop_reason(1.5) is None
+    assert JobProgress(ordered(), [first, throw(1, 0, 1, 0), second]).stop_reason(0.0) is None
 
 
 def test_what_was_not_thrown_for_certain_is_picked_again_and_nothing_else():

@@ -30,7 +30,7 @@ def test_an_object_is_thrown_once_and_an_empty_place_refused_at_rest(own_rig: Ri
 
     thrown = own_rig.throw(LOB)
     assert thrown.outcome == "completed", thrown.reason
-    assert thrown.metrics["grip"] == {"held": True, "by": by}
+    assert thrown.metrics["grip"] == {"held": True, "by": by, "opened_again": False}
     assert np.linalg.norm(np.subtract(thrown.metrics["landing_point"], LOB["position"])[:2]) < LANDED_M
     assert [(each["object"], each["state"]) for each in own_rig.world()["objects"]] == [(1, "landed")]
 
@@ -39,7 +39,7 @@ def test_an_object_is_thrown_once_and_an_empty_place_refused_at_rest(own_rig: Ri
     assert missed.outcome == "refused"
     assert "the gripper closed on nothing: " in missed.reason
     assert ("input 4 is low" if by == "input" else "reports no object") in missed.reason
-    assert missed.metrics["grip"] == {"held": False, "by": by}
+    assert missed.metrics["grip"] == {"held": False, "by": by, "opened_again": True}
     assert not missed.metrics["released"]
     assert "streaming" not in own_rig.states(missed.id)
     state = own_rig.state()
@@ -83,6 +83,7 @@ def test_a_gripper_found_closed_on_nothing_stays_closed(sensing: Rig) -> None:
     row = sensing.throw(LOB)
     sensing.fault("digital_input", index=4, on=True)
     assert (row.outcome, row.metrics["grip"]["held"]) == ("refused", False), row.reason
+    assert not row.metrics["grip"]["opened_again"]
     assert "the gripper is closed and holds nothing: input 4 is low" in row.reason
     assert not sensing.state()["gripper_open"]
 

@@ -120,7 +120,7 @@ def test_a_gripper_that_closes_on_nothing_is_a_refusal_and_opened_again(prepared
     arm = GrippingArm(prepared, has_object=False)
     assert take_object(arm, NOBODY) == ("refused", "the gripper closed on nothing: input 4 is low")
     assert arm.told == [False, True]
-    assert arm.memory.fields[shm.GRIP] == shm.GRIP_EMPTY
+    assert arm.memory.fields[shm.GRIP] == shm.GRIP_REOPENED
     assert not arm.sent
 
 
@@ -129,7 +129,15 @@ def test_a_closed_gripper_without_an_object_is_a_refusal_and_left_alone(prepared
     reason = "the gripper is closed and holds nothing: input 4 is low"
     assert take_object(arm, NOBODY) == ("refused", reason)
     assert arm.told == []
+    assert arm.memory.fields[shm.GRIP] == shm.GRIP_EMPTY
     assert take_object(GrippingArm(prepared, has_object=True, is_open=False), NOBODY) is None
+
+
+def test_a_gripper_that_has_not_let_go_is_a_refusal(prepared: Prepared) -> None:
+    arm = GrippingArm(prepared, has_object=True)
+    arm.inputs = 1 << 4
+    assert take_object(arm, NOBODY) == ("refused", "the gripper still holds an object: input 4 is high")
+    assert arm.told == []
 
 
 @pytest.mark.parametrize("changes", [{"output_row": -1}, {"dry_run": True}])

@@ -1966,6 +1966,12 @@ export interface components {
              */
             missed_ticks: number | null;
             /**
+             * Object Left
+             * @description Whether an object was then seen to leave; simulated cells.
+             * @default null
+             */
+            object_left: boolean | null;
+            /**
              * Outputs
              * @description Of the passages, in the order of their commands.
              * @default []
@@ -2412,6 +2418,12 @@ export interface components {
              * @description Whether the gripper held an object.
              */
             held: boolean;
+            /**
+             * Opened Again
+             * @description Whether it had closed on nothing, and was opened again.
+             * @default false
+             */
+            opened_again: boolean;
         };
         /**
          * GripperAnswer
@@ -4830,6 +4842,16 @@ export interface components {
             digital_input_bits?: number | null;
             /** Digital Output Bits */
             digital_output_bits?: number | null;
+            /**
+             * Gripper Holds
+             * @description What `gripper.grip_input` shows; null: the cell has none.
+             */
+            gripper_holds?: boolean | null;
+            /**
+             * Gripper Open
+             * @description Whether its output opens the gripper; null: none does.
+             */
+            gripper_open?: boolean | null;
             /**
              * Payload Kg
              * @description Configured on the controller [kg].
