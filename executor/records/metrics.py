@@ -91,7 +91,7 @@ def release_verdict(
         moved = "" if math.isinf(shift) else f": the landing moves by {1e3 * shift:.0f} mm"
         return "late", f"the gripper command was {1e3 * late:.0f} ms late{moved}"
     off = [*_speed_warning(numbers), *_landing_warning(problem, trajectory, landing, aim_shift)]
-    if numbers["object_left"] is False:
+    if numbers["released"] and landing is None and problem.cell.link.kind == "sim":
         return "completed", "the gripper was commanded to open, but no object left it"
     if warnings := [*off, *output_warnings(numbers["outputs"], problem), *timing_advice(problem, numbers)]:
         return "completed", f"warning: {'; '.join(warnings)}"
