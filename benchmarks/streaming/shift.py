@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import os
 import signal
+import socket
 import time
 from pathlib import Path
 
@@ -41,6 +42,7 @@ BINS = [
 ]
 POLICY = {"missed_grip": "retry", "missed_throw": "skip", "attempts": 3}
 LOOK_S = 0.5
+SECONDARY = 30002  # port of the controller's secondary interface
 KILLED = ("executor", "api")  # modules of the processes that a kill takes, in turn
 
 
@@ -76,6 +78,7 @@ def worked(lab: Laboratory, count: int, kill_every_s: float, rng: np.random.Gene
             if job["state"] == "finished" and job["outcome"] == "stopped":
                 print(f"  stopped: {job['reason']}", flush=True)
                 lab.acknowledge()
+                opened()
                 lab.client.post(f"/jobs/{id}/resume")
                 resumed += 1
         except (fling.ServiceRefusal, OSError):  # the service was killed, and starts again
@@ -86,6 +89,13 @@ def worked(lab: Laboratory, count: int, kill_every_s: float, rng: np.random.Gene
             killed(lab.processes, KILLED[kills % len(KILLED)])
             kills += 1
             next_kill = time.monotonic() + kill_every_s * float(rng.uniform(0.5, 1.5))
+
+
+def opened() -> None:
+    """Opens the gripper, as an operator takes what it holds out."""
+    with socket.create_connection((HOST, SECONDARY)) as pendant:
+        pendant.sendall(b"sec empty():\n  set_tool_digital_out(0, True)\nend\n")
+        time.sleep(LOOK_S)
 
 
 def killed(parent: int, module: str) -> None:
