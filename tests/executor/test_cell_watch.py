@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 import trimesh
 
+from audit.judge.published_arms import published_file
 from executor.cell_watch import CellWatch
 from planner.cell import load_cell
 from tests.executor.conftest import CELLS
@@ -78,7 +79,7 @@ def test_a_file_that_is_gone_is_a_fault(path: Path) -> None:
 
 
 def test_a_change_of_the_calibration_file_is_noticed(path: Path) -> None:
-    published = (CELLS.parent / "tests" / "planner" / "published" / "ur5e" / "default_kinematics.yaml").read_text()
+    published = published_file("ur5e", "default_kinematics").read_text()
     calibration = path.with_name("arm.yaml")
     calibration.write_text(published)
     path.write_text(path.read_text() + '\n[kinematics]\ncalibration = "arm.yaml"\n')

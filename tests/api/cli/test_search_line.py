@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -67,8 +66,16 @@ def test_a_refusal_whose_search_was_cut_stays_a_refusal():
 
 
 SCRIPT = """
+import os, signal
 import api.cli.support.search_line as line
+
+class Interrupted(line.SearchLine):
+    def __call__(self, progress):
+        super().__call__(progress)
+        os.kill(os.getpid(), signal.SIGINT)
+
 line.LINE_S = 0.0
+line.SearchLine = Interrupted
 from api.cli import main
 main()
 """
@@ -78,12 +85,9 @@ def test_ctrl_c_ends_a_plan_with_what_was_found_so_far(tmp_path: Path):
     file = tmp_path / "request.json"
     file.write_text(json.dumps({"release": {"kind": "target", "position": [2.3, 0.0, 0.0]}, "time_limit_s": 120.0}))
     command = [sys.executable, "-c", SCRIPT, "plan", str(file)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None and process.stderr is not None
-        assert process.stderr.readline().startswith("  searching: ")
-        process.send_signal(signal.SIGINT)
-        *_, last = process.stderr.read().splitlines()
-        assert process.stdout.read() == ""
-    assert process.returncode == 130
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    first, *_, last = done.stderr.splitlines()
+    assert first.startswith("  searching: ")
+    assert (done.returncode, done.stdout) == (130, "")
     assert last.startswith("fling: interrupted after ")
     assert last.endswith("so far nothing certified yet; nothing was planned")
