@@ -147,6 +147,27 @@ def insert_if_new(connection: Connection, table: Table, **values: Any) -> Any:
     return insert(table).values(**values).on_conflict_do_nothing()
 
 
+def required_row(
+    connection: Connection, kind: Callable[..., RowT], query: Select[Any], what: str, lock: bool = False
+) -> RowT:
+    """Returns the one row of a query within the caller's transaction.
+
+    Args:
+        connection: of the transaction.
+        kind: of the row.
+        query: for one row.
+        what: it is, for the error.
+        lock: whether nobody else may change it until the transaction ends.
+
+    Raises:
+        UnknownRow: There is none.
+    """
+    row = connection.execute(query.with_for_update() if lock else query).one_or_none()
+    if row is None:
+        raise UnknownRow(f"no {what}")
+    return kind(**row._mapping)
+
+
 class Repository:
     """Shared base of the repositories: the engine, and queries by dataclass."""
 

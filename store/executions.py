@@ -9,7 +9,7 @@ from typing import Any
 from sqlalchemy import ColumnElement, Connection, delete, false, func, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
-from store.database import Repository, StoreError, UnknownRow, writing
+from store.database import Repository, StoreError, UnknownRow, required_row, writing
 from store.idempotency_and_audit import take_key, write_audit
 from store.rows import AuditLine, EventRow, ExecutionRow, IdempotencyKey, RecordingRow, new_id
 from store.tables import cells, events, executions, experiments, plans, recordings
@@ -282,10 +282,7 @@ def _require_experiment(connection: Connection, id: str | None) -> None:
 
 
 def _read_execution(connection: Connection, id: str) -> ExecutionRow:
-    row = connection.execute(select(executions).where(executions.c.id == id)).one_or_none()
-    if row is None:
-        raise UnknownRow(f"no execution {id!r}")
-    return ExecutionRow(**row._mapping)
+    return required_row(connection, ExecutionRow, select(executions).where(executions.c.id == id), f"execution {id!r}")
 
 
 def _write_event(connection: Connection, execution_id: str, kind: str, data: Mapping[str, Any], at: float) -> None:

@@ -9,11 +9,10 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 from sqlalchemy import Connection, insert, or_, select, update
 
-from store.database import Repository, StoreError, UnknownRow, reading, writing
+from store.database import Repository, StoreError, reading, required_row, writing
 from store.idempotency_and_audit import take_key, write_audit
 from store.plans import insert_plan_if_new
 from store.rows import DRIVER_FRESH_S, AuditLine, BatchResultRow, BatchRow, IdempotencyKey, PlanRow, new_id
@@ -201,11 +200,8 @@ class BatchRepository(Repository):
 
 
 def _read(connection: Connection, id: str, lock: bool = False) -> BatchRow:
-    query: Any = select(*HEAD_COLUMNS).where(batches.c.id == id)
-    row = connection.execute(query.with_for_update() if lock else query).one_or_none()
-    if row is None:
-        raise UnknownRow(f"no batch {id!r}")
-    return BatchRow(**row._mapping)
+    query = select(*HEAD_COLUMNS).where(batches.c.id == id)
+    return required_row(connection, BatchRow, query, f"batch {id!r}", lock)
 
 
 def _require_driver(connection: Connection, id: str, driver_id: str) -> BatchRow:

@@ -13,7 +13,7 @@ from typing import Any
 
 from sqlalchemy import Connection, insert, or_, select, update
 
-from store.database import Repository, StoreError, UnknownRow, writing
+from store.database import Repository, StoreError, required_row, writing
 from store.executions import insert_execution
 from store.idempotency_and_audit import take_key, write_audit
 from store.rows import DRIVER_FRESH_S, AuditLine, IdempotencyKey, JobCycleRow, JobRow, LandingRow, new_id
@@ -255,11 +255,8 @@ class JobRepository(Repository):
 
 
 def _read(connection: Connection, id: str, lock: bool = False) -> JobRow:
-    query: Any = select(*HEAD_COLUMNS).where(jobs.c.id == id)
-    row = connection.execute(query.with_for_update() if lock else query).one_or_none()
-    if row is None:
-        raise UnknownRow(f"no job {id!r}")
-    return JobRow(**row._mapping)
+    query = select(*HEAD_COLUMNS).where(jobs.c.id == id)
+    return required_row(connection, JobRow, query, f"job {id!r}", lock)
 
 
 def _require_driver(connection: Connection, id: str, driver_id: str) -> JobRow:
