@@ -151,10 +151,13 @@ def _other_flight(plan: Mapping[str, Any], own: Cell) -> str | None:
 
 def gripper_is_open(cell: Cell, state: RobotState) -> bool:
     """Returns whether the gripper's output is at the level that opens it; False where no output switches it."""
-    if cell.gripper.link is not None:
-        return False
-    bit = OUTPUT_SHIFT[cell.gripper.output] + cell.gripper.index
-    return bool(state.outputs >> bit & 1) == cell.gripper.open_level
+    gripper = cell.gripper
+    return gripper.link is None and output_is(state, gripper.output, gripper.index, gripper.open_level)
+
+
+def output_is(state: RobotState, output: str, index: int, level: bool) -> bool:
+    """Returns whether a digital output is at a level."""
+    return bool(state.outputs >> OUTPUT_SHIFT[output] + index & 1) == level
 
 
 def open_grippers(cell: Cell, state: RobotState) -> list[str]:
@@ -165,8 +168,7 @@ def open_grippers(cell: Cell, state: RobotState) -> list[str]:
     found = []
     for name, each in cell.grippers.items():
         gripper = each.gripper
-        is_open = bool(state.outputs >> OUTPUT_SHIFT[gripper.output] + gripper.index & 1) == gripper.open_level
-        if name and is_open:
+        if name and output_is(state, gripper.output, gripper.index, gripper.open_level):
             line = f"{gripper.output} {gripper.index} is {'on' if gripper.open_level else 'off'}"
             found.append(f"the gripper {name!r} is open: {line}; load and close it")
     return found
@@ -189,7 +191,7 @@ def output_level_warnings(problem: ThrowProblem, trajectory: Trajectory, state: 
     return [
         f"{each.output} {each.index} is {'on' if each.level else 'off'} already: its first edge will not be seen"
         for each in first.values()
-        if bool(state.outputs >> OUTPUT_SHIFT[each.output] + each.index & 1) == each.level
+        if output_is(state, each.output, each.index, each.level)
     ]
 
 

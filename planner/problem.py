@@ -308,9 +308,8 @@ class ThrowProblem:
     def kept(self) -> dict[str, ThrowProblem]:
         """The motion as each gripper sees it that lets nothing go in it, by name; none in a cell with one gripper."""
         views = [part.problem for part in self.parts] or [self]
-        names = [each.gripper for each in self.cell.carried]
-        names += [each.gripper for view in views for each in view.cell.carried if each.gripper not in names]
-        idle = [name for name in dict.fromkeys(names) if all(name in _carried(view) for view in views)]
+        carried = [[each.gripper for each in view.cell.carried] for view in views]
+        idle = [name for name in carried[0] if all(name in each for each in carried)]
         anywhere = JointRelease(self.cell.home, np.zeros(6))
         nothing = {"release": anywhere, "passages": (Passage("", anywhere),), "end": None, "release_window_s": 0.0}
         return {name: replace(self, cell=self.cell.seen_from(name), **nothing) for name in idle}
@@ -593,8 +592,3 @@ def _start_errors(q: Array, qd: Array, qdd: Array, limits: Limits) -> list[Field
             reason = f"{values[i]:.6g} {unit} is beyond the joint's limit of {most[i]:.6g} {unit}"
             errors.append(FieldError(f"start.{name}[{i}]", reason))
     return errors
-
-
-def _carried(problem: ThrowProblem) -> list[str]:
-    """Returns the names of the grippers whose objects are load and shape of the tool."""
-    return [each.gripper for each in problem.cell.carried]

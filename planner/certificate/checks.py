@@ -112,7 +112,7 @@ class Examination:
     @cached_property
     def _kept(self) -> list[Check | NotChecked]:
         """The grip of each gripper that lets nothing go, beside one that does."""
-        if self._is_part:
+        if self._is_part or not self._is_continuous:
             return []
         motions = {name: MotionSamples(each, self._trajectory) for name, each in self._problem.kept.items()}
         found = {name: grip.grip_acceleration(motion) for name, motion in motions.items()}
@@ -164,9 +164,13 @@ class Examination:
 
     @property
     def _applicable(self) -> tuple[CheckFunction, ...]:
+        return (*JOINT_CHECKS, *MOTION_CHECKS) if self._is_continuous else JOINT_CHECKS
+
+    @property
+    def _is_continuous(self) -> bool:
+        """Whether the samples are one motion: the bounds of all but the joint checks rest on that."""
         continuity = self._result(joints.continuity)
-        is_continuous = not isinstance(continuity, Check) or continuity.ok
-        return (*JOINT_CHECKS, *MOTION_CHECKS) if is_continuous else JOINT_CHECKS
+        return not isinstance(continuity, Check) or continuity.ok
 
     def _result(self, check: CheckFunction) -> Check | NotChecked | None:
         if check not in self._found:
