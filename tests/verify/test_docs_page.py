@@ -39,13 +39,18 @@ def test_every_example_runs(reader: Visit):
 
 
 def when(call: Locator) -> int:
-    """Returns when a call has its turn: what others name, what makes something, what joins, ends, reads, forgets it."""
+    """Returns when a call has its turn: what others name, what makes something, what joins, reads, ends, forgets it.
+
+    An execution that is ended before it began has no recording: what ends one comes after what reads.
+    """
     summary = call.locator("summary").first.inner_text()
     if "/targets" in summary and summary.startswith("POST"):
         return -1
     if joins(summary):
         return 1
-    return {"GET": 3, "DELETE": 4}.get(summary.split()[0], 2 if "/abort" in summary else 0)
+    if "/abort" in summary or "/cancel" in summary:
+        return 3
+    return {"GET": 2, "DELETE": 4}.get(summary.split()[0], 0)
 
 
 def answered(call: Locator) -> list[str]:
