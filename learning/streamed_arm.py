@@ -12,7 +12,7 @@ from planner.trajectory import Trajectory, columns_at
 
 # The position feedback that the executor adds to planned joint speeds.
 FEEDBACK_GAIN = 5.0  # [1/s] with a lag of 20 ms the loop loses 0.1 rad of phase: far from ringing
-FEEDBACK_MAX = 0.05  # [rad/s] bound of the correction
+FEEDBACK_MAX = 0.25  # [rad/s] bound of the correction: that of the error at which a run ends, 0.05 rad
 AFTER_S = 0.15  # [s] that are simulated after the plan's end, while the arm settles
 
 

@@ -288,7 +288,7 @@ class Stream:
         errors = [gain * (a - b) for a, b in zip(reference_q, self.connection.q, strict=True)]
         feedback = [most if e > most else -most if e < -most else e for e in errors]
         limits = self.job.qd_max
-        command = [v + b if -m <= v + b <= m else v for v, b, m in zip(qd, feedback, limits, strict=True)]
+        command = [min(max(v + b, -m), m) for v, b, m in zip(qd, feedback, limits, strict=True)]
         self.connection.speed(command)
         self.commands.sent(command)
         return command

@@ -23,7 +23,7 @@ def integrated(planned: PlannedThrow, arm: StreamedArm, assumed_s: float, at: fl
     ahead[times + assumed_s < 0.0] = 0.0
     speed = np.zeros(6)
     for k in range(len(times)):
-        sent.append(ahead[k] + np.clip(5.0 * (plan_q[k] - q), -0.05, 0.05))
+        sent.append(ahead[k] + np.clip(5.0 * (plan_q[k] - q), -0.25, 0.25))
         speed = arm.gain * sent[k - back] if k >= back else np.zeros(6)
         q = q + STEP_S * speed
     final_q, final_qd, _ = trajectory.at(times[-1])
@@ -47,3 +47,13 @@ def test_an_exact_arm_does_what_was_planned(soonest: list[PlannedThrow]):
     q, qd = StreamedArm(0.020, np.ones(6)).deviation(planned.trajectory, 0.020, times)
     assert np.abs(q).max() < 1e-5
     assert np.abs(qd).max() < 2e-3
+
+
+def test_an_arm_that_is_too_fast_stays_near_its_plan(soonest: list[PlannedThrow]):
+    """Its error is filtered by the feedback: of a gain 1 + g it stays below g v / (5/s), wherever v is the fastest."""
+    planned = soonest[0]
+    fastest = np.abs(planned.trajectory.qd).max(axis=0)
+    times = np.arange(0.0, planned.trajectory.duration_s, 0.01)
+    q, _ = StreamedArm(0.020, np.full(6, 1.05)).deviation(planned.trajectory, 0.020, times)
+    assert np.all(np.abs(q).max(axis=0) <= 0.05 * fastest / 5.0 + 1e-4)
+    assert np.abs(q).max() > 0.01
