@@ -33,6 +33,7 @@ LEAST_STD_M = 0.001  # [m] of a position that claims to be exact: the model is n
 COUNTED = ("completed", "late")  # outcomes of throws whose gripper opened at a known time on a known motion
 WITHOUT_TARGET = "a hit, edge or miss counts only with a target and the radius of a hit"
 IN_THE_WAY = ("keep_out", "bin")  # beginnings of what an object may land on instead of the plane
+BOTTOM = "bin"  # of the plan's own bin: it lies in the plan's plane, unlike the bin's wall and any other bin
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +118,8 @@ def _evidence(store: Store, cell: Cell, arm: StreamedArm, row: ExecutionRow) -> 
     off = _deviations(columns, trajectory) if columns else None
     reported = store.landings(row.id)
     asked = aimed_problem(problem, -aim_shift(document))
-    landings = [] if _in_the_way(numbers) else reported
+    stopped = _in_the_way(numbers, asked.target)
+    landings = [] if stopped else reported
     observed = outcome = unused = deviation = None
     if landings:
         told_place = _position(landings) is not None  # in the world; otherwise whether the target was hit
@@ -125,7 +127,7 @@ def _evidence(store: Store, cell: Cell, arm: StreamedArm, row: ExecutionRow) -> 
         lead = trajectory.release_time_s - float(sent)
         observed, outcome = _seen(table, lead, asked.target, landings, is_recorded=bool(columns))
     if reported and observed is None and outcome is None:
-        unused = f"the object landed on {numbers['landed_on']}" if _in_the_way(numbers) else WITHOUT_TARGET
+        unused = f"the object landed on {numbers['landed_on']}" if stopped else WITHOUT_TARGET
     if off is not None and row.outcome == "completed":  # lost ticks say nothing of gains
         deviation = off[1][len(off[1]) // 2] - _expected(arm, trajectory, numbers)
     ids = tuple(x.id for x in landings)
@@ -216,8 +218,12 @@ def _expected(arm: StreamedArm, trajectory: Trajectory, numbers: Mapping[str, An
     return arm.deviation(trajectory, timing["assumed_lag_s"], at)[1][0]
 
 
-def _in_the_way(numbers: Mapping[str, Any]) -> bool:
-    return str(numbers.get("landed_on") or "").startswith(IN_THE_WAY)
+def _in_the_way(numbers: Mapping[str, Any], target: Target | None) -> bool:
+    """Returns whether an object was stopped before it reached the plan's plane, as far as anybody knows."""
+    surface = str(numbers.get("landed_on") or "")
+    if surface == BOTTOM and target is not None and target.opening is not None:
+        return False
+    return surface.startswith(IN_THE_WAY)
 
 
 def _outcome(

@@ -40,11 +40,13 @@ def add_throw(
     outcome: str = "completed",
     late_s: float = 0.0,
     moved_s: tuple[float, float] | None = None,
+    landed_on: str = "floor",
+    opening: dict[str, float] | None = None,
 ) -> str:
     """Stores a plan, its execution with a recording of an exact arm, and where the object landed."""
     target = [distance_m * np.cos(angle), distance_m * np.sin(angle), 0.0]
-    request = {"cell": CELL, "release": {"kind": "target", "position": target}, "backend": "ruckig",
-               "release_window_s": 0.0}  # fmt: skip
+    release = {"kind": "target", "position": target} | ({"opening": opening} if opening else {})
+    request = {"cell": CELL, "release": release, "backend": "ruckig", "release_window_s": 0.0}
     problem = problem_from_request(request, benchmark_cell())
     found = plan(problem)
     document = plan_document(found, request, new_id(), "2026-01-01T00:00:00Z")
@@ -60,7 +62,7 @@ def add_throw(
     store.add_recording(row.id, b"", recording(trajectory))
     sent_s = trajectory.release_time_s - LEAD_S + late_s
     moved = None if moved_s is None else [sent_s + at for at in moved_s]
-    metrics = {"gripper_commanded_s": sent_s, "gripper_moved_s": moved, "timing": None, "landed_on": "floor"}
+    metrics = {"gripper_commanded_s": sent_s, "gripper_moved_s": moved, "timing": None, "landed_on": landed_on}
     store.finish_execution(row.id, outcome, None, metrics)
     if observed:
         store.add_landing(new_id(), row.id, time.time(), "person", "test", [*true.seen, 0.0], 0.003)
@@ -109,6 +111,21 @@ def test_a_throw_with_a_late_command_teaches_and_one_that_does_not_is_named(tmp_
     assert evidence["recordings"] == []
     assert evidence["not_used"] == [{"execution_id": stopped, "reason": "its outcome is protective_stop"}]
     assert found["lag_s"] + found["delay_s"] == pytest.approx(TRUTH.delay_s, abs=0.004)
+
+
+def test_landings_in_the_bin_of_a_plan_teach_and_those_on_its_wall_or_in_another_bin_are_named(tmp_path: Path):
+    store = Store.open(f"sqlite:///{tmp_path / 'fling.db'}")
+    rng = np.random.default_rng(4)
+    opening = {"radius_m": 0.3, "rim_height_m": 0.1}
+    ids = [add_throw(store, rng, 1.1 + 0.1 * k, 1.3 * k, landed_on="bin", opening=opening) for k in range(4)]
+    wall = add_throw(store, rng, 1.2, 0.3, landed_on="bin wall", opening=opening)
+    other = add_throw(store, rng, 1.2, 0.9, landed_on="bin")
+    found = estimate_profile(store, benchmark_cell())
+    store.close()
+    assert found["evidence"]["throws"] == ids
+    assert found["lag_s"] + found["delay_s"] == pytest.approx(TRUTH.delay_s, abs=0.004)
+    reasons = {each["execution_id"]: each["reason"] for each in found["evidence"]["not_used"]}
+    assert reasons == {wall: "the object landed on bin wall", other: "the object landed on bin"}
 
 
 def test_a_gripper_that_tells_when_it_opens_needs_no_landing(tmp_path: Path):
