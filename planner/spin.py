@@ -136,9 +136,9 @@ def growth(inertia: Array, w: float, s: float) -> float:
     one, three = np.meshgrid(SCALES, SCALES)  # of the first and of the third coordinate over the second
     entries = (np.abs(k2 / one - k1 * one), np.abs(k2 / three - k3 * three), k1 * one / three + k3 * three / one)
     rate = np.max(entries, axis=0) / math.sqrt(3.0) * fastest_turn(inertia, w)
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore"):  # infinity is a bound, too
         grown = np.where(rate * s > 1e-9, np.expm1(rate * s) / np.maximum(rate, 1e-300), s)
-    return float((np.maximum(one, three) * grown).min())
+        return float((np.maximum(one, three) * grown).min())
 
 
 def _stepped(state: Array, h: Array | float, inertia: Array) -> Array:

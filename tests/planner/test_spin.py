@@ -125,3 +125,12 @@ def test_growth_bounds_what_a_change_of_spin_does(name):
 def test_growth_of_nearly_round_bodies_is_nearly_theirs():
     round_one = growth(np.array([1.2, 1.2, 0.05]), 8.0, 0.5)
     assert growth(np.array(ODD["nearly a rod"]), 8.0, 0.5) < 12.0 * round_one
+
+
+def test_growth_over_an_endless_flight_is_no_fault():
+    """Its bound passes the greatest float: first by the ratio of the scales, at some of these times."""
+    inertia = np.array([1.0, 1.5, 2.0])
+    with np.errstate(over="raise"):
+        bounds = [growth(inertia, 0.5, s) for s in np.linspace(500.0, 5000.0, 1000)]
+    assert bounds == sorted(bounds)
+    assert bounds[-1] == np.inf
