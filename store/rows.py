@@ -47,7 +47,7 @@ def _uuid7(milliseconds: int, random: int) -> str:
 
 
 def plan_sha256(id: str, summary: bytes, samples: bytes) -> str:
-    """Returns the hash of a plan's whole content, under its id (docs/decisions/0027-plans-carry-a-hash.md)."""
+    """Returns the hash of a plan's whole content, under its id (docs/decisions/0019-store.md)."""
     digest = hashlib.sha256()
     for part in (id.encode(), summary, samples):
         digest.update(len(part).to_bytes(8))

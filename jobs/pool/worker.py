@@ -15,7 +15,7 @@ from planner.cell import CellSource
 from planner.errors import PlannerError, SolverFailed
 from planner.progress import Observer, Progress
 
-NICENESS = 5  # the stream to the arm comes first; more would starve planning until its time limit (docs/decisions/0020)
+NICENESS = 5  # the stream to the arm comes first; more would starve planning until its time limit (docs/decisions/0023)
 CANCELLED = "cancelled"  # status of a job that was ended as nobody waits for its answer
 BATCH_NICENESS = 15  # a batch gives way to single plans
 

@@ -7,6 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import fling
@@ -25,13 +26,25 @@ def plans() -> list[fling.Plan]:
     return made
 
 
+def tool(plan: fling.Plan) -> tuple[np.ndarray, np.ndarray]:
+    """Places (N, 3) [m] and velocities (N, 3) [m/s] of the tool centre point at the samples, by the kinematics."""
+    cell = plan.problem.cell
+    q, qd = plan.trajectory.q, plan.trajectory.qd
+    p = (cell.X_WB @ fling.kinematics.forward(cell.robot, q, cell.tool.X_FT))[:, :3, 3]
+    J = fling.kinematics.jacobian(cell.robot, q, cell.tool.X_FT)
+    return p, (J @ qd[..., None])[:, :3, 0] @ cell.X_WB[:3, :3].T
+
+
 def test_each_part_of_the_row_has_its_flash_in_passing(plans: list[fling.Plan]) -> None:
     row = plans[0]
     assert row.release is None
     assert row.release_time_s is None
     assert row.flight is None
     assert [passed.name for passed in row.passages] == [f"part {i}" for i in range(5)]
-    for passed in row.passages:
+    p, v = tool(row)
+    for number, passed in enumerate(row.passages):
+        assert p[passed.index] == pytest.approx([0.5, 0.12 * number - 0.24, 0.35], abs=1e-5)
+        assert v[passed.index] == pytest.approx([0.0, 0.8, 0.0], abs=1e-4)
         assert passed.linear == pytest.approx([0.0, 0.8, 0.0], abs=1e-4)
         on, off = passed.edges
         assert (on.level, off.level) == (True, False)
@@ -55,6 +68,10 @@ def test_the_bead_begins_and_ends_in_passing(plans: list[fling.Plan]) -> None:
     assert passed.end_index - passed.index == 500
     motion = bead.trajectory
     assert motion.q.shape[0] > passed.end_index
+    p, v = tool(bead)
+    glued = (motion.t >= opens.edge_time_s) & (motion.t <= closes.edge_time_s)
+    assert np.abs(np.linalg.norm(v[glued], axis=1) - 0.4).max() < 1e-4
+    assert np.abs(p[glued][:, [0, 2]] - [0.5, 0.25]).max() < 1e-5
     assert "straight" in bead._repr_html_()
 
 
