@@ -17,7 +17,7 @@ from learning.outputs import learnt_outputs
 from learning.predictions import LandingForecast, forecast
 from learning.release import DRAG, LEAD, PRIOR_STD, STATE, ReleasePosterior, learn_release, prior_state, told_by_reports
 from learning.streamed_arm import StreamedArm
-from learning.throws import table_times, throw_table
+from learning.throws import bin_rim, table_times, throw_table
 from learning.timing_history import pooled_document, timing_runs
 from planner.arrays import Array
 from planner.cell import Cell
@@ -66,7 +66,8 @@ class CellKnowledge:
         exact = lag == self.arm.lag_s and bool((self.arm.gain == 1.0).all())
         off = None if exact else self.arm.deviation(trajectory, lag, table_times(trajectory.release_time_s))
         table = throw_table(problem, trajectory, off, beside_target=True)
-        return forecast(self.release, self.speeds, table, problem.cell.gripper.delay_s + lag)
+        lead = problem.cell.gripper.delay_s + lag
+        return forecast(self.release, self.speeds, table, lead, rim=bin_rim(problem, table))
 
 
 def prior_knowledge(cell: Cell) -> CellKnowledge:

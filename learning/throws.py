@@ -7,6 +7,7 @@ at these speeds).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -101,6 +102,37 @@ def throw_table(
     if flight is None:
         return table
     return replace(table, carried=problem.moving.v_W[:2], flight_s=flight.time_of_flight_s)
+
+
+@dataclass(frozen=True, eq=False)
+class BinRim:
+    """Where throws pass the rim of their target's bin.
+
+    Attributes:
+        table: of the throws to the height of the rim.
+        lost_m: by how much less room the rim leaves than the bottom to an object that comes in on a slant [m].
+    """
+
+    table: ThrowTable
+    lost_m: float
+
+
+def bin_rim(problem: ThrowProblem, table: ThrowTable) -> BinRim | None:
+    """Returns where throws of a table pass the rim of their problem's bin; None without one.
+
+    An object of radius r that falls at an angle a to the plane of the rim keeps clear of it where its centre passes
+    r / sin a from it.
+    """
+    target = problem.target
+    if target is None or target.opening is None:
+        return None
+    height = float(target.p_W[2]) + target.opening.rim_height_m
+    v = problem.release_speed_factor * (table.J @ table.qd[..., None])[..., 0]
+    table = replace(table, plane_z=height, by_drag=_effect_of_drag(problem, table.p_WT, v, height))
+    v_x, v_y, v_z = v[table.planned].tolist()
+    falls = math.sqrt(max(v_z**2 + 2.0 * problem.gravity * (float(table.p_WT[table.planned, 2]) - height), 0.0))
+    slant = math.hypot(v_x, v_y, falls) / max(falls, 1e-9)
+    return BinRim(table, problem.cell.object.radius_m * (slant - 1.0))
 
 
 def _effect_of_drag(problem: ThrowProblem, p: Array, v: Array, height: float) -> Array:

@@ -40,7 +40,7 @@ def plan_aimed(problem: ThrowProblem, known: CellKnowledge | None, hints: Search
     shift = np.zeros(3)
     further = replace(hints, offers_nearest=False)
     for remaining in range(AIM_ROUNDS, 0, -1):
-        miss = known.predicted(found.problem, found.trajectory).center - place_of_target(problem, found)[:2]
+        miss = known.predicted(found.problem, found.trajectory).aimed - place_of_target(problem, found)[:2]
         if float(np.linalg.norm(miss)) < least:
             best = found
             least = float(np.linalg.norm(miss))

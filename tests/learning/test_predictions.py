@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,9 @@ from benchmarks.learning.ordinary_throws import AssessedThrow, assessed_throws
 from benchmarks.learning.plans import PlannedThrow
 from benchmarks.learning.reliability import brier_share, calibration_error, reliability_bins
 from learning import JointSpeeds, LandingForecast, ReleasePosterior, forecast, learn_joint_speeds, throw_table
-from learning.throws import Throws
+from learning.throws import Throws, bin_rim
+from planner.geometry import tool_state
+from planner.releases import Opening
 
 
 def certain(jitter_s: float, **changes: float) -> ReleasePosterior:
@@ -41,6 +45,43 @@ def test_jitter_spreads_the_landings_along_their_drift(soonest: list[PlannedThro
     later = forecast(certain(0.0, lead_s=0.061), STEADY, table, 0.060).center
     drift = later - forecast(certain(0.0), STEADY, table, 0.060).center
     assert np.sqrt(np.trace(found.covariance)) == pytest.approx(np.linalg.norm(drift), rel=0.1)
+
+
+@pytest.mark.parametrize("ahead_m", [-0.06, -0.03, 0.0, 0.03, 0.06, 0.1])
+def test_odds_of_a_bin_are_those_of_flights_that_clear_its_rim(soonest: list[PlannedThrow], ahead_m: float):
+    """Beside balls followed by the millisecond: they may touch neither the rim's edge nor the wall below it.
+
+    The bin lies ahead of where they land, or behind. The room at the rim is that of its near edge all around, so that
+    the odds may be too low by a little, where balls pass at its sides.
+    """
+    planned = soonest[1]
+    problem = planned.problem
+    radius, rim, ball = 0.15, 0.1, problem.cell.object.radius_m
+    target = problem.release.target
+    assert target is not None
+    table = throw_table(problem, planned.trajectory)
+    along = table.J[table.planned][:2] @ table.qd[table.planned]
+    bin_W = target.p_W + np.append(ahead_m * along / np.linalg.norm(along), 0.0)
+    into = problem.with_release(problem.release.with_target(replace(target, p_W=bin_W, opening=Opening(radius, rim))))
+    found = forecast(certain(0.005), STEADY, table, 0.060, 400, 10, bin_rim(into, table))
+    odds = found.hit_probability(bin_W[:2], radius - ball)
+    late = 0.005 * np.random.default_rng(5).standard_normal(1500)
+    q, qd, _ = planned.trajectory.at(planned.trajectory.release_time_s + late)
+    states = [tool_state(problem.cell, *each) for each in zip(q, qd, strict=True)]
+    share = np.mean([falls_in(s.p_WT, s.v_WT, problem.gravity, bin_W, radius, rim, ball) for s in states])
+    assert odds <= share + 0.03
+    assert odds >= share - 0.10
+
+
+def falls_in(p: np.ndarray, v: np.ndarray, g: float, bin_W: np.ndarray, radius: float, rim: float, ball: float) -> bool:
+    """Returns whether a ball that flies from p at v, both (3,), lands on a bin's bottom without touching it before."""
+    lands = (v[2] + np.sqrt(v[2] ** 2 + 2.0 * g * (p[2] - bin_W[2]))) / g
+    t = np.arange(0.0, lands, 0.001)[:, None]
+    at = p + v * t - 0.5 * g * t**2 * np.array([0.0, 0.0, 1.0]) - bin_W
+    off = np.linalg.norm(at[:, :2], axis=1)
+    edge = np.hypot(off - radius, at[:, 2] - rim)
+    below = at[:, 2] < rim
+    return bool(edge.min() >= ball and np.all(off[below] <= radius - ball))
 
 
 def test_scatter_of_the_joints_spreads_as_its_derivatives(soonest: list[PlannedThrow]):
