@@ -18,7 +18,7 @@ from planner.cell import Cell, ThrownBody
 
 Vector = NDArray[np.float64]
 
-GENERATOR = 1  # counts up whenever an index becomes another problem
+GENERATOR = 2  # counts up whenever an index becomes another problem
 PER_CELL = 8  # problems in a row that share a cell, which takes as long to draw as they do
 KINDS = {  # share of each kind of problem [-]
     "target": 4,
@@ -33,10 +33,12 @@ KINDS = {  # share of each kind of problem [-]
     "states": 3,
     "lines": 2,
     "throw in a chain": 3,
+    "moving target in a chain": 2,
     "start in motion": 3,
 }
 RELEASE = {"robust target": "target", "landing axis": "axis", "moving target": "moving"}
-CHAINS = {"states": "states", "lines": "lines", "throw in a chain": "throw"}
+CHAINS = {"states": "states", "lines": "lines", "throw in a chain": "throw", "moving target in a chain": "meeting"}
+MOVES = {"moving target": "target", "moving target in a chain": "throw in a chain"}  # and the same that stands
 DRAWS = 4  # of a kind, before the problem is given up
 
 
@@ -79,7 +81,7 @@ def _possible(kind: str, cell: Cell) -> str:
     is_body = isinstance(cell.object, ThrownBody)
     if kind == "landing axis" and not is_body:
         return "target"
-    return "target" if kind == "moving target" and is_body else kind
+    return MOVES.get(kind, kind) if is_body else kind
 
 
 def _request(cell: Cell, kind: str, rng: np.random.Generator) -> dict[str, Any] | None:
@@ -106,11 +108,11 @@ def _request(cell: Cell, kind: str, rng: np.random.Generator) -> dict[str, Any] 
 def _further(cell: Cell, kind: str, rng: np.random.Generator) -> dict[str, Any]:
     """Returns window, limits, back end and earliest start of a request."""
     found: dict[str, Any] = {}
-    if kind in ("target", "landing axis", "moving target", "throw in a chain", "start in motion"):
+    if kind in ("target", "landing axis", *MOVES, "throw in a chain", "start in motion"):
         found["release_window_s"] = 0.0
     if kind in ("joint", "pose", "point", "states") and rng.random() < 0.3:
         found["backend"] = "ruckig"  # which reaches its limits in another way
-    if kind == "moving target":
+    if kind in MOVES:
         found["starts_not_before_s"] = 1000.5
     if rng.random() < 0.2:
         found["limits"] = limits_document(cell, rng)

@@ -287,7 +287,7 @@ def test_what_names_or_doubts_a_target_wrongly_is_refused_by_its_field(release: 
         problem_from_request({"release": release, "starts_not_before_s": SEEN_S}, cell())
 
 
-def test_a_tracked_target_is_no_passage() -> None:
+def test_a_tracked_target_of_a_passage_is_known_to_a_service_alone() -> None:
     passages = [{"name": "throw", "state": {"kind": "target", "position": {"target": "some"}}, "releases": True}]
     with pytest.raises(InvalidProblem, match=r"passages\[0\].state.position"):
         problem_from_request({"passages": passages}, cell())
