@@ -169,9 +169,12 @@ class ThrowProblem:
         errors = []
         for number, each in enumerate(self.passages):
             target = each.state.target
-            if target is not None and target.moves:
-                reason = f"a target that moves {NOT_YET} for a motion in which one of `[grippers]` lets go"
+            if target is not None and target.moves and each.state is not self.release:
+                reason = "a target that moves is met by the object that leaves first: the start is chosen for that one"
                 errors.append(FieldError(f"passages[{number}].state.velocity", reason))
+            if target is not None and target.uncertainty is not None:
+                reason = "a motion in which one of `[grippers]` lets go has no odds, and follows no target: state none"
+                errors.append(FieldError(f"passages[{number}].state.uncertainty", reason))
             if target is not None and target.opening is not None:
                 reason = f"a bin {NOT_YET} for a motion in which one of `[grippers]` lets go: state its place alone"
                 errors.append(FieldError(f"passages[{number}].state.opening", reason))
@@ -215,7 +218,7 @@ class ThrowProblem:
 
     @property
     def swept_s(self) -> tuple[float, float]:
-        """How long before and after the landing the arm keeps out of the path of a bin that moves [s], see `SWEPT_S`."""
+        """How long before and after the landing the arm keeps out of a moving bin's path [s], see `SWEPT_S`."""
         before_s, after_s = SWEPT_S
         goes_on = bool(self.passages) and (self.end is not None or not self.passages[-1].releases)
         return before_s, before_s if goes_on else after_s

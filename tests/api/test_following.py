@@ -147,7 +147,7 @@ def test_a_waiting_throw_after_a_passage_is_planned_again(passing: FakeThrow, so
     assert throw["state"]["observed_at_s"] == NOW_S + 0.5
     assert throw["state"]["opening"] == passing.plan["request"]["passages"][1]["state"]["opening"]
     lands_s = made["starts_at_s"] + made["release_time_s"] + made["flight"]["time_of_flight_s"]
-    there = PLACE + (lands_s - NOW_S) * (VELOCITY + [0.0, CLOSER_M_S, 0.0])
+    there = PLACE + (lands_s - NOW_S) * (VELOCITY + np.array([0.0, CLOSER_M_S, 0.0]))
     (before, *_) = [each for each in passing.events if each["miss_m"] > 0.2 * each["room_m"]]
     assert np.linalg.norm(np.array(made["flight"]["landing_point"][:2]) - there[:2]) < before["miss_m"]
 
