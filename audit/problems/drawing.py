@@ -33,12 +33,13 @@ KINDS = {  # share of each kind of problem [-]
     "states": 3,
     "lines": 2,
     "throw in a chain": 3,
-    "moving target in a chain": 2,
     "start in motion": 3,
 }
+AMID = "moving target in a chain"
+AMID_SHARE = 0.5  # of moving targets
 RELEASE = {"robust target": "target", "landing axis": "axis", "moving target": "moving"}
-CHAINS = {"states": "states", "lines": "lines", "throw in a chain": "throw", "moving target in a chain": "meeting"}
-MOVES = {"moving target": "target", "moving target in a chain": "throw in a chain"}  # and the same that stands
+CHAINS = {"states": "states", "lines": "lines", "throw in a chain": "throw", AMID: "meeting"}
+MOVES = ("moving target", AMID)
 DRAWS = 4  # of a kind, before the problem is given up
 
 
@@ -47,7 +48,7 @@ class DrawnProblem:
     """A problem of the audit.
 
     Attributes:
-        kind: one of `KINDS`.
+        kind: one of `KINDS`, or `AMID`.
         files: of the cell.
         cell: that the planner reads from them.
         request: as of `POST /plan`; None where none was drawn: the arm has no room.
@@ -68,6 +69,8 @@ def drawn_problem(seed: int, index: int) -> DrawnProblem:
     shares = np.array(list(KINDS.values()), np.float64)
     kind = str(rng.choice(list(KINDS), p=shares / shares.sum()))
     kind = _possible(kind, cell)
+    if kind == "moving target" and rng.random() < AMID_SHARE:
+        kind = AMID
     request = None
     for _ in range(DRAWS):
         request = _request(cell, kind, rng)
@@ -81,7 +84,7 @@ def _possible(kind: str, cell: Cell) -> str:
     is_body = isinstance(cell.object, ThrownBody)
     if kind == "landing axis" and not is_body:
         return "target"
-    return MOVES.get(kind, kind) if is_body else kind
+    return "target" if kind == "moving target" and is_body else kind
 
 
 def _request(cell: Cell, kind: str, rng: np.random.Generator) -> dict[str, Any] | None:
