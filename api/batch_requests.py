@@ -10,7 +10,7 @@ from api.http import invalid_field
 from api.schemas import BatchRequest, iso_time
 from jobs.batches import BatchRequests, BatchSpecification, CellUse
 from planner.errors import ERRORS_MAX, FieldError, InvalidProblem
-from planner.request import read_request
+from planner.request import read_request, tracked_targets
 from store import BatchRow, Store
 
 
@@ -103,7 +103,7 @@ def _read(document: Any, path: str) -> dict[str, Any]:
     request = read_request(document, path)
     if "current" in request.get("start", {}):
         raise InvalidProblem([FieldError(f"{path}.start.current", "a batch is planned later: give positions")])
-    if isinstance(request.get("release", {}).get("position"), dict):
+    if tracked := tracked_targets(request):
         reason = "a batch is planned later, when a tracked target is elsewhere"
-        raise InvalidProblem([FieldError(f"{path}.release.position", reason)])
+        raise InvalidProblem([FieldError(f"{path}.{each}.position", reason) for each in tracked])
     return request

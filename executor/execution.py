@@ -37,7 +37,7 @@ from planner.approach import Approach, find_approach, jog_advice, obstacle_words
 from planner.certificate import Check, release_flight
 from planner.controller_program import NoProgram
 from planner.passages import passed_until
-from planner.problem import SWEPT_S, ThrowProblem
+from planner.problem import ThrowProblem
 from planner.trajectory import Trajectory
 from store import TICK_PASSED, ExecutionRow, ProfileRow, new_id
 
@@ -125,7 +125,7 @@ class Execution:
     def _check_start(self, motion: Motion, state: RobotState, ready_in_s: float) -> None:
         """Refuses a plan that starts at an instant which the arm cannot reach, or has to wait for too long.
 
-        While it waits, the arm keeps out of the path of the bin: `SWEPT_S` before the landing.
+        While it waits, the arm keeps out of the path of the bin: `swept_s` before the landing.
 
         Args:
             motion: of the plan.
@@ -149,7 +149,7 @@ class Execution:
             raise ExecutionRefused(f"too late: {reason}")
         flight = release_flight(motion.problem, motion.trajectory)
         flies_s = 0.0 if flight is None else flight.time_of_flight_s
-        longest_s = SWEPT_S[0] - motion.trajectory.release_time_s - flies_s
+        longest_s = motion.problem.swept_s[0] - motion.trajectory.release_time_s - flies_s
         if left_s > longest_s:
             raise ExecutionRefused(f"too early: the plan starts in {left_s:.1f} s, and waits for {longest_s:.1f} s")
 

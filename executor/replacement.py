@@ -212,8 +212,7 @@ def joined(running: Motion, job: StreamJob, new: Motion, present: int) -> Motion
     """
     if (starts_at_s := new.problem.starts_at_s) is not None:
         raise CannotJoin(f"the plan starts at {starts_at_s:.3f} s of the controller's clock, and joins no motion")
-    if running.problem.names_gripper or new.problem.names_gripper:
-        raise CannotJoin("one of the cell's [grippers] lets go in one of the two plans: that cannot be replaced yet")
+    _check_grippers(running, new)
     tick = _join_tick(running.trajectory, new, first_tick(job, present))
     begins = joins_row(job, tick)
     _check_gripper(job, new.problem, begins)
@@ -255,9 +254,20 @@ def instead(waiting: Motion, new: Motion) -> Motion:
     if not off.max() <= START_TOLERANCE:
         joint = int(off.argmax())
         raise CannotJoin(f"the plan begins {off[joint]:.3g} rad from where the arm waits, in joint {joint + 1}")
+    _check_grippers(waiting, new)
     if new.problem.throws != waiting.problem.throws:
         raise CannotJoin("one of the two plans throws nothing: the gripper was readied for the other")
     return replace(new, joins_s=0.0)
+
+
+def _check_grippers(present: Motion, new: Motion) -> None:
+    """Refuses a replacement in which one of several grippers lets go.
+
+    Raises:
+        CannotJoin: one does in either plan.
+    """
+    if present.problem.names_gripper or new.problem.names_gripper:
+        raise CannotJoin("one of the cell's [grippers] lets go in one of the two plans: that cannot be replaced yet")
 
 
 def waiting_job(

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from planner.answer import Plan
 from planner.certificate import certify, release_flight
 from planner.errors import TIME_LIMIT, Infeasible, InvalidProblem, SolverFailed, Violation, nothing_found
+from planner.passages import main_state
 from planner.problem import TIME_LIMIT_S, ThrowProblem
 from planner.progress import SILENT, ProgressMeter
 from planner.refusal import nearest_problem, of_candidates, refuse_impossible
@@ -77,7 +78,7 @@ def _plan_to_meet(problem: ThrowProblem, hints: SearchHints) -> Plan:
     """Returns the best certified motion to a target that moves, with the instant at which it starts.
 
     It is the throw to where the target is at the landing, begun as long before: at the first of the landings tried, for
-    which there is one. Before its start it waits.
+    which there is one. Before its start it waits. Other passages are parts of the motion, and wait with it.
 
     Raises:
         PlannerError: as of `plan`, for the last landing that was tried.
@@ -88,9 +89,7 @@ def _plan_to_meet(problem: ThrowProblem, hints: SearchHints) -> Plan:
     ends_s = time.perf_counter() + problem.time_limit_s
     hints = replace(hints, offers_nearest=False)
     refusal: Infeasible = Infeasible(())
-    throw = next((each for each in problem.passages if each.releases), None)
-    passed_s = 0.0 if throw is None else max(throw.not_before_s, throw.at_s or 0.0)
-    lands_at_s = earliest_s + passed_s + FIRST_LANDING_S
+    lands_at_s = earliest_s + _passed_before_s(problem, hints) + FIRST_LANDING_S
     for _ in range(LANDINGS_MAX):
         left_s = ends_s - time.perf_counter()
         if left_s <= 0.0:
@@ -120,6 +119,27 @@ def _plan_to_meet(problem: ThrowProblem, hints: SearchHints) -> Plan:
     raise Infeasible(
         [replace(each, proven=False).within(span) for each in refusal.violations], attempts=refusal.attempts
     )
+
+
+def _passed_before_s(problem: ThrowProblem, hints: SearchHints) -> float:
+    """Returns how long after its start a motion can throw, about: what the passages before take by themselves [s].
+
+    Where these have no motion of their own, or the throw is later, it is the time that the throw is not before.
+    """
+    number = next((i for i, each in enumerate(problem.passages) if each.releases), None)
+    if number is None:
+        return 0.0
+    throw = problem.passages[number]
+    passed_s = max(throw.not_before_s, throw.at_s or 0.0)
+    before = problem.passages[:number]
+    if not before:
+        return passed_s
+    alone = replace(problem, release=main_state(before), passages=before, end=None)
+    try:
+        found = _search(alone, hints)
+    except (Infeasible, SolverFailed):  # with the throw they may have one: the search for the whole says why not
+        return passed_s
+    return max(passed_s, found.trajectory.passed[-1] * found.trajectory.dt)
 
 
 def _starting(found: Plan, starts_at_s: float, time_limit_s: float) -> Plan:

@@ -55,7 +55,8 @@ TIME_LIMIT_S = 120.0
 TIME_LIMIT_MAX_S = 120.0  # [s] longest time that one request may occupy a planner
 JITTER_DEVIATIONS = 3.0  # [-] of the gripper's opening that a throw should stand: 99.7 % of normal delays
 # [s] before and after the landing, for which the arm keeps out of the path of a bin that moves: an execution waits
-# for its start within the first, and a motion is at rest within the second.
+# for its start within the first, and a motion is at rest within the second; one that goes on after the throw, within as
+# long as the first.
 SWEPT_S = (10.0, 2.0)
 UNCERTAIN_DEVIATIONS = 3.0  # [-] of a target's place that a throw must stand: 99 % of places, in both directions
 BINS_KEPT = 32  # [-] cells with a bin of late
@@ -168,9 +169,12 @@ class ThrowProblem:
         errors = []
         for number, each in enumerate(self.passages):
             target = each.state.target
-            if target is not None and target.moves:
-                reason = f"a target that moves {NOT_YET} for a motion in which one of `[grippers]` lets go"
+            if target is not None and target.moves and each.state is not self.release:
+                reason = "a target that moves is met by the object that leaves first: the start is chosen for that one"
                 errors.append(FieldError(f"passages[{number}].state.velocity", reason))
+            if target is not None and target.uncertainty is not None:
+                reason = "a motion in which one of `[grippers]` lets go has no odds, and follows no target: state none"
+                errors.append(FieldError(f"passages[{number}].state.uncertainty", reason))
             if target is not None and target.opening is not None:
                 reason = f"a bin {NOT_YET} for a motion in which one of `[grippers]` lets go: state its place alone"
                 errors.append(FieldError(f"passages[{number}].state.opening", reason))
@@ -212,6 +216,13 @@ class ThrowProblem:
         """How far a target that moves may be from where it is met, as the start is on the nearest tick [m]."""
         return 0.0 if self.moving is None else 0.5 * self.dt * float(np.linalg.norm(self.moving.v_W))
 
+    @property
+    def swept_s(self) -> tuple[float, float]:
+        """How long before and after the landing the arm keeps out of a moving bin's path [s], see `SWEPT_S`."""
+        before_s, after_s = SWEPT_S
+        goes_on = bool(self.passages) and (self.end is not None or not self.passages[-1].releases)
+        return before_s, before_s if goes_on else after_s
+
     def met_at(self, at_s: float) -> ThrowProblem:
         """Returns the problem with a target that moves where it is at a time [s, controller's clock]."""
         target = self.target
@@ -234,7 +245,7 @@ class ThrowProblem:
         """The cell as arm, tool and held object find it: a request's bin is one more keep-out box.
 
         The block that surrounds the bin, from its bottom to its rim: no part of the arm has business inside. Of a bin
-        that moves, the block that it passes through from `SWEPT_S` before the landing to after it.
+        that moves, the block that it passes through from `swept_s` before the landing to after it.
         """
         target = self.target
         if target is None or target.opening is None:
@@ -245,7 +256,7 @@ class ThrowProblem:
         top = np.array([radius, radius, rim])
         stands = target.p_W - self.aim_shift
         if target.moves:
-            return _cell_with_path(self.cell, (*stands,), (*target.v_W,), radius, rim)
+            return _cell_with_path(self.cell, (*stands,), (*target.v_W,), radius, rim, self.swept_s)
         return _cell_with_block(self.cell, (*(stands - aside),), (*(stands + top),))
 
     @property
@@ -558,10 +569,15 @@ def _cell_with_block(cell: Cell, lower: tuple[float, ...], upper: tuple[float, .
 
 @lru_cache(maxsize=BINS_KEPT)
 def _cell_with_path(
-    cell: Cell, stands: tuple[float, ...], v_W: tuple[float, ...], radius_m: float, rim_m: float
+    cell: Cell,
+    stands: tuple[float, ...],
+    v_W: tuple[float, ...],
+    radius_m: float,
+    rim_m: float,
+    swept_s: tuple[float, float],
 ) -> Cell:
     """Returns the cell with one more keep-out box: the path of a bin that moves and is met at `stands`."""
-    before_s, after_s = SWEPT_S
+    before_s, after_s = swept_s
     speed = float(np.hypot(v_W[0], v_W[1]))
     angle = float(np.arctan2(v_W[1], v_W[0]))
     length = speed * (before_s + after_s) + 2.0 * radius_m

@@ -46,6 +46,9 @@ __all__ = [
     "read_request",
     "release_document",
     "request_document",
+    "states_of",
+    "tracked_targets",
+    "with_states",
 ]
 
 WINDOW_MAX_S = 0.2  # [s] longest release window
@@ -85,10 +88,6 @@ def _check_motion(given: dict[str, Any], path: str, errors: list[FieldError]) ->
     elif "release" in given:
         errors.append(FieldError(f"{prefix}release", "give either release or passages"))
         return
-    for i, passage in enumerate(given.get("passages", ())):
-        if isinstance(passage.get("state", {}).get("position"), dict):
-            reason = "a tracked target is for a release alone: give its position, velocity and observed_at_s as numbers"
-            errors.append(FieldError(f"{prefix}passages[{i}].state.position", reason))
     _check_odds(given, prefix, errors)
 
 
@@ -239,8 +238,8 @@ def problem_from_request(request: Mapping[str, Any], cell: Cell) -> ThrowProblem
         errors.append(FieldError("start.current", "needs a service with an executor; give positions"))
     if "execution" in start and "positions" not in start:
         errors.append(FieldError("start.execution", "needs a service with an executor; give positions"))
-    if isinstance(asked.get("release", {}).get("position"), dict):
-        errors.append(FieldError("release.position", "a tracked target is known to `POST /plan` of a service alone"))
+    for path in tracked_targets(asked):
+        errors.append(FieldError(f"{path}.position", "a tracked target is known to `POST /plan` of a service alone"))
     if errors:
         raise InvalidProblem(errors)
     X_WR = cell.X_WB if asked["frame"] == "base" else np.eye(4)  # R: the frame of the request
@@ -268,6 +267,33 @@ def problem_from_request(request: Mapping[str, Any], cell: Cell) -> ThrowProblem
         passages=passages,
         end=end_from_json(asked["end"], cell.home, X_WR) if "end" in asked else None,
     )
+
+
+def states_of(request: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    """Returns the states that a request asks for, by their fields: of its release, or of its passages but lines."""
+    found = {} if request.get("release") is None else {"release": request["release"]}
+    for i, each in enumerate(request.get("passages") or ()):
+        if each.get("state") is not None:
+            found[f"passages[{i}].state"] = each["state"]
+    return found
+
+
+def with_states(request: Mapping[str, Any], states: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """Returns a request with some of its states replaced, which are given by their fields, as of `states_of`."""
+    found = dict(request)
+    if "release" in states:
+        found["release"] = dict(states["release"])
+    if request.get("passages"):
+        known = {i: states.get(f"passages[{i}].state") for i in range(len(request["passages"]))}
+        found["passages"] = [
+            each if known[i] is None else {**each, "state": known[i]} for i, each in enumerate(request["passages"])
+        ]
+    return found
+
+
+def tracked_targets(request: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    """Returns the states of a request that name a tracked target in place of a position, by their fields."""
+    return {path: state for path, state in states_of(request).items() if isinstance(state.get("position"), Mapping)}
 
 
 def _grippers_in_motion(asked: Mapping[str, Any], start: Mapping[str, Any]) -> list[FieldError]:

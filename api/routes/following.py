@@ -33,6 +33,7 @@ from planner.answer import plan_from_document
 from planner.cell import Cell
 from planner.errors import CellError, PlannerError
 from planner.releases.target import KNOWN_OF_TRACKED
+from planner.request import states_of, with_states
 from planner.tracking import TargetObservation, TargetTrack
 from store import ExecutionRow, Store, StoreError, TrackedTargetRow
 
@@ -210,9 +211,16 @@ async def _replan(service: Service, target: TrackedTargetRow, caller: Caller, or
 def _request_again(throw: FollowedThrow, target_id: str, not_before_s: float) -> dict[str, Any]:
     """Returns the request of a plan, for where its target is now expected, with an earliest start [s]."""
     request = throw.summary["request"]
-    release = {name: value for name, value in request["release"].items() if name not in KNOWN_OF_TRACKED}
-    release["position"] = {"target": target_id, "height_m": throw.height_m}
-    return {**request, "release": release, "starts_not_before_s": max(not_before_s, request["starts_not_before_s"])}
+    (path,) = _tracked(request, target_id)
+    state = {name: value for name, value in states_of(request)[path].items() if name not in KNOWN_OF_TRACKED}
+    state["position"] = {"target": target_id, "height_m": throw.height_m}
+    starts_s = max(not_before_s, request["starts_not_before_s"])
+    return {**with_states(request, {path: state}), "starts_not_before_s": starts_s}
+
+
+def _tracked(request: Mapping[str, Any], target_id: str) -> dict[str, Mapping[str, Any]]:
+    """Returns the state of a request that throws at a tracked target, by its field; empty where none does."""
+    return {path: state for path, state in states_of(request).items() if state.get("tracked_target") == target_id}
 
 
 def _followed(
@@ -226,10 +234,11 @@ def _followed(
     joined = row.joined
     plan = service.store.plan_summary(joined[-1]["plan_id"] if joined else row.plan_id)
     summary = {} if plan is None else orjson.loads(plan.summary)
-    release = summary.get("request", {}).get("release", {})
+    asked = _tracked(summary.get("request", {}), target.id)
     odds = summary.get("hit_probability")
-    if plan is None or release.get("tracked_target") != target.id or "starts_at_s" not in summary or odds is None:
+    if plan is None or not asked or "starts_at_s" not in summary or odds is None:
         return None
+    (state,) = asked.values()
     try:
         now_s = controller_time_s(service, target.cell)
     except ProblemDetails:  # nobody executes anything
@@ -238,7 +247,7 @@ def _followed(
     lands_s = summary["starts_at_s"] + summary["release_time_s"] + summary["flight"]["time_of_flight_s"]
     if lands_s <= max(track.observed_at_s, now_s):
         return None
-    planned = _place(service, target.cell, summary["request"], lands_s)
+    planned = _place(service, target.cell, state, summary["request"]["frame"], lands_s)
     expected = track.after(lands_s - track.observed_at_s)
     if contradicting is not None and contradicting.observed_at_s > track.observed_at_s:
         elsewhere = replace(track, position=contradicting.position, velocity=contradicting.velocity or track.velocity)
@@ -257,11 +266,10 @@ def _followed(
     )
 
 
-def _place(service: Service, cell: str, request: Mapping[str, Any], at_s: float) -> Vector:
-    """Returns where a request's target is at a time [s], in the world (3,) [m]."""
-    release = request["release"]
-    place = np.array(release["position"]) + (at_s - release["observed_at_s"]) * np.array(release["velocity"])
-    X_WR = service.cell(cell).X_WB if request["frame"] == "base" else np.eye(4)
+def _place(service: Service, cell: str, state: Mapping[str, Any], frame: str, at_s: float) -> Vector:
+    """Returns where the target of a request's state is at a time [s], in the world (3,) [m]."""
+    place = np.array(state["position"]) + (at_s - state["observed_at_s"]) * np.array(state["velocity"])
+    X_WR = service.cell(cell).X_WB if frame == "base" else np.eye(4)
     return X_WR[:3, :3] @ place + X_WR[:3, 3]
 
 

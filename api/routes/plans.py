@@ -65,6 +65,7 @@ from planner.cell import Cell
 from planner.errors import CellError, PlannerError
 from planner.problem import UNCERTAIN_DEVIATIONS
 from planner.progress import Observer
+from planner.request import states_of, tracked_targets, with_states
 from planner.tracking import TargetTrack
 from store import ExecutionRow, IdempotencyKey, KeyTaken, PlanRow, ProfileRow, UnknownRow, new_id
 
@@ -353,36 +354,33 @@ def _profile(service: Service, cell: str, cell_sha256: str, id: str | None) -> P
 
 def target_moves(body: Mapping[str, Any]) -> bool:
     """Returns whether a request asks for a throw at a target that moves, or may, as it is tracked."""
-    if names_tracked_target(body):
+    if tracked_targets(body):
         return True
-    states = [body.get("release"), *(each.get("state") for each in body.get("passages", ()))]
-    asked = [state for state in states if state and "observed_at_s" in state]
+    asked = [state for state in states_of(body).values() if "observed_at_s" in state]
     return any("uncertainty" in state or any(state["velocity"]) for state in asked)
 
 
-def names_tracked_target(body: Mapping[str, Any]) -> bool:
-    """Returns whether a request names a tracked target in place of a position."""
-    return isinstance(body.get("release", {}).get("position"), Mapping)
-
-
 def _with_tracked_target(service: Service, request: dict[str, Any]) -> dict[str, Any]:
-    """Returns a request with the numbers of the tracked target that it names, as last observed.
+    """Returns a request with the numbers of the tracked targets that it names, as last observed.
 
     Raises:
         ProblemDetails: The cell has no such target.
     """
-    if not names_tracked_target(request):
-        return request
-    release = request["release"]
+    known = {path: _as_observed(service, request, path, state) for path, state in tracked_targets(request).items()}
+    return with_states(request, known) if known else request
+
+
+def _as_observed(service: Service, request: Mapping[str, Any], path: str, state: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns a state of a request with the numbers of the tracked target that it names."""
     try:
-        id = tracked_id(service, request["cell"], release["position"]["target"])
+        id = tracked_id(service, request["cell"], state["position"]["target"])
         row = service.store.target(request["cell"], id)
     except UnknownRow as error:
-        raise invalid_field("release.position.target", str(error)) from error
+        raise invalid_field(f"{path}.position.target", str(error)) from error
     track = TargetTrack.from_document(row.track)
     cell = service.cell(row.cell)
     x, y, _ = track.position
-    place = np.array([x, y, release["position"].get("height_m", _height_m(track, cell))])
+    place = np.array([x, y, state["position"].get("height_m", _height_m(track, cell))])
     X_RW = np.linalg.inv(cell.X_WB) if request["frame"] == "base" else np.eye(4)
     known = {
         "position": (X_RW[:3, :3] @ place + X_RW[:3, 3]).tolist(),
@@ -391,7 +389,7 @@ def _with_tracked_target(service: Service, request: dict[str, Any]) -> dict[str,
         "uncertainty": asdict(track.uncertainty),
         "tracked_target": row.id,
     }
-    return {**request, "release": {**release, **known}}
+    return {**state, **known}
 
 
 def tracked_id(service: Service, cell: str, id: str) -> str:

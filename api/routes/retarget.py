@@ -18,13 +18,13 @@ from api.routes.plans import (
     SEARCH_PROBLEMS,
     PlanOrder,
     WithTrajectory,
-    names_tracked_target,
     running_state,
     stored_plan,
     target_moves,
 )
 from api.schemas import RETARGET_EXAMPLES, PlanAnswer, RetargetRequestBody
 from planner.errors import FieldError, InvalidProblem
+from planner.request import states_of, tracked_targets
 from store import TICK_PASSED, AuditLine, ExecutionRow, PlanRow
 
 router = APIRouter(route_class=StrictJsonRoute, tags=["executions"])
@@ -64,8 +64,9 @@ async def retarget_motion(
     if reason is not None:
         raise ProblemDetails("robot-not-ready", reason, cell=name, fault=None if status is None else status.fault)
     if target_moves(body):
-        field = "release.position.target" if names_tracked_target(body) else "release.velocity"
-        field = field if "release" in body else "passages"
+        tracked = [f"{path}.position.target" for path in tracked_targets(body)]
+        moving = [f"{path}.velocity" for path, state in states_of(body).items() if "observed_at_s" in state]
+        (field, *_) = tracked or moving
         raise InvalidProblem([FieldError(field, "is for plans: a running motion waits for no target")])
     asked = PlanOrder({**body, "cell": name}, service, None, origin.request_id, gone, trajectory)
     attempt = _Retarget(asked, name, caller.name, origin.act(caller, "replace"))

@@ -213,6 +213,18 @@ _PASSAGES = {
     "end": {"kind": "home"},
 }
 
+_PASSING = {
+    "passages": [
+        {
+            "name": "picture",
+            "state": {"kind": "point", "position": [0.5, 0.3, 0.5], "velocity": [0.0, -0.4, 0.0]},
+            "outputs": [{"output": "standard_digital", "index": 2, "level": True}],
+        },
+        {"name": "throw", "state": _BELT["release"], "releases": True},
+    ],
+    "starts_not_before_s": 100.5,
+}
+
 _MOVING = {
     "start": {
         "positions": [0.0, -1.57, 1.57, -1.57, -1.57, 0.0],
@@ -248,6 +260,7 @@ PLAN_EXAMPLES = {
     "point": {"summary": "Release at a point with a velocity", "value": _POINT},
     "moving": {"summary": "Start in motion", "value": _MOVING},
     "passages": {"summary": "Trigger a camera over each of three parts in passing", "value": _PASSAGES},
+    "passing": {"summary": "Take a picture in passing, then throw into a bin on a belt", "value": _PASSING},
     "line": {"summary": "Lay a bead along a straight line", "value": _LINE},
 }
 EXECUTE_EXAMPLES = {"latest": {"summary": "Execute the newest plan (simulated cell)", "value": {"plan_id": "latest"}}}

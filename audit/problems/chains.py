@@ -19,6 +19,8 @@ SPEED_SHARE = 0.3  # [-] of the joints' limits, at most
 LINE_RAD = 0.25  # of a joint from one end of a line to the other, at most
 LINE_M_S = (0.05, 0.4)
 THROWN = ("joint", "point", "target", "bin")  # kinds of the throw in a chain
+MET = ("moving", "moving bin")  # and of one at a target that moves
+PASSAGE_S = 0.7  # from one passage to the next, about
 
 
 def chain_document(cell: Cell, kind: str, frame: Frame, rng: np.random.Generator) -> dict[str, Any] | None:
@@ -26,7 +28,8 @@ def chain_document(cell: Cell, kind: str, frame: Frame, rng: np.random.Generator
 
     Args:
         cell: the cell.
-        kind: states, lines, or throw: states, and lines, of which one state lets the object go.
+        kind: states, lines, or throw or meeting: states, and lines, of which one state lets the object go; in a
+            meeting at a target that moves.
         frame: of the request.
         rng: of the draws.
     """
@@ -37,19 +40,21 @@ def chain_document(cell: Cell, kind: str, frame: Frame, rng: np.random.Generator
         state = free_state(cell, q, rng, STEP_RAD, SPEED_SHARE)
         if state is None:
             return None
-        is_line = kind == "lines" or (kind == "throw" and rng.random() < 0.3)
+        is_line = kind == "lines" or (kind in ("throw", "meeting") and rng.random() < 0.3)
         passage = _passage(cell, state, is_line, frame, rng)
         if passage is None:
             return None
         passages.append({"name": f"p{number}", **passage})
         q = state.q
-    if kind == "throw":
-        thrown = release_document(cell, str(rng.choice(THROWN)), frame, rng)
+    if kind in ("throw", "meeting"):
+        thrown = release_document(cell, str(rng.choice(MET if kind == "meeting" else THROWN)), frame, rng)
         if thrown is None:
             return None
         at = int(rng.integers(0, count + 1))
         passages.insert(at, {"name": "throw", "state": thrown[0], "releases": True})
     _time(passages, rng)
+    if kind == "meeting":
+        _come_later(passages)
     request: dict[str, Any] = {"passages": passages}
     if rng.random() < 0.3:
         request["end"] = {"kind": str(rng.choice(["home", "rest"]))}
@@ -84,3 +89,12 @@ def _time(passages: list[dict[str, Any]], rng: np.random.Generator) -> None:
         at = int(rng.integers(len(passages)))
         name = str(rng.choice(["not_before_s", "at_s"]))
         passages[at][name] = float(rng.uniform(1.0, 2.0)) * (at + 1)
+
+
+def _come_later(passages: list[dict[str, Any]]) -> None:
+    """Moves a target that moves back, by its way while the passages before its throw are passed."""
+    at = next(number for number, each in enumerate(passages) if "releases" in each)
+    times = [each.get("at_s", each.get("not_before_s", 0.0)) for each in passages[: at + 1]]
+    later_s = max(PASSAGE_S * at, *times)
+    state = passages[at]["state"]
+    state["position"] = (np.array(state["position"]) - later_s * np.array(state["velocity"])).tolist()

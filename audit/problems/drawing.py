@@ -18,7 +18,7 @@ from planner.cell import Cell, ThrownBody
 
 Vector = NDArray[np.float64]
 
-GENERATOR = 1  # counts up whenever an index becomes another problem
+GENERATOR = 2  # counts up whenever an index becomes another problem
 PER_CELL = 8  # problems in a row that share a cell, which takes as long to draw as they do
 KINDS = {  # share of each kind of problem [-]
     "target": 4,
@@ -35,8 +35,11 @@ KINDS = {  # share of each kind of problem [-]
     "throw in a chain": 3,
     "start in motion": 3,
 }
+AMID = "moving target in a chain"
+AMID_SHARE = 0.5  # of moving targets
 RELEASE = {"robust target": "target", "landing axis": "axis", "moving target": "moving"}
-CHAINS = {"states": "states", "lines": "lines", "throw in a chain": "throw"}
+CHAINS = {"states": "states", "lines": "lines", "throw in a chain": "throw", AMID: "meeting"}
+MOVES = ("moving target", AMID)
 DRAWS = 4  # of a kind, before the problem is given up
 
 
@@ -45,7 +48,7 @@ class DrawnProblem:
     """A problem of the audit.
 
     Attributes:
-        kind: one of `KINDS`.
+        kind: one of `KINDS`, or `AMID`.
         files: of the cell.
         cell: that the planner reads from them.
         request: as of `POST /plan`; None where none was drawn: the arm has no room.
@@ -66,6 +69,8 @@ def drawn_problem(seed: int, index: int) -> DrawnProblem:
     shares = np.array(list(KINDS.values()), np.float64)
     kind = str(rng.choice(list(KINDS), p=shares / shares.sum()))
     kind = _possible(kind, cell)
+    if kind == "moving target" and rng.random() < AMID_SHARE:
+        kind = AMID
     request = None
     for _ in range(DRAWS):
         request = _request(cell, kind, rng)
@@ -106,11 +111,11 @@ def _request(cell: Cell, kind: str, rng: np.random.Generator) -> dict[str, Any] 
 def _further(cell: Cell, kind: str, rng: np.random.Generator) -> dict[str, Any]:
     """Returns window, limits, back end and earliest start of a request."""
     found: dict[str, Any] = {}
-    if kind in ("target", "landing axis", "moving target", "throw in a chain", "start in motion"):
+    if kind in ("target", "landing axis", *MOVES, "throw in a chain", "start in motion"):
         found["release_window_s"] = 0.0
     if kind in ("joint", "pose", "point", "states") and rng.random() < 0.3:
         found["backend"] = "ruckig"  # which reaches its limits in another way
-    if kind == "moving target":
+    if kind in MOVES:
         found["starts_not_before_s"] = 1000.5
     if rng.random() < 0.2:
         found["limits"] = limits_document(cell, rng)

@@ -66,7 +66,7 @@ def release_document(
 
     Args:
         cell: the cell.
-        kind: joint, pose, point, rest, target, bin, axis (a body lands along one) or moving (a target).
+        kind: joint, pose, point, rest, target, bin, axis (a body lands along one), moving (a target) or moving bin.
         frame: of the request.
         rng: of the draws.
     """
@@ -96,7 +96,7 @@ def _target(cell: Cell, kind: str, state: DrawnState, frame: Frame, rng: np.rand
         return None
     place = np.array([*landed[0][:2], height])
     found: dict[str, Any] = {"kind": "target", "position": frame.point(place)}
-    if kind == "bin":
+    if kind in ("bin", "moving bin"):
         wide = _widest(cell)
         found["opening"] = {
             "radius_m": wide + float(rng.uniform(0.03, 0.15)),
@@ -107,7 +107,7 @@ def _target(cell: Cell, kind: str, state: DrawnState, frame: Frame, rng: np.rand
             "axis": frame.vector(rng.normal(size=3)),
             "tolerance_rad": float(rng.uniform(0.3, 1.2)),
         }
-    if kind == "moving":
+    if kind in ("moving", "moving bin"):
         way = rng.uniform(-1.0, 1.0, 2)
         v = np.array([*(way * rng.uniform(0.05, MOVING_M_S) / max(float(np.linalg.norm(way)), 1e-3)), 0.0])
         found |= {"velocity": frame.vector(v), "position": frame.point(place - MOVING_S * v), "observed_at_s": SEEN_S}

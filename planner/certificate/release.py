@@ -16,7 +16,7 @@ from planner.certificate.samples import ArmSamples, MotionSamples
 from planner.certificate.touchdown import LandingCells, prove, touchdowns_of
 from planner.flight import Flight, LandingStates, fly, landing_states
 from planner.geometry import ToolState, tool_state
-from planner.problem import SWEPT_S, ThrowProblem
+from planner.problem import ThrowProblem
 from planner.releases import Bound, Release, ReleaseSample
 from planner.rotations import pose
 from planner.trajectory import Trajectory
@@ -132,9 +132,25 @@ def landing(motion: MotionSamples) -> Check | None:
     if target.moves and problem.starts_at_s is not None:
         there = target.p_W + (problem.starts_at_s + lands_s - target.at_s) * target.v_W
     miss = float(np.linalg.norm(flight.landing_point - there))
-    before_s, after_s = SWEPT_S
-    in_time = not target.moves or (lands_s <= before_s and motion.trajectory.duration_s - lands_s <= after_s)
-    return at_most("landing", miss, LANDING_TOLERANCE_M, "m", released_s).provided(in_time)
+    if target.moves and (late := _while_kept_clear(problem, lands_s, motion.trajectory.duration_s)) is not None:
+        return late
+    return at_most("landing", miss, LANDING_TOLERANCE_M, "m", released_s)
+
+
+def _while_kept_clear(problem: ThrowProblem, lands_s: float, ends_s: float) -> Check | None:
+    """Returns the refusal of a motion that is not over while the arm keeps out of the path of the target; else None.
+
+    Args:
+        problem: with a target that moves.
+        lands_s, ends_s: landing and end of the motion, from its start [s].
+    """
+    before_s, after_s = problem.swept_s
+    path = "the arm keeps out of the target's path for so long"
+    if lands_s > before_s:
+        return at_most("landing", lands_s, before_s, "s", lands_s, f"from the start to the landing: {path}")
+    if ends_s - lands_s > after_s:
+        return at_most("landing", ends_s - lands_s, after_s, "s", ends_s, f"from the landing to rest: {path}")
+    return None
 
 
 def landing_axis(motion: MotionSamples) -> Check | None:

@@ -11,7 +11,7 @@ import pytest
 
 from api.leads import Leads
 from tests.api.conftest import FakeExecutor, RunningService
-from tests.api.test_targets import BIN, NOW_S, PATH, PLACE, STD_M, VELOCITY
+from tests.api.test_targets import BIN, CAMERA, NOW_S, PATH, PLACE, STD_M, VELOCITY
 
 FIRST = {"velocity_std_m_s": 0.004, "drift_m_s": 0.001}
 FASTER_M_S = 0.018  # four deviations: 12 cm until the landing
@@ -29,14 +29,18 @@ def told(after_s: float, off_m_s: float = 0.0) -> dict[str, Any]:
 class FakeThrow:
     """An execution of a plan to a tracked bin; the controller's time is what the test says."""
 
-    def __init__(self, service: RunningService, executor: FakeExecutor, starts_in_s: float) -> None:
+    def __init__(
+        self, service: RunningService, executor: FakeExecutor, starts_in_s: float, before: tuple[Any, ...] = ()
+    ) -> None:
         self.service = service
         self.executor = executor
         self.at(NOW_S + 0.1)
         first = {**told(0.0), **FIRST}
         self.target = service.client.post(PATH, json=first).json()["id"]
         release = {"kind": "target", "position": {"target": self.target}, "opening": BIN}
-        made = service.client.post("/plan", json={"release": release, "starts_not_before_s": NOW_S + starts_in_s})
+        passages = [*before, {"name": "throw", "state": release, "releases": True}]
+        asked = {"passages": passages} if before else {"release": release}
+        made = service.client.post("/plan", json={**asked, "starts_not_before_s": NOW_S + starts_in_s})
         assert made.status_code == 201, made.text
         self.plan = made.json()
         self.id = service.client.post("/execute", json={"plan_id": self.plan["id"]}).json()["id"]
@@ -73,6 +77,17 @@ def soon(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def throw(service: RunningService, executor: FakeExecutor) -> Iterator[FakeThrow]:
     yield FakeThrow(service, executor, 6.0)
+    forget(service)
+
+
+@pytest.fixture
+def passing(service: RunningService, executor: FakeExecutor) -> Iterator[FakeThrow]:
+    """A throw after a passage."""
+    yield FakeThrow(service, executor, 4.5, (CAMERA,))
+    forget(service)
+
+
+def forget(service: RunningService) -> None:
     service.store.close_open_executions("ur5e-sim")
     for row in service.store.targets_of_cell("ur5e-sim"):
         service.store.delete_target("ur5e-sim", row.id)
@@ -120,6 +135,21 @@ def test_a_waiting_throw_is_planned_again_for_where_the_target_is_now_expected(t
     assert throw.events[0]["miss_m"] > 0.2 * throw.events[0]["room_m"]
     assert throw.events[-1]["miss_m"] < 0.2 * throw.events[-1]["room_m"]  # of the new plan
     assert not throw.row.abort_requested_at
+
+
+def test_a_waiting_throw_after_a_passage_is_planned_again(passing: FakeThrow, soon: None) -> None:
+    passing.service.store.set_state(passing.id, "approaching")
+    passing.observe(0.5, CLOSER_M_S)
+    made = passing.service.client.get(f"/plans/{answered(passing, '')['plan_id']}").json()
+    camera, throw = made["request"]["passages"]
+    assert camera == passing.plan["request"]["passages"][0]
+    assert throw["state"]["tracked_target"] == passing.target
+    assert throw["state"]["observed_at_s"] == NOW_S + 0.5
+    assert throw["state"]["opening"] == passing.plan["request"]["passages"][1]["state"]["opening"]
+    lands_s = made["starts_at_s"] + made["release_time_s"] + made["flight"]["time_of_flight_s"]
+    there = PLACE + (lands_s - NOW_S) * (VELOCITY + np.array([0.0, CLOSER_M_S, 0.0]))
+    (before, *_) = [each for each in passing.events if each["miss_m"] > 0.2 * each["room_m"]]
+    assert np.linalg.norm(np.array(made["flight"]["landing_point"][:2]) - there[:2]) < before["miss_m"]
 
 
 @pytest.mark.parametrize("state", ["approaching", "streaming"])

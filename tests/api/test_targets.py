@@ -178,6 +178,45 @@ def test_a_plan_to_a_tracked_target_holds_its_numbers(service: RunningService, c
     assert document["hit_probability"]["value"] < other["hit_probability"]["value"]
 
 
+CAMERA = {"name": "camera", "state": {"kind": "point", "position": [0.5, 0.3, 0.5], "velocity": [0.0, -0.4, 0.0]}}
+
+
+def test_a_passage_throws_at_a_tracked_target(service: RunningService, clock: FakeExecutor, no_targets: None):
+    known = observe(service, 31)
+    state = {"kind": "target", "position": {"target": known["id"]}, "opening": BIN}
+    body = {"passages": [CAMERA, {"name": "throw", "state": state, "releases": True}]}
+    made = service.client.post("/plan", json=body)
+    assert made.status_code == 201, made.text
+    document = made.json()
+    camera, throw = document["passages"]
+    assert camera["time_s"] < throw["time_s"] == document["release_time_s"]
+    assert document["request"]["passages"][0]["state"] == CAMERA["state"]
+    asked = document["request"]["passages"][1]["state"]
+    assert asked["tracked_target"] == known["id"]
+    assert asked["observed_at_s"] == known["observed_at_s"]
+    lands_s = document["starts_at_s"] + document["release_time_s"] + document["flight"]["time_of_flight_s"]
+    there = np.array(asked["position"]) + (lands_s - known["observed_at_s"]) * np.array(known["velocity"])
+    np.testing.assert_allclose(document["flight"]["landing_point"], there, atol=5e-4)
+    assert 0.0 < document["hit_probability"]["value"] <= 1.0
+
+
+def test_passages_that_cannot_have_a_tracked_target_are_refused_by_field(
+    service: RunningService, clock: FakeExecutor, no_targets: None
+):
+    position = {"target": observe(service, 31)["id"]}
+    throw = {"name": "throw", "state": {"kind": "target", "position": position}, "releases": True}
+    unknown = {**throw, "state": {"kind": "target", "position": {"target": NO_ID}}}
+    field = "passages[1].state.position"
+    for path, body, refused in (
+        ("/plan", {"passages": [CAMERA, unknown]}, f"{field}.target"),
+        ("/plan", {"passages": [CAMERA, {**throw, "releases": False}]}, "passages[1].releases"),
+        ("/batches", {"requests": [{"passages": [CAMERA, throw]}]}, f"requests[0].{field}"),
+        ("/cells/ur5e-sim/retarget", {"passages": [CAMERA, throw]}, f"{field}.target"),
+    ):
+        answer = problem_of(service.client.post(path, json=body), 422, "invalid-request")
+        assert [each["field"] for each in answer["errors"]] == [refused], answer
+
+
 def _track_of(answer: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in answer.items() if name not in ("id", "cell", "created_at", "created_by")}
 

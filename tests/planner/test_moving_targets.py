@@ -184,6 +184,46 @@ def test_a_motion_of_passages_throws_at_a_target_that_moves() -> None:
     assert not certify(later, motion).valid
 
 
+def test_passages_before_and_after_the_throw_keep_their_times_from_the_start() -> None:
+    """The bin is out of reach while the camera has not been passed, and the arm goes on for seconds after it."""
+    sideways = {"kind": "point", "position": [0.5, 0.3, 0.5], "velocity": [0.0, -0.4, 0.0]}
+    coming = {**ACROSS, "position": [1.1, -1.5, 0.0], "opening": BIN}
+    passages = [
+        {"name": "camera", "state": sideways, "at_s": 2.0},
+        {"name": "throw", "state": coming, "releases": True},
+        {"name": "again", "state": sideways, "not_before_s": 6.0},
+    ]
+    asked = {"passages": passages, "starts_not_before_s": SEEN_S + 0.5}
+    chained = plan(problem_from_request(asked, cell()))
+    assert find_faults(chained.problem, chained.trajectory) == []
+    document = plan_document(chained, asked, "", "")
+    camera, throw, again = document["passages"]
+    assert camera["time_s"] == pytest.approx(2.0)
+    assert again["time_s"] >= 6.0
+    lands_s = document["starts_at_s"] + throw["time_s"] + document["flight"]["time_of_flight_s"]
+    assert again["time_s"] - (lands_s - document["starts_at_s"]) > SWEPT_S[1]
+    there = np.array(coming["position"]) + (lands_s - SEEN_S) * np.array(coming["velocity"])
+    np.testing.assert_allclose(document["flight"]["landing_point"], there, atol=5e-4)
+
+
+@pytest.mark.parametrize(("before_s", "after_s"), [(SWEPT_S[0], 0.0), (0.0, 2.0 * SWEPT_S[1])])
+def test_a_motion_outlasts_no_way_that_the_arm_keeps_clear(found: Plan, before_s: float, after_s: float) -> None:
+    """Held at rest before the launch, or at its end, the same throw is refused by how much too long it takes."""
+    motion = found.trajectory
+    counts = [round(s * motion.sample_rate_hz) for s in (before_s, after_s)]
+    q, qd, qdd = (np.pad(x, (counts, (0, 0)), mode="edge") for x in (motion.q, motion.qd, motion.qdd))
+    release_index = motion.release_index + counts[0]
+    held = replace(motion, q=q, qd=qd, qdd=qdd, release_index=release_index)
+    assert found.problem.starts_at_s is not None
+    earlier = replace(found.problem, starts_at_s=found.problem.starts_at_s - counts[0] * motion.dt)
+    refused = next(each for each in certify(earlier, held).checks if each.name == "landing")
+    flight = plan_document(found, {}, "", "")["flight"]["time_of_flight_s"]
+    lands_s = held.release_time_s + flight
+    limit_s, takes_s = (SWEPT_S[0], lands_s) if before_s else (SWEPT_S[1], held.duration_s - lands_s)
+    assert (refused.ok, refused.unit, refused.limit) == (False, "s", limit_s)
+    assert refused.value == pytest.approx(takes_s, abs=1e-6)
+
+
 def test_a_request_is_written_as_it_was_read() -> None:
     problem = problem_from_request(request(ACROSS), cell())
     again = problem_from_request(request_document(problem, problem.release), cell())
@@ -287,7 +327,7 @@ def test_what_names_or_doubts_a_target_wrongly_is_refused_by_its_field(release: 
         problem_from_request({"release": release, "starts_not_before_s": SEEN_S}, cell())
 
 
-def test_a_tracked_target_is_no_passage() -> None:
+def test_a_tracked_target_of_a_passage_is_known_to_a_service_alone() -> None:
     passages = [{"name": "throw", "state": {"kind": "target", "position": {"target": "some"}}, "releases": True}]
     with pytest.raises(InvalidProblem, match=r"passages\[0\].state.position"):
         problem_from_request({"passages": passages}, cell())

@@ -24,6 +24,8 @@ from tests.planner.problems import cell
 from tests.planner.two_grippers import LEFT, TARGETS, cell_of_two, two_throws
 
 G = 9.81
+SEEN_S = 100.0
+BELT_M_S = np.array([0.0, 0.2, 0.0])
 
 
 @pytest.fixture(scope="module")
@@ -221,7 +223,20 @@ def test_a_passage_that_lets_nothing_go_is_one_of_the_own_gripper(here: Cell) ->
                 }
             },
             "passages[1].state.velocity",
-            "a target that moves is not supported yet",
+            "is met by the object that leaves first",
+        ),
+        (
+            {
+                "state": {
+                    "kind": "target",
+                    "position": [1.1, -0.2, 0.0],
+                    "velocity": [0.0, 0.0, 0.0],
+                    "observed_at_s": 1.0,
+                    "uncertainty": {"position_std_m": 0.001, "velocity_std_m_s": 0.0},
+                }
+            },
+            "passages[1].state.uncertainty",
+            "has no odds",
         ),
     ],
 )
@@ -229,6 +244,26 @@ def test_what_cannot_be_is_refused_by_field(here: Cell, change: dict[str, Any], 
     request = two_throws()
     request["passages"][1] = {**request["passages"][1], **change}
     assert any(name == field and words in reason for name, reason in refused(request, here))
+
+
+def test_the_first_object_meets_a_target_that_moves(here: Cell) -> None:
+    request = two_throws(starts_not_before_s=SEEN_S + 0.5)
+    place = np.array(TARGETS[""]) - 1.5 * BELT_M_S
+    moves = {"position": place.tolist(), "velocity": BELT_M_S.tolist(), "observed_at_s": SEEN_S}
+    request["passages"][0]["state"] |= moves
+    found = plan(problem_from_request(request, here))
+    for part in found.problem.parts:
+        assert find_faults(part.problem, part.of(found.trajectory)) == []
+    document = plan_document(found, request, "", "")
+    first, second = (each["flight"] for each in document["passages"])
+    lands_s = document["starts_at_s"] + document["release_time_s"] + first["time_of_flight_s"]
+    there = place + (lands_s - SEEN_S) * BELT_M_S
+    np.testing.assert_allclose(first["landing_point"], there, atol=5e-4)
+    np.testing.assert_allclose(second["landing_point"], TARGETS["left"], atol=5e-4)
+    problem, motion = plan_from_document(document, here)
+    assert certify(problem, motion).valid
+    late, _ = plan_from_document({**document, "starts_at_s": document["starts_at_s"] + 0.02}, here)
+    assert not certify(late, motion).valid
 
 
 def test_what_is_not_supported_with_several_is_refused(here: Cell) -> None:

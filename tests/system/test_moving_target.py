@@ -10,7 +10,7 @@ import pytest
 from planner.answer import plan_document
 from planner.planning import plan
 from planner.problem import SWEPT_S
-from planner.request import problem_from_request
+from planner.request import problem_from_request, states_of, with_states
 from store import ExecutionRow, new_id
 from tests.system.rig import Rig
 
@@ -31,11 +31,20 @@ def planned(rig: Rig, starts_in_s: float) -> dict[str, Any]:
     request = {"cell": "rig", "release": release, "starts_not_before_s": 0.0}
     found = plan(problem_from_request(request, rig.cell))
     document = plan_document(found, request, new_id(), "2026-01-01T00:00:00Z")
-    later_s = rig.state()["t"] + starts_in_s - document["starts_at_s"]
-    moved = {**request, "release": {**release, "observed_at_s": later_s}, "starts_not_before_s": later_s}
-    document |= {"request": moved, "starts_at_s": document["starts_at_s"] + later_s}
+    document = begun_later(document, rig.state()["t"] + starts_in_s - document["starts_at_s"])
     rig.add_plan(document)
     return document
+
+
+def begun_later(document: dict[str, Any], later_s: float) -> dict[str, Any]:
+    """Returns a plan as if all of its request had been so much later."""
+    asked = document["request"]
+    states = {path: dict(state) for path, state in states_of(asked).items()}
+    for state in states.values():
+        if "observed_at_s" in state:
+            state["observed_at_s"] += later_s
+    moved = {**with_states(asked, states), "starts_not_before_s": asked["starts_not_before_s"] + later_s}
+    return {**document, "request": moved, "starts_at_s": document["starts_at_s"] + later_s}
 
 
 def thrown(rig: Rig, starts_in_s: float) -> tuple[dict[str, Any], ExecutionRow]:

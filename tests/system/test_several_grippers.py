@@ -10,13 +10,19 @@ import numpy as np
 import pytest
 
 from executor.streaming.state_checks import OUTPUT_SHIFT
+from planner.answer import plan_document
+from planner.planning import plan
+from planner.request import problem_from_request
+from store import new_id
 from tests.planner.two_grippers import TARGETS, two_grippers, two_throws
 from tests.system.rig import Rig
+from tests.system.test_moving_target import READY_S, begun_later
 from tests.system.test_passages import stored
 
 HIDDEN_DELAYS_S = {"": 0.044, "left": 0.033}  # of the true grippers: later than the cell file says
 LANDED_M = 0.01  # of 0.5 s of flight at 2 m/s, on an arm that follows its plan
 TICK_S = 0.002
+BELT_M_S = np.array([0.0, 0.2, 0.0])
 
 
 class LoadedRig(Rig):
@@ -61,6 +67,27 @@ def test_two_balls_land_at_their_two_targets(rig: Rig, mode: str) -> None:
         state = rig.state()
         assert state["gripper_holds"] is None
         assert state["grippers_hold"] == {"left": None}
+    finally:
+        rig.stop()
+
+
+def test_the_first_ball_meets_a_target_that_moves(rig: Rig) -> None:
+    try:
+        rig.start()
+        request = {"cell": "rig", **two_throws(starts_not_before_s=0.0)}
+        moves = {"position": (np.array(TARGETS[""]) - BELT_M_S).tolist(), "velocity": BELT_M_S.tolist()}
+        request["passages"][0]["state"] |= {**moves, "observed_at_s": 0.0}
+        found = plan(problem_from_request(request, rig.cell))
+        document = plan_document(found, request, new_id(), "2026-01-01T00:00:00Z")
+        document = begun_later(document, rig.state()["t"] + READY_S - document["starts_at_s"])
+        rig.add_plan(document)
+        row = rig.end(rig.queue_plan(document["id"]))
+        assert row.outcome == "completed", row.reason
+        landed = {each.get("gripper", ""): each for each in rig.world()["landings"] if each["bounce"] == 0}
+        asked = document["request"]["passages"][0]["state"]
+        there = np.array(asked["position"]) + (landed[""]["t"] - asked["observed_at_s"]) * BELT_M_S
+        for name, target in {"": there, "left": TARGETS["left"]}.items():
+            assert np.linalg.norm(np.array(landed[name]["position_m"]) - target) < LANDED_M
     finally:
         rig.stop()
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
 
+from executor.streaming.state_checks import OUTPUT_SHIFT
 from tests.system.rig import Rig
 from tests.system.service import RigService
 
@@ -18,6 +20,13 @@ SPEED_M_S = 0.3
 READY_S = 16.0  # [s] from the first observation to the earliest start: a busy machine takes some to plan
 WAITS_S = 8.5  # [s] before the start, at which the plan is executed: an arm waits for 9 at most
 LANDING_M = 0.008
+FLASH_S = 0.03
+FLASH = [{"output": "standard_digital", "index": 5, "level": i == 0, "offset_s": FLASH_S * i} for i in range(2)]
+CAMERA = {
+    "name": "camera",
+    "state": {"kind": "point", "position": [0.5, 0.3, 0.5], "velocity": [0.0, -0.4, 0.0]},
+    "outputs": FLASH,
+}
 TARGETS = "/cells/rig/targets"
 
 
@@ -41,25 +50,38 @@ def seen(rig: Rig, begun_s: float, speed_m_s: float, velocity_std_m_s: float) ->
     return {"position": place, "std_m": 0.002, "observed_at_s": now_s, **velocity}
 
 
-def waiting_throw(rig: Rig, service: RigService) -> tuple[float, dict[str, Any], dict[str, Any], str]:
-    """Tracks a bin, and queues a throw into it that waits; returns when it was first seen, bin, plan and execution."""
+def waiting_throw(
+    rig: Rig, service: RigService, before: tuple[dict[str, Any], ...] = ()
+) -> tuple[float, dict[str, Any], dict[str, Any], str]:
+    """Tracks a bin, and queues a throw into it that waits; returns when it was first seen, bin, plan and execution.
+
+    Args:
+        rig: the cell.
+        service: its service.
+        before: passages before the throw.
+    """
     rig.throw_when_ready()  # to near home
     begun_s = rig.state()["t"]
     first = {**seen(rig, begun_s, SPEED_M_S, 0.001), "drift_m_s": 0.0003}
     target = service.http.post(TARGETS, json=first).json()
     release = {"kind": "target", "position": {"target": target["id"]}, "opening": BIN}
-    body = {"cell": "rig", "release": release, "starts_not_before_s": begun_s + READY_S}
-    made = service.http.post("/plan", json=body)
+    passages = [*before, {"name": "throw", "state": release, "releases": True}]
+    asked = {"passages": passages} if before else {"release": release}
+    made = service.http.post("/plan", json={"cell": "rig", **asked, "starts_not_before_s": begun_s + READY_S})
     assert made.status_code == 201, made.text
-    rig.until(lambda: rig.state()["t"] > made.json()["starts_at_s"] - WAITS_S)
+    later_s = made.json()["release_time_s"] if before else 0.0  # wait and motion take no more than the arm waits
+    rig.until(lambda: rig.state()["t"] > made.json()["starts_at_s"] - WAITS_S + later_s)
     id = service.execute(made.json()["id"])
     rig.until(lambda: rig.row(id).state in ("approaching", "finished"))
     assert rig.row(id).state == "approaching", rig.row(id)
     return begun_s, target, made.json(), id
 
 
-def test_a_waiting_throw_is_planned_again_to_where_the_bin_passes(rig: Rig, service: RigService) -> None:
-    begun_s, target, first, id = waiting_throw(rig, service)
+@pytest.mark.parametrize("before", [(), (CAMERA,)])
+def test_a_waiting_throw_is_planned_again_to_where_the_bin_passes(
+    rig: Rig, service: RigService, before: tuple[dict[str, Any], ...]
+) -> None:
+    begun_s, target, first, id = waiting_throw(rig, service, before)
     real_m_s = SPEED_M_S + 0.0025  # the first velocity was two and a half deviations off: 4 cm until the landing
     path = f"{TARGETS}/{target['id']}/observations"
 
@@ -74,13 +96,28 @@ def test_a_waiting_throw_is_planned_again_to_where_the_bin_passes(rig: Rig, serv
     assert row.joined, row.replacements
     second = service.http.get(f"/plans/{row.joined[-1]['plan_id']}").json()
     assert second["starts_at_s"] != first["starts_at_s"]
-    assert second["request"]["release"]["tracked_target"] == target["id"]
+    asked = second["request"]["passages"][-1]["state"] if before else second["request"]["release"]
+    assert asked["tracked_target"] == target["id"]
+    if before:
+        flashed(rig, second)
     landing = rig.world()["landings"][-1]
     there = place_at(landing["t"] - begun_s, real_m_s)
     assert np.linalg.norm(np.array(landing["position_m"][:2]) - there) < LANDING_M
     told = [event.data for event in rig.store.events(id, limit=10_000) if event.kind == "target"]
     assert told[0]["miss_m"] > 0.2 * ROOM_M
     assert not any(each["stopped"] for each in told)
+
+
+def flashed(rig: Rig, plan: dict[str, Any]) -> None:
+    """Asserts that the camera's output changed as a plan has it, on the controller's clock and within two ticks.
+
+    One is that of the start, one that of the edge.
+    """
+    planned_s = [plan["starts_at_s"] + edge["edge_time_s"] for edge in plan["passages"][0]["outputs"]]
+    bit = 1 << OUTPUT_SHIFT["standard_digital"] + 5
+    changes = rig.state()["output_changes"]
+    switched = [t for (_, was), (t, now) in pairwise(changes) if (was ^ now) & bit]
+    np.testing.assert_allclose(switched[-2:], planned_s, atol=2.0 / plan["sample_rate_hz"])
 
 
 def test_nothing_is_thrown_at_a_bin_that_is_gone(rig: Rig, service: RigService) -> None:
