@@ -23,6 +23,7 @@ from benchmarks.mutations import certified_plans, mutations
 from benchmarks.results import add_row, kept_rows
 from planner.cell import Cell
 from planner.errors import Infeasible, InvalidProblem, SolverFailed
+from planner.passages import passed_documents
 from planner.planning import plan
 from planner.problem import ThrowProblem
 from planner.request import request_document
@@ -41,7 +42,8 @@ def document_of(problem: ThrowProblem, trajectory: Trajectory) -> tuple[dict[str
         "cell_sha256": cell.sha256,
         "request": request_document(problem, problem.release),
         "sample_rate_hz": trajectory.sample_rate_hz,
-        "release": {"index": trajectory.release_index},
+        "release": {"index": trajectory.release_index} if problem.throws or not problem.passages else None,
+        "passages": passed_documents(problem.cell, problem.passages, trajectory) if problem.passages else [],
         "trajectory": {
             "positions": trajectory.q.tolist(),
             "velocities": trajectory.qd.tolist(),
