@@ -80,20 +80,23 @@ def _check_passages(passages: Sequence[Mapping[str, Any]]) -> None:
         where = f"passages[{number}]"
         if not isinstance(each["name"], str) or ("state" in each) == ("line" in each):
             raise NotAPlan(f"{where}: states neither a state nor a line, or both, or has no name")
-        if "state" in each:
-            _check_release(each["state"])
-        else:
-            _check_line(each["line"], f"{where}.line")
-        if each.get("releases"):
-            if "line" in each:
-                raise NotAPlan(f"{where}.releases: of a line, which lets nothing go")
-        elif "state" in each and each["state"]["kind"] == "target":
-            raise NotAPlan(f"{where}.state: a target, of a passage that lets nothing go")
+        _check_state_or_line(each, where)
         _check_times(each, where)
     if len({each["name"] for each in passages}) < len(passages):
         raise NotAPlan("passages: two have one name")
     if sum(each.get("releases") is True for each in passages) > 1:
         raise NotAPlan("passages: two let the object go")
+
+
+def _check_state_or_line(each: Mapping[str, Any], where: str) -> None:
+    if "state" in each:
+        _check_release(each["state"])
+    else:
+        _check_line(each["line"], f"{where}.line")
+    # A line lets nothing go, and a target is what something is let go for.
+    kind = "line" if "line" in each else each["state"]["kind"]
+    if (kind == "line" and each.get("releases")) or (kind == "target" and not each.get("releases")):
+        raise NotAPlan(f"{where}.releases: of a {kind}")
 
 
 def _check_times(passage: Mapping[str, Any], where: str) -> None:

@@ -78,8 +78,8 @@ def _made(cell: Cell, motion: SampledMotion, demands: Demands) -> Iterator[Findi
     """Yields what is found of each check that can be made."""
     arm = ArmPieces(cell, all_pieces(motion))
     yield from joint_findings(cell, motion, demands, arm)
+    yield from passage_findings(cell, motion, demands)
     yield from load_findings(cell, motion, demands, arm)
     yield from clearance_findings(cell, motion, demands, arm)
-    yield from passage_findings(cell, motion, demands)
     for check in (release_findings, landing_findings, flight_findings, exit_findings):
         yield from check(cell, motion, demands)
