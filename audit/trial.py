@@ -14,8 +14,9 @@ import numpy as np
 from audit.judge import AuditFault, find_faults, worst_margins
 from audit.problems import DrawnProblem, drawn_problem
 from planner.errors import Infeasible, InvalidProblem, PlannerError, SolverFailed
+from planner.passages import passed_documents
 from planner.planning import SearchHints, plan
-from planner.problem import TIME_LIMIT_MAX_S
+from planner.problem import TIME_LIMIT_MAX_S, ThrowProblem
 from planner.request import problem_from_request
 from planner.trajectory import Trajectory
 from verifier import Status, findings
@@ -124,7 +125,7 @@ def tried(task: AuditTask, observer: object = None) -> Trial:
     with worst_margins() as worst:
         faults = find_faults(made.problem, made.trajectory, STEP_S, drawn.beyond)
     watch.lap("judge")
-    unproven = _unproven(drawn, made.trajectory) if task.is_proven else None
+    unproven = _unproven(drawn, made.problem, made.trajectory) if task.is_proven else None
     watch.lap("prove")
     return Trial(
         **about,
@@ -145,7 +146,7 @@ def samples_sha256(motion: Trajectory) -> str:
     return hashlib.sha256(b"".join(np.ascontiguousarray(each, "<f8").tobytes() for each in arrays)).hexdigest()
 
 
-def plan_document(drawn: DrawnProblem, motion: Trajectory) -> dict[str, Any]:
+def plan_document(drawn: DrawnProblem, problem: ThrowProblem, motion: Trajectory) -> dict[str, Any]:
     """Returns what the document of a plan says of its motion."""
     request = drawn.request or {}
     throws = "release" in request or any(each.get("releases") for each in request.get("passages", ()))
@@ -155,6 +156,7 @@ def plan_document(drawn: DrawnProblem, motion: Trajectory) -> dict[str, Any]:
         "request": request,
         "sample_rate_hz": motion.sample_rate_hz,
         "release": {"index": motion.release_index} if throws else None,
+        "passages": passed_documents(drawn.cell, problem.passages, motion) if problem.passages else [],
         "trajectory": {
             "positions": motion.q.tolist(),
             "velocities": motion.qd.tolist(),
@@ -174,9 +176,9 @@ def _told(faults: Sequence[AuditFault]) -> tuple[str, ...]:
     )
 
 
-def _unproven(drawn: DrawnProblem, motion: Trajectory) -> list[Any]:
+def _unproven(drawn: DrawnProblem, problem: ThrowProblem, motion: Trajectory) -> list[Any]:
     """Returns the verifier's findings that are not proven."""
-    return [f for f in findings(plan_document(drawn, motion), drawn.cell) if f.status is not Status.PROVEN]
+    return [f for f in findings(plan_document(drawn, problem, motion), drawn.cell) if f.status is not Status.PROVEN]
 
 
 def _proof(unproven: list[Any] | None) -> str:

@@ -3,16 +3,20 @@
 `python -m benchmarks.proofs --count 2000 [--cells 50] [--resume]`. Plans are those of `benchmarks.mutations`, of all
 arms and kinds of release in cells with every limit, and those of the audit's problems, in turns. Of the first every
 limit is drawn inside what the plan needs: a thousandth of its peak, or a millimetre. The verifier has to refuse each.
+With `--chains` they are the audit's motions of passages, and what is wrong is a passage: a millimetre or a milliradian
+off, a hundredth too fast, or a tick late.
 """
 
 from __future__ import annotations
 
 import argparse
+import copy
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, zip_longest
+from itertools import count as numbers
 from pathlib import Path
 from typing import Any
 
@@ -22,14 +26,17 @@ from benchmarks.audit import drawn_tasks
 from benchmarks.mutations import certified_plans, mutations
 from benchmarks.results import add_row, kept_rows
 from planner.cell import Cell
-from planner.errors import Infeasible, InvalidProblem, SolverFailed
-from planner.planning import plan
+from planner.errors import Infeasible, InvalidProblem, PlannerError, SolverFailed
+from planner.passages import passed_documents
+from planner.planning import SearchHints, plan
 from planner.problem import ThrowProblem
-from planner.request import request_document
+from planner.request import problem_from_request, request_document
 from planner.trajectory import Trajectory
 from verifier import Status, findings
 
 INSIDE = 1e-3  # [-] of a peak, or [m, rad], by which a limit is drawn inside it
+SLOW = 0.05  # [m/s, rad/s] of which a hundredth is more than twice what is allowed of a velocity
+QUICK = SearchHints(offers_nearest=False)  # the nearest request is most of a refusal's time
 ROWS = Path(__file__).parents[1] / "build" / "benchmarks" / "proofs.jsonl"
 
 
@@ -41,7 +48,8 @@ def document_of(problem: ThrowProblem, trajectory: Trajectory) -> tuple[dict[str
         "cell_sha256": cell.sha256,
         "request": request_document(problem, problem.release),
         "sample_rate_hz": trajectory.sample_rate_hz,
-        "release": {"index": trajectory.release_index},
+        "release": {"index": trajectory.release_index} if problem.throws or not problem.passages else None,
+        "passages": passed_documents(problem.cell, problem.passages, trajectory) if problem.passages else [],
         "trajectory": {
             "positions": trajectory.q.tolist(),
             "velocities": trajectory.qd.tolist(),
@@ -72,6 +80,63 @@ def _audited(count: int, seed: int, cells: int) -> Iterator[tuple[str, ThrowProb
             continue
 
 
+def _chains(count: int, seed: int) -> Iterator[tuple[str, ThrowProblem, Trajectory, bool]]:
+    """Yields the audit's motions of passages."""
+    from audit.problems import drawn_problem  # by foreign code, which need not be there
+
+    found = 0
+    for index in numbers():
+        drawn = drawn_problem(seed, index)
+        if drawn.request is None or "passages" not in drawn.request:
+            continue
+        try:
+            made = plan(problem_from_request(drawn.request, drawn.cell), QUICK)
+        except PlannerError:
+            continue
+        yield f"{seed}/{index}/{drawn.kind}", made.problem, made.trajectory, False
+        found += 1
+        if found == count:
+            return
+
+
+def passage_mutants(document: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yields documents of a motion of passages with one fault each, and what it is."""
+    tick_s = 1.0 / document["sample_rate_hz"]
+    for number, passage in enumerate(document["passages"]):
+        for what in ("off", "fast", "late", *(f"output {i} late" for i in range(len(passage["outputs"])))):
+            changed = {**document, **{key: copy.deepcopy(document[key]) for key in ("request", "passages")}}
+            asked, told = changed["request"]["passages"][number], changed["passages"][number]
+            if what == "late":
+                told["index"] += 1
+                told["end_index"] += 1
+            elif what.startswith("output"):
+                told["outputs"][int(what.split()[1])]["edge_time_s"] += tick_s
+            elif not _moved(asked, what == "fast"):
+                continue
+            yield f"{passage['name']} {what}", changed
+
+
+def _moved(asked: dict[str, Any], is_faster: bool) -> bool:
+    """Moves what a passage asks for, or its speed, and returns whether that is a fault; a target has its own checks."""
+    if "line" in asked:
+        asked["line"]["speed_m_s"] *= 1.0 + (0.01 if is_faster else 0.0)
+        asked["line"]["from"]["position"][0] += 0.0 if is_faster else 1e-3
+        return True
+    state = asked["state"]
+    if state["kind"] == "target":
+        return False
+    place, velocity = {
+        "joint": lambda: (state["positions"], state["velocities"]),
+        "pose": lambda: (state["pose"]["position"], state["twist"]["linear"]),
+        "point": lambda: (state["position"], state["velocity"]),
+    }[state["kind"]]()
+    if is_faster:
+        velocity[:] = [1.01 * each for each in velocity]
+        return max(map(abs, velocity)) > SLOW  # a hundredth of less is within what is allowed of a velocity
+    place[0] += 1e-3
+    return True
+
+
 def row_of(name: str, problem: ThrowProblem, trajectory: Trajectory, has_mutants: bool) -> dict[str, Any]:
     """Returns what was found of a plan: checks that are not proven, processor time [s], limits tried and accepted."""
     document, cell = document_of(problem, trajectory)
@@ -87,6 +152,10 @@ def row_of(name: str, problem: ThrowProblem, trajectory: Trajectory, has_mutants
                 accepted.append(mutant.limit)
         except InvalidProblem:
             continue
+    for what, mutant in passage_mutants(document) if document["passages"] else ():
+        tried += 1
+        if all(each.status is Status.PROVEN for each in findings(mutant, cell)):
+            accepted.append(what)
     return {
         "task": name,
         "open": [str(each) for each in found if each.status is not Status.PROVEN],
@@ -108,7 +177,7 @@ def summary(rows: Sequence[Mapping[str, Any]]) -> str:
         [
             f"{len(proven)} of {len(rows)} certified plans proven ({quick} within 1 s of one core)",
             f"processor time p50 {np.quantile(seconds, 0.5):.3f} s, p99 {np.quantile(seconds, 0.99):.3f} s",
-            f"{mutants} limits of proven plans drawn in, {len(accepted)} accepted all the same",
+            f"{mutants} faults in proven plans, {len(accepted)} accepted all the same",
             *accepted,
             *(f"{count} x {text}" for text, count in opened.most_common()),
         ]
@@ -121,12 +190,17 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=2000, help="plans")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--cells", type=int, default=0, help="random cells of the audit's problems; 0: the named sets")
+    parser.add_argument("--chains", action="store_true", help="motions of passages of the audit's problems")
     parser.add_argument("--rows", type=Path, default=ROWS)
     parser.add_argument("--resume", action="store_true", help="continue an interrupted run")
     parser.add_argument("--tell", action="store_true", help="say what the rows so far say")
     asked = parser.parse_args()
     done = {row["task"] for row in kept_rows(asked.rows, asked.resume or asked.tell)}
-    for each in _plans(-(-asked.count // 2), asked.seed, asked.cells) if not asked.tell else ():
+    if asked.chains:
+        plans = _chains(asked.count, asked.seed)
+    else:
+        plans = _plans(-(-asked.count // 2), asked.seed, asked.cells)
+    for each in plans if not asked.tell else ():
         if each[0] not in done:
             add_row(asked.rows, row_of(*each))
     print(summary(kept_rows(asked.rows, True)))

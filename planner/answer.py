@@ -17,7 +17,7 @@ from planner.errors import CUT_SHORT, FieldError, InvalidProblem
 from planner.flight import Flight, landing_per_release_delay, path
 from planner.geometry import tool_state
 from planner.kinematics import tcp_acceleration
-from planner.passages import output_edges, passed_until
+from planner.passages import passed_documents
 from planner.problem import ThrowProblem
 from planner.request import problem_from_request
 from planner.rotations import matrix_to_quaternion, matrix_to_rotation_vector
@@ -157,31 +157,19 @@ def _passed(problem: ThrowProblem, trajectory: Trajectory) -> dict[str, Any]:
 
 def _passages(problem: ThrowProblem, trajectory: Trajectory) -> list[dict[str, Any]]:
     """Returns the passages with their states and their outputs' times, in their order."""
-    edges = output_edges(problem.cell, problem.passages, trajectory)
-    until = passed_until(problem.passages, trajectory)
+    passed = passed_documents(problem.cell, problem.passages, trajectory)
     flights = _flights(problem, trajectory)
     return [
         {
-            "name": passage.name,
-            **_state(problem.seen_at(number), trajectory, index, passage.releases),
-            "end_index": end_index,
-            "time_s": index / trajectory.sample_rate_hz,
+            "name": told["name"],
+            **_state(problem.seen_at(number), trajectory, told["index"], passage.releases),
+            "end_index": told["end_index"],
+            "time_s": told["index"] / trajectory.sample_rate_hz,
             "releases": passage.gripper or passage.releases,
             **flights.get(number, {}),
-            "outputs": [
-                {
-                    **edge.switch.as_document(),
-                    "command_time_s": edge.command_time_s,
-                    "edge_time_s": edge.edge_time_s,
-                }
-                for switch in passage.outputs
-                for edge in edges
-                if edge.switch is switch
-            ],
+            "outputs": told["outputs"],
         }
-        for number, (passage, index, end_index) in enumerate(
-            zip(problem.passages, trajectory.passed, until, strict=True)
-        )
+        for number, (passage, told) in enumerate(zip(problem.passages, passed, strict=True))
     ]
 
 

@@ -387,3 +387,27 @@ def output_edges(cell: Cell, passages: Sequence[Passage], trajectory: Trajectory
             switch = OutputSwitch(gripper.output, gripper.index, gripper.open_level)
             edges.append(OutputEdge(number, switch, passed_s - gripper.delay_s - cell.timing.lag_s, passed_s, True))
     return sorted(edges, key=lambda edge: edge.command_time_s)
+
+
+def passed_documents(cell: Cell, passages: Sequence[Passage], trajectory: Trajectory) -> list[dict[str, Any]]:
+    """Returns of each passage of a motion its name, the samples at which it begins and ends, and its outputs' times."""
+    edges = output_edges(cell, passages, trajectory)
+    until = passed_until(passages, trajectory)
+    return [
+        {
+            "name": passage.name,
+            "index": index,
+            "end_index": end_index,
+            "outputs": [
+                {
+                    **edge.switch.as_document(),
+                    "command_time_s": edge.command_time_s,
+                    "edge_time_s": edge.edge_time_s,
+                }
+                for switch in passage.outputs
+                for edge in edges
+                if edge.switch is switch
+            ],
+        }
+        for passage, index, end_index in zip(passages, trajectory.passed, until, strict=True)
+    ]

@@ -5,7 +5,7 @@ says what it cannot prove, and where. See docs/decisions/0036-a-second-checker.m
 """
 
 from verifier.finding import Finding, Status
-from verifier.plan_document import NotAPlan
+from verifier.request_checks import NotAPlan
 from verifier.verify import Verification, findings, verify
 
 __all__ = ["Finding", "NotAPlan", "Status", "Verification", "findings", "verify"]

@@ -23,10 +23,12 @@ from verifier.solids import (
     judged_pairs,
     nearest_on_segments,
     out_of_solid,
+    support,
     toward,
 )
 from verifier.taylor import dot
 
+BOX_ROUNDING_M = 1e-12  # [m] of a difference of coordinates below 100 m: ten times what IEEE 754 rounds away
 LENGTH_M = 1e-6  # [m] by which a clearance may be missed: a hundredth of what a hand can measure in a cell
 
 
@@ -130,18 +132,33 @@ def _keep_out(pairs: Sequence[tuple[MovingCapsule, Solid, float]], held: HeldObj
 def _from_solid(ends: ArmEnds, solid: Solid, thick: float) -> tuple[Array, Array]:
     """Returns bounds (n,) on what a capsule's axis is farther from a solid than `thick` [m].
 
-    Where the direction from its middle does not decide, the one from its nearest point does.
+    First by the boxes along the axes about both. Where they do not decide, the direction from its middle does, and
+    where that does not, the one from its nearest point.
     """
     models, middles = ends.models[0], ends.middles[0]
-    lower = apart_from_solid(models, solid, toward(from_solid(middles.mean(axis=0), solid))) - thick
+    lower = np.asarray(_between_boxes(ends, solid) - thick)
     upper = np.full_like(lower, np.inf)
     close = np.flatnonzero(~(lower >= 0.0))
+    if len(close):
+        near = [end[:, close] for end in models]
+        lower[close] = (
+            apart_from_solid(near, solid, toward(from_solid(middles[..., close].mean(axis=0), solid))) - thick
+        )
+        close = close[~(lower[close] >= 0.0)]
     if len(close):
         near = [end[:, close] for end in models]
         out = out_of_solid(middles[..., close], solid)
         lower[close] = apart_from_solid(near, solid, toward(out)) - thick
         upper[close] = apart_in_middle(out, near) - thick
     return lower, upper
+
+
+def _between_boxes(ends: ArmEnds, solid: Solid) -> Array:
+    """Returns the largest gaps (n,) [m] along an axis between boxes about a capsule's axis and a solid."""
+    low, high = ends.boxes[0]
+    axes = np.eye(3)
+    above, below = support(solid, axes), -support(solid, -axes)
+    return np.maximum(below[:, None] - high, low - above[:, None]).max(axis=0) - BOX_ROUNDING_M
 
 
 def _self_collision(capsules: Sequence[MovingCapsule], pairs: Sequence[tuple[int, int]], held: HeldObject) -> Rooms:

@@ -12,7 +12,7 @@ from planner.cell import Cell
 from verifier.arm import ArmPieces
 from verifier.elementary import ROUNDING, Array, Mask
 from verifier.finding import Finding, Status
-from verifier.pieces import Index, Pieces
+from verifier.pieces import Index, Pieces, instant
 from verifier.plan_document import SampledMotion
 from verifier.taylor import TaylorModel, stacked
 
@@ -50,9 +50,7 @@ def release_pieces(motion: SampledMotion, spread_s: float, finer: int = 1) -> Pi
     assert index is not None
     last = len(motion.q) - 1
     if spread_s == 0.0:
-        tick = min(index, last - 1)
-        at = np.array([float(index - tick)])
-        return Pieces(motion, np.array([tick]), at, at)
+        return instant(motion, index)
     ticks = spread_s * motion.rate_hz + BEYOND
     begin, end = index - ticks, index + ticks
     if begin < 0.0 or end > last:

@@ -15,7 +15,7 @@ from verifier.elementary import Array
 from verifier.finding import Finding, Rooms, prove
 from verifier.joint_checks import SHARE
 from verifier.pieces import Pieces, all_pieces
-from verifier.plan_document import Demands, SampledMotion
+from verifier.plan_document import Demands, SampledMotion, is_at_rest
 from verifier.taylor import TaylorModel, dot
 
 TICK_SHARE = 1e-6  # [-] of a tick, 2 ns: a spread that is longer by it is not a tick longer
@@ -57,8 +57,8 @@ def load_findings(cell: Cell, motion: SampledMotion, demands: Demands, arm: ArmP
         yield prove("tool_speed", arm, _speed(6, np.zeros((1, 3)), safety.tool_speed_m_s), ["flange"])
         fastest = min(fastest, safety.tool_speed_m_s)
     yield prove("tcp_speed", arm, _speed(6, cell.tool.X_FT[None, :3, 3], fastest), ["tool centre point"])
-    if demands.throws:
-        yield _singularity(cell, motion, demands)
+    if spans := _at_speed(motion, demands):
+        yield _singularity(cell, motion, demands, spans)
     yield prove("joint_torque", arm, _torque(held, cell), cell.robot.joint_names)
     yield from _safety_findings(cell, held, arm)
     if (grip := cell.gripper.hold_acceleration_m_s2) is not None and demands.throws:
@@ -216,12 +216,20 @@ def _grip(held: HeldObject, limit: Array) -> Rooms:
     return rooms
 
 
-def _singularity(cell: Cell, motion: SampledMotion, demands: Demands) -> Finding:
-    """Returns the finding about wrist, elbow and shoulder around the release (docs/conventions.md)."""
+def _at_speed(motion: SampledMotion, demands: Demands) -> list[tuple[int, int]]:
+    """Returns the samples from and to which the arm passes something at speed: a release, or each passage."""
+    if not demands.passages:
+        return [(motion.release, motion.release)] if demands.throws and motion.release is not None else []
+    return [(p.index, p.end_index) for p in demands.passages if p.state is None or not is_at_rest(p.state)]
+
+
+def _singularity(cell: Cell, motion: SampledMotion, demands: Demands, spans: list[tuple[int, int]]) -> Finding:
+    """Returns the finding about wrist, elbow and shoulder around what is passed at speed (docs/conventions.md)."""
     pieces = all_pieces(motion)
-    assert motion.release is not None
     reach = math.ceil(SINGULARITY_WINDOW_S * motion.rate_hz - TICK_SHARE)
-    near = (pieces.tick >= motion.release - reach) & (pieces.tick < motion.release + reach)
+    near = np.zeros(len(pieces.tick), bool)
+    for first, last in spans:
+        near |= (pieces.tick >= first - reach) & (pieces.tick < last + reach)
     robot = cell.robot
     least = demands.singularity_distance_min - SINGULARITY_ALLOWED
     lengths = abs(float(robot.a[1])) + abs(float(robot.a[2]))

@@ -59,6 +59,13 @@ def all_pieces(motion: SampledMotion) -> Pieces:
     return Pieces(motion, np.arange(count), np.zeros(count), np.ones(count))
 
 
+def instant(motion: SampledMotion, index: int) -> Pieces:
+    """Returns a sample as a piece that does not last."""
+    tick = min(index, len(motion.q) - 2)
+    at = np.array([float(index - tick)])
+    return Pieces(motion, np.array([tick]), at, at)
+
+
 def misses(motion: SampledMotion) -> Array:
     """Returns by how much positions, velocities, accelerations miss the next sample, at most (3, N - 1, 6)."""
     h = 1.0 / motion.rate_hz

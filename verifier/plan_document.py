@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,6 +11,8 @@ import numpy as np
 
 from planner.cell import Cell, ThrownBody
 from verifier.elementary import Array
+from verifier.passage_demands import ToldPassage, told_passages
+from verifier.request_checks import WRONG_SHAPE, NotAPlan, check_request
 
 AT_REST = 1e-9  # [rad/s, m/s] a demanded state slower than this is a move that ends at rest; nobody throws as slowly
 JITTERS = 3.0  # [-] standard deviations of the opening that a throw stands. source: contract, section 8
@@ -19,26 +21,11 @@ LEAST_TOLERANCE_M = 0.01  # [m] of a target without an opening and a tolerance. 
 
 
 OF_FLIGHT = ("flight_clearance", "landing", "landing_window")  # checks of where the object goes
+OF_TOOL = ("passage", "release_position", "release_velocity")  # checks of the tool centre point's own states
 OF_OBJECT = (  # checks that depend on when the object may leave
     *("joint_torque", "momentum", "power", "stopping_time", "stopping_distance", "grip_acceleration"),
     *("floor", "keep_out", "self_collision", "opening_direction"),
 )
-
-
-WRONG_SHAPE = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError)
-# Numbers of a request, and of its release, that are not below 0, and those above it.
-NOT_NEGATIVE = ("release_window_s", "landing_tolerance_m", "singularity_distance_min", "min_horizontal_distance_m")
-POSITIVE = ("max_release_speed_m_s", "time_limit_s")
-VECTORS = {  # lengths of what each kind of release states
-    "joint": {"positions": 6, "velocities": 6},
-    "point": {"position": 3, "velocity": 3},
-    "pose": {},
-    "target": {"position": 3},
-}
-
-
-class NotAPlan(ValueError):
-    """A document is no plan of this cell; the message says why."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +75,8 @@ class Demands:
         R_WR, p_WR: pose of the request's frame.
         aim: of a target.
         spread_s: how early or late the object may leave [s].
+        passages: what is passed, in its order; none where a release alone is asked for.
+        end: how a motion of passages ends, as the request has it; empty: anywhere.
         not_covered: what the request has that nobody verifies here, by check.
     """
 
@@ -103,6 +92,8 @@ class Demands:
     p_WR: Array
     aim: Aim | None
     spread_s: float
+    passages: tuple[ToldPassage, ...] = ()
+    end: Mapping[str, Any] = field(default_factory=dict)
     not_covered: Mapping[str, str] = field(default_factory=dict)
 
     def place(self, p: Any) -> Array:
@@ -151,82 +142,16 @@ def read_demands(document: Mapping[str, Any], cell: Cell) -> Demands:
         raise NotAPlan(f"request: {error!r}") from error
 
 
-def _check_request(asked: Mapping[str, Any], release: Mapping[str, Any]) -> None:
-    """Refuses what a checked request cannot say: a number that is none would switch a check off.
-
-    Raises:
-        NotAPlan: with the field.
-    """
-    unusual = [
-        path for path, value in _leaves(asked, "request") if isinstance(value, float) and not math.isfinite(value)
-    ]
-    if unusual:
-        raise NotAPlan(f"{unusual[0]}: no finite number")
-    if ("release" in asked) == bool(asked.get("passages")):
-        raise NotAPlan("request: states neither a release nor passages, or both")
-    if asked.get("frame", "world") not in ("world", "base"):
-        raise NotAPlan(f"request.frame: {asked['frame']!r}")
-    _check_numbers(asked, "request")
-    _check_numbers(release, "release")
-    _check_limits(asked.get("limits") or {})
-    if release:
-        _check_release(release)
-
-
-def _check_numbers(table: Mapping[str, Any], where: str) -> None:
-    """Refuses numbers that are none, or have a sign that they cannot have."""
-    for name in (name for name in (*NOT_NEGATIVE, *POSITIVE) if table.get(name) is not None):
-        value = table[name]
-        if not _is_number(value) or value < 0.0 or (name in POSITIVE and value == 0.0):
-            raise NotAPlan(f"{where}.{name}: {value!r}")
-
-
-def _check_limits(limits: Mapping[str, Any]) -> None:
-    for name, value in limits.items():
-        if not all(_is_number(each) and each > 0.0 for each in (value if isinstance(value, list) else [value])):
-            raise NotAPlan(f"request.limits.{name}: {value!r}")
-
-
-def _check_release(release: Mapping[str, Any]) -> None:
-    for name, length in VECTORS[release["kind"]].items():
-        if len(release[name]) != length or not all(map(_is_number, release[name])):
-            raise NotAPlan(f"release.{name}: {release[name]!r}")
-    if release["kind"] == "pose":
-        vectors = [release["pose"]["position"], release["twist"]["linear"], release["twist"]["angular"]]
-        if not all(len(vector) == 3 and all(map(_is_number, vector)) for vector in vectors):
-            raise NotAPlan("release: its pose or twist is none")
-    opening = release.get("opening")
-    if opening is not None and not (
-        _is_number(opening["radius_m"]) and opening["radius_m"] > 0.0 and opening["rim_height_m"] >= 0.0
-    ):
-        raise NotAPlan(f"release.opening: {opening!r}")
-
-
-def _leaves(value: Any, path: str) -> Iterator[tuple[str, Any]]:
-    """Yields the numbers and words of a document, with their paths."""
-    if isinstance(value, Mapping):
-        for name, each in value.items():
-            yield from _leaves(each, f"{path}.{name}")
-    elif isinstance(value, list):
-        for i, each in enumerate(value):
-            yield from _leaves(each, f"{path}[{i}]")
-    else:
-        yield path, value
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
 def _demands(document: Mapping[str, Any], cell: Cell) -> Demands:
-    asked = {name: value for name, value in document["request"].items() if value is not None}
-    _check_request(asked, _released(asked))
+    asked = _stated(document["request"])
+    asked["passages"] = [_stated(each) for each in asked.get("passages") or []]
+    check_request(asked, _released(asked))
     limits = asked.get("limits") or {}
     release = _released(asked)
     own = cell.limits
     least = asked.get("singularity_distance_min")
     is_base = asked.get("frame", "world") == "base"
-    throws = bool(release) and not _is_at_rest(release)
+    throws = bool(release) and not is_at_rest(release)
     aim = None
     not_covered = _not_covered(document, asked, release, cell)
     X_WR = cell.X_WB if is_base else np.eye(4)
@@ -249,6 +174,8 @@ def _demands(document: Mapping[str, Any], cell: Cell) -> Demands:
         p_WR=X_WR[:3, 3],
         aim=aim,
         spread_s=max(window_s if tolerance_m > 0.0 else 0.0, JITTERS * cell.gripper.jitter_s) if throws else 0.0,
+        passages=_passages(document, asked),
+        end=asked.get("end") or {},
         not_covered=not_covered,
     )
 
@@ -258,10 +185,6 @@ def _not_covered(
 ) -> dict[str, str]:
     """Returns what nobody verifies here, by check; of these no plan is proven."""
     found: dict[str, str] = {}
-    if asked.get("passages"):
-        found["passage"] = found["singularity_distance"] = "passages and lines"
-    if asked.get("end"):
-        found["passage"] = "an end that the request states"
     if document.get("profile") is not None:
         found |= dict.fromkeys((*OF_FLIGHT, *OF_OBJECT), "a learnt profile")
     if asked.get("min_hit_probability") and asked.get("release_window_s") is None:
@@ -270,10 +193,20 @@ def _not_covered(
     if may_move and release.get("kind") == "target":
         found |= dict.fromkeys((*OF_FLIGHT, "keep_out"), "a target that moves")
     if cell.grippers:
-        found |= dict.fromkeys((*OF_FLIGHT, *OF_OBJECT), "a tool with several grippers")
-    if isinstance(cell.object, ThrownBody) and release and not _is_at_rest(release):
+        found |= dict.fromkeys((*OF_FLIGHT, *OF_OBJECT, *OF_TOOL), "a tool with several grippers")
+    if isinstance(cell.object, ThrownBody) and release and not is_at_rest(release):
         found |= dict.fromkeys(OF_FLIGHT, "the flight of a body that is no ball")
     return found
+
+
+def _stated(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns what a table states: without what is null."""
+    return {name: value for name, value in table.items() if value is not None}
+
+
+def _passages(document: Mapping[str, Any], asked: Mapping[str, Any]) -> tuple[ToldPassage, ...]:
+    """Returns the passages of a plan; none where a release alone is asked for."""
+    return told_passages(asked["passages"], document.get("passages") or [], len(document["trajectory"]["positions"]))
 
 
 def _released(asked: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -284,7 +217,7 @@ def _released(asked: Mapping[str, Any]) -> Mapping[str, Any]:
     return next((each["state"] for each in passages if each.get("releases") and "state" in each), {})
 
 
-def _is_at_rest(release: Mapping[str, Any]) -> bool:
+def is_at_rest(release: Mapping[str, Any]) -> bool:
     """Returns whether a release demands a state at rest, so that nothing is thrown."""
     speeds = {
         "joint": lambda: release["velocities"],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -14,9 +14,11 @@ from verifier.drag import releases_of
 from verifier.elementary import Array
 from verifier.finding import Finding, Status, judged, not_covered
 from verifier.flights import OutsideMotion, Releases, release_pieces
+from verifier.pieces import instant
 from verifier.plan_document import Aim, Demands, SampledMotion
 from verifier.taylor import TaylorModel, dot
 
+CHECKS = ("release_position", "release_velocity")
 PLACE = 2e-5  # [m, rad] of a release; an arm of UR repeats its places to 3e-5 m. source: Universal Robots, data sheets
 SPEED = 2e-4  # [m/s, rad/s] of a release: a fifth of a millimetre in a flight of a second
 LANDING_M = 6e-4  # [m] of the nominal landing: what a bouncing ball, or a camera, tells of it is ten times coarser
@@ -28,30 +30,51 @@ def release_findings(cell: Cell, motion: SampledMotion, demands: Demands) -> Ite
     """Returns the findings about the state at the release."""
     if motion.release is None or not demands.kind:
         return
-    at_s = motion.release / motion.rate_hz
-    for name, off, allowed, detail in _deviations(cell, motion, demands):
+    yield from state_findings(cell, motion, demands, demands.release, motion.release, CHECKS)
+
+
+def state_findings(
+    cell: Cell,
+    motion: SampledMotion,
+    demands: Demands,
+    asked: Mapping[str, Any],
+    index: int,
+    names: tuple[str, str],
+    of: str = "",
+) -> Iterator[Finding]:
+    """Returns the findings about a state that is asked for at a sample.
+
+    Args:
+        cell: the cell.
+        motion: the motion.
+        demands: of its request.
+        asked: the state, as the request has it.
+        index: of the sample.
+        names: of the checks of its place and of its velocity.
+        of: begin of the details.
+    """
+    for name, off, allowed, detail in _deviations(cell, motion, demands, asked, index, names):
         least = allowed - float(np.max(off.upper if isinstance(off, TaylorModel) else off))
         most = allowed - float(np.max(off.lower if isinstance(off, TaylorModel) else off))
-        yield judged(name, least, most, at_s, detail)
+        yield judged(name, least, most, index / motion.rate_hz, of + detail)
 
 
 def _deviations(
-    cell: Cell, motion: SampledMotion, demands: Demands
+    cell: Cell, motion: SampledMotion, demands: Demands, asked: Mapping[str, Any], k: int, names: tuple[str, str]
 ) -> Iterator[tuple[str, TaylorModel | Array, float, str]]:
     """Returns check, deviation, what is allowed of it, and what it is of; squares of lengths."""
-    asked = demands.release
-    arm = ArmPieces(cell, release_pieces(motion, 0.0))
-    place, velocity = ("release_position", "release_velocity")
-    if demands.kind == "joint":
-        k = motion.release
+    arm = ArmPieces(cell, instant(motion, k))
+    place, velocity = names
+    kind = asked["kind"]
+    if kind == "joint":
         yield place, np.abs(motion.q[k] - np.asarray(asked["positions"])), PLACE, "a joint's position"
         yield velocity, np.abs(motion.qd[k] - np.asarray(asked["velocities"])), SPEED, "a joint's velocity"
-    elif demands.kind == "point":
+    elif kind == "point":
         yield place, _square(arm.p_WT - demands.place(asked["position"])[:, None]), PLACE**2, "squared, in m"
         yield velocity, _square(arm.v_WT - demands.direction(asked["velocity"])[:, None]), SPEED**2, "squared, in m/s"
-    elif demands.kind == "pose":
+    elif kind == "pose":
         X, V = asked["pose"], asked["twist"]
-        R = demands.R_WR @ _orientation(X)
+        R = demands.R_WR @ orientation(X)
         apart = arm.R_WT - R[:, :, None]
         turn = dot(apart[:, 0], apart[:, 0]) + dot(apart[:, 1], apart[:, 1]) + dot(apart[:, 2], apart[:, 2])
         w = arm.turning[6][0] - demands.direction(V["angular"])[:, None]
@@ -68,7 +91,7 @@ def _of_target(arm: ArmPieces, demands: Demands) -> Iterator[tuple[str, TaylorMo
     """Returns the deviations from what a target says of the release itself."""
     asked = demands.release
     assert demands.aim is not None
-    place, velocity = ("release_position", "release_velocity")
+    place, velocity = CHECKS
     if (given := asked.get("release_position")) is not None:
         yield place, _square(arm.p_WT - demands.place(given)[:, None]), PLACE**2, "squared, in m"
     elif (least := float(asked.get("min_horizontal_distance_m") or 0.0)) > 0.0:
@@ -92,7 +115,7 @@ def _square(x: TaylorModel) -> TaylorModel:
     return dot(x, x)
 
 
-def _orientation(pose: Any) -> Array:
+def orientation(pose: Any) -> Array:
     """Returns the rotation (3, 3) of a pose, by its quaternion or by its rotation vector."""
     if pose.get("quaternion") is not None:
         x, y, z, w = np.asarray(pose["quaternion"], np.float64) / np.linalg.norm(pose["quaternion"])

@@ -8,7 +8,7 @@ distance of the projections, all along the piece.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,11 @@ class ArmEnds:
         """Takes an arm, and the capsules on it."""
         self.models = [[arm.point(c.frame, end) for end in c.ends] for c in capsules]
         self.middles = np.array([[end.c0 for end in ends] for ends in self.models])  # (k, 2, 3, n)
+
+    @cached_property
+    def boxes(self) -> list[tuple[Array, Array]]:
+        """Lower and upper corners (3, n) [m] of boxes about each, which hold it all along the pieces."""
+        return [(np.minimum(one.lower, other.lower), np.maximum(one.upper, other.upper)) for one, other in self.models]
 
 
 def toward(apart: Array) -> Array:

@@ -14,9 +14,11 @@ from verifier.finding import Finding, Status, not_covered
 from verifier.flight_checks import flight_findings
 from verifier.joint_checks import joint_findings
 from verifier.load_checks import load_findings
+from verifier.passage_checks import passage_findings
 from verifier.pieces import all_pieces
-from verifier.plan_document import Demands, NotAPlan, SampledMotion, read_demands, read_motion
+from verifier.plan_document import Demands, SampledMotion, read_demands, read_motion
 from verifier.release_checks import landing_findings, release_findings
+from verifier.request_checks import NotAPlan
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,7 @@ def _made(cell: Cell, motion: SampledMotion, demands: Demands) -> Iterator[Findi
     """Yields what is found of each check that can be made."""
     arm = ArmPieces(cell, all_pieces(motion))
     yield from joint_findings(cell, motion, demands, arm)
+    yield from passage_findings(cell, motion, demands)
     yield from load_findings(cell, motion, demands, arm)
     yield from clearance_findings(cell, motion, demands, arm)
     for check in (release_findings, landing_findings, flight_findings, exit_findings):

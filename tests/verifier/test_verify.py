@@ -107,7 +107,6 @@ def test_a_landing_a_millimetre_off_is_violated(off: list[float]):
 THROW = {"kind": "target", "position": [1.1, 0.3, 0.0]}  # of the plan "target"
 STOOD = {"position_std_m": 1.0, "velocity_std_m_s": 0.0}
 NOT_COVERED = {
-    "passage": {"request": {"release": None, "passages": [{"name": "a", "state": THROW, "releases": True}]}},
     "landing": {"profile": "ball"},
     "flight_clearance": {"request": {"release": {**THROW, "velocity": [0.0] * 3, "uncertainty": STOOD}}},
     "landing_window": {"request": {"min_hit_probability": 0.5, "release_window_s": None}},

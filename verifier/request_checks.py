@@ -1,0 +1,155 @@
+"""What a plan's request can say at all: whatever else is refused, so that it switches no check off."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+WRONG_SHAPE = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError)
+# Numbers of a request, and of its release, that are not below 0, and those above it.
+NOT_NEGATIVE = ("release_window_s", "landing_tolerance_m", "singularity_distance_min", "min_horizontal_distance_m")
+POSITIVE = ("max_release_speed_m_s", "time_limit_s")
+VECTORS = {  # lengths of what each kind of release states
+    "joint": {"positions": 6, "velocities": 6},
+    "point": {"position": 3, "velocity": 3},
+    "pose": {},
+    "target": {"position": 3},
+}
+
+
+class NotAPlan(ValueError):
+    """A document is no plan of this cell; the message says why."""
+
+
+def check_request(asked: Mapping[str, Any], release: Mapping[str, Any]) -> None:
+    """Refuses what a checked request cannot say: a number that is none would switch a check off.
+
+    Raises:
+        NotAPlan: with the field.
+    """
+    unusual = [
+        path for path, value in _leaves(asked, "request") if isinstance(value, float) and not math.isfinite(value)
+    ]
+    if unusual:
+        raise NotAPlan(f"{unusual[0]}: no finite number")
+    if ("release" in asked) == bool(asked["passages"]):
+        raise NotAPlan("request: states neither a release nor passages, or both")
+    if asked.get("frame", "world") not in ("world", "base"):
+        raise NotAPlan(f"request.frame: {asked['frame']!r}")
+    _check_numbers(asked, "request")
+    _check_numbers(release, "release")
+    _check_limits(asked.get("limits") or {})
+    if release:
+        _check_release(release)
+    _check_passages(asked["passages"])
+    _check_end(asked)
+
+
+def _check_numbers(table: Mapping[str, Any], where: str) -> None:
+    """Refuses numbers that are none, or have a sign that they cannot have."""
+    for name in (name for name in (*NOT_NEGATIVE, *POSITIVE) if table.get(name) is not None):
+        value = table[name]
+        if not _is_number(value) or value < 0.0 or (name in POSITIVE and value == 0.0):
+            raise NotAPlan(f"{where}.{name}: {value!r}")
+
+
+def _check_limits(limits: Mapping[str, Any]) -> None:
+    for name, value in limits.items():
+        if not all(_is_number(each) and each > 0.0 for each in (value if isinstance(value, list) else [value])):
+            raise NotAPlan(f"request.limits.{name}: {value!r}")
+
+
+def _check_release(release: Mapping[str, Any]) -> None:
+    for name, length in VECTORS[release["kind"]].items():
+        if len(release[name]) != length or not all(map(_is_number, release[name])):
+            raise NotAPlan(f"release.{name}: {release[name]!r}")
+    if release["kind"] == "pose":
+        vectors = [release["pose"]["position"], release["twist"]["linear"], release["twist"]["angular"]]
+        if not all(len(vector) == 3 and all(map(_is_number, vector)) for vector in vectors):
+            raise NotAPlan("release: its pose or twist is none")
+    opening = release.get("opening")
+    if opening is not None and not (
+        _is_number(opening["radius_m"]) and opening["radius_m"] > 0.0 and opening["rim_height_m"] >= 0.0
+    ):
+        raise NotAPlan(f"release.opening: {opening!r}")
+
+
+def _check_passages(passages: Sequence[Mapping[str, Any]]) -> None:
+    for number, each in enumerate(passages):
+        where = f"passages[{number}]"
+        if not isinstance(each["name"], str) or ("state" in each) == ("line" in each):
+            raise NotAPlan(f"{where}: states neither a state nor a line, or both, or has no name")
+        _check_state_or_line(each, where)
+        _check_times(each, where)
+    if len({each["name"] for each in passages}) < len(passages):
+        raise NotAPlan("passages: two have one name")
+    if sum(each.get("releases") is True for each in passages) > 1:
+        raise NotAPlan("passages: two let the object go")
+
+
+def _check_state_or_line(each: Mapping[str, Any], where: str) -> None:
+    if "state" in each:
+        _check_release(each["state"])
+    else:
+        _check_line(each["line"], f"{where}.line")
+    # A line lets nothing go, and a target is what something is let go for.
+    kind = "line" if "line" in each else each["state"]["kind"]
+    if (kind == "line" and each.get("releases")) or (kind == "target" and not each.get("releases")):
+        raise NotAPlan(f"{where}.releases: of a {kind}")
+
+
+def _check_times(passage: Mapping[str, Any], where: str) -> None:
+    times = [(passage.get("at_s"), 0.0), (passage.get("not_before_s"), 0.0)]
+    for output in passage.get("outputs") or []:
+        if type(output["index"]) is not int or type(output["level"]) is not bool:
+            raise NotAPlan(f"{where}.outputs: {output!r}")
+        times += [(output.get("offset_s"), -math.inf), (output.get("offset_m"), 0.0)]
+    if not all(value is None or (_is_number(value) and value >= least) for value, least in times):
+        raise NotAPlan(f"{where}: one of its times or offsets is none")
+
+
+def _check_line(line: Mapping[str, Any], where: str) -> None:
+    for end in ("from", "to"):
+        _check_pose(line[end], f"{where}.{end}")
+    if (
+        not _is_number(line["speed_m_s"])
+        or line["speed_m_s"] <= 0.0
+        or line["from"]["position"] == line["to"]["position"]
+    ):
+        raise NotAPlan(f"{where}: has no speed, or no length")
+
+
+def _check_pose(pose: Mapping[str, Any], where: str) -> None:
+    turn = pose["rotation_vector"] if pose.get("quaternion") is None else pose["quaternion"]
+    length = 3 if pose.get("quaternion") is None else 4
+    if len(pose["position"]) != 3 or len(turn) != length or not all(map(_is_number, [*pose["position"], *turn])):
+        raise NotAPlan(f"{where}: {pose!r}")
+
+
+def _check_end(asked: Mapping[str, Any]) -> None:
+    end = asked.get("end")
+    if end is None:
+        return
+    if not asked.get("passages") or end["kind"] not in ("rest", "home", "joint", "pose"):
+        raise NotAPlan(f"request.end: {end!r}")
+    if end["kind"] == "joint" and (len(end["positions"]) != 6 or not all(map(_is_number, end["positions"]))):
+        raise NotAPlan(f"request.end.positions: {end['positions']!r}")
+    if end["kind"] == "pose":
+        _check_pose(end["pose"], "request.end.pose")
+
+
+def _leaves(value: Any, path: str) -> Iterator[tuple[str, Any]]:
+    """Yields the numbers and words of a document, with their paths."""
+    if isinstance(value, Mapping):
+        for name, each in value.items():
+            yield from _leaves(each, f"{path}.{name}")
+    elif isinstance(value, list):
+        for i, each in enumerate(value):
+            yield from _leaves(each, f"{path}[{i}]")
+    else:
+        yield path, value
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
