@@ -22,7 +22,7 @@ def _moved(solid: coal.CollisionGeometry, seed: int, away_m: float, count: int =
     rng = np.random.default_rng(seed)
     t = np.linspace(0.0, 1.0, count)
     turns = np.outer(np.sin(3.0 * t), rng.normal(size=3)) + np.outer(t, rng.normal(size=3))
-    p = [away_m, 0.0, 0.0] + np.outer(np.cos(4.0 * t), rng.uniform(-0.4, 0.4, 3))
+    p = np.array([away_m, 0.0, 0.0]) + np.outer(np.cos(4.0 * t), rng.uniform(-0.4, 0.4, 3))
     return MovingSolid.at(solid, np.array([pin.exp3(turn) for turn in turns]), p)
 
 
