@@ -291,7 +291,8 @@ def way_out(problem: ThrowProblem, arm: MovingArm, delay: float, x: Vector) -> l
         return []
     for begin in range(1, len(x), AT_ONCE):
         places = x[begin : begin + AT_ONCE]
-        for k, moved in enumerate(arm.in_tool(places, (begin + np.arange(len(places))) * STEP_S + delay), start=begin):
+        after_s = np.asarray((begin + np.arange(len(places))) * STEP_S + delay, float)
+        for k, moved in enumerate(arm.in_tool(places, after_s), start=begin):
             if np.linalg.norm(moved) >= out_m:
                 return []
             if np.linalg.norm(moved) < FREE_M:
@@ -390,7 +391,7 @@ class MovingArm:
 
     def gaps(self, x: Vector, delay: float) -> list[tuple[str, int, Vector]]:
         """Returns name, frame and distance (n,) [m] of each body from the path's points `x` (n, 3)."""
-        times = self._motion.release_time_s + delay + STEP_S * np.arange(len(x))
+        times = np.asarray(self._motion.release_time_s + delay + STEP_S * np.arange(len(x)), float)
         moving = int(np.searchsorted(times, self._motion.duration_s)) + 1
         arm = self.at(times[:moving]).rows(np.minimum(np.arange(len(x)), moving - 1))
         rows = []
