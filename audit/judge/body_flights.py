@@ -140,10 +140,10 @@ def _clearance(problem: ThrowProblem, arm: MovingArm, path: BodyPath, delay: flo
     for name, shape in zip(around.keep_out_names, around.keep_out, strict=True):
         place = coal.Transform3s(shape.X_WC[:3, :3], shape.X_WC[:3, 3])
         found.append((name, float(gaps(thing, x, R_WO, coal_solid(shape), [place]).min())))
-    poses = [arm.at(arm.released_s + delay + STEP_S * row)[0] for row in rows]
+    moved = arm.at(arm.released_s + delay + STEP_S * rows)
     for shape in shapes(cell):
-        places = [pose[shape.frame] * shape.placement for pose in poses]
-        transforms = [coal.Transform3s(each.rotation, each.translation) for each in places]
+        places = zip(*moved.placed(shape.frame, shape.placement), strict=True)
+        transforms = [coal.Transform3s(*place) for place in places]
         apart = gaps(thing, x, R_WO, shape.solid, transforms)
         counted = since_clear(apart, COARSE * STEP_S) if shape.frame in GRIPPED_FRAMES else np.ones(len(apart), bool)
         required = around.flight_clearance_m if shape.frame in KEPT_OFF_FRAMES else 0.0

@@ -153,7 +153,7 @@ def _torques(problem: ThrowProblem, motion: Trajectory, dense: DenseSamples) -> 
         data = model.createData()
         tau = np.array([pin.rnea(model, data, *state) for state in zip(*states, strict=True)])
         worst = np.maximum(worst, np.abs(tau).max(axis=0))
-        other = inverse_dynamics(cell, with_object, model, *(x[::8] for x in states))
+        other = inverse_dynamics(cell, with_object, *(x[::8] for x in states))
         off = float(np.abs(tau[::8] - other).max())
         agreed = TORQUE_AGREEMENT * max(1.0, np.abs(tau).max())
         found += over("joint_torque", "Pinocchio and MuJoCo disagree on torques", off, agreed, 0.0, "N m")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cache
+from functools import lru_cache
 from itertools import combinations
 from typing import NamedTuple
 
@@ -14,9 +14,11 @@ import pinocchio as pin
 import trimesh
 from numpy.typing import NDArray
 
+from audit.judge.arm_path import ArmPath
 from audit.judge.bodies import body_points, body_solid
 from audit.judge.fault import AuditFault, over, under
-from audit.judge.pinocchio_arm import arm_model, dh_frames_in_urdf, object_in_flange, poses_and_velocity
+from audit.judge.least_gap import REQUEST, MovingSolid, least_gap
+from audit.judge.pinocchio_arm import CELLS_KEPT, arm_model, dh_frames_in_urdf, object_in_flange
 from audit.judge.published_arms import robot_model
 from planner.cell import Cell, Solid, ThrownBody
 from planner.geometry import SELF_CLEARANCE_M, body_capsules
@@ -26,13 +28,16 @@ from planner.robots import Robot
 Vector = NDArray[np.float64]
 
 Obstacle = tuple[coal.ShapeBase, coal.Transform3s, float, str]
+MovingObstacle = tuple[MovingSolid, float, str]
 
 SPARSE_S = 0.008  # [s] grid of the distances
 LENGTH_SLACK_M = 1e-5  # [m] of distances and positions
 LIMIT_SLACK = 1e-5  # [-] of a limit
 SINGULARITY_WINDOW_S = 0.05  # [s] around the release; source: docs/conventions.md
 PAIR_SAMPLES = 2000  # random postures; pairs that touch in all of them are neighbours
-_REQUEST = coal.DistanceRequest()
+PAIRS_KEPT = 4096  # pairs of bodies in a process: the links of every arm, and tools of the last cells
+ROBOTS_KEPT = 32  # in a process, each with its random postures
+BIN = "bin"  # name of the obstacle
 
 
 @dataclass
@@ -95,27 +100,19 @@ def spatial_faults(
     cell = problem.cell
     worst = SpatialExtremes()
     model = arm_model(cell, False)
-    obstacles = [*_obstacles(problem), *beyond]
-    bodies = _all(cell)
-    for solid in [*(body.solid for body in bodies), *(solid for solid, _, _, _ in obstacles)]:
-        solid.computeLocalAABB()
-    every_pair = _judged_pairs(cell)
-    of_arm = tuple(pair for pair in every_pair if pair[1] < len(shapes(cell)))
-    data = model.createData()
-    for i in range(len(t)):
-        poses, v = poses_and_velocity(cell, model, data, q[i], qd[i])
-        places = [_coal(poses[shape.frame] * shape.placement) for shape in bodies]
-        held = bool(t[i] <= held_until_s)
-        worst.speed = max(worst.speed, float(np.linalg.norm(v)))
-        worst.floor = min(worst.floor, _height(cell, poses, held))
-        worst.self_gap = _self_gap(bodies, places, every_pair if held else of_arm, worst.self_gap)
-        present = obstacles if problem.starts_at_s is None else [*_obstacles(problem, float(t[i])), *beyond]
-        for solid, *_ in present:
-            solid.computeLocalAABB()
-        worst.boxes = _box_gap(cell, present, places, held, worst.boxes)
-        worst.outside = max(worst.outside, _outside(cell, poses))
-        if (np.abs(t[i] - passed_s) <= SINGULARITY_WINDOW_S).any():
-            worst.singular = min(worst.singular, _singularity_distance(data))
+    arm = ArmPath.of(cell, model, q, qd)
+    held = int(np.searchsorted(t, held_until_s, side="right"))
+    bodies = [MovingSolid.at(body.solid, *arm.placed(body.frame, body.placement)) for body in _all(cell)]
+    obstacles = [_moving(problem, obstacle, t) for obstacle in _obstacles(problem)]
+    obstacles += [_standing(obstacle, len(t)) for obstacle in beyond]
+    worst.speed = float(np.linalg.norm(arm.v, axis=1).max())
+    worst.floor = min(_height(cell, arm, False), _height(cell, arm.rows(slice(held)), True) if held else np.inf)
+    worst.self_gap = _self_gap(cell, bodies, held)
+    worst.boxes = _box_gap(cell, obstacles, bodies, held)
+    if cell.surroundings.keep_in:
+        worst.outside = max(_outside(cell, p) for p in arm.points(6, cell.tool.X_FT[None, :3, 3])[:, 0])
+    near = (np.abs(t[:, None] - passed_s) <= SINGULARITY_WINDOW_S).any(axis=1)
+    worst.singular = min((singularity_distance(cell, q[k]) for k in np.flatnonzero(near)), default=np.inf)
     return worst.faults(problem)
 
 
@@ -128,18 +125,14 @@ def posture_room(cell: Cell, q: Vector) -> float:
         cell: the cell.
         q: joint positions (6,) [rad].
     """
-    model = arm_model(cell, False)
-    poses, _ = poses_and_velocity(cell, model, model.createData(), q, np.zeros(6))
-    bodies = _all(cell)
-    obstacles = _keep_out(cell)
-    for solid in [*(body.solid for body in bodies), *(solid for solid, _, _, _ in obstacles)]:
-        solid.computeLocalAABB()
-    places = [_coal(poses[body.frame] * body.placement) for body in bodies]
+    arm = ArmPath.of(cell, arm_model(cell, False), q[None], np.zeros((1, 6)))
+    bodies = [MovingSolid.at(body.solid, *arm.placed(body.frame, body.placement)) for body in _all(cell)]
+    obstacles = [_standing(obstacle, 1) for obstacle in _keep_out(cell)]
     clearance = cell.surroundings.clearance_m
-    least = min(_height(cell, poses, True) - clearance, -_outside(cell, poses))
-    least = min(least, _box_gap(cell, obstacles, places, True, np.inf) - clearance)
-    of_arm = _self_gap(bodies, places, _judged_pairs(cell), np.inf)
-    return min(least, of_arm - SELF_CLEARANCE_M)
+    outside = _outside(cell, arm.points(6, cell.tool.X_FT[None, :3, 3])[0, 0])
+    least = min(_height(cell, arm, True) - clearance, -outside)
+    least = min(least, _box_gap(cell, obstacles, bodies, 1) - clearance)
+    return min(least, _self_gap(cell, bodies, 1) - SELF_CLEARANCE_M)
 
 
 def singularity_distance(cell: Cell, q: Vector) -> float:
@@ -150,13 +143,12 @@ def singularity_distance(cell: Cell, q: Vector) -> float:
     return _singularity_distance(data)
 
 
-def _outside(cell: Cell, poses: list[pin.SE3]) -> float:
-    """Returns how far the tool centre point is outside the keep-in shapes, or nearer to a wall than it may be [m].
+def _outside(cell: Cell, p: Vector) -> float:
+    """Returns how far the tool centre point (3,) is outside the keep-in shapes, or nearer to a wall than it may be [m].
 
     Negative inside. Written from pose and extent alone: a capsule is a sphere swept along z, and what is straight is
     between two planes.
     """
-    p = poses[6].act(cell.tool.X_FT[:3, 3])
     return max((_beyond(shape, p) + (shape.clearance_m or 0.0) for shape in cell.surroundings.keep_in), default=-np.inf)
 
 
@@ -186,50 +178,59 @@ def _singularity_distance(data: pin.Data) -> float:
     return float(min(wrist, elbow, shoulder))
 
 
-def _self_gap(
-    bodies: list[BodyShape], places: list[coal.Transform3s], pairs: tuple[tuple[int, int], ...], least: float
-) -> float:
-    """Returns the smallest distance of pairs of bodies [m], or `least`, where that is smaller."""
-    one, other = np.array(pairs, np.intp).reshape(-1, 2).T
-    p = np.array([place.getTranslation() for place in places])
-    r = np.array([body.solid.aabb_radius for body in bodies])
-    away = np.linalg.norm(p[one] - p[other], axis=1) - r[one] - r[other]  # of the balls about them
-    for k in np.flatnonzero(away < least).tolist():
-        first, second = pairs[k]
-        if away[k] < least:
-            gap = _distance(bodies[first].solid, places[first], bodies[second].solid, places[second])
-            least = min(least, gap)
+def _self_gap(cell: Cell, bodies: list[MovingSolid], held: int) -> float:
+    """Returns the smallest distance of the pairs that are judged [m]; of the object, in the instants it is held."""
+    every = [(bodies[i], bodies[j]) for i, j in _judged_pairs(cell) if j < len(shapes(cell))]
+    every += [(bodies[i].first(held), bodies[j].first(held)) for i, j in _judged_pairs(cell) if j == len(shapes(cell))]
+    return _least([(one, other, 0.0) for one, other in every])
+
+
+def _box_gap(cell: Cell, obstacles: list[MovingObstacle], bodies: list[MovingSolid], held: int) -> float:
+    """Returns the smallest distance of bodies from shapes and bin [m], less what these are kept from further."""
+    every = []
+    for shape, body in zip(_all(cell), bodies, strict=True):
+        count = held if body is bodies[-1] else len(body.p)
+        if shape.frame > 0:
+            meets = [each for each in obstacles if not _may_touch(cell, shape.name, each[2])]
+            every += [(solid.first(count), body.first(count), further_m) for solid, further_m, _ in meets]
+    return _least(every)
+
+
+def _least(every: list[tuple[MovingSolid, MovingSolid, float]]) -> float:
+    """Returns the smallest distance of pairs of solids [m], each less a length of its own; near ones come first."""
+    balls = np.full(len(every), np.inf)
+    for count in {len(one.p) for one, _, _ in every} - {0}:
+        which = [k for k, (one, _, _) in enumerate(every) if len(one.p) == count]
+        apart = np.array([every[k][0].middle for k in which]) - np.array([every[k][1].middle for k in which])
+        radii = [every[k][0].solid.aabb_radius + every[k][1].solid.aabb_radius + every[k][2] for k in which]
+        balls[which] = np.linalg.norm(apart, axis=2).min(axis=1) - radii
+    least = np.inf
+    for k in np.argsort(balls).tolist():
+        one, other, further_m = every[k]
+        if balls[k] < least:
+            least = least_gap(one, other, least + further_m) - further_m
     return least
 
 
-def _box_gap(cell: Cell, obstacles: list[Obstacle], places: list[coal.Transform3s], held: bool, least: float) -> float:
-    """Returns the smallest distance of the bodies from shapes and bin, less what these are kept from further [m].
-
-    Or `least`, where that is smaller.
-    """
-    count = len(shapes(cell)) + held
-    bodies = [(shape, own) for shape, own in list(zip(_all(cell), places, strict=True))[:count] if shape.frame > 0]
-    if not obstacles:
-        return least
-    p = np.array([own.getTranslation() for _, own in bodies])
-    r = np.array([shape.solid.aabb_radius for shape, _ in bodies])
-    other_p = np.array([place.getTranslation() for _, place, _, _ in obstacles])
-    other_r = np.array([solid.aabb_radius + further_m for solid, _, further_m, _ in obstacles])
-    away = np.linalg.norm(p[:, None] - other_p, axis=2) - r[:, None] - other_r  # of the balls about them
-    for i, j in np.argwhere(away < least).tolist():
-        shape, own = bodies[i]
-        solid, place, further_m, name = obstacles[j]
-        if away[i, j] >= least or _may_touch(cell, shape.name, name):
-            continue
-        gap = _distance(shape.solid, own, solid, place)
-        least = min(least, gap - further_m)
-    return least
+def _moving(problem: ThrowProblem, obstacle: Obstacle, t: Vector) -> MovingObstacle:
+    """Returns an obstacle of `_obstacles` at times (n,) of the motion [s]."""
+    solid, further_m, name = _standing(obstacle, len(t))
+    if name != BIN or problem.starts_at_s is None:
+        return solid, further_m, name
+    assert isinstance(problem.release, TargetRelease)
+    return MovingSolid.at_rest(*obstacle[:2], solid.p + t[:, None] * problem.release.v_W), further_m, name
 
 
-def _obstacles(problem: ThrowProblem, t: float = 0.0) -> list[Obstacle]:
+def _standing(obstacle: Obstacle, count: int) -> MovingObstacle:
+    """Returns an obstacle that stays where it is at as many instants."""
+    solid, place, further_m, name = obstacle
+    return MovingSolid.at_rest(solid, place, np.tile(place.getTranslation(), (count, 1))), further_m, name
+
+
+def _obstacles(problem: ThrowProblem) -> list[Obstacle]:
     """Returns the keep-out shapes, and the bin as a solid cylinder: no part of the arm has business in it.
 
-    A bin that moves stands where it is at a time `t` of the motion [s].
+    A bin that moves stands where it is as the motion starts.
     With each what it is to be kept from beyond the cell's clearance [m], and its name.
     """
     found = _keep_out(problem.cell)
@@ -238,8 +239,8 @@ def _obstacles(problem: ThrowProblem, t: float = 0.0) -> list[Obstacle]:
         height = release.opening.rim_height_m
         middle = release.p_W + np.array([0.0, 0.0, 0.5 * height])
         if problem.starts_at_s is not None:
-            middle = middle + (problem.starts_at_s + t - release.at_s) * release.v_W
-        found.append((coal.Cylinder(release.opening.radius_m, height), coal.Transform3s(np.eye(3), middle), 0.0, "bin"))
+            middle = middle + (problem.starts_at_s - release.at_s) * release.v_W
+        found.append((coal.Cylinder(release.opening.radius_m, height), coal.Transform3s(np.eye(3), middle), 0.0, BIN))
     return found
 
 
@@ -293,7 +294,7 @@ class BodyShape(NamedTuple):
     ends: Vector
 
 
-@cache
+@lru_cache(maxsize=CELLS_KEPT)
 def shapes(cell: Cell) -> list[BodyShape]:
     """Returns the bodies of arm and tool."""
     rows = []
@@ -307,7 +308,7 @@ def shapes(cell: Cell) -> list[BodyShape]:
     return rows
 
 
-@cache
+@lru_cache(maxsize=CELLS_KEPT)
 def _all(cell: Cell) -> list[BodyShape]:
     """Returns the bodies of arm and tool, and the held object last."""
     p_FT = cell.tool.X_FT[:3, 3]
@@ -322,7 +323,7 @@ def _all(cell: Cell) -> list[BodyShape]:
     return [*shapes(cell), held]
 
 
-@cache
+@lru_cache(maxsize=CELLS_KEPT)
 def _pairs(cell: Cell) -> tuple[tuple[int, int], ...]:
     """Returns the pairs of bodies, as indices into `_all`, that are judged."""
     every = [_Solid(b.frame, _key(b.placement), b.radius_m, _length(b)) for b in shapes(cell)]
@@ -336,7 +337,7 @@ def _pairs(cell: Cell) -> tuple[tuple[int, int], ...]:
     return (*own, *((i, len(every)) for i in links))
 
 
-@cache
+@lru_cache(maxsize=CELLS_KEPT)
 def _judged_pairs(cell: Cell) -> tuple[tuple[int, int], ...]:
     """Returns those of `_pairs` that the cell's table of contacts leaves."""
     names = [body.name for body in _all(cell)]
@@ -372,30 +373,44 @@ def _length(body: BodyShape) -> float:
     return float(np.linalg.norm(body.ends[1] - body.ends[0]))
 
 
-@cache
 def _apart(robot: Robot, bodies: tuple[_Solid, ...]) -> tuple[tuple[int, int], ...]:
     """Returns the pairs of bodies that are apart in some random posture: all except neighbours.
 
     The object is beside what grips it: the tool, and wrists that it touches in some posture without being apart.
     """
+    pairs = [(i, j) for i, j in combinations(range(len(bodies)), 2) if bodies[i].frame < 6]
+    return tuple((i, j) for i, j in pairs if _are_ever_apart(robot, bodies[i], bodies[j]))
+
+
+@lru_cache(maxsize=PAIRS_KEPT)
+def _are_ever_apart(robot: Robot, one: _Solid, other: _Solid) -> bool:
+    places = []
+    for body in (one, other):
+        X = np.reshape(body.placement, (3, 4))
+        R, p = _random_postures(robot)[body.frame]
+        places.append((R @ X[:, :3], p + R @ X[:, 3]))
+    solids = [coal.Capsule(b.radius_m, b.length_m) if b.length_m else coal.Sphere(b.radius_m) for b in (one, other)]
+    return any(
+        coal.distance(
+            solids[0], coal.Transform3s(R_0, p_0), solids[1], coal.Transform3s(R_1, p_1), REQUEST, coal.DistanceResult()
+        )
+        >= SELF_CLEARANCE_M
+        for R_0, p_0, R_1, p_1 in zip(*places[0], *places[1], strict=True)
+    )
+
+
+@lru_cache(maxsize=ROBOTS_KEPT)
+def _random_postures(robot: Robot) -> list[tuple[Vector, Vector]]:
+    """Returns axes (n, 3, 3) and origin (n, 3) [m] of base and DH frames at random postures."""
     rng = np.random.default_rng(0)
     model = robot_model(robot)
-    X_frames = dh_frames_in_urdf(robot)
     data = model.createData()
-    solids = [coal.Capsule(b.radius_m, b.length_m) if b.length_m else coal.Sphere(b.radius_m) for b in bodies]
-    fixed = [pin.SE3(np.vstack([np.reshape(b.placement, (3, 4)), [0.0, 0.0, 0.0, 1.0]])) for b in bodies]
-    pairs = [(i, j) for i, j in combinations(range(len(bodies)), 2) if bodies[i].frame < 6]
-    open_pairs = list(pairs)
-    for _ in range(PAIR_SAMPLES):
+    frames = [pin.SE3.Identity(), *dh_frames_in_urdf(robot)]
+    X = np.empty((PAIR_SAMPLES, 7, 4, 4))
+    for k in range(PAIR_SAMPLES):
         pin.forwardKinematics(model, data, rng.uniform(robot.q_lower, robot.q_upper))
-        poses = [pin.SE3.Identity(), *(data.oMi[i] * X_frames[i - 1] for i in range(1, 7))]
-        X = {i: _coal(poses[bodies[i].frame] * fixed[i]) for i in {i for pair in open_pairs for i in pair}}
-        gaps = {
-            (i, j): coal.distance(solids[i], X[i], solids[j], X[j], _REQUEST, coal.DistanceResult())
-            for i, j in open_pairs
-        }
-        open_pairs = [pair for pair in open_pairs if gaps[pair] < SELF_CLEARANCE_M]
-    return tuple(pair for pair in pairs if pair not in open_pairs)
+        X[k] = [(data.oMi[i] * frames[i]).homogeneous for i in range(7)]
+    return [(X[:, i, :3, :3], X[:, i, :3, 3]) for i in range(7)]
 
 
 def self_pairs(cell: Cell) -> list[tuple[str, str]]:
@@ -404,18 +419,8 @@ def self_pairs(cell: Cell) -> list[tuple[str, str]]:
     return [(names[i], names[j]) for i, j in _pairs(cell)]
 
 
-def _coal(X: pin.SE3) -> coal.Transform3s:
-    return coal.Transform3s(X.rotation, X.translation)
-
-
-def _distance(one: coal.ShapeBase, own: coal.Transform3s, other: coal.ShapeBase, place: coal.Transform3s) -> float:
-    """Returns the distance of two solids [m]."""
-    return float(coal.distance(one, own, other, place, _REQUEST, coal.DistanceResult()))
-
-
-def _height(cell: Cell, poses: list[pin.SE3], held: bool) -> float:
-    lowest = np.inf
-    for shape in _all(cell)[: len(shapes(cell)) + held]:
-        if shape.frame > 0:
-            lowest = min(lowest, *(float(poses[shape.frame].act(end)[2]) - shape.radius_m for end in shape.ends))
+def _height(cell: Cell, arm: ArmPath, held: bool) -> float:
+    """Returns the height of the lowest body over the floor [m], along a path."""
+    bodies = [body for body in _all(cell)[: len(shapes(cell)) + held] if body.frame > 0]
+    lowest = min(float(arm.points(body.frame, body.ends)[..., 2].min()) - body.radius_m for body in bodies)
     return lowest - cell.surroundings.floor_z_m

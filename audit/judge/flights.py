@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,9 +10,10 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
+from audit.judge.arm_path import ArmPath
 from audit.judge.distances import LENGTH_SLACK_M, shapes
 from audit.judge.fault import AuditFault, over, under
-from audit.judge.pinocchio_arm import arm_model, poses_and_velocity
+from audit.judge.pinocchio_arm import arm_model
 from planner.cell import Solid
 from planner.problem import TargetRelease, ThrowProblem
 from planner.trajectory import Trajectory
@@ -24,6 +26,7 @@ AIR_KG_M3 = 1.204  # source: ISO 2533, dry air at 20 degC and 101,325 Pa
 LANDING_SLACK_M = 6e-4  # [m] the certificate's 0.5 mm, and the chord at the end
 DELAYS = 21  # releases of a window that are looked at
 FREE_M = 0.001  # [m] the way out of the grip counts once the object has moved by this much
+AT_ONCE = 32  # instants of the way out that the arm is asked for at once
 OUT_M = 0.01  # [m] the object is out of the grip once it has moved by its radius, and by this much
 ANGLE_SLACK = 1e-3  # [rad] of the way out: quarter turns rounded in the URDF
 CLEAR_S = 0.01  # [s] for which the object must have been clear of what gripped it before that counts as an obstacle
@@ -61,23 +64,30 @@ def drag_constant(problem: ThrowProblem) -> float:
 
 def integrate(p: Vector, v: Vector, plane_z: float, radius: float, gravity: float, drag: float) -> Paths:
     """Returns the flights from positions and velocities (m, 3) until every one is below the plane z = `plane_z`."""
-    state = np.concatenate([p, v], axis=1)
-    rows = [p]
-
-    def rate(s: Vector) -> Vector:
-        w = s[:, 3:]
-        return np.concatenate([w, -drag * np.linalg.norm(w, axis=1)[:, None] * w - [0.0, 0.0, gravity]], axis=1)
-
-    while len(rows) * STEP_S < FLIGHT_MAX_S and np.any((state[:, 2] >= plane_z) | (state[:, 5] > 0.0)):
-        k1 = rate(state)
-        k2 = rate(state + STEP_S / 2.0 * k1)
-        k3 = rate(state + STEP_S / 2.0 * k2)
-        k4 = rate(state + STEP_S * k3)
-        state = state + STEP_S / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-        rows.append(state[:, :3])
-    x = np.array(rows)
+    states = np.concatenate([p, v], axis=1).tolist()
+    rows = [states]
+    while len(rows) * STEP_S < FLIGHT_MAX_S and any(s[2] >= plane_z or s[5] > 0.0 for s in states):
+        states = [_stepped(s, gravity, drag) for s in states]
+        rows.append(states)
+    x = np.array(rows)[..., :3]
     ends = [_landing(x[:, i], plane_z, radius) for i in range(len(p))]
     return Paths(x, *(np.array(column) for column in zip(*ends, strict=True)))
+
+
+def _stepped(state: list[float], gravity: float, drag: float) -> list[float]:
+    """Returns position and velocity a Runge-Kutta step later; in plain numbers: an array of six takes longer."""
+    k1 = _rate(state, gravity, drag)
+    k2 = _rate([s + STEP_S / 2.0 * k for s, k in zip(state, k1, strict=True)], gravity, drag)
+    k3 = _rate([s + STEP_S / 2.0 * k for s, k in zip(state, k2, strict=True)], gravity, drag)
+    k4 = _rate([s + STEP_S * k for s, k in zip(state, k3, strict=True)], gravity, drag)
+    every = zip(state, k1, k2, k3, k4, strict=True)
+    return [s + STEP_S / 6.0 * (a + 2.0 * b + 2.0 * c + d) for s, a, b, c, d in every]
+
+
+def _rate(state: list[float], gravity: float, drag: float) -> tuple[float, ...]:
+    _, _, _, x, y, z = state
+    slowed = -drag * math.sqrt(x * x + y * y + z * z)
+    return x, y, z, slowed * x, slowed * y, slowed * z - gravity
 
 
 def _landing(x: Vector, plane_z: float, radius: float) -> tuple[Vector, float, int, int]:
@@ -103,7 +113,8 @@ def clearance_faults(problem: ThrowProblem, motion: Trajectory) -> list[AuditFau
     delays = window_delays(problem)
     arm = MovingArm(problem, motion)
     paths = _paths(problem, motion, delays)
-    in_grip = _paths(problem, motion, delays, factor=1.0)
+    is_as_fast = problem.cell.gripper.release_speed_factor == 1.0
+    in_grip = paths if is_as_fast else _paths(problem, motion, delays, factor=1.0)
     for i, delay in enumerate(delays):
         faults = [*_obstacles(problem, arm, delay, paths, i), *way_out(problem, arm, delay, in_grip.x[:, i])]
         if faults:
@@ -278,16 +289,18 @@ def way_out(problem: ThrowProblem, arm: MovingArm, delay: float, x: Vector) -> l
     out_m = max(problem.cell.object.radius_m, OUT_M)
     if gripper.opening_direction is None or gripper.opening_cone_rad is None:
         return []
-    for k, place in enumerate(x[1:], start=1):
-        moved = arm.in_tool(place, k * STEP_S + delay)
-        if np.linalg.norm(moved) >= out_m:
-            return []
-        if np.linalg.norm(moved) < FREE_M:
-            continue
-        angle = float(np.arccos(np.clip(moved @ gripper.opening_direction / np.linalg.norm(moved), -1.0, 1.0)))
-        text = f"leaves the gripper aside after {k * STEP_S} s"
-        if found := over("opening_direction", text, angle, gripper.opening_cone_rad, ANGLE_SLACK, "rad"):
-            return found
+    for begin in range(1, len(x), AT_ONCE):
+        places = x[begin : begin + AT_ONCE]
+        after_s = np.asarray((begin + np.arange(len(places))) * STEP_S + delay, float)
+        for k, moved in enumerate(arm.in_tool(places, after_s), start=begin):
+            if np.linalg.norm(moved) >= out_m:
+                return []
+            if np.linalg.norm(moved) < FREE_M:
+                continue
+            angle = float(np.arccos(np.clip(moved @ gripper.opening_direction / np.linalg.norm(moved), -1.0, 1.0)))
+            text = f"leaves the gripper aside after {k * STEP_S} s"
+            if found := over("opening_direction", text, angle, gripper.opening_cone_rad, ANGLE_SLACK, "rad"):
+                return found
     return []
 
 
@@ -348,14 +361,11 @@ class MovingArm:
         self._motion = motion
         self._spline = CubicHermiteSpline(motion.t, motion.q, motion.qd)
         self._model = arm_model(problem.cell, False)
-        self._data = self._model.createData()
 
-    def at(self, t: float) -> tuple[list[pin.SE3], Vector]:
-        """Returns the poses of base and DH frames, and the tool's velocity (3,) [m/s], at a time [s]."""
-        inside = min(max(float(t), 0.0), self._motion.duration_s)
-        q = self._spline(inside)
-        qd = self._spline(inside, 1)
-        return poses_and_velocity(self._cell, self._model, self._data, q, qd)
+    def at(self, t: Vector) -> ArmPath:
+        """Returns the arm at times (n,) [s]."""
+        inside = np.clip(t, 0.0, self._motion.duration_s)
+        return ArmPath.of(self._cell, self._model, self._spline(inside), self._spline(inside, 1))
 
     @property
     def released_s(self) -> float:
@@ -364,30 +374,29 @@ class MovingArm:
 
     def hand(self, t: float) -> tuple[pin.SE3, Vector, Vector]:
         """Returns the pose of the flange, and the tool's linear and angular velocity (3,) [m/s, rad/s], at a time."""
-        poses, v = self.at(t)
-        return poses[6], v, pin.getVelocity(self._model, self._data, 6, pin.LOCAL_WORLD_ALIGNED).angular
+        arm = self.at(np.array([t]))
+        return pin.SE3(arm.R[0, 6], arm.p[0, 6]), arm.v[0], arm.w[0]
 
     def tool(self, t: Vector) -> tuple[Vector, Vector]:
         """Returns positions and velocities (m, 3) of the tool centre point at times (m,) [s]."""
-        states = [self.at(time) for time in t]
-        p_FT = self._cell.tool.X_FT[:3, 3]
-        return np.array([poses[6].act(p_FT) for poses, _ in states]), np.array([v for _, v in states])
+        arm = self.at(t)
+        return arm.points(6, self._cell.tool.X_FT[None, :3, 3])[:, 0], arm.v
 
-    def in_tool(self, x: Vector, after_s: float) -> Vector:
-        """Returns a place (3,) of the world in the axes of the tool, from its centre point, after the release [m]."""
-        pose = self.at(self._motion.release_time_s + after_s)[0][6]
+    def in_tool(self, x: Vector, after_s: Vector) -> Vector:
+        """Returns places (n, 3) of the world in the axes of the tool, from its centre point, after the release [m]."""
+        arm = self.at(self._motion.release_time_s + after_s)
         X_FT = self._cell.tool.X_FT
-        return X_FT[:3, :3].T @ (pose.actInv(x) - X_FT[:3, 3])
+        in_flange = np.einsum("nij,ni->nj", arm.R[:, 6], x - arm.p[:, 6])
+        return (in_flange - X_FT[:3, 3]) @ X_FT[:3, :3]
 
     def gaps(self, x: Vector, delay: float) -> list[tuple[str, int, Vector]]:
         """Returns name, frame and distance (n,) [m] of each body from the path's points `x` (n, 3)."""
-        times = self._motion.release_time_s + delay + STEP_S * np.arange(len(x))
+        times = np.asarray(self._motion.release_time_s + delay + STEP_S * np.arange(len(x)), float)
         moving = int(np.searchsorted(times, self._motion.duration_s)) + 1
-        poses = [self.at(t)[0] for t in times[:moving]]
+        arm = self.at(times[:moving]).rows(np.minimum(np.arange(len(x)), moving - 1))
         rows = []
         for shape in shapes(self._cell):
-            ends = np.array([[pose[shape.frame].act(end) for end in shape.ends] for pose in poses])
-            ends = np.concatenate([ends, np.repeat(ends[-1:], len(x) - len(ends), axis=0)])
+            ends = arm.points(shape.frame, shape.ends)
             along = ends[:, 1] - ends[:, 0]
             square = np.maximum((along**2).sum(axis=1), 1e-30)
             share = np.clip(((x - ends[:, 0]) * along).sum(axis=1) / square, 0.0, 1.0)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, lru_cache
 
 import mujoco
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from audit.judge.pinocchio_arm import CELLS_KEPT, arm_model
 from planner.cell import Cell
 
 Vector = NDArray[np.float64]
@@ -55,18 +56,17 @@ def landing_point(p: Vector, v: Vector, plane_z: float, gravity: float) -> Vecto
     return None
 
 
-def inverse_dynamics(cell: Cell, with_object: bool, arm: pin.Model, q: Vector, qd: Vector, qdd: Vector) -> Vector:
+def inverse_dynamics(cell: Cell, with_object: bool, q: Vector, qd: Vector, qdd: Vector) -> Vector:
     """Returns MuJoCo's joint torques (N, 6) [N m].
 
     Args:
         cell: The cell.
         with_object: Whether the arm holds the object.
-        arm: Pinocchio model that the MuJoCo model is made from.
         q: Joint positions (N, 6) [rad].
         qd: Joint velocities (N, 6) [rad/s].
         qdd: Joint accelerations (N, 6) [rad/s^2].
     """
-    model = _arm(cell, with_object, arm)
+    model = _arm(cell, with_object)
     data = mujoco.MjData(model)
     rows = []
     for state in zip(q, qd, qdd, strict=True):
@@ -76,14 +76,10 @@ def inverse_dynamics(cell: Cell, with_object: bool, arm: pin.Model, q: Vector, q
     return np.array(rows).reshape(-1, 6)
 
 
-_MODELS: dict[tuple[Cell, bool], mujoco.MjModel] = {}
-
-
-def _arm(cell: Cell, with_object: bool, arm: pin.Model) -> mujoco.MjModel:
-    key = (cell, with_object)
-    if key not in _MODELS:
-        _MODELS[key] = mujoco.MjModel.from_xml_string(_document(arm, cell.surroundings.gravity_m_s2))
-    return _MODELS[key]
+@lru_cache(maxsize=2 * CELLS_KEPT)
+def _arm(cell: Cell, with_object: bool) -> mujoco.MjModel:
+    arm = arm_model(cell, with_object)
+    return mujoco.MjModel.from_xml_string(_document(arm, cell.surroundings.gravity_m_s2))
 
 
 def _document(arm: pin.Model, gravity: float) -> str:

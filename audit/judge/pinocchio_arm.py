@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 import pinocchio as pin
@@ -14,8 +14,10 @@ from planner.robots import Robot
 
 Vector = NDArray[np.float64]
 
+CELLS_KEPT = 16  # in a process: of 10,000 cells the models would fill the memory
 
-@cache
+
+@lru_cache(maxsize=2 * CELLS_KEPT)
 def arm_model(cell: Cell, with_object: bool) -> pin.Model:
     """Returns the Pinocchio model of a cell's arm, with tool and (optionally) object on the flange.
 

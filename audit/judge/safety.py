@@ -7,9 +7,10 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
+from audit.judge.arm_path import ArmPath
 from audit.judge.distances import shapes
 from audit.judge.fault import AuditFault, over
-from audit.judge.pinocchio_arm import arm_model, dh_frames_in_urdf, poses_and_velocity
+from audit.judge.pinocchio_arm import arm_model
 from planner.problem import ThrowProblem
 from planner.trajectory import Trajectory
 
@@ -50,11 +51,9 @@ def safety_faults(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]
     spline = CubicHermiteSpline(motion.t, motion.q, motion.qd)
     times = np.linspace(0.0, motion.duration_s, max(2, round(motion.duration_s / STEP_S) + 1))
     for with_object, rows in ((True, times <= held_until), (False, times >= gone_from)):
-        watch = _Watch(problem, with_object)
-        states = zip(*(spline(times[rows], k) for k in (0, 1, 2)), strict=True)
-        seen = [watch.values(*state) for state in states]
-        if seen:
-            values, fastest, drift, momentum = (np.array(column) for column in zip(*seen, strict=True))
+        if rows.any():
+            states = (spline(times[rows], k) for k in (0, 1, 2))
+            values, fastest, drift, momentum = _watched(problem, with_object, *states)
             stop = _stopping_times(drift, momentum, tau_max)
             way = STOP_DISTANCE * 0.5 * fastest * np.where(fastest > 0.0, stop, 0.0)
             worst = np.maximum(worst, [*values.max(axis=0), STOP_TIME * stop.max(), way.max()])
@@ -65,35 +64,29 @@ def safety_faults(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]
     return found
 
 
-class _Watch:
-    """Pinocchio's arm of a problem, with the object or without it."""
-
-    def __init__(self, problem: ThrowProblem, with_object: bool) -> None:
-        self._cell, self._model = problem.cell, arm_model(problem.cell, with_object)
-        self._data = self._model.createData()
-        self._elbow = next(shape for shape in shapes(problem.cell) if shape.name == "elbow")
-
-    def values(self, q: Vector, qd: Vector, qdd: Vector) -> tuple[Vector, float, Vector, Vector]:
-        """Returns speeds of flange and elbow, momentum, power; the fastest point; drift; and mass matrix times qd."""
-        model = self._model
-        data = self._data
-        power = abs(pin.rnea(model, data, q, qd, qdd) @ qd)
-        drift = pin.nonLinearEffects(model, data, q, qd).copy()
-        turning = np.array(pin.crba(model, data, q)) @ qd
-        _, tool = poses_and_velocity(self._cell, model, data, q, qd)
-        flange = float(np.linalg.norm(pin.getVelocity(model, data, 6, pin.LOCAL_WORLD_ALIGNED).linear))
-        pin.computeCentroidalMomentum(model, data, q, qd)
-        momentum = np.linalg.norm(data.hg.linear)
-        ends = [self._elbow_ends(q + sign * DIFFERENCE_S * qd) for sign in (1.0, -1.0)]
-        elbow = float(np.linalg.norm(ends[0] - ends[1], axis=1).max()) / (2.0 * DIFFERENCE_S)
-        fastest = max(elbow, flange, float(np.linalg.norm(tool)))
-        return np.array([flange, elbow, momentum, power]), fastest, drift, turning
-
-    def _elbow_ends(self, q: Vector) -> Vector:
-        frame = self._elbow.frame
-        pin.forwardKinematics(self._model, self._data, q)
-        pose = self._data.oMi[frame] * dh_frames_in_urdf(self._cell.robot)[frame - 1]
-        return np.array([pose.act(end) for end in self._elbow.ends])
+def _watched(
+    problem: ThrowProblem, with_object: bool, q: Vector, qd: Vector, qdd: Vector
+) -> tuple[Vector, Vector, Vector, Vector]:
+    """Returns speeds of flange and elbow, momentum, power (n, 4); the fastest point (n,); drift and M qd (n, 6)."""
+    cell = problem.cell
+    model = arm_model(cell, with_object)
+    data = model.createData()
+    power, momentum = np.empty(len(q)), np.empty(len(q))
+    drift, turning = np.empty((len(q), 6)), np.empty((len(q), 6))
+    for k in range(len(q)):
+        power[k] = abs(pin.rnea(model, data, q[k], qd[k], qdd[k]) @ qd[k])
+        drift[k] = pin.nonLinearEffects(model, data, q[k], qd[k])
+        turning[k] = pin.crba(model, data, q[k]) @ qd[k]
+        momentum[k] = np.linalg.norm(pin.computeCentroidalMomentum(model, data, q[k], qd[k]).linear)
+    arm = ArmPath.of(cell, model, q, qd)
+    flange_W = np.einsum("nij,j->ni", arm.R[:, 6], cell.tool.X_FT[:3, 3])
+    flange = np.linalg.norm(arm.v - np.cross(arm.w, flange_W), axis=1)
+    elbow_body = next(shape for shape in shapes(cell) if shape.name == "elbow")
+    later, before = (ArmPath.of(cell, model, q + s * DIFFERENCE_S * qd, qd) for s in (1.0, -1.0))
+    ends = later.points(elbow_body.frame, elbow_body.ends) - before.points(elbow_body.frame, elbow_body.ends)
+    elbow = np.linalg.norm(ends, axis=2).max(axis=1) / (2.0 * DIFFERENCE_S)
+    fastest = np.max([elbow, flange, np.linalg.norm(arm.v, axis=1)], axis=0)
+    return np.column_stack([flange, elbow, momentum, power]), fastest, drift, turning
 
 
 def _stopping_times(drift: Vector, momentum: Vector, tau_max: Vector) -> Vector:
@@ -126,18 +119,14 @@ def grip_faults(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
     if limit is None:
         return []
     model = arm_model(cell, True)
-    data = model.createData()
     spline = CubicHermiteSpline(motion.t, motion.q, motion.qd)
     until = min(object_times(problem, motion)[1], motion.duration_s)
-    worst = 0.0
-    for t in np.arange(DIFFERENCE_S, until - DIFFERENCE_S, STEP_S):
-        velocities = []
-        for time in (t - DIFFERENCE_S, t + DIFFERENCE_S, t):
-            poses, v = poses_and_velocity(cell, model, data, spline(time), spline(time, 1))
-            velocities.append(v)
-        felt = (velocities[1] - velocities[0]) / (2.0 * DIFFERENCE_S) + [0.0, 0.0, problem.gravity]
-        along = (poses[6].rotation @ cell.tool.X_FT[:3, :3]).T @ felt
-        share = np.linalg.norm(felt) / limit[0] if len(limit) == 1 else np.max(np.abs(along) / limit)
-        worst = max(worst, float(share))
+    t = np.arange(DIFFERENCE_S, until - DIFFERENCE_S, STEP_S)
+    times = (t - DIFFERENCE_S, t + DIFFERENCE_S, t)
+    before, after, now = (ArmPath.of(cell, model, spline(each), spline(each, 1)) for each in times)
+    felt = (after.v - before.v) / (2.0 * DIFFERENCE_S) + [0.0, 0.0, problem.gravity]
+    along = np.einsum("nij,ni->nj", now.R[:, 6] @ cell.tool.X_FT[:3, :3], felt)
+    share = np.linalg.norm(felt, axis=1) / limit[0] if len(limit) == 1 else np.max(np.abs(along) / limit, axis=1)
+    worst = float(share.max(initial=0.0))
     slack = LIMIT_SLACK + 0.01  # the jerk within two differences of an instant
     return over("grip_acceleration", "grip acceleration, as a share of what it withstands", worst, 1.0, slack)
