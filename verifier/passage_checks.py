@@ -28,6 +28,8 @@ LINE = 1e-5  # [m, rad] of a line at any time. source: docs/how-to/passages.md
 LINE_SPEED = 1e-4  # [m/s, rad/s] likewise
 SHARE = 1e-6  # [-] of these by which they may be exceeded
 TICK = 1e-6  # [-] of a tick, 2 ns: a time that is off by less is on it
+# Outputs that a controller has. source: RTDE guide of Universal Robots, "digital outputs"
+OUTPUTS = {"standard_digital": 8, "configurable_digital": 8, "tool_digital": 2}
 EDGE_S = 1e-6  # [s] of an output's times: a controller switches on ticks of 2 ms
 ITEMS = ("place", "orientation", "velocity", "angular velocity")
 
@@ -163,11 +165,25 @@ def _outputs(cell: Cell, motion: SampledMotion, demands: Demands) -> Iterator[Fi
         for edge in told.edges:
             edges.setdefault(edge.line, []).append(edge.edge_s)
             yield _on_time(cell, motion, demands, told, edge)
+            yield from _not_free(cell, told, edge)
     for (kind, number), times in edges.items():
         closest = float(np.diff(sorted(times)).min(initial=math.inf)) * motion.rate_hz
         if math.isfinite(closest):
             room = closest - 1.0 + TICK
             yield judged(NAME, room, room, min(times), f"ticks between two edges of {kind} {number}")
+
+
+def _not_free(cell: Cell, told: ToldPassage, edge: ToldEdge) -> Iterator[Finding]:
+    """Returns the finding about an output that a passage cannot switch: there is none such, or a gripper listens."""
+    kind, number = edge.line
+    gripper = cell.gripper
+    own = {(gripper.output, gripper.index)} if gripper.link is None else set()
+    if gripper.second is not None:
+        own.add((gripper.second.output, gripper.second.index))
+    if not 0 <= number < OUTPUTS.get(kind, 0):
+        yield _wrong(edge.edge_s, f"{told.name}: there is no output {kind} {number}")
+    elif edge.line in own:
+        yield _wrong(edge.edge_s, f"{told.name}: {kind} {number} is the gripper's own output")
 
 
 def _on_time(cell: Cell, motion: SampledMotion, demands: Demands, told: ToldPassage, edge: ToldEdge) -> Finding:

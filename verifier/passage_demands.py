@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+GREATEST_S = 1e9  # [s] of an edge; far beyond any motion
+
 
 @dataclass(frozen=True, eq=False)
 class ToldEdge:
@@ -81,5 +83,8 @@ def _edges(asked: Mapping[str, Any], told: Mapping[str, Any]) -> tuple[ToldEdge,
     for one, other in zip(asked.get("outputs") or (), told["outputs"], strict=True):
         if any(one[key] != other[key] for key in ("output", "index", "level")):
             raise ValueError(f"passages: {asked['name']!r} switches another output than its request asks for")
-        found.append(ToldEdge(one, float(other["command_time_s"]), float(other["edge_time_s"])))
+        times = other["command_time_s"], other["edge_time_s"]
+        if not all(isinstance(each, int | float) and abs(each) <= GREATEST_S for each in times):
+            raise ValueError(f"passages: {asked['name']!r} has an output whose times are {times!r}")
+        found.append(ToldEdge(one, *map(float, times)))
     return tuple(found)

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 WRONG_SHAPE = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError)
+GREATEST = 1e300  # a number of a request; JSON knows integers that no float can be
 # Numbers of a request, and of its release, that are not below 0, and those above it.
 NOT_NEGATIVE = ("release_window_s", "landing_tolerance_m", "singularity_distance_min", "min_horizontal_distance_m")
 POSITIVE = ("max_release_speed_m_s", "time_limit_s")
@@ -28,9 +29,7 @@ def check_request(asked: Mapping[str, Any], release: Mapping[str, Any]) -> None:
     Raises:
         NotAPlan: with the field.
     """
-    unusual = [
-        path for path, value in _leaves(asked, "request") if isinstance(value, float) and not math.isfinite(value)
-    ]
+    unusual = [path for path, value in _leaves(asked, "request") if _is_number(value) and not abs(value) <= GREATEST]
     if unusual:
         raise NotAPlan(f"{unusual[0]}: no finite number")
     if ("release" in asked) == bool(asked["passages"]):
@@ -65,9 +64,10 @@ def _check_release(release: Mapping[str, Any]) -> None:
         if len(release[name]) != length or not all(map(_is_number, release[name])):
             raise NotAPlan(f"release.{name}: {release[name]!r}")
     if release["kind"] == "pose":
-        vectors = [release["pose"]["position"], release["twist"]["linear"], release["twist"]["angular"]]
+        _check_pose(release["pose"], "release.pose")
+        vectors = [release["twist"]["linear"], release["twist"]["angular"]]
         if not all(len(vector) == 3 and all(map(_is_number, vector)) for vector in vectors):
-            raise NotAPlan("release: its pose or twist is none")
+            raise NotAPlan("release: its twist is none")
     opening = release.get("opening")
     if opening is not None and not (
         _is_number(opening["radius_m"]) and opening["radius_m"] > 0.0 and opening["rim_height_m"] >= 0.0
@@ -125,6 +125,8 @@ def _check_pose(pose: Mapping[str, Any], where: str) -> None:
     length = 3 if pose.get("quaternion") is None else 4
     if len(pose["position"]) != 3 or len(turn) != length or not all(map(_is_number, [*pose["position"], *turn])):
         raise NotAPlan(f"{where}: {pose!r}")
+    if length == 4 and not any(turn):
+        raise NotAPlan(f"{where}.quaternion: {turn!r}")
 
 
 def _check_end(asked: Mapping[str, Any]) -> None:

@@ -176,6 +176,16 @@ def edges_within_a_tick(document: dict[str, Any]) -> None:
         told_[1][key] = told_[0][key] + 0.001
 
 
+def switches_no_output(document: dict[str, Any]) -> None:
+    for passage in (asked(document, "bead"), told(document, "bead")):
+        passage["outputs"][0]["index"] = 99
+
+
+def opens_the_gripper(document: dict[str, Any]) -> None:
+    for passage in (asked(document, "bead"), told(document, "bead")):
+        passage["outputs"][0].update(output="tool_digital", index=0)
+
+
 def ends_elsewhere(document: dict[str, Any]) -> None:
     document["request"]["end"] = {"kind": "joint", "positions": shifted(list(problems.cell().home), 1e-3)}
 
@@ -184,7 +194,7 @@ FAULTS: list[Callable[[dict[str, Any]], None]] = [
     *(joint_off, joint_too_fast, pose_off, pose_turned, pose_spins, point_off, point_too_fast),
     *(line_ends_elsewhere, line_ends_turned, line_too_fast, line_ends_a_tick_early, line_begins_a_tick_late),
     *(state_a_tick_late, too_early, off_its_time, edge_a_tick_late, commanded_a_tick_late, edges_within_a_tick),
-    ends_elsewhere,
+    *(switches_no_output, opens_the_gripper, ends_elsewhere),
 ]
 
 
@@ -242,6 +252,12 @@ def test_an_object_let_go_at_another_sample_is_violated():
         lambda d: told(d, "bead").update(end_index=10**6),
         lambda d: told(d, "bead")["outputs"].pop(),
         lambda d: told(d, "bead")["outputs"][0].update(level=False),
+        lambda d: told(d, "bead")["outputs"][0].update(command_time_s=float("nan")),
+        lambda d: told(d, "bead")["outputs"][0].update(edge_time_s="0.5"),
+        lambda d: asked(d, "pose")["state"]["pose"].update(quaternion=[0, 0, 1]),
+        lambda d: asked(d, "pose")["state"]["pose"].update(quaternion=[0, 0, 0, 0]),
+        lambda d: asked(d, "joint")["state"]["positions"].__setitem__(0, 10**400),
+        lambda d: asked(d, "joint").update(at_s=10**400),
         lambda d: asked(d, "bead").update(state=PASSED[0]["state"]),
         lambda d: asked(d, "bead")["line"].update(speed_m_s=0.0),
         lambda d: asked(d, "bead")["line"].update(speed_m_s=float("nan")),
