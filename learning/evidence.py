@@ -33,7 +33,7 @@ LEAST_STD_M = 0.001  # [m] of a position that claims to be exact: the model is n
 COUNTED = ("completed", "late")  # outcomes of throws whose gripper opened at a known time on a known motion
 WITHOUT_TARGET = "a hit, edge or miss counts only with a target and the radius of a hit"
 IN_THE_WAY = ("keep_out", "bin")  # beginnings of what an object may land on instead of the plane
-BOTTOM = "bin"  # of the plan's own bin: it lies in the plan's plane, unlike the bin's wall and any other bin
+BOTTOM = "bin"  # of the plan's own bin: it lies in the plan's plane, unlike the top of its wall and any other bin
 
 
 @dataclass(frozen=True, eq=False)

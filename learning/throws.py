@@ -129,7 +129,7 @@ def bin_rim(problem: ThrowProblem, table: ThrowTable) -> BinRim | None:
     height = float(target.p_W[2]) + target.opening.rim_height_m
     v = problem.release_speed_factor * (table.J @ table.qd[..., None])[..., 0]
     table = replace(table, plane_z=height, by_drag=_effect_of_drag(problem, table.p_WT, v, height))
-    v_x, v_y, v_z = v[table.planned].tolist()
+    v_x, v_y, v_z = (v[table.planned] - np.append(table.carried, 0.0)).tolist()
     falls = math.sqrt(max(v_z**2 + 2.0 * problem.gravity * (float(table.p_WT[table.planned, 2]) - height), 0.0))
     slant = math.hypot(v_x, v_y, falls) / max(falls, 1e-9)
     return BinRim(table, problem.cell.object.radius_m * (slant - 1.0))
