@@ -40,7 +40,7 @@ async def plan_events(request: Request, make: Make) -> AsyncGenerator[bytes]:
     count = 0
     making = asyncio.ensure_future(make(observe))
     try:
-        while not making.done():
+        while newest is not sent or not making.done():  # what was tried last is told before the end
             now_s = time.monotonic()
             if newest is not sent or now_s - sent_s > SILENCE_S:
                 sent = newest
