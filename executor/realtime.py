@@ -30,6 +30,8 @@ MCL_CURRENT = 1
 MCL_FUTURE = 2  # source: linux/mman.h
 PR_SET_PDEATHSIG = 1  # source: linux/prctl.h
 PR_SET_TIMERSLACK = 29  # source: linux/prctl.h
+AUTOGROUP = Path("/proc/self/autogroup")  # source: sched(7)
+LEAST_NICE = "19"
 LATENCY = Path("/dev/cpu_dma_latency")  # source: Documentation/power/pm_qos_interface.rst
 PROCESSORS = Path("/proc/cpuinfo")
 QUOTA = Path("/sys/fs/cgroup/cpu.max")
@@ -174,7 +176,7 @@ def keep_awake(core: int) -> Iterator[None]:
     An idle processor wakes up late: by the exit latency of its sleep state, or, in a virtual machine, by what the host
     does meanwhile. A physical machine is asked through the kernel's PM QoS interface. In a virtual machine the process
     keeps the processor busy at SCHED_IDLE, if the stream may take real-time priority: at ordinary priority it would
-    yield to the stream, but not to a busy process of another session or container, with which the two then share.
+    yield to the stream, but not to a busy process of another container, with which the two then share.
     """
     process = _start_waker(core)
     try:
@@ -227,6 +229,7 @@ def stay_awake(core: int, parent: int) -> None:
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     os.sched_setaffinity(0, {core})
     os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+    _yield_to_every_session()
     if is_virtual():
         while os.getppid() == parent:
             pass
@@ -235,6 +238,13 @@ def stay_awake(core: int, parent: int) -> None:
     os.write(request, struct.pack("i", 0))  # [us]
     while os.getppid() == parent:
         time.sleep(1.0)
+
+
+def _yield_to_every_session() -> None:
+    """Yields to other sessions, too: with autogroups, they share a processor whatever is idle in them."""
+    with suppress(OSError):  # it leads a session already, or this kernel has no autogroups
+        os.setsid()
+        AUTOGROUP.write_text(LEAST_NICE)
 
 
 if __name__ == "__main__":

@@ -23,6 +23,10 @@ def wakers() -> list[psutil.Process]:
     return children_with("realtime.py")
 
 
+ENABLED = Path("/proc/sys/kernel/sched_autogroup_enabled")
+HAS_AUTOGROUPS = ENABLED.exists() and ENABLED.read_text().strip() == "1"
+
+
 @pytest.fixture
 def virtual(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """A virtual machine without a quota, where real-time priority is permitted, whatever this one is."""
@@ -38,6 +42,9 @@ def test_it_stays_on_its_processor_gives_way_to_everybody_and_ends():
         (waker,) = wakers()
         assert wait(lambda: os.sched_getscheduler(waker.pid) == os.SCHED_IDLE)
         assert os.sched_getaffinity(waker.pid) == {CORE}
+        autogroup = Path(f"/proc/{waker.pid}/autogroup")
+        if HAS_AUTOGROUPS and autogroup.read_text():  # empty in a container's own group
+            assert wait(lambda: autogroup.read_text().strip().endswith("nice 19"))
     assert not psutil.pid_exists(waker.pid)
 
 
