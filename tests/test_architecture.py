@@ -9,7 +9,7 @@ import subprocess
 import sys
 import tomllib
 from collections import defaultdict
-from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -24,6 +24,7 @@ ROOMS = (
     "executor",
     "simulator",
     "verifier",
+    "audit",
     "benchmarks",
 )
 FOLDERS = (*ROOMS, "tests", "docs")  # that hold code of this project
@@ -205,19 +206,28 @@ def module_name(file: Path, root: Path) -> str:
 
 def public_names(face: str, root: Path) -> set[str]:
     file = root / face.replace(".", "/") / "__init__.py"
-    for node in ast.parse(file.read_text()).body if file.is_file() else ():
+    for node in parsed(file).body if file.is_file() else ():
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
             return set(ast.literal_eval(node.value))
     return set()
 
 
-def imports(file: Path) -> Iterator[tuple[str, tuple[str, ...]]]:
+@cache
+def parsed(file: Path) -> ast.Module:
+    """Returns the syntax tree of a file, which nobody changes."""
+    return ast.parse(file.read_text())
+
+
+@cache
+def imports(file: Path) -> list[tuple[str, tuple[str, ...]]]:
     """Every imported module of a file, with the names that are taken from it."""
-    for node in ast.walk(ast.parse(file.read_text())):
+    found: list[tuple[str, tuple[str, ...]]] = []
+    for node in ast.walk(parsed(file)):
         if isinstance(node, ast.ImportFrom):
-            yield node.module or "", tuple(alias.name for alias in node.names)
+            found.append((node.module or "", tuple(alias.name for alias in node.names)))
         elif isinstance(node, ast.Import):
-            yield from ((alias.name, ()) for alias in node.names)
+            found += [(alias.name, ()) for alias in node.names]
+    return found
 
 
 @pytest.mark.parametrize("face", FACES)
@@ -245,7 +255,7 @@ def test_a_class_name_is_used_once(root: Path):
     places = defaultdict(list)
     for folder in (name for name in FOLDERS if name != "fling"):
         for file in sorted((root / folder).rglob("*.py")):
-            for node in ast.parse(file.read_text()).body:
+            for node in parsed(file).body:
                 if isinstance(node, ast.ClassDef):
                     places[node.name].append(str(file.relative_to(root)))
     assert {name: files for name, files in places.items() if len(files) > 1} == {}
@@ -255,7 +265,7 @@ def test_nothing_catches_everything(root: Path):
     """`except Exception` only where a `finally` stops the robot, in the executor; and then it says so."""
     found = []
     for file in sources(root):
-        for node in ast.walk(ast.parse(file.read_text())):
+        for node in ast.walk(parsed(file)):
             if isinstance(node, ast.ExceptHandler):
                 kinds = [node.type] if not isinstance(node.type, ast.Tuple) else node.type.elts
                 names = {kind.id if isinstance(kind, ast.Name) else "" for kind in kinds if kind is not None}
@@ -276,7 +286,7 @@ def test_the_executor_sends_no_motion_that_outlives_it(root: Path):
     found = {
         node.attr
         for file in (root / "executor").rglob("*.py")
-        for node in ast.walk(ast.parse(file.read_text()))
+        for node in ast.walk(parsed(file))
         if isinstance(node, ast.Attribute)
     }
     assert found & OUTLIVING == set()
