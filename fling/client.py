@@ -238,7 +238,7 @@ class Client:
             more: `velocity` (3,) [m/s] with `velocity_std_m_s`, `drift_m_s`.
 
         Returns:
-            What is known of it; its `id` is for `observe`, and for `fling.Target({"target": id})`.
+            What is known of it, with its `id` for `observe`, and for a target whose position is that `target`.
         """
         return self.post(f"/cells/{cell}/targets", _observation(position, std_m, observed_at_s, more))
 

@@ -9,7 +9,7 @@ import os
 from collections.abc import Mapping
 
 REALTIME_PRIORITY = 60  # of SCHED_FIFO; above a client's, so that on one processor no client makes the controller late
-CORE_VARIABLE = "FLING_STREAM_CORE"  # names the processor of the executor's stream; source: docs/executor.md, Settings
+CORE_VARIABLE = "FLING_STREAM_CORE"  # names the processor of the executor's stream; source: executor/settings.py
 
 
 def default_core(environment: Mapping[str, str]) -> int:

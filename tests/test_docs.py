@@ -10,10 +10,15 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from click import Context
 
 import fling
 from api.cli import COMMANDS
+from api.cli.serve import executor, serve
+from api.cli.simulator import FAULTS as FAULTS_HELP
+from api.settings import ServiceSettings
 from planner.robots import INCOMPLETE_NAMES, ROBOT_NAMES, missing_numbers, published_number, robot
+from simulator.faults import FAULTS
 
 ROOT = Path(__file__).parent.parent
 PACKAGES = ("fling", "planner", "api", "store", "learning", "jobs", "executor", "simulator", "benchmarks")
@@ -116,6 +121,19 @@ def test_the_reference_of_the_library_has_what_its_face_has():
     assert sorted(path.rpartition(".")[2] for path in named) == sorted({*fling.__all__} - {"__version__"})
     for path in named:
         assert pkgutil.resolve_name(path) is getattr(fling, path.rpartition(".")[2]), path
+
+
+def test_the_help_lists_every_fault_of_the_simulated_controller():
+    assert [name for name in FAULTS if not re.search(rf"^(?:\w+, )*{name}\b", FAULTS_HELP, re.M)] == []
+
+
+def test_the_help_lists_every_setting():
+    service = {f"FLING_{name.removesuffix('_days').upper()}" for name in ServiceSettings.model_fields}
+    told = {
+        name for command in (serve, executor) for name in re.findall(r"FLING_\w+", command.get_help(Context(command)))
+    }
+    read = set(re.findall(r'"(FLING_\w+)"', (ROOT / "executor" / "settings.py").read_text()))
+    assert sorted((service | read) - told) == []
 
 
 def test_the_table_of_arms_is_what_the_data_say():

@@ -21,6 +21,41 @@ if TYPE_CHECKING:
     from api.settings import ServiceSettings
     from planner.cell import Cell
 
+SERVICE_SETTINGS = """Settings of the environment without an option, and their defaults:
+
+FLING_DATA (`fling` in the user's data folder): the executors' folder, with their stop sockets
+
+FLING_PLANNER_QUEUE (16): requests that may wait; further ones are answered 429
+
+FLING_BATCH_WORKERS (number of cores - 1; all of a cluster): planner processes of a batch, besides the service's own;
+0: another service plans, and carries jobs out
+
+FLING_RAY_ADDRESS (none): Ray cluster that plans batches
+
+FLING_KEEP_PLANS, FLING_KEEP_EXECUTIONS, FLING_KEEP_BATCHES (all), each also with _DAYS: how many are kept, how long
+
+FLING_REQUEST_LOG (on): off: no line in the log for each request
+"""
+EXECUTOR_SETTINGS = """Settings of the environment, and their defaults:
+
+FLING_DATABASE_URL, FLING_CELLS: store and folder of cell files, as of `fling serve`
+
+FLING_DATA (`fling` in the user's data folder): undelivered results, latched fault, output of the streaming process
+(streaming.log)
+
+FLING_WATCHDOG_HZ (50, without real time 20): lowest command rate accepted by the controller, 10 to 50
+
+FLING_DEAD_MAN_S (0.04): time without a heartbeat after which a program inside the controller stops the arm, 0.02 to 0.2
+
+FLING_STREAM_CORE (the highest): processor of the stream, and of a simulated controller; -1: any
+
+FLING_KEEP_AWAKE (on): off: let the stream's processor sleep during an execution
+
+FLING_VERIFY (off): on: every plan, also one that replaces another, must be proven by `fling verify`, which takes 0.2 to
+0.5 s before an approach; what that does not cover is refused by name
+
+FLING_APPROACH_PACE (1): pace of the approach to a plan's start, 0.1 to 2; at 1: 1 rad/s and 1.4 rad/s², movej's default
+"""
 PATIENCE_HELP = "How long to wait for each process to be ready [s]; default: 300."
 
 
@@ -88,18 +123,32 @@ def _keep_alive(children: ChildProcesses) -> None:
             say(f"fling: {sentence}", BAD, err=True)
 
 
-@click.command()
+@click.command(epilog=SERVICE_SETTINGS)
 @click.option("--host", help="Address to listen on; default: FLING_HOST, or 127.0.0.1.")
 @click.option("--port", type=PORT, help="Port to listen on; default: FLING_PORT, or 8000.")
-@click.option("--cells", type=click.Path(path_type=Path), help="Folder of cell files; default: FLING_CELLS.")
-@click.option("--cell", "default_cell", help="The default cell of requests; default: FLING_DEFAULT_CELL.")
-@click.option("--database-url", help="Database; default: FLING_DATABASE_URL, or SQLite in the user's data folder.")
+@click.option(
+    "--cells",
+    type=click.Path(path_type=Path),
+    help="Folder of cell files; default: FLING_CELLS, or ./cells, or the shipped ones.",
+)
+@click.option("--cell", "default_cell", help="The default cell of requests; default: FLING_DEFAULT_CELL, or ur5e-sim.")
+@click.option(
+    "--database-url",
+    help="Database, or postgresql+psycopg://…, after `fling db upgrade`; default: FLING_DATABASE_URL, or SQLite in the "
+    "user's data folder.",
+)
 @click.option(
     "--tokens-file", type=click.Path(path_type=Path), help="File of the bearer tokens; default: FLING_TOKENS_FILE."
 )
-@click.option("--trusted-proxies", help="Proxies whose X-Forwarded-For is believed; default: FLING_TRUSTED_PROXIES.")
 @click.option(
-    "--planner-workers", type=click.IntRange(min=1), help="Planner processes; default: FLING_PLANNER_WORKERS."
+    "--trusted-proxies",
+    help="Addresses and networks of reverse proxies, separated by commas, whose X-Forwarded-For is believed; default: "
+    "FLING_TRUSTED_PROXIES.",
+)
+@click.option(
+    "--planner-workers",
+    type=click.IntRange(min=1),
+    help="Planner processes; default: FLING_PLANNER_WORKERS, or the number of cores - 1.",
 )
 def serve(**flags: object) -> None:
     """Run the service alone: HTTP on one address, with its planner processes."""
@@ -112,7 +161,7 @@ def serve(**flags: object) -> None:
     sys.exit(run(settings))
 
 
-@click.command()
+@click.command(epilog=EXECUTOR_SETTINGS)
 @cell_option()
 @click.option("--read-only", is_flag=True, help="Connect, report state and preflight, never move.")
 def executor(cell: str | None, read_only: bool) -> None:

@@ -17,6 +17,44 @@ from api.cli.support.options import cell_option, service_options, service_url
 CONTROL_PORT = 29900  # of the simulator alone; source: docs/simulator.md
 OTHER_HOST = "give its cell file another loopback address: link.host, such as 127.0.0.2"
 TIMEOUT_S = 5.0  # [s] the simulator answers at once
+FAULTS = """Faults, with their parameters and defaults. Roles are control, receive, io, inputs (control and io), any
+(all three), dashboard, robot_api, script, primary, secondary, camera, gripper.
+
+protective_stop (runtime=paused; stopped, playing)
+
+emergency_stop, safeguard_stop, power_loss
+
+clear: removes the cause of every stop
+
+stop_program, pause_program, resume_program: the pendant's buttons
+
+local_mode (on=true): scripts and most commands of dashboard or Robot API are refused
+
+speed_slider (fraction=0.5)
+
+close_connection (role=control, reset=false): FIN or RST; the port keeps listening
+
+stall_connection (role=control, on=true): neither read nor written, but open
+
+disturb_connection (role=control, also every, with connections to come; delay_s, jitter_s, drop=0): everything delayed;
+a share of the data packages lost, both ways
+
+offline (on=true, reset=true): every connection ends, every port except the control port refuses
+
+mute (port=dashboard; robot_api, rtde, script, gripper; on=true): accepts, never answers
+
+freeze (duration_s=1): controller, its time and world stand still; sockets stay open
+
+kill: the process dies by SIGKILL
+
+gripper_stuck (on=true): the gripper does not open
+
+object_lost: the object slips out of the closed gripper
+
+outputs_stuck (on=true): the digital outputs ignore what they are told
+
+digital_input (index=0, on=true): no fault: switches a digital input, as a loader would
+"""
 
 
 def truth_options(command: Any) -> Any:
@@ -115,12 +153,12 @@ def _host(path: Path) -> str:
         raise click.ClickException(f"{path.name}: {error}") from error
 
 
-@sim.command()
+@sim.command(epilog=FAULTS)
 @click.argument("name")
 @click.argument("parameters", nargs=-1, metavar="[KEY=VALUE]...")
 @click.pass_obj
 def fault(host: Callable[[], str], name: str, parameters: tuple[str, ...]) -> None:
-    """Cause a fault: protective_stop, emergency_stop, safeguard_stop, … (docs/simulator.md lists them)."""
+    """Cause a fault in a running simulated controller."""
     given = dict(_parameter(parameter) for parameter in parameters)
     click.echo(json.dumps(_call(host(), {"op": "fault", "name": name, **given})))
 

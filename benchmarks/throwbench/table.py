@@ -27,11 +27,11 @@ COLUMNS = (
     "10 ms early / late mm",
     "broken rules",
 )
-NOTE = """Shares are of all problems asked, of every set. *Release over best*: the release time over the soonest valid
-one of any entry in this run, median of the entry's own valid answers. *10 ms early / late*: median distance from the
-target of the same motion released 10 ms off. *Processor* is what the entry's process used for every answer, refusals
-among them. Rules are counted once an answer. The JSON file beside this page has every number by set, and every answer.
-What each entry was given, and what it cannot express, is said in [ThrowBench](../throwbench.md#entries)."""
+NOTE = """Shares are of all problems. *Release over best*: the release time over the soonest valid one of any entry in
+this run, median of the entry's valid answers. *10 ms early / late*: median distance from the target of the same motion
+released 10 ms off. *Processor*: what the entry's process used for each answer, refusals among them. Rules are counted
+once an answer. The JSON file beside this page has every number by set; [Entries](../throwbench.md#entries) says what
+each was given."""
 
 
 def summary(rows: Sequence[ThrowRow], best: dict[str, float]) -> dict[str, Any]:

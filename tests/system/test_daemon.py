@@ -1,6 +1,6 @@
 """Refusals and recoveries of the daemon, with real processes.
 
-H numbers are rows of the table of faults in docs/executor.md.
+H numbers are those of `tests.system`.
 """
 
 from __future__ import annotations

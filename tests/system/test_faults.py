@@ -1,6 +1,6 @@
 """Faults of the robot's side beyond the fault matrix: refusals, other clients, a gripper and an arm that do not obey.
 
-R and H numbers are rows of the table of faults in docs/executor.md.
+R and H numbers are those of `tests.system`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Processes that die or freeze in mid-launch or at the release: the arm stops, the run is recorded, no orphan is left.
 
-H numbers are rows of the table of faults in docs/executor.md.
+H numbers are those of `tests.system`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import pytest
 from tests.system.rig import FAST_RAD_S, LONG_LOB, NUDGE, Rig
 from tests.system.service import RigService
 
-REST_S = 0.150  # [s] of the controller's time from the kill to rest: rows H1 and H2 of docs/executor.md
+REST_S = 0.150  # [s] of the controller's time from the kill to rest, H1 and H2: the promise of docs/executor.md
 LANDED_S = 1.5  # [s] after the arm has come to rest: the object has landed, and the result exists
 FULL_AT_BYTES = 1000  # [bytes] limit of every file; written data stays
 ORPHANS_GONE_S = 10.0  # [s] within which planner processes follow their service

@@ -1,6 +1,6 @@
 """One throw from the queue to the landing, in every mode.
 
-H numbers are rows of the table of faults in docs/executor.md.
+H numbers are those of `tests.system`.
 """
 
 from __future__ import annotations
