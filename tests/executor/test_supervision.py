@@ -14,7 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from executor.supervision import STREAM_MODULE, ChildProcess, StreamRun, end_orphan
+from executor.stream_process import STREAM_MODULE, ChildProcess, SpareStream, end_orphan
+from executor.supervision import StreamRun
 from tests.executor.conftest import Prepared
 
 
@@ -60,7 +61,7 @@ LOCKS = "import fcntl, sys, time; fcntl.lockf(sys.stdout, fcntl.LOCK_EX); print(
 def test_a_stream_that_an_executor_left_is_ended(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: signal.Signals
 ) -> None:
-    monkeypatch.setattr("executor.supervision.ORPHAN_S", 0.1)
+    monkeypatch.setattr("executor.stream_process.ORPHAN_S", 0.1)
     log = tmp_path / "log"
     child = ChildProcess([sys.executable, "-c", LOCKS, STREAM_MODULE], (), log)
     while "locked" not in log.read_text():
@@ -80,7 +81,7 @@ def test_nobody_is_ended_where_no_stream_is_left(tmp_path: Path) -> None:
 
 
 def test_a_process_that_is_no_stream_keeps_its_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("executor.supervision.ORPHAN_S", 0.1)
+    monkeypatch.setattr("executor.stream_process.ORPHAN_S", 0.1)
     log = tmp_path / "log"
     child = ChildProcess([sys.executable, "-c", LOCKS], (), log)
     while "locked" not in log.read_text():
@@ -101,7 +102,7 @@ def descriptors() -> list[str]:
 
 
 def ended_run(prepared: Prepared, tmp_path: Path, host: str) -> StreamRun:
-    run = StreamRun(replace(prepared.job, host=host), tmp_path / "log", keep_awake=False)
+    run = StreamRun(replace(prepared.job, host=host), SpareStream(tmp_path), keep_awake=False)
     run.start()
     assert run.wait(60.0)
     return run
