@@ -10,7 +10,7 @@ from typing import TypeVar
 
 from executor import realtime
 from executor.cell_watch import CellWatch
-from executor.execution import STREAM_LOG, Execution
+from executor.execution import Execution
 from executor.heartbeat import Heartbeat
 from executor.logs import log
 from executor.ownership import CellTaken, take_cell, take_controller
@@ -21,8 +21,8 @@ from executor.replacement import Certifier
 from executor.replacer import Replacer
 from executor.robot import ActionRefused, DashboardClient, RobotSession, stop_program
 from executor.stop_listener import StopListener
+from executor.stream_process import SpareStream, end_orphan
 from executor.streaming.state_checks import safety_words
-from executor.supervision import end_orphan
 from executor.worker import Worker
 from fling import tracing
 from planner.cell import Cell, read_source
@@ -52,7 +52,7 @@ class Daemon:
         self.cell = session.cell.name
         self.executor_id = new_id()
         self._store_paused_until = 0.0
-        self._stream_log = session.settings.data / STREAM_LOG
+        self.spare = SpareStream(session.settings.data)
         self._is_recovered = False
         self._operate_at = 0.0
         self._answered: tuple[str, bool, str] = ("", False, "")  # the newest request to operate the robot
@@ -86,6 +86,8 @@ class Daemon:
         self.recover()
         self._note_version()
         self._operate("the executor was started meanwhile")
+        if not self.session.settings.read_only:
+            self.spare.prepare()
         self.heartbeat.start()
         self.stops.start()
         self.certifier.start()
@@ -97,6 +99,7 @@ class Daemon:
             for worker in self._workers():
                 worker.stop()
             self.certifier.stop()
+            self.spare.close()
             self.session.console.close()
             self._try_store(lambda: self.store.leave_cell(self.cell, self.executor_id))
         return not self.heartbeat.is_replaced
@@ -112,9 +115,10 @@ class Daemon:
         a kill before that the next daemon finds them open. What the database cannot take now is done before the next
         claim.
         """
-        orphan = end_orphan(self._stream_log)
-        if orphan is not None:
-            log("a streaming process of an earlier executor was killed", process=orphan)
+        for file in self.spare.logs:
+            orphan = end_orphan(file)
+            if orphan is not None:
+                log("a streaming process of an earlier executor was killed", process=orphan)
         self._deliver_kept()
         if self.journal.has_undelivered():
             return
@@ -149,7 +153,7 @@ class Daemon:
     def _last_words(self) -> str:
         """Returns for a reason how the stream of the lost execution ended by its own account, where it left one."""
         try:
-            lines = self._stream_log.read_text(errors="replace").split("\n")[-2:-1]
+            lines = self.spare.logs[0].read_text(errors="replace").split("\n")[-2:-1]
         except OSError:
             return ""
         return "".join(f"; the stream ended as {line}" for line in lines)
@@ -248,7 +252,7 @@ class Daemon:
         log("claimed", **_log_fields(row))
         self.heartbeat.idle = False
         with contextlib.suppress(OSError):  # what it says is of an earlier execution
-            self._stream_log.unlink(missing_ok=True)
+            self.spare.logs[0].unlink(missing_ok=True)
         result = ExecutionResult(row.id, "executor_lost", "the executor failed", None)
         publisher = None
         try:
@@ -266,11 +270,12 @@ class Daemon:
             publisher = Publisher(execution, self.store, self._try_store)
             replacer = Replacer(execution, self.store, self._try_store, self.certifier)
             with realtime.real_time_process():
-                execution.start(job)
+                execution.start(job, self.spare)
                 publisher.start()
                 replacer.start()
                 self._watch(execution, (publisher, replacer), ended)
             replacer.stop()
+            self.spare.prepare()
             result = execution.finish()
         except (ExecutionRefused, OSError, StoreUnavailable) as error:
             outcome = "refused" if execution.run is None else "executor_lost"
@@ -280,6 +285,7 @@ class Daemon:
                 execution.run.abort()
                 execution.run.wait(STREAM_END_S)
             execution.close()
+            self.spare.prepare()
             self._keep(execution, result)
             self.stops.execution = None
             self._deliver(publisher)

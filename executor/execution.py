@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -24,10 +25,11 @@ from executor.preflight import (
     readiness,
     verify_plan,
 )
-from executor.preparation import landing_of, prepare_job
+from executor.preparation import landing_of, prepare_job, with_approach
 from executor.replacement import CannotJoin, Certifier, Motion, Question
 from executor.robot import RobotSession, RobotState
 from executor.stream_job import StreamJob
+from executor.stream_process import SpareStream
 from executor.streaming.state_checks import EMERGENCY_BITS, NORMAL
 from executor.supervision import StreamRun
 from fling import tracing
@@ -43,7 +45,6 @@ from store import TICK_PASSED, ExecutionRow, ProfileRow, new_id
 
 SAFETY_WAIT_S = 0.2  # [s] after a fault, for a state that is newer than the fault
 MONITOR_WAIT_S = 1.0  # [s] longest wait for it: the machine may be busy, the link may be gone
-STREAM_LOG = "streaming.log"  # output of the streaming process of the newest execution
 POLL_S = 0.02  # [s] between two readings of that state
 WITHOUT_LOSS = ("completed", "refused", "held")  # outcomes in which nobody asks where the object is
 KEPT = ("refused", "held")  # of them those in which nothing lands
@@ -76,10 +77,9 @@ class Execution:
         """
         cell = self.session.cell
         session = self.session
-        session.kinematics_reader.read()
-        self.motions = [self._motion_of(document)]
-        if not self.problem.starts_at_rest:
-            raise ExecutionRefused("the plan starts in motion: it can only replace a running one")
+        with ThreadPoolExecutor(1) as pool:
+            pool.submit(session.kinematics_reader.read)  # up to a tenth of a second, in which the plan is prepared
+            job = self._job_of(document)
         ready = readiness(session)
         state = session.monitor.fresh()
         refusals = [*ready.refusals, *([] if state is None else open_grippers(cell, state))]
@@ -100,11 +100,24 @@ class Execution:
             self.note(f"planned approach of {duration_s:.1f} s; a straight move: {obstacle_words(failures)}")
         for warning in output_level_warnings(self.problem, self.trajectory, state):
             self.note(f"warning: {warning}")
-        landing = landing_of(document, self.problem, self.trajectory, self.profile)
-        how = (self.row.mode, self.row.dry_run, session.settings, landing)
-        gripper_fd = -1 if self.gripper is None else self.gripper.fileno()
         try:
-            return prepare_job(self.problem, self.trajectory, approach, *how, gripper_fd)
+            return with_approach(job, approach, session.settings)
+        except NoProgram as error:
+            raise ExecutionRefused(str(error)) from error
+
+    def _job_of(self, document: bytes) -> StreamJob:
+        """Returns the stream job of a plan that is certified again, without its approach.
+
+        Raises:
+            ExecutionRefused: with the reason.
+        """
+        self.motions = [self._motion_of(document)]
+        if not self.problem.starts_at_rest:
+            raise ExecutionRefused("the plan starts in motion: it can only replace a running one")
+        landing = landing_of(document, self.problem, self.trajectory, self.profile)
+        how = (self.row.mode, self.row.dry_run, self.session.settings, landing)
+        try:
+            return prepare_job(self.problem, self.trajectory, None, *how)
         except NoProgram as error:
             raise ExecutionRefused(str(error)) from error
 
@@ -279,8 +292,8 @@ class Execution:
             return self.gripper.driver.is_open() is True
         return gripper_is_open(self.session.cell, state)
 
-    def start(self, job: StreamJob) -> None:
-        """Starts the streaming process; in a simulated cell the throw is announced before, with its bin.
+    def start(self, job: StreamJob, spare: SpareStream) -> None:
+        """Starts the run, by the process that waits; in a simulated cell the throw is announced before, with its bin.
 
         Raises:
             ExecutionRefused: the simulated controller refuses it.
@@ -289,7 +302,7 @@ class Execution:
             self._announce()
         settings = self.session.settings
         self.session.monitor.forget()
-        self.run = StreamRun(job, settings.data / STREAM_LOG, settings.keep_awake, self.gripper)
+        self.run = StreamRun(job, spare, settings.keep_awake, self.gripper)
         self.run.start()
 
     def _announce(self) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import secrets
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -59,19 +60,17 @@ def prepare_job(
     dry_run: bool,
     settings: ExecutorSettings,
     landing: ExpectedLanding | None = None,
-    gripper_fd: int = -1,
     running: RunningRows | None = None,
 ) -> StreamJob:
     """Returns the stream job of a certified plan and an approach to its start.
 
     Args:
         problem, trajectory: of the plan.
-        approach: to its start; None where the arm is on its way already.
+        approach: to its start; None where the arm is on its way already, or it is not known yet.
         mode: "speedj", "servoj" or "script".
         dry_run: connect and record without any motion.
         settings: of the executor.
         landing: where the object is to land; None: it is let go wherever it lands.
-        gripper_fd: descriptor of the connection to a gripper that no output switches; -1: none.
         running: what this job goes on from; None: it is a run of its own.
 
     Raises:
@@ -80,7 +79,7 @@ def prepare_job(
     cell = problem.cell
     gripper = cell.gripper
     dt = 1.0 / cell.robot.sample_rate_hz
-    dead_man_s = settings.dead_man_s if mode == "script" and not dry_run else None
+    dead_man_s = _dead_man_s(settings, mode, dry_run)
     edges = output_edges(cell, problem.passages, trajectory)
     rows = sample_rows(cell, trajectory, problem.throws, edges, running and running.job.first_clock_s)
     return StreamJob(
@@ -99,7 +98,6 @@ def prepare_job(
         second=gripper.second,
         switches=list(rows.switches),
         link=gripper.link,
-        gripper_fd=gripper_fd,
         close_s=gripper.close_s,
         grip_input=gripper.grip_input,
         opens_in_s=0.0 if gripper.link is None else gripper.delay_s + LATE_STD * gripper.jitter_s + REPORT_S,
@@ -116,6 +114,20 @@ def prepare_job(
         priority=realtime.STREAM_PRIORITY,
         daemon_silent_s=SILENT_S if realtime.is_permitted() else SILENT_ORDINARY_S,
     )
+
+
+def with_approach(job: StreamJob, approach: Approach, settings: ExecutorSettings) -> StreamJob:
+    """Returns a job with the approach to its start.
+
+    Raises:
+        NoProgram: a program of the controller cannot make the approach.
+    """
+    return replace(job, approach=_approach_rows(approach, _dead_man_s(settings, job.mode, job.dry_run)))
+
+
+def _dead_man_s(settings: ExecutorSettings, mode: str, dry_run: bool) -> float | None:
+    """Returns the time without a heartbeat after which a program stops the arm [s]; None where none runs."""
+    return settings.dead_man_s if mode == "script" and not dry_run else None
 
 
 def _approach_rows(approach: Approach, dead_man_s: float | None) -> JobRows | None:

@@ -274,7 +274,7 @@ def waiting_job(
     motion: Motion, job: StreamJob, settings: ExecutorSettings, landing: ExpectedLanding | None
 ) -> StreamJob:
     """Returns the job of a motion that `instead` returned; a stream that has begun never takes it."""
-    how = (job.mode, job.dry_run, settings, landing, job.gripper_fd)
+    how = (job.mode, job.dry_run, settings, landing)
     return replace(prepare_job(motion.problem, motion.trajectory, None, *how), joins_row=NOT_IN_MOTION)
 
 
@@ -286,7 +286,7 @@ def joined_job(
     Raises:
         CannotJoin: its rows are not those of the running job up to where it begins.
     """
-    how = (job.mode, job.dry_run, settings, landing, job.gripper_fd, RunningRows(job, max(present, 0)))
+    how = (job.mode, job.dry_run, settings, landing, RunningRows(job, max(present, 0)))
     made = prepare_job(motion.problem, motion.trajectory, None, *how)
     begins = joins_row(job, round((motion.joins_s or 0.0) / job.dt))
     for name in ("q", "qd", "reference_q", "reference_qd"):

@@ -159,7 +159,7 @@ class StreamJob(JobRows):
         second: an output that changes with it; None without one.
         switches: the outputs that are switched about the passages, in the order of their rows.
         link: how the gripper is reached where no output switches it; None: outputs do.
-        gripper_fd: inherited descriptor of the connection to it; -1: none, the run lets go of nothing.
+        gripper_fd: the streaming process's descriptor of the connection to it; -1: none, the run lets go of nothing.
         close_s: time that the gripper is given to close [s]; where it reports that it is closed, at most.
         grip_input: number of the digital input that is high while it holds an object; None without one.
         opens_in_s: longest time from one lag after the command until such a gripper reports that it opens [s].
@@ -192,7 +192,6 @@ class StreamJob(JobRows):
     second: SecondOutput | None
     switches: list[SwitchRow]
     link: GripperLink | None
-    gripper_fd: int
     close_s: float
     grip_input: int | None
     opens_in_s: float
@@ -210,6 +209,7 @@ class StreamJob(JobRows):
     daemon_silent_s: float
     starts_at_s: float | None = None
     joins_row: int = 0
+    gripper_fd: int = -1
 
     def stop_levels(self, sent: int, reached: int = -1, row: float = math.inf) -> list[SwitchRow]:
         """Returns what a stop switches: the last level of each output that was switched, and may have another.
@@ -235,7 +235,7 @@ class StreamJob(JobRows):
     def write(self) -> int:
         """Returns the descriptor of an anonymous file that holds the job."""
         fd = os.memfd_create("fling-stream-job")
-        os.write(fd, json.dumps(asdict(self)).encode())
+        os.write(fd, json.dumps(vars(self), default=vars).encode())  # `asdict` would copy every row
         return fd
 
     @classmethod

@@ -8,18 +8,11 @@ over the dashboard where there is one.
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import math
 import os
-import select
 import signal
-import struct
-import subprocess
-import sys
 import threading
 import time
-from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +24,8 @@ from executor.records import RunResult
 from executor.robot import DashboardClient, GripperHold, ProgramWatch, set_outputs
 from executor.shared_memory import SharedMemory
 from executor.stream_job import OUTCOMES, StreamJob
+from executor.stream_order import StreamOrder
+from executor.stream_process import SpareStream, StreamProcess
 from planner.controller_program import SwitchRow
 
 PERIOD_S = 0.005  # [s] of the pulse
@@ -46,133 +41,30 @@ LIMIT_S = {  # longest silence in each state [s]
     shm.DONE: 1.0,
     shm.FAULT: 1.0,
 }
-ORPHAN_S = (
-    2.0  # [s] for the stream of an executor that has died to brake and end: it brakes in 0.2 s, and waits 1 s for rest
-)
 FOREIGN_WAIT_S = 0.35  # [s] messages come ten times a second; some more for a program that begins only now
 EXPLAINED_BY_FOREIGN = ("aborted", "tracking", "late", "link_lost")  # what another program looks like to the stream
 # Return codes that only the library causes: ur_rtde 1.6.5 crashes as it reconnects to a controller without dashboard.
 CRASHES = (-signal.SIGSEGV, -signal.SIGABRT, -signal.SIGBUS)
-EXTERNAL_SIGNALS = (-signal.SIGKILL, -signal.SIGTERM, -signal.SIGINT)  # return codes that no library causes
-STREAM_MODULE = "executor.streaming"
 HELD = {shm.GRIP_HELD: True, shm.GRIP_EMPTY: False, shm.GRIP_REOPENED: False}
 HUNG = -signal.SIGALRM  # return code of a stream that hung in the library: `executor.streaming.rtde_connection`
-LOCK = struct.Struct("hhqqi4x")  # source: fcntl(2), struct flock on 64-bit Linux: type, whence, start, length, process
-
-
-class ChildProcess(subprocess.Popen[bytes]):
-    """A child process whose end is noticed at once, and whose freezing (SIGSTOP) can be seen."""
-
-    def __init__(self, command: Sequence[str], descriptors: Sequence[int], log: Path) -> None:
-        """Starts `command` with `descriptors` inherited and its output in the file `log`.
-
-        Raises:
-            OSError: it cannot be started.
-        """
-        self.log = log
-        with log.open("wb") as stream:  # a file: a pipe that nobody reads would block the child one day
-            super().__init__(command, pass_fds=descriptors, stdin=subprocess.DEVNULL, stdout=stream, stderr=stream)
-        try:
-            self._descriptor = os.pidfd_open(self.pid)
-        except OSError:  # a kernel before 5.3: without a notice of its end, the child must not run
-            self.kill()
-            self.wait()
-            raise
-        self._end = select.poll()
-        self._end.register(self._descriptor, select.POLLIN)
-
-    @property
-    def was_killed(self) -> bool:
-        """Whether it was ended by a signal that no library raises."""
-        return self.poll() in EXTERNAL_SIGNALS
-
-    def ends_within(self, duration_s: float) -> bool:
-        """Waits for its end up to `duration_s` [s]; returns whether it came."""
-        return bool(self._end.poll(1e3 * duration_s))
-
-    def is_frozen(self) -> bool:
-        """Whether a signal has stopped it (SIGSTOP)."""
-        try:
-            return os.waitid(os.P_PID, self.pid, os.WSTOPPED | os.WNOHANG | os.WNOWAIT) is not None
-        except ChildProcessError:
-            return False  # ended and reaped
-
-    def last_line(self) -> list[str]:
-        """Returns the last line of its output; empty without output."""
-        return self.log.read_text(errors="replace").strip().splitlines()[-1:]
-
-    def reap(self) -> None:
-        """Waits for its end and releases its resources."""
-        self.wait()
-        os.close(self._descriptor)
-
-
-def end_orphan(log: Path) -> int | None:
-    """Ends the streaming process that an executor left which has died; returns its number, None without one.
-
-    A frozen one (SIGSTOP) does not take the SIGTERM that comes with its executor's death. It would keep the
-    controller's inputs, so that every further run is refused, and finish the tick in which it was frozen once somebody
-    wakes it. Each locks its log for as long as it lives.
-
-    Args:
-        log: file for its output.
-    """
-    end = time.monotonic() + ORPHAN_S
-    while (process := _locked_by(log)) is not None and time.monotonic() < end:
-        time.sleep(PERIOD_S)
-    if process is None:
-        return None
-    with contextlib.suppress(OSError):  # gone meanwhile, or somebody else's
-        descriptor = os.pidfd_open(process)  # from here on this number is no other process
-        try:
-            if not _is_stream(process):
-                return None
-            signal.pidfd_send_signal(descriptor, signal.SIGKILL)
-            select.select([descriptor], [], [], ORPHAN_S)
-        finally:
-            os.close(descriptor)
-        return process
-    return None
-
-
-def _is_stream(process: int) -> bool:
-    """Returns whether a process is a streaming process of this program."""
-    try:
-        words = Path(f"/proc/{process}/cmdline").read_bytes().split(b"\0")
-    except OSError:
-        return False
-    return STREAM_MODULE.encode() in words
-
-
-def _locked_by(file: Path) -> int | None:
-    """Returns the number of the process that holds the lock of a file; None without one."""
-    try:
-        with file.open("rb") as stream:
-            found = fcntl.fcntl(stream, fcntl.F_GETLK, LOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, 0, 0, 0))
-    except OSError:  # there was no run yet
-        return None
-    kind, _, _, _, process = LOCK.unpack(found)
-    # 0 and below are no process that can be signalled: the holder is in another container, or on another machine.
-    return None if kind == fcntl.F_UNLCK or process <= 1 else process
 
 
 class StreamRun:
     """One run of the streaming process. `result` is set when it has ended."""
 
     def __init__(
-        self, job: StreamJob, log: Path, keep_awake: bool = True, gripper: GripperConnection | None = None
+        self, job: StreamJob, spare: SpareStream, keep_awake: bool = True, gripper: GripperConnection | None = None
     ) -> None:
         """Prepares a run.
 
         Args:
             job: what to stream.
-            log: file for the output of the process.
+            spare: whose process it takes.
             keep_awake: keep the stream's processor from sleeping meanwhile.
-            gripper: connection that the process inherits; None: outputs switch the gripper.
+            gripper: connection that the process is given; None: outputs switch the gripper.
         """
         self._jobs = [job]
         self._places = [shm.PLACES - 1]  # of each job in the memory; of the first it does not matter
-        self.log = log
         self.memory = SharedMemory.create(len(job.q) + SPARE_ROWS + REPLACED_ROWS)
         for field in (shm.OUTPUT_SENT_S, shm.OUTPUT_CLOSED_S, shm.SHUT_AT_S, shm.MOVED_BY_S, shm.STOPPED_S):
             self.memory.fields[field] = np.nan
@@ -188,7 +80,8 @@ class StreamRun:
         self._awake_core = job.core if keep_awake else realtime.ANY_CORE
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._supervise, name="supervision", daemon=True)
-        self._child: ChildProcess | None = None
+        self._spare = spare
+        self._child: StreamProcess | None = None
         self._failed_by_itself = False
         self._abort_reason = ""
 
@@ -218,7 +111,7 @@ class StreamRun:
         return int(self.memory.fields[shm.ROWS])
 
     def start(self) -> None:
-        """Starts the process and the thread that supervises it."""
+        """Starts the thread that gives the process its order, and supervises it."""
         self._thread.start()
 
     def abort(self, reason: str = "") -> None:
@@ -302,10 +195,10 @@ class StreamRun:
         memory = self.memory
         memory.fields[shm.DAEMON_PULSE] = memory.fields[shm.PULSE] = time.monotonic()
         pulse = threading.get_native_id()  # this thread writes the pulse: the child checks whether it is frozen
-        command = [sys.executable, "-P", "-m", STREAM_MODULE, *map(str, (job_fd, memory.fd, os.getpid(), pulse))]
+        gripper_fd = -1 if self.gripper is None else self.gripper.fileno()
         try:
-            inherited = (job_fd, memory.fd) if self.gripper is None else (job_fd, memory.fd, self.gripper.fileno())
-            self._child = ChildProcess(command, inherited, self.log)
+            self._child = self._spare.take()
+            self._child.order(StreamOrder(job_fd, memory.fd, gripper_fd, pulse))
         finally:
             os.close(job_fd)
 

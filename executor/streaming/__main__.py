@@ -1,17 +1,21 @@
-"""Entry of the streaming process: `python -m executor.streaming JOB_FD MEMORY_FD PARENT_PID PULSE_THREAD`."""
+"""Entry of the streaming process: `python -m executor.streaming CHANNEL_FD PARENT_PID`."""
 
 from __future__ import annotations
 
 import fcntl
 import os
+import signal
+import socket
 import sys
 import traceback
 from contextlib import suppress
+from dataclasses import replace
 from time import monotonic
 
 from executor import realtime
 from executor import shared_memory as shm
 from executor.stream_job import OUTCOMES, StreamJob
+from executor.stream_order import StreamOrder
 from executor.streaming.approach import approach, take_object
 from executor.streaming.rtde_connection import RtdeConnection
 from executor.streaming.script_stream import stream_of
@@ -61,21 +65,29 @@ def run(
     return verdict
 
 
-def main(job_fd: int, memory_fd: int, parent: int, pulse: int) -> None:
-    """Runs the job, writes its end to the shared memory and exits at once, past the library's destructors."""
+def main(channel_fd: int, parent: int) -> None:
+    """Waits for the order, and obeys it; ends with the executor whose process `parent` is."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the daemon, which ends this process
     with suppress(OSError):  # where the disk of its log knows no locks, nobody finds it
         fcntl.lockf(sys.stdout, fcntl.LOCK_EX | fcntl.LOCK_NB)  # by this the next executor finds it
-    memory = shm.SharedMemory.attach(memory_fd)
-    job = StreamJob.read(job_fd)
+    realtime.terminate_with_parent(parent)
+    order = StreamOrder.wait(socket.socket(fileno=channel_fd))
+    if order is not None:
+        obey(order, parent)
+
+
+def obey(order: StreamOrder, parent: int) -> None:
+    """Runs the job, writes its end to the shared memory and exits at once, past the library's destructors."""
+    memory = shm.SharedMemory.attach(order.memory)
+    job = replace(StreamJob.read(order.job), gripper_fd=order.gripper)
     connections: list[RtdeConnection] = []
     state = shm.FAULT
     code = 1
     outcome = "executor_lost"
     reason = "the streaming process failed"
     try:
-        requests = StopRequests(memory, job.daemon_silent_s, parent, pulse)
+        requests = StopRequests(memory, job.daemon_silent_s, parent, order.pulse)
         requests.listen()
-        realtime.terminate_with_parent(parent)
         memory.fields[shm.PULSE] = monotonic()
         outcome, reason = run(job, memory, requests, connections)
         state = shm.DONE
@@ -95,4 +107,4 @@ def main(job_fd: int, memory_fd: int, parent: int, pulse: int) -> None:
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:5]))
+    main(*map(int, sys.argv[1:3]))

@@ -42,19 +42,24 @@ def store(tmp_path: Path) -> Iterator[Store]:
 @pytest.fixture
 def start(store: Store, tmp_path: Path) -> Iterator[Callable[[], Daemon]]:
     """Returns the next daemon of the cell; the one before has been killed. No controller answers."""
-    journals: list[Journal] = []
+    daemons: list[Daemon] = []
 
     def next_daemon() -> Daemon:
-        if journals:
-            journals.pop().close()
-        journals.append(Journal(tmp_path / "journal"))
+        if daemons:
+            end(daemons.pop())
+        journal = Journal(tmp_path / "journal")
         session = RobotSession.open(load_cell(CELLS / f"{CELL}.toml"), settings(data=tmp_path))
-        daemon = Daemon(session, store, journals[0])
+        daemon = Daemon(session, store, journal)
+        daemons.append(daemon)
         store.take_cell(CELL, daemon.executor_id, "sim", "a test", store.cell_status(CELL))
         return daemon
 
+    def end(daemon: Daemon) -> None:
+        daemon.spare.close()  # as the kernel does it where a daemon is killed
+        daemon.journal.close()
+
     yield next_daemon
-    journals.pop().close()
+    end(daemons.pop())
 
 
 def run_and_lose_an_execution(store: Store, daemon: Daemon) -> str:

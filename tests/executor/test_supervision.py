@@ -1,10 +1,9 @@
-"""A child process: its end, and its freezing; what a run leaves behind."""
+"""A run of the streaming process: what it leaves behind, and how it ends where nothing can be started."""
 
 from __future__ import annotations
 
 import contextlib
 import os
-import signal
 import socket
 import sys
 import threading
@@ -14,81 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from executor.supervision import STREAM_MODULE, ChildProcess, StreamRun, end_orphan
+from executor.stream_process import SpareStream
+from executor.supervision import StreamRun
 from tests.executor.conftest import Prepared
-
-
-def sleeping(tmp_path: Path) -> ChildProcess:
-    return ChildProcess(["sleep", "60"], (), tmp_path / "log")
-
-
-def test_a_killed_child_is_known_to_have_been_killed(tmp_path: Path) -> None:
-    child = sleeping(tmp_path)
-    assert not child.ends_within(0.0)
-    assert not child.is_frozen()
-    assert child.poll() is None
-    child.kill()
-    assert child.ends_within(60.0)
-    assert child.was_killed
-    child.reap()
-    assert not child.is_frozen()
-
-
-def test_a_frozen_child_is_seen_and_can_be_killed(tmp_path: Path) -> None:
-    child = sleeping(tmp_path)
-    os.kill(child.pid, signal.SIGSTOP)
-    while not child.is_frozen():
-        pass
-    assert not child.ends_within(0.0)
-    child.kill()
-    child.reap()
-    assert child.poll() == -signal.SIGKILL
-
-
-def test_a_child_that_fails_by_itself_leaves_its_last_line(tmp_path: Path) -> None:
-    child = ChildProcess([sys.executable, "-c", "raise SystemExit('it broke')"], (), tmp_path / "log")
-    assert child.ends_within(60.0)
-    child.reap()
-    assert not child.was_killed
-    assert child.last_line() == ["it broke"]
-
-
-LOCKS = "import fcntl, sys, time; fcntl.lockf(sys.stdout, fcntl.LOCK_EX); print('locked', flush=True); time.sleep(60)"
-
-
-@pytest.mark.parametrize("number", [signal.SIGSTOP, signal.SIGCONT], ids=["frozen", "hanging"])
-def test_a_stream_that_an_executor_left_is_ended(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: signal.Signals
-) -> None:
-    monkeypatch.setattr("executor.supervision.ORPHAN_S", 0.1)
-    log = tmp_path / "log"
-    child = ChildProcess([sys.executable, "-c", LOCKS, STREAM_MODULE], (), log)
-    while "locked" not in log.read_text():
-        pass
-    os.kill(child.pid, number)
-    assert end_orphan(log) == child.pid
-    child.reap()
-    assert child.was_killed
-    assert end_orphan(log) is None
-
-
-def test_nobody_is_ended_where_no_stream_is_left(tmp_path: Path) -> None:
-    assert end_orphan(tmp_path / "log") is None  # there was no run yet
-    child = ChildProcess([sys.executable, "-c", LOCKS.replace("60", "0.1")], (), tmp_path / "log")
-    child.reap()
-    assert end_orphan(tmp_path / "log") is None
-
-
-def test_a_process_that_is_no_stream_keeps_its_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("executor.supervision.ORPHAN_S", 0.1)
-    log = tmp_path / "log"
-    child = ChildProcess([sys.executable, "-c", LOCKS], (), log)
-    while "locked" not in log.read_text():
-        pass
-    assert end_orphan(log) is None
-    assert child.poll() is None
-    child.kill()
-    child.reap()
 
 
 def descriptors() -> list[str]:
@@ -101,7 +28,7 @@ def descriptors() -> list[str]:
 
 
 def ended_run(prepared: Prepared, tmp_path: Path, host: str) -> StreamRun:
-    run = StreamRun(replace(prepared.job, host=host), tmp_path / "log", keep_awake=False)
+    run = StreamRun(replace(prepared.job, host=host), SpareStream(tmp_path), keep_awake=False)
     run.start()
     assert run.wait(60.0)
     return run

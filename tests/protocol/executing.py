@@ -104,7 +104,7 @@ def _brakes(state: ProtocolState, slot: str) -> bool:
     "the executor ends a stream that an earlier one left",
     PROGRESS,
     "executor.daemon.Daemon.recover",
-    "executor.supervision.end_orphan",
+    "executor.stream_process.end_orphan",
 )
 def end_orphans(state: ProtocolState, planted: Planted) -> Iterator[Happening]:
     if not _works(state, "starting"):
@@ -214,6 +214,7 @@ def abort_unstarted(state: ProtocolState, planted: Planted) -> Iterator[Happenin
     PROGRESS,
     "executor.execution.Execution.start",
     "executor.supervision.StreamRun._spawn",
+    "executor.stream_process.SpareStream.take",
 )
 def spawn(state: ProtocolState, planted: Planted) -> Iterator[Happening]:
     """Somebody may have asked for a stop since that was looked for."""
@@ -270,7 +271,7 @@ def note_end(state: ProtocolState, planted: Planted) -> Iterator[Happening]:
     PROGRESS,
     "executor.supervision.StreamRun._watch",
     "executor.supervision.StreamRun._make_safe",
-    "executor.supervision.ChildProcess.is_frozen",
+    "executor.stream_process.ChildProcess.is_frozen",
 )
 def end_stream(state: ProtocolState, planted: Planted) -> Iterator[Happening]:
     left = state.stream

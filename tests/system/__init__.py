@@ -9,6 +9,7 @@ R17 the arm is 3 % too fast: `held`, at the plan's end
 R18 the gripper's output is opened or closed by another client, or deaf: `released_early`, `not_released`
 R19 a stop between the gripper's command and the release: that of the stop, with where the object is
 H1, H2 streaming process or daemon killed or frozen, also as the control connection is reset: `executor_lost`
+H1, H2 the streaming process that waits for the next execution killed or frozen: `completed`, by another one
 H3, H5 service stopped or killed; the wall clock jumps by hours: `completed`
 H4, H9 every processor taken; no permission for real time: `completed`, or `late` without real time
 H6 disk full before: `refused`; in mid-run: `completed`, delivered later

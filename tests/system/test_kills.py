@@ -122,6 +122,29 @@ def test_a_stream_that_is_frozen_as_its_daemon_dies_is_ended_by_the_next(rig: Ri
     assert rig.throw(NUDGE).outcome == "completed"
 
 
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "frozen"])
+def test_a_process_that_waited_for_an_execution_is_not_missed(rig: Rig, number: signal.Signals) -> None:
+    waiting = rig.streamer()
+    assert waiting.net_connections("inet") == []  # nothing that could move an arm, or keep another from it
+    waiting.send_signal(number)
+    row = rig.throw_when_ready()
+    assert row.outcome == "completed", row.reason
+    assert not waiting.is_running()
+
+
+def test_a_process_that_waits_ends_with_its_executor(rig: Rig) -> None:
+    """Also a frozen one, which takes no signal: the next executor ends it."""
+    for freezes in (False, True):
+        waiting = rig.streamer()
+        if freezes:
+            waiting.suspend()
+        rig.executor.kill()
+        rig.executor.wait(10.0)
+        rig.start_executor()
+        rig.until(lambda waiting=waiting: not waiting.is_running())
+    assert rig.throw_when_ready().outcome == "completed"
+
+
 def test_a_connection_that_is_reset_as_the_daemon_dies_moves_nothing_again(rig: Rig) -> None:
     """The library would reconnect within its call, and repeat its command in a program without a watchdog."""
     id = rig.far_from_its_start()
