@@ -4,8 +4,9 @@ A service, an executor and a simulated controller with a hidden truth, in real t
 feeder, each displaced at random, and are filled up again; some grips take nothing, as an input shows. They are thrown
 into two bins in turn. A first job of `--learn` objects is what the cell learns from, by the landings that its camera
 sees; then comes the shift. Every `--kill-every-s` the executor or the service is killed at a random instant of a
-motion; where that stops the job, it is acknowledged and resumed, as an operator would. Told: cycles an hour, objects by
-what became of them, the share in the bin as the camera saw it, with its interval, the share that truly lies in it (one
+motion, and every `--fault-every-s` one of FAULTS comes over the robot; where that stops the job, its cause is removed,
+and the job acknowledged and resumed, as an operator would. Told for each of `--jobs`: cycles an hour, objects by what
+became of them, the share in the bin as the camera saw it, with its interval, the share that truly lies in it (one
 report of the camera in twenty is mistaken), and beside both the odds that the plans gave.
 """
 
@@ -16,12 +17,16 @@ import os
 import signal
 import socket
 import time
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import fling
 from benchmarks.learning.whole_stack import CELL, Laboratory, drawn_truth, running_cell
+from executor.robot import simulator_client
 
 HOST = "127.0.62.31"
 PORT = 8763
@@ -31,7 +36,7 @@ PLACES = [[x, y, HEIGHT_M] for x in (0.42, 0.5) for y in (0.1, 0.2, 0.3)]
 FEEDER = f"""
 [feeder]
 places = {PLACES}
-reach_m = 0.02
+reach_m = 0.03
 scatter_m = 0.003
 refill_s = 8.0
 missed = 0.02
@@ -45,6 +50,23 @@ POLICY = {"missed_grip": "retry", "missed_throw": "skip", "attempts": 3}
 LOOK_S = 0.5
 SECONDARY = 30002  # port of the controller's secondary interface
 KILLED = ("executor", "api")  # modules of the processes that a kill takes, in turn
+# Of a robot, and of its network; each ends what the arm does, and needs somebody who puts it right.
+FAULTS: tuple[tuple[str, dict[str, Any]], ...] = (
+    ("protective_stop", {"runtime": "stopped"}),
+    ("emergency_stop", {}),
+    ("safeguard_stop", {}),
+    ("power_loss", {}),
+    ("stop_program", {}),
+    ("speed_slider", {"fraction": 0.5}),
+    ("close_connection", {"role": "inputs", "reset": True}),
+    ("stall_connection", {"role": "receive"}),
+    ("freeze", {"duration_s": 0.5}),
+    ("object_lost", {}),
+    ("offline", {}),
+)
+LASTS_S = 3.0  # of a fault, until somebody is there
+RUNNING = 7  # robot mode: power on, brakes off
+POWERED_S = 30.0  # until the arm has power and its brakes are off
 
 
 def main() -> None:
@@ -52,44 +74,132 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.streaming.shift", description=__doc__)
     parser.add_argument("--learn", type=int, default=40, help="objects of the job that the cell learns from")
     parser.add_argument("--count", type=int, default=200, help="objects of the shift")
+    parser.add_argument("--jobs", type=int, default=1, help="such shifts, one after another")
     parser.add_argument("--kill-every-s", type=float, default=600.0)
+    parser.add_argument("--fault-every-s", type=float, default=3600.0)
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
     rng = np.random.default_rng(given.seed)
     truth = drawn_truth(rng, "ur5-measured").text + FEEDER
+    troubles = Troubles(given.kill_every_s, given.fault_every_s, rng)
     with running_cell(truth, host=HOST, port=PORT, gripper=GRIP) as lab:
         lab.command("calibrate", "lag", "--cell", CELL, "--adopt")
         if given.learn:
-            print("learning:", told(lab, worked(lab, given.learn, np.inf, rng)), flush=True)
+            print("learning:", told(lab, worked(lab, given.learn, None)), flush=True)
             lab.command("calibrate", "landings", "--cell", CELL, "--adopt")
-        print("the shift:", told(lab, worked(lab, given.count, given.kill_every_s, rng)))
+        troubles.begin()
+        for number in range(given.jobs):
+            print(f"shift {number + 1}:", told(lab, worked(lab, given.count, troubles)), flush=True)
 
 
-def worked(lab: Laboratory, count: int, kill_every_s: float, rng: np.random.Generator) -> tuple[str, int, int]:
-    """Orders a job and sees it through; returns its id, and the number of kills and of resumptions."""
+class Troubles:
+    """What goes wrong in a shift, each at a random instant of a motion: a process is killed, or the robot has a fault.
+
+    Args:
+        kill_every_s, fault_every_s: between two, half of it to one and a half [s].
+        rng: draws the instants, and the order of FAULTS.
+    """
+
+    def __init__(self, kill_every_s: float, fault_every_s: float, rng: np.random.Generator) -> None:
+        self._rng = rng
+        self._every_s: dict[Callable[[Laboratory], None], float] = {
+            self._kill: kill_every_s,
+            self._cause: fault_every_s,
+        }
+        self._at_s: dict[Callable[[Laboratory], None], float] = {}
+        self._faults = rng.permutation(len(FAULTS))
+        self.kills = 0
+        self.faults = 0
+
+    def begin(self) -> None:
+        """Draws when the first will come."""
+        for kind in self._every_s:
+            self._draw(kind)
+
+    def come(self, lab: Laboratory) -> None:
+        """Lets those happen whose time has come."""
+        for kind, at_s in self._at_s.items():
+            if time.monotonic() > at_s:
+                time.sleep(float(self._rng.uniform(0.0, LOOK_S)))
+                kind(lab)
+                self._draw(kind)
+
+    def _draw(self, kind: Callable[[Laboratory], None]) -> None:
+        self._at_s[kind] = time.monotonic() + self._every_s[kind] * float(self._rng.uniform(0.5, 1.5))
+
+    def _kill(self, lab: Laboratory) -> None:
+        killed(lab.processes, KILLED[self.kills % len(KILLED)])
+        self.kills += 1
+
+    def _cause(self, lab: Laboratory) -> None:
+        name, parameters = FAULTS[self._faults[self.faults % len(FAULTS)]]
+        print(f"  fault: {name} {parameters or ''}", flush=True)
+        simulator_client.request(HOST, "fault", name=name, **parameters)
+        self.faults += 1
+        time.sleep(LASTS_S)
+        mended()
+
+
+@dataclass(frozen=True)
+class Worked:
+    """A job that has ended, and how often it was resumed."""
+
+    id: str
+    resumed: int
+    troubles: str
+
+
+def worked(lab: Laboratory, count: int, troubles: Troubles | None) -> Worked:
+    """Orders a job, and sees it through."""
     picks = [{"pose": {"position": PLACES[k % len(PLACES)], "rotation_vector": DOWN}} for k in range(count)]
     request = {"cell": CELL, "picks": picks, "targets": BINS, "policy": POLICY}
     id = lab.client.order_job(request)["id"]
-    kills = resumed = 0
-    next_kill = time.monotonic() + kill_every_s * float(rng.uniform(0.5, 1.5))
+    before = (troubles.kills, troubles.faults) if troubles else (0, 0)
+    resumed = 0
     while True:
         time.sleep(LOOK_S)
         try:
             job = lab.client.get(f"/jobs/{id}")
             if job["state"] == "finished" and job["outcome"] == "stopped":
                 print(f"  stopped: {job['reason']}", flush=True)
+                mended()
+                powered(lab)
                 lab.acknowledge()
                 opened()
                 lab.client.post(f"/jobs/{id}/resume")
                 resumed += 1
-        except (fling.ServiceRefusal, OSError):  # the service was killed, and starts again
+        except (fling.ServiceRefusal, OSError) as error:  # the service was killed and starts again, or not yet in order
+            print(f"  {error}", flush=True)
             continue
         if job["state"] == "finished" and job["outcome"] != "stopped":
-            return id, kills, resumed
-        if time.monotonic() > next_kill and job["current"] is not None:
-            killed(lab.processes, KILLED[kills % len(KILLED)])
-            kills += 1
-            next_kill = time.monotonic() + kill_every_s * float(rng.uniform(0.5, 1.5))
+            after = (troubles.kills, troubles.faults) if troubles else (0, 0)
+            return Worked(id, resumed, f"{after[0] - before[0]} kills, {after[1] - before[1]} faults")
+        if troubles is not None and job["current"] is not None:
+            troubles.come(lab)
+
+
+def mended() -> None:
+    """Removes the causes of faults as somebody beside the robot would."""
+    causes: tuple[tuple[str, dict[str, Any]], ...] = (
+        ("offline", {"on": False}),
+        ("stall_connection", {"role": "any", "on": False}),
+        ("clear", {}),
+        ("speed_slider", {"fraction": 1.0}),
+    )
+    for name, parameters in causes:
+        simulator_client.request(HOST, "fault", name=name, **parameters)
+
+
+def powered(lab: Laboratory) -> None:
+    """Gives the arm power and releases its brakes, where they are not."""
+    if simulator_client.request(HOST, "state")["robot_mode"] == RUNNING:
+        return
+    for action in ("power_on", "brake_release"):
+        answer = lab.client.post(f"/cells/{CELL}/robot", {"action": action})
+        deadline = time.monotonic() + POWERED_S
+        while answer["state"] == "waiting" and time.monotonic() < deadline:
+            time.sleep(LOOK_S)
+            answer = lab.client.get(f"/cells/{CELL}/state")["robot_request"]
 
 
 def opened() -> None:
@@ -112,9 +222,9 @@ def killed(parent: int, module: str) -> None:
             os.kill(int(folder.name), signal.SIGKILL)
 
 
-def told(lab: Laboratory, ended: tuple[str, int, int]) -> str:
+def told(lab: Laboratory, ended: Worked) -> str:
     """Returns what became of a job's objects, and what the odds of its plans were."""
-    id, kills, resumed = ended
+    id = ended.id
     record = lab.client.get(f"/jobs/{id}")["record"]
     results = lab.client.job_results(id)
     seen = [each for each in results if each["result"] in ("hit", "miss")]
@@ -129,7 +239,7 @@ def told(lab: Laboratory, ended: tuple[str, int, int]) -> str:
     twice = len(seen) - len({each["execution_id"] for each in seen})
     without = [each["pick"] for each in results if each["object_at"] is None]
     hits = f"{hits}, truly {truly}, by the odds {expected}"
-    what = f"{record['objects']}; {rate}; {hits}; {kills} kills, {resumed} resumed"
+    what = f"{record['objects']}; {rate}; {hits}; {ended.troubles}, {ended.resumed} resumed"
     return f"{what}; {twice} executions of two objects, {len(without)} objects without a place"
 
 
