@@ -273,6 +273,11 @@ def with_main_state(passages: Sequence[Passage], state: Release) -> tuple[Passag
     return tuple(replace(each, state=state) if each.state is was else each for each in passages)
 
 
+def released_first(passages: Sequence[Passage], passed: Sequence[int]) -> int:
+    """Returns the sample of a motion's release: that of the passage where an object leaves first; else of the last."""
+    return next((index for each, index in zip(passages, passed, strict=True) if each.releases), passed[-1])
+
+
 def passed_until(passages: Sequence[Passage], trajectory: Trajectory) -> list[int]:
     """Returns the samples at which the passages of a motion end: those of their states, or the last of their lines.
 
@@ -301,11 +306,23 @@ def passage_errors(passages: Sequence[Passage], cell: Cell) -> list[FieldError]:
             errors.append(FieldError(f"{path}.releases", reason))
         if each.at_s is not None and each.not_before_s > 0.0:
             errors.append(FieldError(f"{path}.not_before_s", "give either at_s or not_before_s"))
+        if reason := _too_soon(passages, i):
+            errors.append(FieldError(f"{path}.at_s", reason))
         of = cell.seen_from(each.gripper) if each.gripper in cell.grippers else cell
         for error in each.state.errors(of):
             errors.append(FieldError(error.field.replace("release.", f"{path}.state.", 1), error.reason))
         errors += _output_errors(each, f"{path}.outputs", cell)
     return errors
+
+
+def _too_soon(passages: Sequence[Passage], number: int) -> str:
+    """Returns why a passage cannot be at its time: one before it is no earlier; empty where none is."""
+    at_s = passages[number].at_s
+    before = [(max(each.at_s or 0.0, each.not_before_s) + each.state.lasts_s, each.name) for each in passages[:number]]
+    latest_s, name = max(before, default=(0.0, ""))
+    if at_s is None or at_s > latest_s:
+        return ""
+    return f"must be above {latest_s:.12g}, when {name!r} before it is passed at the soonest; it is {at_s:.12g}"
 
 
 def _wrong_gripper(passages: Sequence[Passage], number: int, cell: Cell) -> str:
