@@ -304,10 +304,7 @@ def passage_errors(passages: Sequence[Passage], cell: Cell) -> list[FieldError]:
             errors.append(FieldError(f"{path}.state", "is at rest: nothing is thrown from there"))
         if reason := _wrong_gripper(passages, i, cell):
             errors.append(FieldError(f"{path}.releases", reason))
-        if each.at_s is not None and each.not_before_s > 0.0:
-            errors.append(FieldError(f"{path}.not_before_s", "give either at_s or not_before_s"))
-        if reason := _too_soon(passages, i):
-            errors.append(FieldError(f"{path}.at_s", reason))
+        errors += _time_errors(passages, i)
         of = cell.seen_from(each.gripper) if each.gripper in cell.grippers else cell
         for error in each.state.errors(of):
             errors.append(FieldError(error.field.replace("release.", f"{path}.state.", 1), error.reason))
@@ -315,14 +312,19 @@ def passage_errors(passages: Sequence[Passage], cell: Cell) -> list[FieldError]:
     return errors
 
 
-def _too_soon(passages: Sequence[Passage], number: int) -> str:
-    """Returns why a passage cannot be at its time: one before it is no earlier; empty where none is."""
-    at_s = passages[number].at_s
+def _time_errors(passages: Sequence[Passage], number: int) -> list[FieldError]:
+    """Returns what is wrong with the time of a passage: it has two, or one before it is no earlier."""
+    asked = passages[number]
+    if asked.at_s is None:
+        return []
+    if asked.not_before_s > 0.0:
+        return [FieldError(f"passages[{number}].not_before_s", "give either at_s or not_before_s")]
     before = [(max(each.at_s or 0.0, each.not_before_s) + each.state.lasts_s, each.name) for each in passages[:number]]
     latest_s, name = max(before, default=(0.0, ""))
-    if at_s is None or at_s > latest_s:
-        return ""
-    return f"must be above {latest_s:.12g}, when {name!r} before it is passed at the soonest; it is {at_s:.12g}"
+    if asked.at_s > latest_s:
+        return []
+    reason = f"must be above {latest_s:.12g}, when {name!r} before it is passed at the soonest; it is {asked.at_s:.12g}"
+    return [FieldError(f"passages[{number}].at_s", reason)]
 
 
 def _wrong_gripper(passages: Sequence[Passage], number: int, cell: Cell) -> str:

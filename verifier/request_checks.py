@@ -19,8 +19,8 @@ VECTORS = {  # lengths of what each kind of release states
 }
 
 
-# [rad] short of half a turn: between ends that are farther apart, rounding decides which way round a line turns. Half of
-# what requests keep to; the axis is known to 1e-12 there.
+# [rad] short of half a turn, from where rounding decides which way round a line turns: half of what requests keep to.
+# The axis is known to 1e-12 there.
 OPEN_RAD = 5e-4
 
 
