@@ -1,4 +1,4 @@
-"""What pydantic refuses, as plain sentences: the field, what stood there, what may, and which field was meant."""
+"""Refused fields as plain sentences: what pydantic refuses, and what is refused of a request that was completed."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from planner.errors import ERRORS_MAX
+from planner.errors import ERRORS_MAX, FieldError
 from planner.fields import did_you_mean, named, short_name, shown, unknown_field
+from planner.request import tracked_targets
 
+LIMITED = {"velocities": "velocity", "accelerations": "acceleration"}  # of a start, by the limits that they obey
 PATTERNS_NAMED = {"latest": "is neither a UUID nor 'latest'", "[0-9a-f]{8}-": "is not a UUID"}
 
 Error = Mapping[str, Any]  # one entry of `ValidationError.errors()`
@@ -29,6 +31,41 @@ def refused_fields(errors: Sequence[Error], model: type[BaseModel] | None = None
         if not _is_other_branch(error):
             found.setdefault(field_path(_place(error)), reason(error, model))
     return [{"field": field, "reason": text} for field, text in found.items()]
+
+
+def named_as_sent(sent: Mapping[str, Any], errors: Sequence[FieldError]) -> list[FieldError]:
+    """Returns what is refused of a request that the service completed, by the fields that the client sent.
+
+    The service adds the state in which a motion begins, and the numbers of a tracked target. An error in these is one
+    of what names them, or of the tighter limit that the state to begin in is beyond.
+
+    Args:
+        sent: the request without what was added.
+        errors: of the whole request.
+    """
+    return [_of_start(sent, _of_target(sent, error)) for error in errors]
+
+
+def _of_target(sent: Mapping[str, Any], error: FieldError) -> FieldError:
+    """Returns an error in what is known of a tracked target as one of its id."""
+    for path, state in tracked_targets(sent).items():
+        name = error.field.removeprefix(f"{path}.")
+        if name != error.field and name.split(".")[0] not in state:  # among them a number of the position
+            return FieldError(f"{path}.position.target", f"its {name}: {error.reason}")
+    return error
+
+
+def _of_start(sent: Mapping[str, Any], error: FieldError) -> FieldError:
+    """Returns an error in a state to begin in that was not sent as one of what names it, or of a limit."""
+    start = sent.get("start") or {}
+    name = error.field.removeprefix("start.")
+    plain = name.split("[")[0]
+    if name == error.field or plain in start:
+        return error
+    limit = LIMITED.get(plain, "")
+    by_limit = f"limits.{limit}" if limit in (sent.get("limits") or {}) else ""
+    by_start = "start.at_s" if "at_s" in start else "start.current" if "current" in start else "start"
+    return FieldError(by_limit or by_start, f"the {name} to begin with: {error.reason}")
 
 
 def reason(error: Error, model: type[BaseModel] | None = None) -> str:

@@ -40,6 +40,7 @@ from planner.certificate import Check, release_flight
 from planner.controller_program import NoProgram
 from planner.passages import passed_until
 from planner.problem import ThrowProblem
+from planner.stream_rows import lead_in_s
 from planner.trajectory import Trajectory
 from store import TICK_PASSED, ExecutionRow, ProfileRow, new_id
 
@@ -138,6 +139,7 @@ class Execution:
     def _check_start(self, motion: Motion, state: RobotState, ready_in_s: float) -> None:
         """Refuses a plan that starts at an instant which the arm cannot reach, or has to wait for too long.
 
+        The arm must be there by the first row's time: outputs may be due before the motion starts.
         While it waits, the arm keeps out of the path of the bin: `swept_s` before the landing.
 
         Args:
@@ -154,8 +156,8 @@ class Execution:
         if self.row.mode == "script":
             raise ExecutionRefused("the plan starts at an instant: a program in the controller does not wait for it")
         left_s = starts_at_s - state.timestamp_s - (time.monotonic() - state.seen_at)
-        if left_s < ready_in_s:
-            lacks_s = ready_in_s - left_s
+        lacks_s = ready_in_s - (left_s - lead_in_s(motion.problem, motion.trajectory))
+        if lacks_s > 0.0:
             reason = (
                 f"the arm is at the plan's start {lacks_s:.2f} s after it was to begin, and its target has moved on"
             )

@@ -159,7 +159,7 @@ def expected_landing(
     by_q, by_qd = _landing_derivatives(problem, q, qd, height)
     shift = np.zeros(2)
     if known is not None:
-        off_q, off_qd = known.release_deviation(trajectory, problem.cell.timing.lag_s)
+        off_q, off_qd = known.release_deviation(problem.cell, trajectory)
         shift = by_q @ off_q + by_qd @ off_qd
     return ExpectedLanding(
         tolerance_m=tolerance_m,

@@ -129,7 +129,7 @@ def _evidence(store: Store, cell: Cell, arm: StreamedArm, row: ExecutionRow) -> 
     if reported and observed is None and outcome is None:
         unused = f"the object landed on {numbers['landed_on']}" if stopped else WITHOUT_TARGET
     if off is not None and row.outcome == "completed":  # lost ticks say nothing of gains
-        deviation = off[1][len(off[1]) // 2] - _expected(arm, trajectory, numbers)
+        deviation = off[1][len(off[1]) // 2] - _expected(arm, cell, trajectory, numbers)
     ids = tuple(x.id for x in landings)
     landing = _planned_landing(asked, trajectory)
     qd = trajectory.qd[trajectory.release_index]
@@ -209,13 +209,13 @@ def _smoothed(clock: Array, values: Array) -> Array:
     return np.stack([np.convolve(column, window, mode="same") / count for column in values.T], axis=1)
 
 
-def _expected(arm: StreamedArm, trajectory: Trajectory, numbers: Mapping[str, Any]) -> Array:
+def _expected(arm: StreamedArm, cell: Cell, trajectory: Trajectory, numbers: Mapping[str, Any]) -> Array:
     """Returns the deviation of the speeds (6,) that lag and gains cause at the release; none is known of servoj."""
     timing = numbers.get("timing")
     if not timing or timing["mode"] != "speedj":
         return np.zeros(6)
     at = np.array([trajectory.release_time_s])
-    return arm.deviation(trajectory, timing["assumed_lag_s"], at)[1][0]
+    return arm.deviation(trajectory, timing["assumed_lag_s"], cell.robot.qd_max, at)[1][0]
 
 
 def _in_the_way(numbers: Mapping[str, Any], target: Target | None) -> bool:

@@ -55,16 +55,23 @@ class CellKnowledge:
         release = self.release
         return math.hypot(release.jitter, math.sqrt(float(release.state_covariance[LEAD, LEAD])))
 
-    def release_deviation(self, trajectory: Trajectory, assumed_lag_s: float) -> tuple[Array, Array]:
-        """Returns by how much positions [rad] and speeds [rad/s] are expected to be off a plan at its release, (6,)."""
-        off_q, off_qd = self.arm.deviation(trajectory, assumed_lag_s, np.array([trajectory.release_time_s]))
+    def release_deviation(self, cell: Cell, trajectory: Trajectory) -> tuple[Array, Array]:
+        """Returns by how much positions [rad] and speeds [rad/s] are expected to be off a plan at its release, (6,).
+
+        Args:
+            cell: with the lag that it is streamed with.
+            trajectory: as planned.
+        """
+        at = np.array([trajectory.release_time_s])
+        off_q, off_qd = self.arm.deviation(trajectory, cell.timing.lag_s, cell.robot.qd_max, at)
         return off_q[0], off_qd[0] + self.speeds.expected(trajectory.qd[trajectory.release_index])
 
     def predicted(self, problem: ThrowProblem, trajectory: Trajectory) -> LandingForecast:
         """Returns where throws of a plan land, with the lag and the delay that the problem's cell assumes."""
         lag = problem.cell.timing.lag_s
         exact = lag == self.arm.lag_s and bool((self.arm.gain == 1.0).all())
-        off = None if exact else self.arm.deviation(trajectory, lag, table_times(trajectory.release_time_s))
+        qd_max = problem.cell.robot.qd_max
+        off = None if exact else self.arm.deviation(trajectory, lag, qd_max, table_times(trajectory.release_time_s))
         table = throw_table(problem, trajectory, off, beside_target=True)
         lead = problem.cell.gripper.delay_s + lag
         return forecast(self.release, self.speeds, table, lead, rim=bin_rim(problem, table))

@@ -28,15 +28,19 @@ class StreamedArm:
     lag_s: float
     gain: Array
 
-    def deviation(self, trajectory: Trajectory, assumed_lag_s: float, times: Array) -> tuple[Array, Array]:
+    def deviation(
+        self, trajectory: Trajectory, assumed_lag_s: float, qd_max: Array, times: Array
+    ) -> tuple[Array, Array]:
         """Returns by how much positions and speeds are off the plan (m, 6) at plan times (m,).
 
-        A tick sends the planned speed one assumed lag ahead, and feedback on the position of now; the arm moves with
-        gain times what was sent one lag ago. The first-order part counts as delay.
+        A tick sends the planned speed one assumed lag ahead, and feedback on the position of now, both together no
+        faster than the joints may be; the arm moves with gain times what was sent one lag ago. The first-order part
+        counts as delay.
 
         Args:
             trajectory: as planned.
             assumed_lag_s: lag that it was streamed with [s].
+            qd_max: the arm's limits on joint speed (6,) [rad/s].
             times: on the plan's clock [s].
         """
         dt = trajectory.dt
@@ -57,6 +61,7 @@ class StreamedArm:
                 qd[k] = self.gain * ((1.0 - share) * late + share * later)
                 q[k] = q[k - 1] + 0.5 * dt * (qd[k - 1] + qd[k])
             sent[k] += np.clip(FEEDBACK_GAIN * (q_plan[k] - q[k]), -FEEDBACK_MAX, FEEDBACK_MAX)
+            sent[k] = np.clip(sent[k], -qd_max, qd_max)
         return columns_at(times, t, q - q_plan), columns_at(times, t, qd - qd_plan)
 
 

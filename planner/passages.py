@@ -273,6 +273,11 @@ def with_main_state(passages: Sequence[Passage], state: Release) -> tuple[Passag
     return tuple(replace(each, state=state) if each.state is was else each for each in passages)
 
 
+def released_first(passages: Sequence[Passage], passed: Sequence[int]) -> int:
+    """Returns the sample of a motion's release: that of the passage where an object leaves first; else of the last."""
+    return next((index for each, index in zip(passages, passed, strict=True) if each.releases), passed[-1])
+
+
 def passed_until(passages: Sequence[Passage], trajectory: Trajectory) -> list[int]:
     """Returns the samples at which the passages of a motion end: those of their states, or the last of their lines.
 
@@ -299,13 +304,27 @@ def passage_errors(passages: Sequence[Passage], cell: Cell) -> list[FieldError]:
             errors.append(FieldError(f"{path}.state", "is at rest: nothing is thrown from there"))
         if reason := _wrong_gripper(passages, i, cell):
             errors.append(FieldError(f"{path}.releases", reason))
-        if each.at_s is not None and each.not_before_s > 0.0:
-            errors.append(FieldError(f"{path}.not_before_s", "give either at_s or not_before_s"))
+        errors += _time_errors(passages, i)
         of = cell.seen_from(each.gripper) if each.gripper in cell.grippers else cell
         for error in each.state.errors(of):
             errors.append(FieldError(error.field.replace("release.", f"{path}.state.", 1), error.reason))
         errors += _output_errors(each, f"{path}.outputs", cell)
     return errors
+
+
+def _time_errors(passages: Sequence[Passage], number: int) -> list[FieldError]:
+    """Returns what is wrong with the time of a passage: it has two, or one before it is no earlier."""
+    asked = passages[number]
+    if asked.at_s is None:
+        return []
+    if asked.not_before_s > 0.0:
+        return [FieldError(f"passages[{number}].not_before_s", "give either at_s or not_before_s")]
+    before = [(max(each.at_s or 0.0, each.not_before_s) + each.state.lasts_s, each.name) for each in passages[:number]]
+    latest_s, name = max(before, default=(0.0, ""))
+    if asked.at_s > latest_s:
+        return []
+    reason = f"must be above {latest_s:.12g}, when {name!r} before it is passed at the soonest; it is {asked.at_s:.12g}"
+    return [FieldError(f"passages[{number}].at_s", reason)]
 
 
 def _wrong_gripper(passages: Sequence[Passage], number: int, cell: Cell) -> str:

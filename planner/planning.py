@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from planner.answer import Plan
 from planner.certificate import certify, release_flight
 from planner.errors import TIME_LIMIT, Infeasible, InvalidProblem, SolverFailed, Violation, nothing_found
-from planner.passages import main_state
 from planner.problem import TIME_LIMIT_S, ThrowProblem
 from planner.progress import SILENT, ProgressMeter
 from planner.refusal import nearest_problem, of_candidates, refuse_impossible
@@ -131,12 +130,10 @@ def _passed_before_s(problem: ThrowProblem, hints: SearchHints) -> float:
         return 0.0
     throw = problem.passages[number]
     passed_s = max(throw.not_before_s, throw.at_s or 0.0)
-    before = problem.passages[:number]
-    if not before:
+    if number == 0:
         return passed_s
-    alone = replace(problem, release=main_state(before), passages=before, end=None)
     try:
-        found = _search(alone, hints)
+        found = _search(problem.up_to(number), hints)
     except (Infeasible, SolverFailed):  # with the throw they may have one: the search for the whole says why not
         return passed_s
     return max(passed_s, found.trajectory.passed[-1] * found.trajectory.dt)

@@ -25,7 +25,7 @@ from planner.geometry import (
     point_segment_distance,
     segment_shape_distance,
 )
-from planner.passages import NOT_YET, Passage, first_gripper, passage_errors, with_main_state
+from planner.passages import NOT_YET, Passage, first_gripper, main_state, passage_errors, with_main_state
 from planner.releases import JointRelease, Opening, PointRelease, PoseRelease, Release, Target, TargetRelease
 from planner.rotations import pose, rotation_vector_to_matrix, unit_hint
 from planner.touchdown import Leaving, Touchdowns
@@ -160,7 +160,29 @@ class ThrowProblem:
             errors.append(FieldError("starts_not_before_s", reason))
         if not self.starts_at_rest:
             errors.append(FieldError("start", "is in motion: it cannot wait for a target that moves"))
-        return errors + self._errors_of_uncertain_target()
+        return errors + self._errors_of_late_passages() + self._errors_of_uncertain_target()
+
+    def _errors_of_late_passages(self) -> list[FieldError]:
+        """Returns the passages that are asked for later than the motion to a target that moves may go on.
+
+        The object lands within `swept_s` of the start, and the arm is at rest within `swept_s` of the landing.
+        """
+        if not self.passages:
+            return []
+        before_s, after_s = self.swept_s
+        thrown = next((i for i, each in enumerate(self.passages) if each.releases), len(self.passages))
+        errors = []
+        for number, each in enumerate(self.passages):
+            most_s = before_s if number <= thrown else before_s + after_s
+            name, asked_s = ("not_before_s", each.not_before_s) if each.at_s is None else ("at_s", each.at_s)
+            if asked_s < most_s:
+                continue
+            limits = f"the object lands within {before_s:g} s of the start"
+            if number > thrown:
+                limits += f", and the arm is at rest within {after_s:g} s of that"
+            reason = f"must be below {most_s:g}, as the target moves: {limits}; it is {asked_s:g}"
+            errors.append(FieldError(f"passages[{number}].{name}", reason))
+        return errors
 
     def _errors_of_several(self) -> list[FieldError]:
         """Returns what is not supported of a motion in which another gripper than the cell's own lets go."""
@@ -374,6 +396,12 @@ class ThrowProblem:
         alone = (Passage("", state, releases=releases, gripper=self.cell.mounted if releases else ""),)
         holds = self.holds_object and not is_thrown
         return replace(self, release=state, passages=alone, end=None, holds_object=holds)
+
+    def up_to(self, number: int) -> ThrowProblem:
+        """Returns the problem of the first so many passages by themselves, to rest anywhere."""
+        passages = self.passages[:number]
+        cell = self.cell.seen_from(first_gripper(passages))
+        return replace(self, cell=cell, release=main_state(passages), passages=passages, end=None)
 
     def is_thrown_before(self, number: int) -> bool:
         """Returns whether the object of its gripper has left before a passage; numbers are as of `seen_at`."""

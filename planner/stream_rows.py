@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from planner.approach import Brakes
 from planner.cell import Cell
 from planner.controller_program import ROWS_MAX, STRIDE_MAX_S, ControllerProgram, GripperEdge, NoProgram, SwitchRow
-from planner.passages import OutputEdge
+from planner.passages import OutputEdge, output_edges
+from planner.problem import ThrowProblem
 from planner.trajectory import Trajectory
 
 Vector = NDArray[np.float64]
@@ -68,12 +69,10 @@ def sample_rows(
     """
     dt = trajectory.dt
     lag = cell.timing.lag_s
-    opens = trajectory.release_time_s - cell.gripper.delay_s  # plan time at which the output must physically change
-    told = [edge.command_time_s + lag for edge in edges]  # plan times at which outputs without a delay would change
-    origin = opens if throws else next(iter(told), 0.0)
+    opens, told = _told(cell, trajectory, edges)
     first = first_clock_s
     if first is None:
-        first = origin - math.ceil((origin - min(origin, 0.0, *told) + lag + LEAD_IN_S) / dt) * dt
+        first = _first_clock_s(cell, trajectory, throws, edges)
     seen = [edge.edge_time_s + lag + SETTLE_S for edge in edges]
     last = max(trajectory.duration_s + lag + SETTLE_S, *seen, 0.0)
     count = math.ceil((last - first) / dt) + 1
@@ -91,6 +90,29 @@ def sample_rows(
         line = (edge.switch.output, edge.switch.index, edge.switch.level)
         switches.append(SwitchRow(round((at_s - first) / dt), *line, held_until=until))
     return StreamRows(first, q, qd, qdd, reference_q, reference_qd, release_row, output_row, _one_a_row(switches))
+
+
+def lead_in_s(problem: ThrowProblem, trajectory: Trajectory) -> float:
+    """Returns how long before its start a motion's first row is sent [s]: more where an output is due before that."""
+    cell = problem.cell
+    edges = output_edges(cell, problem.passages, trajectory)
+    return cell.timing.lag_s - _first_clock_s(cell, trajectory, problem.throws, edges)
+
+
+def _told(cell: Cell, trajectory: Trajectory, edges: Sequence[OutputEdge]) -> tuple[float, list[float]]:
+    """Returns plan times at which the gripper's output, and other outputs without a delay, must change [s]."""
+    return (
+        trajectory.release_time_s - cell.gripper.delay_s,
+        [edge.command_time_s + cell.timing.lag_s for edge in edges],
+    )
+
+
+def _first_clock_s(cell: Cell, trajectory: Trajectory, throws: bool, edges: Sequence[OutputEdge]) -> float:
+    """Returns the plan time of row 0 [s]: as early as the first command asks for. Arguments as of `sample_rows`."""
+    dt = trajectory.dt
+    opens, told = _told(cell, trajectory, edges)
+    origin = opens if throws else next(iter(told), 0.0)
+    return origin - math.ceil((origin - min(origin, 0.0, *told) + cell.timing.lag_s + LEAD_IN_S) / dt) * dt
 
 
 def controller_program(cell: Cell, rows: StreamRows, brakes: Brakes, thinned: bool = False) -> ControllerProgram:

@@ -16,6 +16,7 @@ from verifier.finding import Finding, Status, judged, not_covered
 from verifier.flights import OutsideMotion, Releases, release_pieces
 from verifier.pieces import instant
 from verifier.plan_document import Aim, Demands, SampledMotion
+from verifier.request_checks import quaternion
 from verifier.taylor import TaylorModel, dot
 
 CHECKS = ("release_position", "release_velocity")
@@ -117,13 +118,7 @@ def _square(x: TaylorModel) -> TaylorModel:
 
 def orientation(pose: Any) -> Array:
     """Returns the rotation (3, 3) of a pose, by its quaternion or by its rotation vector."""
-    if pose.get("quaternion") is not None:
-        x, y, z, w = np.asarray(pose["quaternion"], np.float64) / np.linalg.norm(pose["quaternion"])
-    else:
-        vector = np.asarray(pose["rotation_vector"], np.float64)
-        angle = float(np.linalg.norm(vector))
-        x, y, z = vector * (math.sin(0.5 * angle) / angle if angle > 0.0 else 0.5)
-        w = math.cos(0.5 * angle)
+    x, y, z, w = quaternion(pose)
     return np.array(
         [
             [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],

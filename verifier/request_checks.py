@@ -19,6 +19,11 @@ VECTORS = {  # lengths of what each kind of release states
 }
 
 
+# [rad] short of half a turn, from where rounding decides which way round a line turns: half of what requests keep to.
+# The axis is known to 1e-12 there.
+OPEN_RAD = 5e-4
+
+
 class NotAPlan(ValueError):
     """A document is no plan of this cell; the message says why."""
 
@@ -118,6 +123,9 @@ def _check_line(line: Mapping[str, Any], where: str) -> None:
         or line["from"]["position"] == line["to"]["position"]
     ):
         raise NotAPlan(f"{where}: has no speed, or no length")
+    one, other = (quaternion(line[end]) for end in ("from", "to"))
+    if abs(sum(a * b for a, b in zip(one, other, strict=True))) < math.sin(0.5 * OPEN_RAD):
+        raise NotAPlan(f"{where}.to: is turned by half a turn: which way round is open")
 
 
 def _check_pose(pose: Mapping[str, Any], where: str) -> None:
@@ -127,6 +135,17 @@ def _check_pose(pose: Mapping[str, Any], where: str) -> None:
         raise NotAPlan(f"{where}: {pose!r}")
     if length == 4 and not any(turn):
         raise NotAPlan(f"{where}.quaternion: {turn!r}")
+
+
+def quaternion(pose: Mapping[str, Any]) -> list[float]:
+    """Returns the unit quaternion [x, y, z, w] of a pose, by its own or by its rotation vector."""
+    if pose.get("quaternion") is not None:
+        size = math.hypot(*pose["quaternion"])
+        return [each / size for each in pose["quaternion"]]
+    vector = pose["rotation_vector"]
+    angle = math.hypot(*vector)
+    share = math.sin(0.5 * angle) / angle if angle > 0.0 else 0.5
+    return [*(share * each for each in vector), math.cos(0.5 * angle)]
 
 
 def _check_end(asked: Mapping[str, Any]) -> None:

@@ -34,6 +34,7 @@ from planner.cell import Cell
 from planner.errors import CellError, PlannerError
 from planner.releases.target import KNOWN_OF_TRACKED
 from planner.request import states_of, with_states
+from planner.stream_rows import lead_in_s
 from planner.tracking import TargetObservation, TargetTrack
 from store import ExecutionRow, Store, StoreError, TrackedTargetRow
 
@@ -57,6 +58,7 @@ class FollowedThrow:
         summary: of the plan that it makes, or waits to begin.
         height_m: of the target, in the world [m].
         now_s: the controller's time [s].
+        lead_in_s: how long before its start the plan's first row is sent [s].
         miss_m: from where the plan meets the target to where that is expected then [m].
         room_m: distance from the target that counts as a hit [m].
         hit_probability: as it is now [-].
@@ -66,6 +68,7 @@ class FollowedThrow:
     summary: Mapping[str, Any]
     height_m: float
     now_s: float
+    lead_in_s: float
     miss_m: float
     room_m: float
     hit_probability: float
@@ -75,9 +78,14 @@ class FollowedThrow:
         """Whether the motion has not begun."""
         return self.row.state in WAITING and self.now_s < self.summary["starts_at_s"]
 
+    @property
+    def left_s(self) -> float:
+        """Time until the first row of the plan that waits is sent [s]; until then another can take its place."""
+        return self.summary["starts_at_s"] - self.lead_in_s - self.now_s
+
     def can_be_replanned(self, lead_s: float) -> bool:
         """Returns whether another plan can still take the place of the one that waits, in `lead_s` [s]."""
-        return self.waits and self.now_s + lead_s < self.summary["starts_at_s"]
+        return self.waits and lead_s < self.left_s
 
     @property
     def holds_object(self) -> bool:
@@ -157,7 +165,7 @@ def _stop_in_time(
                 continue
             if throw.miss_m <= throw.room_m or not throw.holds_object:
                 return
-            left_s = throw.summary["starts_at_s"] - throw.now_s - service.replan_leads.lead_s(target.cell)
+            left_s = throw.left_s - service.replan_leads.lead_s(target.cell)
             if not throw.waits or left_s <= 0.0:
                 await _stop(service, throw, caller, origin)
                 return
@@ -194,7 +202,7 @@ async def _replan(service: Service, target: TrackedTargetRow, caller: Caller, or
                 return
             if throw.miss_m <= REPLAN_SHARE * throw.room_m:
                 return
-            body = _request_again(throw, target.id, throw.now_s + lead_s)
+            body = _request_again(throw, target.id, throw.now_s + lead_s + throw.lead_in_s)
             plan = await stored_plan(PlanOrder(body, service, None, origin.request_id, asyncio.Event(), False))
             audit = origin.act(caller, "replace")
             try:
@@ -253,13 +261,14 @@ def _followed(
         elsewhere = replace(track, position=contradicting.position, velocity=contradicting.velocity or track.velocity)
         expected = elsewhere.after(lands_s - contradicting.observed_at_s)
     place = np.array(expected.position[:2])
-    beside = _forecast(service.store, service.cell(target.cell), plan.id)
+    beside, sent_before_s = _made(service.store, service.cell(target.cell), plan.id)
     beside = beside.beside_target(expected.uncertainty.position_std_m)
     return FollowedThrow(
         row=row,
         summary=summary,
         height_m=float(planned[2]),
         now_s=now_s,
+        lead_in_s=sent_before_s,
         miss_m=float(np.linalg.norm(place - planned[:2])),
         room_m=odds["radius_m"],
         hit_probability=beside.hit_probability(place, odds["radius_m"]),
@@ -274,8 +283,8 @@ def _place(service: Service, cell: str, state: Mapping[str, Any], frame: str, at
 
 
 @lru_cache(maxsize=FORECASTS_KEPT)
-def _forecast(store: Store, cell: Cell, plan_id: str) -> LandingForecast:
-    """Returns where throws of a plan land beside its target, as when it was made."""
+def _made(store: Store, cell: Cell, plan_id: str) -> tuple[LandingForecast, float]:
+    """Returns where throws of a plan land beside its target, as when it was made, and its `lead_in_s`."""
     plan = store.plan(plan_id)
     assert plan is not None  # retention keeps the plans of executions
     document = orjson.loads(plan.document)
@@ -283,4 +292,4 @@ def _forecast(store: Store, cell: Cell, plan_id: str) -> LandingForecast:
     learnt = None if profile is None else orjson.loads(profile.document)
     problem, trajectory = plan_from_document(document, cell_with_profile(cell, learnt))
     known = prior_knowledge(cell) if learnt is None else knowledge_of(learnt)
-    return known.predicted(problem, trajectory)
+    return known.predicted(problem, trajectory), lead_in_s(problem, trajectory)

@@ -30,6 +30,7 @@ from api.dependencies import (
     find,
     id_in_path,
 )
+from api.field_errors import named_as_sent
 from api.http import (
     EVENTS,
     ProblemAnswer,
@@ -62,7 +63,7 @@ from fling import plan_svg, tracing
 from jobs.planning import PlanningJob, PlanRecord
 from jobs.pool import PoolBroken
 from planner.cell import Cell
-from planner.errors import CellError, PlannerError
+from planner.errors import CellError, InvalidProblem, PlannerError
 from planner.problem import UNCERTAIN_DEVIATIONS
 from planner.progress import Observer
 from planner.request import states_of, tracked_targets, with_states
@@ -241,10 +242,11 @@ class PlanOrder:
     gone: asyncio.Event
     trajectory: bool
     profile_id: str | None = None  # None: the one that the cell uses
+    sent: Mapping[str, Any] | None = None  # what the client sent; None: the body
 
     def starting(self, start: Mapping[str, Any]) -> PlanOrder:
         """Returns it with another start."""
-        return replace(self, body={**self.body, "start": start})
+        return replace(self, body={**self.body, "start": start}, sent=self.body)
 
 
 async def stored_plan(asked: PlanOrder, observer: Observer | None = None) -> PlanRow:
@@ -299,6 +301,8 @@ async def _solve(asked: PlanOrder, observer: Observer | None, is_stored: bool = 
             name = translate(error).name
             service.metrics.plans.labels(name).inc()
             span.set(fling__problem=name)
+            if isinstance(error, InvalidProblem):
+                raise InvalidProblem(named_as_sent(asked.sent or asked.body, error.errors)) from error
             raise
         except (ClientGone, asyncio.CancelledError):
             service.metrics.plans.labels("abandoned").inc()

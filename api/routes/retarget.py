@@ -10,7 +10,14 @@ from fastapi import APIRouter, Body, Response
 from starlette.concurrency import run_in_threadpool
 
 from api.dependencies import Gone, OperateCaller, Origin, Service, ServiceDep
-from api.http import ProblemDetails, StrictJsonRoute, json_answer, problem_answers
+from api.http import (
+    ProblemDetails,
+    StrictJsonRoute,
+    invalid_fields,
+    json_answer,
+    problem_answers,
+    translate,
+)
 from api.routes.cells import CellName
 from api.routes.executions import join_plan, reason_not_executable
 from api.routes.plans import (
@@ -105,12 +112,30 @@ class _Retarget:
             what = f"the earliest tick that can be reached is {lead_s:.2f} s ahead, at {at_s:.2f} s of the motion"
             raise ProblemDetails("cannot-join", f"{what}, which ends before")
         order = self.asked.starting({"execution": row.id, "at_s": at_s})
-        plan = await stored_plan(order)
+        plan = await _planned(order)
         try:
             await run_in_threadpool(join_plan, service, row, plan, plan.id, self.who, self.audit)
         finally:  # a search that was refused tells nothing of how long one takes
             service.leads.note(self.cell, time.monotonic() - begun_s)
         return plan
+
+
+async def _planned(order: PlanOrder) -> PlanRow:
+    """Returns the plan of an order that begins on the running motion, which its client did not name.
+
+    Raises:
+        ProblemDetails: It cannot begin there, or a field is refused that the client sent.
+    """
+    try:
+        return await stored_plan(order)
+    except (InvalidProblem, ProblemDetails) as refused:
+        errors = translate(refused).fields.get("errors", [])
+        sent = [each for each in errors if each["field"].split(".")[0] != "start"]
+        if len(sent) == len(errors):
+            raise
+        if sent:
+            raise invalid_fields(sent) from refused
+        raise ProblemDetails("cannot-join", "; ".join(each["reason"] for each in errors)) from refused
 
 
 def _running(service: Service, cell: str) -> tuple[ExecutionRow, float]:

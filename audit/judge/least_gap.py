@@ -7,6 +7,10 @@ by |dp + dR y| <= |dp| + |dR| |y|, with the Frobenius norm of the change of its 
 between two instants whose distances are known, no distance is less than the half of (one + other - way between them).
 An instant is passed over only where that, or the distance of the balls about the solids, is no less than a distance
 which was found already. Coal's tolerance of 1e-6 m is a tenth of what the judge grants to distances.
+
+A mesh is its faces alone, and where one is met coal tells how deep one of the faces met is, which may be far less than
+the solid must move to be free of it: of a ball 5 cm deep in a wall 2 cm. So where a solid meets a mesh, that it does is
+found, and the depth that is told is too small; what is wholly within a mesh is apart from it.
 """
 
 from __future__ import annotations
@@ -58,6 +62,8 @@ def ball_gaps(one: MovingSolid, other: MovingSolid) -> Vector:
 
 def least_gap(one: MovingSolid, other: MovingSolid, least: float) -> float:
     """Returns the least distance of two solids [m], negative where they overlap; or `least`, where that is smaller.
+
+    By how much they overlap is told of convex solids alone, see the module.
 
     Args:
         one: a solid; the bounds are tight where it is the larger one.

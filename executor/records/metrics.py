@@ -193,7 +193,7 @@ def _release(
     error = np.abs(measured - planned)
     unexpected = None
     if known is not None:
-        _, expected = known.release_deviation(trajectory, problem.cell.timing.lag_s)
+        _, expected = known.release_deviation(problem.cell, trajectory)
         room = EXPECTED_STD * known.speeds.std(trajectory.qd[trajectory.release_index])
         unexpected = float(np.maximum(np.abs(measured - planned - expected) - room, 0.0).max())
     return dict(zip(RELEASE_NUMBERS, (float(error.max()), float(error.max()) / fastest, unexpected), strict=True))

@@ -233,7 +233,9 @@ class LandingWatch:
             return [0.0] * 6
         most = job.feedback_max
         errors = zip(planned, late_reference, ahead, strict=True)
-        return [min(max(job.feedback_gain * (p - late - x), -most), most) for p, late, x in errors]
+        feedback = [min(max(job.feedback_gain * (p - late - x), -most), most) for p, late, x in errors]
+        speeds = zip(feedback, _between(job.qd, now), job.qd_max, strict=True)  # both together no faster than these
+        return [min(max(b, -m - v), m - v) for b, v, m in speeds]
 
 
 def _between(rows: Sequence[Row], at: float) -> Row:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -22,6 +24,9 @@ AIM_ROUNDS = 3  # plans at most: the shift carries over from plan to plan but wh
 def plan_aimed(problem: ThrowProblem, known: CellKnowledge | None, hints: SearchHints = ORDINARY) -> Plan:
     """Returns a plan whose predicted landing is on the target; without knowledge, or a target, the plan as asked for.
 
+    Where no throw into a bin passes as far inside the rim as it lands from the middle, the landing alone is brought
+    there, once, and kept if that is the better aim.
+
     Args:
         problem: as requested.
         known: what is known of the cell.
@@ -38,22 +43,43 @@ def plan_aimed(problem: ThrowProblem, known: CellKnowledge | None, hints: Search
     best = found
     least = np.inf
     shift = np.zeros(3)
+    is_whole = True
     further = replace(hints, offers_nearest=False)
     for remaining in range(AIM_ROUNDS, 0, -1):
-        miss = known.predicted(found.problem, found.trajectory).aimed - place_of_target(problem, found)[:2]
-        if float(np.linalg.norm(miss)) < least:
+        guess = known.predicted(found.problem, found.trajectory)
+        place = place_of_target(problem, found)[:2]
+        miss = float(np.linalg.norm(guess.aimed - place))
+        if miss < least:
             best = found
-            least = float(np.linalg.norm(miss))
-        if least < AIM_M or remaining == 1:
+            least = miss
+        if least < AIM_M or remaining == 1 or not is_whole:
             break
-        shift = shift - np.append(miss, 0.0)
+        misses = [guess.aimed - place]
+        if remaining == AIM_ROUNDS and guess.at_rim is not None:
+            misses.append(guess.center - place)
+        shifts = [shift - np.append(each, 0.0) for each in misses]
         try:
-            found = _plan_until(until, aimed_problem(problem, shift), further)
-        except Infeasible:  # for that aim: the plan in hand remains
+            found, shift = _plan_nearest(until, problem, shifts, further)
+        except Infeasible:  # for every aim: the plan in hand remains
             break
         except SolverFailed:
             return replace(best, was_cut_short=True)
+        is_whole = shift is shifts[0]
     return replace(best, was_cut_short=best.was_cut_short or found.was_cut_short)
+
+
+def _plan_nearest(
+    until: float, problem: ThrowProblem, shifts: Sequence[Array], hints: SearchHints
+) -> tuple[Plan, Array]:
+    """Returns the plan for the first of some shifts of the aim (3,) [m] that has one, and that shift.
+
+    Raises:
+        PlannerError: as of `_plan_until`, for the last one.
+    """
+    for shift in shifts[:-1]:
+        with suppress(Infeasible):
+            return _plan_until(until, aimed_problem(problem, shift), hints), shift
+    return _plan_until(until, aimed_problem(problem, shifts[-1]), hints), shifts[-1]
 
 
 def _plan_until(until: float, problem: ThrowProblem, hints: SearchHints) -> Plan:

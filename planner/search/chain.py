@@ -5,6 +5,7 @@
       → the shortest way through it, which chooses the branches of the inverse kinematics for the whole chain
       → Ruckig's motion along it, first with accelerations at the passages that make it sooner → certificate
       → the leg in which a check fails is made gentler, or left out; and again
+      → nothing certified: throws at its end by themselves, from a motion through what is before
 
 A state is passed with zero acceleration, or with that at which the tool keeps its twist, as far as the graph knows;
 along a way, with what makes the legs beside it sooner, where that is certified. A point, whose orientation is free, is
@@ -30,14 +31,14 @@ from planner.backends.solution import Solution
 from planner.certificate import SINGULARITY_WINDOW_S, Check
 from planner.errors import TIME_LIMIT, Infeasible, InvalidProblem, SolverFailed, Violation, nothing_found
 from planner.kinematics import inverse_velocity, jacobian, singularity_distances, tcp_acceleration
-from planner.passages import passed_until
+from planner.passages import passed_until, released_first
 from planner.problem import ThrowProblem
 from planner.releases import SteadyLine
 from planner.search.passing import State, passing_accelerations
 from planner.search.record import PlanningSearch
 from planner.search.search import search_candidates
 from planner.search.tool_lines import line_motions
-from planner.search.turns import LEAVES_S, PACES, search_in_turn
+from planner.search.turns import LEAVES_S, PACES, search_in_turn, thrown_last
 from planner.seeds import Candidate, candidates, near_candidates
 from planner.trajectory import Trajectory
 
@@ -69,7 +70,10 @@ def search_chain(search: PlanningSearch) -> None:
         Infeasible: a passage has no joint state, or no motion was certified; names the passage, or the leg.
         SolverFailed: the deadline ended the search before that.
     """
-    search_in_turn(search)
+    throws = thrown_last(search.problem)
+    only_throws = 1 < throws == len(search.problem.passages)
+    if only_throws:
+        search_in_turn(search)
     if search.best is not None:
         search.note_end()
         return
@@ -84,11 +88,34 @@ def search_chain(search: PlanningSearch) -> None:
     search.note_end()
     tried = len(search.certified) + len(search.rejected)
     search.log_attempt("ruckig", f"leg by leg: {len(search.certified)} of {tried} motions certified", begun_s)
+    if throws and not only_throws and search.best is None and not search.out_of_time:
+        _throw_last(search, throws)
+        search.note_end()
     if search.best is None:
         log = [attempt.__dict__ for attempt in search.attempts]
         if search.out_of_time:
             raise SolverFailed(TIME_LIMIT, 0, log, [legs.obstacle()])
         raise Infeasible([legs.obstacle()], attempts=log)
+
+
+def _throw_last(search: PlanningSearch, throws: int) -> None:
+    """Searches for a motion that ends with throws of their own, from where other passages have been passed.
+
+    Args:
+        search: updated in place.
+        throws: how many of the last passages are throws.
+    """
+    number = len(search.problem.passages) - throws
+    if number == 0:
+        search_in_turn(search)
+        return
+    inner = PlanningSearch(search.problem.up_to(number), search.deadline_s, tell=search.tell_inner)
+    with suppress(Infeasible, SolverFailed):
+        search_chain(inner)
+    search.iterations += inner.iterations
+    search.extend_deadline(inner.loading_s)
+    if inner.best is not None:
+        search_in_turn(search, inner.best)
 
 
 def _try(search: PlanningSearch, legs: _Legs, way: list[int]) -> None:
@@ -183,8 +210,7 @@ def _joined(problem: ThrowProblem, pieces: Sequence[Piece], begun: Sequence[int]
     """
     arrays = [np.concatenate([piece[k][int(i > 0) :] for i, piece in enumerate(pieces)]) for k in range(3)]
     passed = tuple(begun[: len(problem.passages)])
-    releases = (index for each, index in zip(problem.passages, passed, strict=True) if each.releases)
-    released = next(releases, passed[-1])
+    released = released_first(problem.passages, passed)
     return Trajectory(1.0 / problem.dt, *arrays, release_index=released, passage_indices=passed)
 
 
@@ -339,9 +365,11 @@ class _Legs:
         return f"leg {number + 1}, from {self.names[number]} to {self.names[number + 1]}"
 
     def obstacle(self) -> Violation:
-        """Returns what stands in the way of every motion: of the leg that no state is left for, else of the last."""
+        """Returns what stands in the way of every motion: of the leg on which no way goes on, else of the last."""
+        reached = np.ones(1, bool)
         for number, ticks in enumerate(self.ticks):
-            if not np.isfinite(ticks).any():
+            reached = np.isfinite(ticks[reached]).any(axis=0)
+            if not reached.any():
                 refused = nothing_found("motion", "no joint motion within the limits leads there")
                 return self.obstacles.get(number, refused.within(self.leg_name(number)))
         if not self.obstacles:

@@ -1,6 +1,6 @@
-"""The search for a motion in which several grippers let go, one after another: each throw by itself, from the last.
+"""The search for a motion that ends with throws, one after another: each throw by itself, from the last.
 
-    the first throw, as if it were the only one
+    the first throw, as if it were the only one; after other passages, from where their motion passes the last of them
       → from where its object is out of the grip, still in motion, the next throw; else from where its brake ends
       → certified as one
 
@@ -14,12 +14,14 @@ import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from itertools import takewhile
 
 import numpy as np
 
 from planner.backends import ruckig_otg
 from planner.backends.solution import Solution
 from planner.errors import Infeasible, InvalidProblem, SolverFailed
+from planner.passages import passed_until, released_first
 from planner.problem import ThrowProblem
 from planner.search.record import CertifiedSolution, PlanningSearch, counted
 from planner.search.search import search_candidates
@@ -34,23 +36,34 @@ SPEEDS = (1.0, 0.8, 0.6)
 MOTIONS = 2  # [-] of each throw that the next one is planned from
 
 
-def search_in_turn(search: PlanningSearch) -> None:
-    """Searches for a motion of throws alone, until one is certified; leaves the search without one otherwise.
+def search_in_turn(search: PlanningSearch, before: CertifiedSolution | None = None) -> None:
+    """Searches for a motion of throws, until one is certified; leaves the search without one otherwise.
 
     Args:
         search: of a chain; updated in place.
+        before: a motion through the passages before the throws, to rest; None: there are only throws.
     """
     problem = search.problem
-    is_plain = all(each.releases and not each.is_timed for each in problem.passages)
-    is_plain &= problem.end is None or problem.end.joint_state is not None
-    if len(problem.passages) < 2 or not is_plain or problem.backend != "auto":
-        return
     begun_s = time.perf_counter()
-    for share in SPEEDS:
-        _go_on(search, share, None, ())
     tried = len(search.certified) + len(search.rejected)
+    starts: Sequence[tuple[Trajectory | None, tuple[int, ...]]] = [(None, ())]
+    if before is not None:
+        whole = before.solution.trajectory
+        last = passed_until(problem.passages[: len(whole.passed)], whole)[-1]
+        starts = [(_until(whole, end), whole.passed) for end in (last, len(whole.q) - 1)]
+    for share in SPEEDS:
+        for made, passed in starts:
+            _go_on(search, share, made, passed)
+    tried = len(search.certified) + len(search.rejected) - tried
     result = f"one throw after another: {len(search.certified)} of {counted(tried, 'motion')} certified"
     search.log_attempt("auto", result, begun_s)
+
+
+def thrown_last(problem: ThrowProblem) -> int:
+    """Returns how many passages a chain ends with that are throws of the optimiser, in turn; 0 where none can be."""
+    if problem.backend != "auto" or not (problem.end is None or problem.end.joint_state is not None):
+        return 0
+    return len(list(takewhile(lambda each: each.releases and not each.is_timed, reversed(problem.passages))))
 
 
 def _go_on(search: PlanningSearch, share: float, made: Trajectory | None, passed: tuple[int, ...]) -> None:
@@ -84,12 +97,13 @@ def _go_on(search: PlanningSearch, share: float, made: Trajectory | None, passed
 
 
 def _certify(search: PlanningSearch, backend: str, motions: Iterable[Trajectory], released: tuple[int, ...]) -> None:
-    """Certifies whole motions with releases at these samples, until one is valid."""
+    """Certifies whole motions that pass their passages at these samples, until one is valid."""
     for motion in motions:
         if search.best is not None:
             return
         search.begin_candidate()
-        whole = replace(motion, release_index=released[0], passage_indices=released)
+        release_index = released_first(search.problem.passages, released)
+        whole = replace(motion, release_index=release_index, passage_indices=released)
         search.certify(backend, Solution(whole, "one throw after another"))
 
 

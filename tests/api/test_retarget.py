@@ -8,8 +8,11 @@ from typing import Any
 
 import pytest
 
+from api.field_errors import named_as_sent
+from api.http import invalid_field
 from api.leads import FIRST_S, KEPT, Leads
-from api.routes import retarget
+from api.routes import plans, retarget
+from planner.errors import FieldError
 from store import TICK_PASSED
 from tests.api.conftest import JOINT, FakeExecutor, RunningService
 from tests.api.test_bad_input import problem_of
@@ -40,10 +43,10 @@ class FakeRun(threading.Thread):
                 store.answer_replacement(self.id, row.open_replacement, None if reason else CLOCK_S, reason)
 
 
-def called(run: FakeRun) -> Any:
+def called(run: FakeRun, **more: Any) -> Any:
     run.start()
     try:
-        return run.service.client.post(PATH, json={"release": JOINT, "backend": "ruckig"})
+        return run.service.client.post(PATH, json={"release": JOINT, "backend": "ruckig", **more})
     finally:
         run.ended.set()
         run.join()
@@ -93,6 +96,52 @@ def test_what_no_motion_can_do_and_what_is_given_are_refused(service: RunningSer
         assert answer["errors"][0]["field"] == name
     untold = problem_of(service.client.post(PATH, json={"release": JOINT}), 409, "cannot-join")
     assert "has not told yet" in untold["detail"]
+
+
+def test_a_limit_below_the_running_motion_is_refused_by_its_own_field(service, executor: FakeExecutor, plan, soon):
+    """The request that is built begins with the motion's speeds, which nobody sent."""
+    id = streaming(service, plan["id"])
+    answer = problem_of(called(FakeRun(service, id), limits={"velocity": 1e-4}), 422, "invalid-request")
+    assert {each["field"] for each in answer["errors"]} == {"limits.velocity"}
+    assert "to begin with: " in answer["errors"][0]["reason"]
+    assert "is beyond the joint's limit of 0.0001 rad/s" in answer["errors"][0]["reason"]
+
+
+def test_a_start_that_cannot_be_is_no_field_of_the_body(service, executor: FakeExecutor, plan, soon, monkeypatch):
+    """As where the execution ends just then."""
+    id = streaming(service, plan["id"])
+
+    def ended(*_: Any) -> Any:
+        raise invalid_field("start.execution", f"{id} has ended: no motion can begin on it")
+
+    monkeypatch.setattr(plans, "_state_in_execution", ended)
+    answer = problem_of(called(FakeRun(service, id)), 409, "cannot-join")
+    assert answer["detail"] == f"{id} has ended: no motion can begin on it"
+
+
+@pytest.mark.parametrize(
+    ("sent", "field", "named"),
+    [
+        ({"start": {"positions": [0.0] * 6}}, "start.positions[1]", "start.positions[1]"),
+        ({"start": {"current": True}}, "start.positions[1]", "start.current"),
+        ({"start": {"execution": "latest", "at_s": 0.1}}, "start.velocities[1]", "start.at_s"),
+        ({"start": {"execution": "latest", "at_s": 0.1}, "limits": {"velocity": 1.0}}, "start.velocities[1]",
+         "limits.velocity"),
+        ({"start": {"execution": "latest", "at_s": 0.1}, "limits": {"velocity": 1.0}}, "start.accelerations[1]",
+         "start.at_s"),
+        ({"release": {"position": {"target": "a"}}}, "release.velocity", "release.position.target"),
+        ({"release": {"position": {"target": "a"}}}, "release.position[2]", "release.position.target"),
+        ({"release": {"position": {"target": "a"}}}, "release.position", "release.position"),
+        ({"release": {"position": {"target": "a"}, "opening": {}}}, "release.opening", "release.opening"),
+        ({"release": {"position": [1.0, 0.0, 0.0], "velocity": [9.0, 0.0, 0.0]}}, "release.velocity",
+         "release.velocity"),
+    ],
+)  # fmt: skip
+def test_errors_name_what_was_sent(sent: dict[str, Any], field: str, named: str):
+    (found,) = named_as_sent(sent, [FieldError(field, "is wrong")])
+    assert found.field == named
+    assert (found.reason == "is wrong") is (field == named)
+    assert found.reason.endswith("is wrong")
 
 
 def test_a_motion_that_ends_before_the_tick_is_not_joined(service: RunningService, executor: FakeExecutor, plan):

@@ -5,12 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import orjson
 import pytest
 
+from api.routes.following import FollowedThrow
 from planner.answer import plan_from_document
 from planner.cell import load_cell
 from planner.certificate import certify
@@ -291,3 +293,14 @@ def test_making_and_forgetting_is_audited(service: RunningService, no_targets: N
     acts = [(line["action"], line["resource"]) for line in lines if known["id"] in line["resource"]]
     assert acts == [("forget-target", f"{PATH}/{known['id']}"), ("target", f"{PATH}/{known['id']}")]
     assert orjson.dumps(known)
+
+
+def test_a_throw_is_planned_again_only_before_its_first_row_is_sent():
+    """Outputs before the start are sent by then: a plan that comes later finds nothing that waits."""
+    row: Any = SimpleNamespace(state="approaching")
+    seen = {"height_m": 0.0, "miss_m": 0.0, "room_m": 0.1, "hit_probability": 1.0}
+    throw = FollowedThrow(row=row, summary={"starts_at_s": 100.0}, now_s=98.0, lead_in_s=1.5, **seen)
+    assert throw.waits
+    assert throw.left_s == pytest.approx(0.5)
+    assert throw.can_be_replanned(0.4)
+    assert not throw.can_be_replanned(0.6)

@@ -256,7 +256,7 @@ def test_a_last_aim_that_the_time_limit_spoilt_says_so(monkeypatch):
     plans = iter((made, replace(made, iterations=7), replace(made, was_cut_short=True)))
     center = problem.release.p_W[:2]
     monkeypatch.setattr(aiming, "plan", lambda *_asked: next(plans))
-    known = SimpleNamespace(predicted=lambda *_: SimpleNamespace(aimed=center + next(misses)))
+    known = SimpleNamespace(predicted=lambda *_: SimpleNamespace(at_rim=None, aimed=center + next(misses)))
     best = plan_aimed(problem, known)
     assert best.iterations == 7
     assert best.was_cut_short
@@ -266,7 +266,7 @@ def landing_off(along_x_m: float) -> SimpleNamespace:
     """Returns the knowledge of a cell whose objects land that far off their planned landing."""
 
     def predicted(problem: ThrowProblem, _trajectory: Trajectory) -> SimpleNamespace:
-        return SimpleNamespace(aimed=problem.release.p_W[:2] + np.array([along_x_m, 0.0]))
+        return SimpleNamespace(at_rim=None, aimed=problem.release.p_W[:2] + np.array([along_x_m, 0.0]))
 
     return SimpleNamespace(predicted=predicted)
 

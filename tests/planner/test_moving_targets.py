@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -204,6 +205,37 @@ def test_passages_before_and_after_the_throw_keep_their_times_from_the_start() -
     assert again["time_s"] - (lands_s - document["starts_at_s"]) > SWEPT_S[1]
     there = np.array(coming["position"]) + (lands_s - SEEN_S) * np.array(coming["velocity"])
     np.testing.assert_allclose(document["flight"]["landing_point"], there, atol=5e-4)
+
+
+@pytest.mark.parametrize(
+    ("number", "times", "field", "words"),
+    [
+        (1, {"at_s": 10.0}, "passages[1].at_s", "must be below 10, as the target moves: .* it is 10$"),
+        (1, {"not_before_s": 12.5}, "passages[1].not_before_s", "must be below 10, .* it is 12.5$"),
+        (0, {"at_s": 11.0}, "passages[0].at_s", "must be below 10, .* it is 11$"),
+        (2, {"at_s": 20.0}, "passages[2].at_s", "must be below 20, .* at rest within 10 s of that; it is 20$"),
+        (2, {"at_s": 19.9}, None, ""),
+        (1, {"at_s": 9.9}, None, ""),
+    ],
+)
+def test_a_passage_later_than_the_motion_may_go_on_is_refused_at_once(
+    number: int, times: dict[str, float], field: str | None, words: str
+) -> None:
+    camera = {"kind": "point", "position": [0.5, 0.2, 0.5], "velocity": [0.0, -0.5, 0.0]}
+    states: list[dict[str, Any]] = [{"state": camera}, {"state": ACROSS, "releases": True}, {"state": camera}]
+    passages = [{"name": f"{i}", **each} for i, each in enumerate(states)]
+    passages[number] |= times
+    asked = {"passages": passages, "starts_not_before_s": SEEN_S + 0.5}
+    if field is None:
+        assert problem_from_request(asked, cell()).moving is not None
+        return
+    with pytest.raises(InvalidProblem) as refused:
+        problem_from_request(asked, cell())
+    assert [each.field for each in refused.value.errors] == [field]
+    assert re.search(words, refused.value.errors[0].reason)
+    standing = {name: value for name, value in ACROSS.items() if name not in ("velocity", "observed_at_s")}
+    passages[1]["state"] = standing
+    problem_from_request({"passages": passages}, cell())
 
 
 @pytest.mark.parametrize(("before_s", "after_s"), [(SWEPT_S[0], 0.0), (0.0, 2.0 * SWEPT_S[1])])

@@ -332,3 +332,20 @@ def test_objects_in_each_other_are_refused() -> None:
     near = LEFT.replace("[0.0, -0.06, 0.17]", "[0.0, 0.055, 0.17]")
     with pytest.raises(CellError, match=r"their objects, .* m across both radii, would be in each other"):
         cell_of_two(near)
+
+
+def test_two_objects_are_thrown_after_a_passage_in_whose_posture_no_leg_to_a_throw_begins(here: Cell) -> None:
+    """Legs between joint states were refused at singularities, with a leg to rest named that was not in the way."""
+    at_home = {"kind": "joint", "positions": here.home.tolist(), "velocities": [0.1] * 6}
+    request = two_throws()
+    request["passages"] = [{"name": "camera", "state": at_home}, *request["passages"]]
+    found = plan(problem_from_request(request, here))
+    assert found.status == "one throw after another"
+    for part in found.problem.parts:
+        assert find_faults(part.problem, part.of(found.trajectory)) == []
+    document = plan_document(found, request, "", "")
+    camera, first, second = document["passages"]
+    assert camera["time_s"] < first["time_s"] < second["time_s"]
+    assert np.allclose(found.trajectory.q[camera["index"]], here.home)
+    for passed, target in zip((first, second), TARGETS.values(), strict=True):
+        np.testing.assert_allclose(passed["flight"]["landing_point"], target, atol=5e-4)

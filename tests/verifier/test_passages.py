@@ -242,6 +242,19 @@ def test_an_object_let_go_at_another_sample_is_violated():
     assert "passage" in {each.name for each in found}
 
 
+@pytest.mark.parametrize("short_rad", [0.0, 1e-9, 4e-4])
+def test_a_line_that_turns_by_half_a_turn_is_no_request(short_rad: float):
+    """Half a turn about x, as the axis of a turn without a sine would be taken to be, from the line's begin."""
+    document, cell = document_of(*planned("passed"))
+    document = copy.deepcopy(document)
+    line = asked(document, "bead")["line"]
+    line["to"] = {"position": line["to"]["position"], "rotation_vector": [short_rad, 0.0, 0.0]}
+    with pytest.raises(NotAPlan, match=r"passages\[2\].line.to: is turned by half a turn: which way round is open"):
+        verify(document, cell)
+    line["to"]["rotation_vector"] = [1e-3, 0.0, 0.0]
+    assert "passage" in {each.name for each in findings(document, cell) if each.status is Status.VIOLATED}
+
+
 @pytest.mark.parametrize(
     "change",
     [

@@ -112,7 +112,7 @@ def test_a_speed_that_the_profile_expects_is_no_warning(prepared: Prepared) -> N
     known = replace(prior_knowledge(cell), arm=StreamedArm(cell.timing.lag_s, np.full(6, 1.04)), speeds=sure)
     telemetry = perfect(prepared)
     clock = telemetry.scalar("clock_s")
-    telemetry.vector("qd")[:] += known.arm.deviation(trajectory, cell.timing.lag_s, clock)[1]
+    telemetry.vector("qd")[:] += known.arm.deviation(trajectory, cell.timing.lag_s, cell.robot.qd_max, clock)[1]
     run = ended(telemetry, prepared)
     landing = Landing(100.0 + trajectory.release_time_s, None)
 

@@ -96,12 +96,21 @@ def robust(request: pytest.FixtureRequest) -> tuple[ThrowProblem, Trajectory]:
     return found.problem, found.trajectory
 
 
-def throw(throw: tuple[ThrowProblem, Trajectory], lag_s: float, gain, known=None, tolerance=TOLERANCE_M, noise=0.0):
+def throw(
+    throw: tuple[ThrowProblem, Trajectory],
+    lag_s: float,
+    gain,
+    known=None,
+    tolerance=TOLERANCE_M,
+    noise=0.0,
+    qd_max=None,
+):
     """Streams a throw to an arm; returns outcome, reason, arm, watch, and how far off the object would have landed."""
     problem, trajectory = throw
     landing = expected_landing(problem, trajectory, tolerance, known)
     own = settings(problem.cell.name)
     job = prepare_job(problem, trajectory, Approach(trajectory.q[0]), "speedj", False, own, landing)
+    job = job if qd_max is None else replace(job, qd_max=qd_max)
     arm = OffArm(job, lag_s, np.ones(6) * gain, noise)
     stream = Stream(arm, job, SimpleNamespace(pending=lambda: None))
     outcome, reason = stream.run()
@@ -135,6 +144,28 @@ def test_an_arm_that_is_off_its_speed_keeps_the_object(robust, gain):
     assert "beyond its tolerance of 20 mm" in done.reason
     assert predicted_m(done.reason) == pytest.approx(done.miss, rel=0.08, abs=0.008)
     assert done.watch.gain_error[:5] == pytest.approx((np.ones(6) * gain - 1.0)[:5], abs=0.004)
+
+
+def test_a_slow_arm_at_its_limits_on_speed_is_foreseen(robust):
+    """Where the plan is at the joints' limits, what feedback would send beyond them is not sent, nor reckoned with."""
+    problem, trajectory = robust
+    lag_s = problem.cell.timing.lag_s
+    most = np.abs(trajectory.qd).max(axis=0)
+    slow = np.full(6, 0.94)
+    done = throw(robust, lag_s, slow, qd_max=most.tolist())
+    assert done.outcome == "held"
+    job = done.arm.job
+    at_s = trajectory.release_time_s
+    reached = done.arm.at((at_s - job.first_clock_s) / job.dt + job.lag_ticks)[0] - trajectory.at(np.array(at_s))[0]
+    foreseen, _ = StreamedArm(lag_s, slow).deviation(trajectory, lag_s, most, np.array([at_s]))
+    assert foreseen[0] == pytest.approx(reached, abs=5e-4)
+    freely, _ = StreamedArm(lag_s, slow).deviation(trajectory, lag_s, np.full(6, 99.0), np.array([at_s]))
+    assert np.abs(freely[0] - reached).max() > 1e-3
+    for row in range(0, len(job.q), 10):
+        behind = [-0.05 * math.copysign(1.0, x) for x in job.qd[row]]
+        feedback = done.watch._feedback(row, job.reference_q[row], behind)
+        sent = np.clip(np.array(job.qd[row]) - job.feedback_gain * np.array(behind), -most, most)
+        assert np.array(job.qd[row]) + feedback == pytest.approx(sent, abs=1e-12)
 
 
 @pytest.mark.parametrize("off_s", [0.003, 0.006, 0.010, 0.012, -0.006])

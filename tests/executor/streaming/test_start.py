@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,6 +14,8 @@ import orjson
 import pytest
 
 from executor import shared_memory as shm
+from executor.execution import Execution
+from executor.preflight import ExecutionRefused
 from executor.preparation import prepare_job
 from executor.replacement import Motion, Question, Replacement, answer
 from executor.shared_memory import SharedMemory
@@ -21,6 +25,7 @@ from executor.streaming.start import AHEAD, await_start, first_row_s
 from planner.answer import plan_document
 from planner.planning import Plan, plan
 from planner.request import problem_from_request
+from planner.stream_rows import lead_in_s
 from tests.executor.conftest import settings
 from tests.planner.problems import cell
 
@@ -184,3 +189,24 @@ def test_a_plan_that_begins_elsewhere_or_at_no_instant_is_refused() -> None:
     at_once = answered(asked, plan(problem_from_request(asked, cell())))
     assert isinstance(at_once, str)
     assert "waits at its start" in at_once
+
+
+def test_an_output_before_the_start_is_due_before_the_arm_may_arrive() -> None:
+    """The arm that arrives between its first row and the start would be refused at its tick, and was not before."""
+    whole = request()
+    lamp = {"output": "standard_digital", "index": 0, "level": True, "offset_s": -1.9}
+    passage = {"name": "throw", "state": whole.pop("release"), "releases": True, "outputs": [lamp]}
+    made = plan(problem_from_request({**whole, "passages": [passage]}, cell()))
+    starts_at_s = made.problem.starts_at_s
+    assert starts_at_s is not None
+    due_s = first_row_s(prepare_job(made.problem, made.trajectory, None, "speedj", False, SETTINGS))
+    assert due_s == pytest.approx(starts_at_s - lead_in_s(made.problem, made.trajectory), abs=1e-9)
+    assert starts_at_s - due_s > 1.9 - made.trajectory.release_time_s
+    row: Any = SimpleNamespace(mode="speedj")
+    session: Any = None
+    execution = Execution(session, row)
+    left_s = 5.0
+    state: Any = SimpleNamespace(timestamp_s=due_s - left_s, seen_at=time.monotonic())
+    execution._check_start(motion_of(made), state, 0.0)
+    with pytest.raises(ExecutionRefused, match=r"^too late: the arm is at the plan's start"):
+        execution._check_start(motion_of(made), state, left_s + 0.1)

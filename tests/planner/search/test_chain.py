@@ -13,11 +13,12 @@ from audit.judge import find_faults
 from planner.backends import ruckig_otg
 from planner.cell import Cell
 from planner.certificate import certify
-from planner.errors import Infeasible, InvalidProblem, SolverFailed
+from planner.errors import Infeasible, InvalidProblem, SolverFailed, nothing_found
 from planner.geometry import tool_state
 from planner.planning import Plan, plan
 from planner.request import problem_from_request, request_document
 from planner.rotations import matrix_to_rotation_vector
+from planner.search.chain import _Legs
 from planner.trajectory import Trajectory
 from tests.planner.problems import cell
 
@@ -268,6 +269,20 @@ def test_a_refusal_names_the_leg_in_whose_way_something_stands() -> None:
         plan(problem_from_request(request, here))
     assert [each.constraint for each in refused.value.violations] == ["keep_out"]
     assert not refused.value.violations[0].proven
+
+
+def test_a_refusal_names_the_leg_that_begins_where_no_leg_leads() -> None:
+    """Each leg has states left, but the second one none that the first one leads to."""
+    problem = problem_from_request(row(2), cell())
+    names = ["the start", "part 0", "part 1", "rest"]
+    state = tuple(np.zeros((1, 6)) for _ in range(3))
+    ticks = [np.array([[9.0, np.inf]]), np.array([[np.inf, np.inf], [9.0, 9.0]]), np.array([[9.0], [9.0]])]
+    paces = [np.zeros(each.shape, np.int64) for each in ticks]
+    legs = _Legs(problem, names, [[state], [state, state], [state, state], [None]], [0] * 4, ticks, paces)
+    assert legs.shortest() is None
+    for number in range(3):
+        legs.obstacles[number] = nothing_found("motion", "stands there").within(legs.leg_name(number))
+    assert "leg 2, from part 0 to part 1" in str(legs.obstacle())
 
 
 def test_a_refusal_names_an_end_that_is_blocked() -> None:
