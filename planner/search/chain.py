@@ -28,7 +28,7 @@ from planner.arrays import Array
 from planner.backends import ruckig_otg
 from planner.backends.solution import Solution
 from planner.certificate import SINGULARITY_WINDOW_S, Check
-from planner.errors import TIME_LIMIT, Infeasible, InvalidProblem, SolverFailed, Violation, nothing_found
+from planner.errors import Infeasible, SolverFailed, Violation, nothing_found
 from planner.kinematics import inverse_velocity, jacobian, singularity_distances, tcp_acceleration
 from planner.passages import passed_until
 from planner.problem import ThrowProblem
@@ -85,10 +85,7 @@ def search_chain(search: PlanningSearch) -> None:
     tried = len(search.certified) + len(search.rejected)
     search.log_attempt("ruckig", f"leg by leg: {len(search.certified)} of {tried} motions certified", begun_s)
     if search.best is None:
-        log = [attempt.__dict__ for attempt in search.attempts]
-        if search.out_of_time:
-            raise SolverFailed(TIME_LIMIT, 0, log, [legs.obstacle()])
-        raise Infeasible([legs.obstacle()], attempts=log)
+        raise search.failure([legs.obstacle()])
 
 
 def _try(search: PlanningSearch, legs: _Legs, way: list[int]) -> None:
@@ -108,7 +105,7 @@ def _try(search: PlanningSearch, legs: _Legs, way: list[int]) -> None:
         return
     blamed = set()
     for failed, release_index in found.examination.failed_releases:
-        violation = Violation(failed.name, failed.value, failed.limit, failed.unit, failed.at_s, failed.detail)
+        violation = failed.as_violation()
         if failed.name == "passage" and failed.unit == "s":
             raise Infeasible([violation])
         leg, ends = _leg_of(search.problem, motion, failed, release_index)
@@ -404,9 +401,8 @@ def _found(search: PlanningSearch, name: str, alone: ThrowProblem) -> list[Piece
             return [*line_motions(alone, [each.q for each in found])]
     except Infeasible as refusal:
         search.log_attempt("candidates", f"no joint state of {name}", begun_s)
-        log = [attempt.__dict__ for attempt in search.attempts]
         violations = [each if alone.throws else each.in_passing() for each in refusal.violations]
-        raise Infeasible([each.within(name) for each in violations], attempts=log) from None
+        raise Infeasible([each.within(name) for each in violations], attempts=search.log) from None
     return _samples(alone, found)
 
 
@@ -443,11 +439,8 @@ def _thrown(
     limits = replace(alone.limits, qdd_max=THROWN_SHARE * alone.limits.qdd_max)
     alone = replace(alone, limits=limits)
     for q in [search.problem.start, *(piece[0][-1] for piece in before[:THROWN_FROM] if piece is not None)]:
-        own = PlanningSearch(alone.at_rest_from(q), search.deadline_s, tell=search.tell_inner)
-        with suppress(Infeasible, InvalidProblem, SolverFailed):
+        with search.inner(alone.at_rest_from(q)) as own:
             search_candidates(own, candidates(own.problem, search.deadline_s))
-        search.iterations += own.iterations
-        search.extend_deadline(own.loading_s)
         for each in own.by_rank():
             motion = each.solution.trajectory
             k = motion.release_index
