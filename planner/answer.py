@@ -336,7 +336,7 @@ def promised_tolerance(document: Mapping[str, Any], problem: ThrowProblem) -> fl
     """
     target = problem.target
     stated = document["request"].get("landing_tolerance_m")
-    if target is None or not (problem.is_robust or stated or target.opening is not None):
+    if target is None or not (problem.is_robust or stated or problem.opening is not None):
         return None
     return problem.landing_tolerance_m or None
 

@@ -49,7 +49,8 @@ def felt_sizes(arm: ArmSamples, in_tool: bool) -> Array:
     """Returns the sizes of the acceleration that the grip feels (k,) [m/s^2], or along the tool's axes (3, k)."""
     felt = arm.felt
     if in_tool:
-        return np.abs(_in_tool(arm.X_WL, arm.cell.tool.X_FT[:3, :3], felt))
+        axes = arm.R_WT.transpose(1, 2, 0)
+        return np.abs([dot(axes[:, c], felt) for c in range(3)])
     return np.sqrt(dot(felt, felt))
 
 
@@ -86,9 +87,3 @@ def opening_direction(motion: MotionSamples) -> Check | NotChecked | None:
         angle = exits.bound(angle)
     detail = "between the opening direction and the object's way out"
     return at_most(name, angle, gripper.opening_cone_rad, "rad", at_s, detail).provided(proven)
-
-
-def _in_tool(X_WL: Array, R_FT: Array, vectors: Array) -> Array:
-    """Returns vectors (3, k) of the world in the axes of the tool at link poses (k, 7, 4, 4)."""
-    R_WT = (X_WL[:, 6, :3, :3] @ R_FT).transpose(1, 2, 0)
-    return np.stack([dot(R_WT[:, c], vectors) for c in range(3)])

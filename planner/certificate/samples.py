@@ -59,6 +59,11 @@ class ArmSamples:
         return self.links.velocity(self.p_WT)
 
     @cached_property
+    def R_WT(self) -> Array:
+        """Axes of the tool (k, 3, 3)."""
+        return self.X_WL[:, 6, :3, :3] @ self.cell.tool.X_FT[:3, :3]
+
+    @cached_property
     def a_WT(self) -> Array:
         """Acceleration of the tool centre point (3, k) [m/s^2]."""
         return self.links.acceleration(self.p_WT)

@@ -17,7 +17,7 @@ import numpy as np
 
 from planner.arrays import Array
 from planner.errors import TIME_LIMIT, Infeasible, SolverFailed, Violation, nothing_found
-from planner.geometry import ToolState, body_model
+from planner.geometry import ToolState, body_model, twist_in_base
 from planner.kinematics import (
     inverse,
     inverse_velocity,
@@ -275,8 +275,7 @@ def _tool_states(problem: ThrowProblem, tool: ToolState) -> States:
         raise Infeasible([_reach_violation(problem, tool.X_WT[:3, 3], found.reach_excess_m)])
     if len(found.q) == 0:
         raise Infeasible([_joint_limit_violation(problem, X_BT)])
-    R_BW = cell.X_WB[:3, :3].T
-    V_BT = np.concatenate([R_BW @ tool.V_WT[:3], R_BW @ tool.V_WT[3:]])
+    V_BT = twist_in_base(cell, tool.V_WT)
     states = States(found.q, np.zeros_like(found.q), found.branch)
     usable = states.of_postures(lambda q: singularity_distances(cell.robot, q).minimum) > 1e-6
     if not usable.any():

@@ -38,7 +38,7 @@ from planner.backends.casadi_nlp.parameters import (
     shape_parameters,
     variable_scales,
 )
-from planner.backends.casadi_nlp.release_rows import aim_from, aims, release_parameters, window_stages
+from planner.backends.casadi_nlp.release_rows import aim_from, release_parameters, window_stages
 from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, FORMULAS, LEAVING_ROWS
 from planner.backends.casadi_nlp.transcription import Transcription, transcription
 from planner.backends.casadi_nlp.tuning import BRAKE_STAGES, BRAKE_WEIGHT, JERK_WEIGHT, LAUNCH_STAGES, STEP_WEIGHT
@@ -65,7 +65,9 @@ def stage_layout(problem: ThrowProblem, margins: Margins) -> StageLayout:
     if problem.ends_at_rest:
         return StageLayout(LAUNCH_STAGES, 0, 0, groups, shapes)
     window = window_stages(problem)
-    return StageLayout(LAUNCH_STAGES + window, BRAKE_STAGES + window, window, groups, shapes, aims(problem))
+    return StageLayout(
+        LAUNCH_STAGES + window, BRAKE_STAGES + window, window, groups, shapes, problem.target is not None
+    )
 
 
 def _applicable_groups(problem: ThrowProblem, margins: Margins) -> tuple[str, ...]:
@@ -74,7 +76,7 @@ def _applicable_groups(problem: ThrowProblem, margins: Margins) -> tuple[str, ..
         "rooms": len(problem.cell.surroundings.rooms) > 0,
         "grip": problem.cell.gripper.hold_acceleration_m_s2 is not None and not problem.ends_at_rest,
         "flight": constrains_flight(problem),
-        "standing": aims(problem),
+        "standing": problem.target is not None,
         "leaving": margins.leaves,
         "passing": not problem.ends_at_rest,
     }

@@ -81,10 +81,9 @@ class BodyLandings:
         if not landings.is_in_air:
             places = np.moveaxis(hull_places(landings), -1, 0)
             room = [surface.depth(places) for surface in problem.surfaces]
-            target = problem.target
-            if target is not None and target.opening is not None:
-                aside = places[:2] - target.p_W[:2, None, None]
-                room = [target.opening.radius_m - np.hypot(*aside)]
+            if problem.target is not None and problem.opening is not None:
+                aside = places[:2] - problem.target.p_W[:2, None, None]
+                room = [problem.opening.radius_m - np.hypot(*aside)]
             each = np.min(room, axis=1) - self.thing.radius_m  # of every surface, by the ball that is least within it
             inside = np.minimum(np.max(each, axis=0), UNBOUNDED_M)
         return np.where(np.isnan(landings.time_s), np.nan, inside)
