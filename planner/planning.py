@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from planner.answer import Plan
 from planner.certificate import certify, release_flight
 from planner.errors import TIME_LIMIT, Infeasible, InvalidProblem, SolverFailed, Violation, nothing_found
-from planner.passages import main_state
+from planner.passages import first_release, main_state
 from planner.problem import TIME_LIMIT_S, ThrowProblem
 from planner.progress import SILENT, ProgressMeter
 from planner.refusal import nearest_problem, of_candidates, refuse_impossible
@@ -126,7 +126,7 @@ def _passed_before_s(problem: ThrowProblem, hints: SearchHints) -> float:
 
     Where these have no motion of their own, or the throw is later, it is the time that the throw is not before.
     """
-    number = next((i for i, each in enumerate(problem.passages) if each.releases), None)
+    number = first_release(problem.passages)
     if number is None:
         return 0.0
     throw = problem.passages[number]

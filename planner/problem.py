@@ -25,7 +25,7 @@ from planner.geometry import (
     point_segment_distance,
     segment_shape_distance,
 )
-from planner.passages import NOT_YET, Passage, first_gripper, passage_errors, with_main_state
+from planner.passages import NOT_YET, Passage, first_gripper, first_release, passage_errors, with_main_state
 from planner.releases import JointRelease, Opening, PointRelease, PoseRelease, Release, Target, TargetRelease
 from planner.rotations import pose, rotation_vector_to_matrix, unit_hint
 from planner.touchdown import Leaving, Touchdowns
@@ -199,7 +199,7 @@ class ThrowProblem:
             f"({UNCERTAIN_DEVIATIONS:g} standard deviations), and the room of a hit is {self.hit_radius_m:.3g} m: "
             "observe it for longer, or throw sooner"
         )
-        number = next((i for i, each in enumerate(self.passages) if each.releases), None)
+        number = first_release(self.passages)
         return [FieldError("release.position" if number is None else f"passages[{number}].state.position", reason)]
 
     @cached_property

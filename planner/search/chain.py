@@ -30,7 +30,7 @@ from planner.backends.solution import Solution
 from planner.certificate import SINGULARITY_WINDOW_S, Check
 from planner.errors import Infeasible, SolverFailed, Violation, nothing_found
 from planner.kinematics import inverse_velocity, jacobian, singularity_distances, tcp_acceleration
-from planner.passages import passed_until
+from planner.passages import first_release, passed_until
 from planner.problem import ThrowProblem
 from planner.releases import SteadyLine
 from planner.search.passing import State, passing_accelerations
@@ -79,7 +79,7 @@ def search_chain(search: PlanningSearch) -> None:
         way = legs.shortest()
         if way is None or search.best is not None or len(search.rejected) == MOTIONS or search.out_of_time:
             break
-        search.begin_candidate()
+        search.step(1)
         _try(search, legs, way)
     search.note_end()
     tried = len(search.certified) + len(search.rejected)
@@ -180,8 +180,8 @@ def _joined(problem: ThrowProblem, pieces: Sequence[Piece], begun: Sequence[int]
     """
     arrays = [np.concatenate([piece[k][int(i > 0) :] for i, piece in enumerate(pieces)]) for k in range(3)]
     passed = tuple(begun[: len(problem.passages)])
-    releases = (index for each, index in zip(problem.passages, passed, strict=True) if each.releases)
-    released = next(releases, passed[-1])
+    number = first_release(problem.passages)
+    released = passed[-1 if number is None else number]
     return Trajectory(1.0 / problem.dt, *arrays, release_index=released, passage_indices=passed)
 
 

@@ -33,7 +33,7 @@ def optimise(search: PlanningSearch, candidate: Candidate) -> bool:
         candidate: of its problem.
     """
     problem = search.problem
-    search.begin_candidate()
+    search.step(1)
     begun_s = time.perf_counter() + _load(search)
     try:
         guess = ruckig_otg.initial_guess(problem, candidate)
@@ -44,7 +44,7 @@ def optimise(search: PlanningSearch, candidate: Candidate) -> bool:
     is_settled = False
     result = ""
     for _ in range(ROUNDS):
-        search.begin_solve()
+        search.step(0)
         try:
             solution = casadi_nlp.solve(problem, seed, options)
         except casadi_nlp.SeedFailed as failure:

@@ -106,16 +106,16 @@ class PlanningSearch:
         """Returns a motion with its checks, and keeps it: as an answer, or for the refusal."""
         found = CertifiedSolution(backend, solution, Examination(self.problem, solution.trajectory))
         (self.certified if found.is_valid else self.rejected).append(found)
-        self.tell(0, self.release_time_s)
+        self.step(0)
         return found
 
-    def begin_candidate(self) -> None:
-        """Tells that another candidate is tried."""
-        self.tell(1, self.release_time_s)
+    def step(self, candidates: int, _: float = 0.0) -> None:
+        """Tells of a step, of this search or of one inside it, whose motions are none of this one's.
 
-    def begin_solve(self) -> None:
-        """Tells that the optimiser is called, which takes some tenths of a second."""
-        self.tell(0, self.release_time_s)
+        Args:
+            candidates: number of those that it begins with.
+        """
+        self.tell(candidates, self.release_time_s)
 
     @contextmanager
     def inner(self, problem: ThrowProblem) -> Iterator[PlanningSearch]:
@@ -126,15 +126,11 @@ class PlanningSearch:
         Args:
             problem: of that motion.
         """
-        found = PlanningSearch(problem, self.deadline_s, tell=self.tell_inner)
+        found = PlanningSearch(problem, self.deadline_s, tell=self.step)
         with suppress(Infeasible, SolverFailed):
             yield found
         self.iterations += found.iterations
         self.extend_deadline(found.loading_s)
-
-    def tell_inner(self, candidates: int, _: float) -> None:
-        """Tells of a step of a search inside this one, whose motions are none of this one's."""
-        self.tell(candidates, self.release_time_s)
 
     def by_rank(self) -> list[CertifiedSolution]:
         """Returns the valid motions, the best first."""

@@ -101,7 +101,7 @@ def try_motions(search: PlanningSearch, backend: str, found: Sequence[Candidate]
     valid = 0
     failure = ""
     for candidate in found:
-        search.begin_candidate()
+        search.step(1)
         for solve in solvers:
             if not search.is_of_use(candidate.bound_s) or search.out_of_time:
                 break

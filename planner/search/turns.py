@@ -86,7 +86,7 @@ def _certify(search: PlanningSearch, backend: str, motions: Iterable[Trajectory]
     for motion in motions:
         if search.best is not None:
             return
-        search.begin_candidate()
+        search.step(1)
         whole = replace(motion, release_index=released[0], passage_indices=released)
         search.certify(backend, Solution(whole, "one throw after another"))
 
