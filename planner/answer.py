@@ -17,7 +17,7 @@ from planner.errors import CUT_SHORT, FieldError, InvalidProblem
 from planner.flight import Flight, landing_per_release_delay, path
 from planner.geometry import tool_state
 from planner.kinematics import tcp_acceleration
-from planner.passages import passed_documents
+from planner.passages import first_release, passed_documents
 from planner.problem import ThrowProblem
 from planner.request import problem_from_request
 from planner.rotations import matrix_to_quaternion, matrix_to_rotation_vector
@@ -178,8 +178,8 @@ def _flights(problem: ThrowProblem, trajectory: Trajectory) -> dict[int, dict[st
     if not problem.cell.grippers or not problem.throws:
         return {}
     if not problem.parts:
-        number = next(i for i, each in enumerate(problem.passages) if each.releases) if problem.passages else -1
-        return {number: {"flight": _flight(problem, trajectory)}}
+        number = first_release(problem.passages)
+        return {} if number is None else {number: {"flight": _flight(problem, trajectory)}}
     lets_go = [part for part in problem.parts if part.problem.throws]
     return {part.release: {"flight": _flight(part.problem, part.of(trajectory))} for part in lets_go}
 
@@ -336,7 +336,7 @@ def promised_tolerance(document: Mapping[str, Any], problem: ThrowProblem) -> fl
     """
     target = problem.target
     stated = document["request"].get("landing_tolerance_m")
-    if target is None or not (problem.is_robust or stated or target.opening is not None):
+    if target is None or not (problem.is_robust or stated or problem.opening is not None):
         return None
     return problem.landing_tolerance_m or None
 

@@ -85,20 +85,6 @@ class Vector:
 
 
 @dataclass(frozen=True)
-class VectorOr:
-    """A list of numbers, or an object that stands for them."""
-
-    vector: Vector
-    record: Record
-
-    def read(self, value: Any, path: str, errors: list[FieldError]) -> list[float] | dict[str, Any] | None:
-        """Returns the list, or the fields of the object."""
-        if isinstance(value, Mapping):
-            return self.record.read(value, path, errors)
-        return self.vector.read(value, path, errors)
-
-
-@dataclass(frozen=True)
 class PerJoint:
     """One number for all six joints, or one for each."""
 
@@ -226,17 +212,17 @@ class RecordList:
 
 
 @dataclass(frozen=True)
-class RecordListOr:
-    """A list of records, or an object that stands for them."""
+class ListOr:
+    """A list, of numbers or of records, or an object that stands for it."""
 
-    records: RecordList
+    listed: Vector | RecordList
     record: Record
 
-    def read(self, value: Any, path: str, errors: list[FieldError]) -> list[dict[str, Any]] | dict[str, Any] | None:
-        """Returns the fields of each entry, or those of the object."""
+    def read(self, value: Any, path: str, errors: list[FieldError]) -> list[Any] | dict[str, Any] | None:
+        """Returns the list, or the fields of the object."""
         if isinstance(value, Mapping):
             return self.record.read(value, path, errors)
-        return self.records.read(value, path, errors)
+        return self.listed.read(value, path, errors)
 
 
 @dataclass(frozen=True)

@@ -282,7 +282,7 @@ def launch_velocity(p: ArrayLike, target: ArrayLike, time_s: ArrayLike, gravity:
     rows = np.nonzero(missed := np.full(v.shape[:-1], np.inf))  # those that have neither converged nor diverged
 
     def reached(change: Array) -> Array:
-        return _advance(np.concatenate([p[rows], v[rows] + change], axis=-1), t[rows][..., :1], gravity, drag)[..., :3]
+        return positions_after(p[rows], v[rows] + change, t[rows][..., 0], gravity, drag)
 
     for _ in range(LAUNCH_ITERATIONS):
         missed[rows] = np.abs(error := target[rows] - reached(np.zeros(3))).max(axis=-1)
@@ -315,31 +315,6 @@ def time_at_elevation(p: ArrayLike, target: ArrayLike, elevation_rad: ArrayLike,
     d = np.asarray(target, float) - np.asarray(p, float)
     square = 2.0 * (np.hypot(d[..., 0], d[..., 1]) * np.tan(elevation_rad) - d[..., 2]) / gravity
     return np.sqrt(np.where(square > 0.0, square, np.nan))
-
-
-def _step(state: Array, h: ArrayLike, gravity: float, drag: float) -> Array:
-    """Returns the states (..., 6) one Runge-Kutta step of `h` (..., 1) later."""
-    down = np.array([0.0, 0.0, gravity])
-
-    def rate(x: Array) -> Array:
-        v = x[..., 3:]
-        return np.concatenate([v, -drag * np.sqrt((v * v).sum(axis=-1, keepdims=True)) * v - down], axis=-1)
-
-    h = np.asarray(h, float)
-    k1 = rate(state)
-    k2 = rate(state + 0.5 * h * k1)
-    k3 = rate(state + 0.5 * h * k2)
-    k4 = rate(state + h * k3)
-    return state + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-
-
-def _advance(state: Array, duration: ArrayLike, gravity: float, drag: float) -> Array:
-    """Returns the states (..., 6) after `duration` (..., 1) [s]."""
-    steps = max(1, math.ceil(float(np.max(duration)) / STEP_S))
-    h = np.asarray(duration, float) / steps
-    for _ in range(steps):
-        state = _step(state, h, gravity, drag)
-    return state
 
 
 def _fly_with_drag(p: Array, v: Array, plane_z: float, gravity: float, drag: float) -> Flight | None:

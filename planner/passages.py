@@ -257,14 +257,21 @@ def end_document(end: Release | None) -> dict[str, Any]:
     return {name: value for name, value in given.items() if name not in ("velocities", "twist")}
 
 
+def first_release(passages: Sequence[Passage]) -> int | None:
+    """Returns the number of the first passage at which an object leaves; None where none does."""
+    return next((number for number, each in enumerate(passages) if each.releases), None)
+
+
 def main_state(passages: Sequence[Passage]) -> Release:
     """Returns the state at which an object leaves, the first; without one, that of the last passage."""
-    return next((each.state for each in passages if each.releases), passages[-1].state)
+    number = first_release(passages)
+    return passages[-1 if number is None else number].state
 
 
 def first_gripper(passages: Sequence[Passage]) -> str:
     """Returns the name of the gripper that lets go first; empty: the cell's own, or none."""
-    return next((each.gripper for each in passages if each.releases), "")
+    number = first_release(passages)
+    return "" if number is None else passages[number].gripper
 
 
 def with_main_state(passages: Sequence[Passage], state: Release) -> tuple[Passage, ...]:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from planner.answer import Plan
 from planner.certificate import certify, release_flight
 from planner.errors import TIME_LIMIT, Infeasible, InvalidProblem, SolverFailed, Violation, nothing_found
+from planner.passages import first_release
 from planner.problem import TIME_LIMIT_S, ThrowProblem
 from planner.progress import SILENT, ProgressMeter
 from planner.refusal import nearest_problem, of_candidates, refuse_impossible
@@ -125,7 +126,7 @@ def _passed_before_s(problem: ThrowProblem, hints: SearchHints) -> float:
 
     Where these have no motion of their own, or the throw is later, it is the time that the throw is not before.
     """
-    number = next((i for i, each in enumerate(problem.passages) if each.releases), None)
+    number = first_release(problem.passages)
     if number is None:
         return 0.0
     throw = problem.passages[number]
@@ -159,7 +160,11 @@ def _search(problem: ThrowProblem, hints: SearchHints) -> Plan:
         if problem.is_chain:
             search_chain(search)
         else:
-            _search_release(search, hints.releases)
+            found = _candidates(search, hints.releases)
+            search_candidates(search, found)
+            search.note_end()
+            if search.best is None and problem.backend == "auto" and not hints.releases:
+                _fall_back(search, found)
         best, way_home = best_with_way_home(search)
     except (Infeasible, SolverFailed) as refusal:
         _tell_of_passage(refusal, problem)
@@ -182,22 +187,13 @@ def _search(problem: ThrowProblem, hints: SearchHints) -> Plan:
     )
 
 
-def _search_release(search: PlanningSearch, releases: Sequence[ReleaseState]) -> None:
-    """Searches for the soonest motion that passes the one state of a problem.
+def _fall_back(search: PlanningSearch, found: Sequence[Candidate]) -> None:
+    """Looks for a motion with a pause on the way: at a posture to throw from, or where the start in motion is braked.
 
     Args:
-        search: updated in place.
-        releases: of `SearchHints`.
-
-    Raises:
-        Infeasible: there are no candidates.
-        SolverFailed: the deadline passed before one was found.
+        search: without a motion; updated in place.
+        found: candidates of its problem.
     """
-    found = _candidates(search, releases)
-    search_candidates(search, found)
-    search.note_end()
-    if search.best is not None or search.problem.backend != "auto" or releases:
-        return
     if search.problem.starts_at_rest:
         search_with_stop(search, found)
     else:
@@ -220,12 +216,10 @@ def _candidates(search: PlanningSearch, releases: Sequence[ReleaseState]) -> lis
     except Infeasible as refusal:
         tried = refusal.tried if isinstance(refusal, NoCandidates) else NO_RELEASE_STATE
         search.log_attempt("candidates", tried, begun_s)
-        log = [attempt.__dict__ for attempt in search.attempts]
-        raise Infeasible(of_candidates(problem, refusal.violations), attempts=log) from None
+        raise Infeasible(of_candidates(problem, refusal.violations), attempts=search.log) from None
     except SolverFailed as cut_short:
         search.log_attempt("candidates", NO_RELEASE_STATE, begun_s)
-        log = [attempt.__dict__ for attempt in search.attempts]
-        raise SolverFailed(cut_short.status, attempts=log, violations=cut_short.violations) from None
+        raise SolverFailed(cut_short.status, attempts=search.log, violations=cut_short.violations) from None
 
 
 def _tell_of_passage(refusal: Infeasible | SolverFailed, problem: ThrowProblem) -> None:
@@ -257,7 +251,7 @@ def _offer_nearest(refusal: Infeasible | SolverFailed, search: PlanningSearch) -
     found = nearest_problem(search)
     if search.out_of_time:
         search.log_attempt(NEAREST_ATTEMPT, NEAREST_CUT_SHORT, begun_s)
-        refusal.attempts = (*refusal.attempts, search.attempts[-1].__dict__)
+        refusal.attempts = (*refusal.attempts, search.log[-1])
     if found is None:
         return
     if search.out_of_time:

@@ -25,7 +25,7 @@ from planner.geometry import (
     point_segment_distance,
     segment_shape_distance,
 )
-from planner.passages import NOT_YET, Passage, first_gripper, main_state, passage_errors, with_main_state
+from planner.passages import NOT_YET, Passage, first_gripper, first_release, main_state, passage_errors, with_main_state
 from planner.releases import JointRelease, Opening, PointRelease, PoseRelease, Release, Target, TargetRelease
 from planner.rotations import pose, rotation_vector_to_matrix, unit_hint
 from planner.touchdown import Leaving, Touchdowns
@@ -191,13 +191,15 @@ class ThrowProblem:
         errors = []
         for number, each in enumerate(self.passages):
             target = each.state.target
-            if target is not None and target.moves and each.state is not self.release:
+            if target is None:
+                continue
+            if target.moves and each.state is not self.release:
                 reason = "a target that moves is met by the object that leaves first: the start is chosen for that one"
                 errors.append(FieldError(f"passages[{number}].state.velocity", reason))
-            if target is not None and target.uncertainty is not None:
+            if target.uncertainty is not None:
                 reason = "a motion in which one of `[grippers]` lets go has no odds, and follows no target: state none"
                 errors.append(FieldError(f"passages[{number}].state.uncertainty", reason))
-            if target is not None and target.opening is not None:
+            if target.opening is not None:
                 reason = f"a bin {NOT_YET} for a motion in which one of `[grippers]` lets go: state its place alone"
                 errors.append(FieldError(f"passages[{number}].state.opening", reason))
         return errors
@@ -219,7 +221,7 @@ class ThrowProblem:
             f"({UNCERTAIN_DEVIATIONS:g} standard deviations), and the room of a hit is {self.hit_radius_m:.3g} m: "
             "observe it for longer, or throw sooner"
         )
-        number = next((i for i, each in enumerate(self.passages) if each.releases), None)
+        number = first_release(self.passages)
         return [FieldError("release.position" if number is None else f"passages[{number}].state.position", reason)]
 
     @cached_property
@@ -269,11 +271,11 @@ class ThrowProblem:
         The block that surrounds the bin, from its bottom to its rim: no part of the arm has business inside. Of a bin
         that moves, the block that it passes through from `swept_s` before the landing to after it.
         """
-        target = self.target
-        if target is None or target.opening is None:
+        if self.target is None or self.opening is None:
             return self.cell
-        radius = target.opening.radius_m
-        rim = target.opening.rim_height_m
+        target = self.target
+        radius = self.opening.radius_m
+        rim = self.opening.rim_height_m
         aside = np.array([radius, radius, 0.0])
         top = np.array([radius, radius, rim])
         stands = target.p_W - self.aim_shift
@@ -428,15 +430,19 @@ class ThrowProblem:
         return self.release.target
 
     @property
+    def opening(self) -> Opening | None:
+        """The mouth of the bin around the target; None where there is none."""
+        return None if self.target is None else self.target.opening
+
+    @property
     def hit_radius_m(self) -> float:
         """The distance from the target that counts as a hit [m].
 
         The room of the opening about the object, else the landing tolerance, else the object's radius.
         """
-        target = self.target
         thick = self.cell.object.radius_m
-        if target is not None and target.opening is not None:
-            return target.opening.radius_m - thick
+        if self.opening is not None:
+            return self.opening.radius_m - thick
         return self.landing_tolerance_m or thick
 
     @property
@@ -514,13 +520,15 @@ class ThrowProblem:
 
         None of a body too: nobody knows how it comes to lie, and its flight is over (`planner.touchdown`).
         """
-        lies = self.surfaces and not self.is_in_bin and self.body is None
+        lies = self.surfaces and self.opening is None and self.body is None
         return self.carrier_z + self.cell.object.radius_m if lies else None
 
     @property
-    def is_in_bin(self) -> bool:
-        """Whether the target is the bottom of a bin."""
-        return self.target is not None and self.target.opening is not None
+    def touched_z(self) -> float | None:
+        """Height of what a body first touches as it lands at the target [m]: a bin's bottom, a surface; None: air."""
+        if self.opening is not None:
+            return self.plane_z
+        return self.carrier_z if self.surfaces else None
 
     def touchdowns(self, p_WT: Array, v_WT: Array, R_WT: Array, w_WT: Array) -> Touchdowns:
         """Returns the flights of a body that leaves the tool in n states.
@@ -532,9 +540,9 @@ class ThrowProblem:
         body = self.body
         assert body is not None
         leaving = Leaving(p_WT, self.release_speed_factor * v_WT, R_WT @ body.R_TO, w_WT)
-        height_m = self.plane_z if self.is_in_bin else self.carrier_z
-        is_in_air = not self.surfaces and not self.is_in_bin
-        return Touchdowns(body, leaving, height_m, is_in_air, self.gravity, self.drag)
+        touched_z = self.touched_z
+        height_m = self.plane_z if touched_z is None else touched_z
+        return Touchdowns(body, leaving, height_m, touched_z is None, self.gravity, self.drag)
 
     @cached_property
     def carrier_z(self) -> float:
@@ -590,9 +598,7 @@ class ThrowProblem:
 @lru_cache(maxsize=BINS_KEPT)
 def _cell_with_block(cell: Cell, lower: tuple[float, ...], upper: tuple[float, ...]) -> Cell:
     """Returns the cell with one more keep-out box; the same one for the same bin, as caches know cells by identity."""
-    block = Box(np.array(lower), np.array(upper), "bin")
-    around = cell.surroundings
-    return replace(cell, surroundings=replace(around, keep_out=(*around.keep_out, block)))
+    return _cell_with(cell, Box(np.array(lower), np.array(upper), "bin"))
 
 
 @lru_cache(maxsize=BINS_KEPT)
@@ -611,9 +617,12 @@ def _cell_with_path(
     length = speed * (before_s + after_s) + 2.0 * radius_m
     middle = np.array(stands) + 0.5 * (after_s - before_s) * np.array(v_W) + np.array([0.0, 0.0, 0.5 * rim_m])
     X_WC = pose(middle, rotation_vector_to_matrix([0.0, 0.0, angle]))
-    path = shape_of("box", X_WC, np.array([length, 2.0 * radius_m, rim_m]), "bin")
+    return _cell_with(cell, shape_of("box", X_WC, np.array([length, 2.0 * radius_m, rim_m]), "bin"))
+
+
+def _cell_with(cell: Cell, shape: Solid) -> Cell:
     around = cell.surroundings
-    return replace(cell, surroundings=replace(around, keep_out=(*around.keep_out, path)))
+    return replace(cell, surroundings=replace(around, keep_out=(*around.keep_out, shape)))
 
 
 def _limit_errors(limits: Limits, cell: Cell) -> list[FieldError]:

@@ -131,6 +131,13 @@ def rotation_vector_rate(vector: ArrayLike) -> Array:
     return np.eye(3) - 0.5 * K + second * (K @ K)
 
 
+def axes_along(z: Array) -> Array:
+    """Returns right-handed axes (3, 3), one a column, of which the last is a unit vector `z` (3,)."""
+    x = np.cross([1.0, 0.0, 0.0] if abs(z[0]) < 0.9 else [0.0, 1.0, 0.0], z)
+    x = x / np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])
+
+
 def pose(position: ArrayLike, R: ArrayLike) -> Array:
     """Returns the homogeneous pose (..., 4, 4) of a position (..., 3) [m] and a rotation matrix (..., 3, 3)."""
     position = np.asarray(position, dtype=np.float64)

@@ -86,6 +86,11 @@ class Trajectory:
         """The arrays q, qd, qdd and jerk."""
         return Pinned(self.q, self.qd, self.qdd, self.jerk)
 
+    def until(self, end: int) -> Trajectory:
+        """Returns the motion up to a sample, not before its release; without passages of its own."""
+        arrays = [each[: end + 1] for each in (self.q, self.qd, self.qdd)]
+        return Trajectory(self.sample_rate_hz, *arrays, release_index=self.release_index)
+
     def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """Returns exact q, qd, qdd (..., n) at times `t` (...,) [s]; times outside [0, duration] are clipped to it."""
         t = np.asarray(t, float)
@@ -154,7 +159,7 @@ def join(launch: tuple[Array, Array, Array], brake: tuple[Array, Array, Array], 
 
 
 def in_a_row(first: Trajectory, second: Trajectory) -> Trajectory:
-    """Returns two motions as one, without a pause: the second begins at rest where the first ends at rest.
+    """Returns two motions as one, without a pause: the second begins in the state in which the first ends.
 
     Raises:
         ValueError: their sample rates differ.

@@ -17,14 +17,13 @@ from planner.fields import (
     Choice,
     Flag,
     Kinds,
+    ListOr,
     PerJoint,
     Record,
     RecordList,
-    RecordListOr,
     Shape,
     Text,
     Vector,
-    VectorOr,
     Whole,
     Yes,
     YesOr,
@@ -89,7 +88,7 @@ def _type_of_numbers(shape: Shape) -> Any:
             return Annotated[float, Field(gt=above, le=most)]
         case Vector(size):
             return Annotated[list[Number], Field(min_length=size, max_length=size)]
-        case VectorOr(listed, record) | RecordListOr(listed, record):
+        case ListOr(listed, record):
             return _type_of(listed) | model_of(record)
         case PerJoint():
             return Number | Joints

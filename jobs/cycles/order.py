@@ -8,7 +8,7 @@ from typing import Any, Self
 
 from jobs.cycles.motions import PickLines
 from planner.errors import FieldError, InvalidProblem
-from planner.fields import Choice, Field, Kinds, Number, Record, RecordList, RecordListOr, Text, Vector, Whole, required
+from planner.fields import Choice, Field, Kinds, ListOr, Number, Record, RecordList, Text, Vector, Whole, required
 from planner.releases import KINDS, POSE
 
 PICKS_MAX = 1000  # objects of a job: an hour at one every 3.6 s
@@ -64,7 +64,7 @@ JOB_REQUEST = Record(
     {
         "cell": Field(Text(64), "Name of the cell; absent: the service's default cell."),
         "picks": required(
-            RecordListOr(RecordList(PICK, 1, PICKS_MAX), PICK_GRID), "What to pick, in this order: a list, or a grid."
+            ListOr(RecordList(PICK, 1, PICKS_MAX), PICK_GRID), "What to pick, in this order: a list, or a grid."
         ),
         "targets": required(
             RecordList(Kinds({"target": KINDS["target"].record}).record("target"), 1, TARGETS_MAX),

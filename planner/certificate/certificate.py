@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from planner.errors import Violation
+
 ROUNDING = 1e-7  # [-] share of a limit by which floating point may exceed it
 
 
@@ -35,6 +37,10 @@ class Check:
     def provided(self, proven: bool) -> Check:
         """Returns the check, not ok unless its bound is `proven` between samples."""
         return self if proven else replace(self, ok=False)
+
+    def as_violation(self) -> Violation:
+        """Returns the check that does not hold as what stands in a motion's way."""
+        return Violation(self.name, self.value, self.limit, self.unit, self.at_s, self.detail)
 
 
 @dataclass(frozen=True)

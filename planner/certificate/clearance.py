@@ -14,7 +14,7 @@ from planner.certificate.bounds import (
     slope_bound,
 )
 from planner.certificate.certificate import Check, NotChecked, at_least
-from planner.certificate.samples import MotionSamples
+from planner.certificate.samples import ArmSamples, MotionSamples
 from planner.geometry import SELF_CLEARANCE_M, pair_distances, shape_distances
 
 FAR_M = 1e3  # [m] distance reported for an object that has been released, and for what may touch
@@ -142,19 +142,16 @@ def keep_in(motion: MotionSamples) -> Check | None:
     required = np.append(np.zeros(len(faces)), around.keep_in_clearances[around.rooms])
     names = [*faces, *(f"tool centre point, {around.keep_in_names[i]}" for i in around.rooms)]
 
-    def inside(p_WT: Array) -> Array:
+    def inside(arm: ArmSamples) -> Array:
+        p_WT = arm.p_WT
         depths = [room.depth(p_WT.T) - room_m for room, room_m in zip(rooms, required[len(faces) :], strict=True)]
         if around.box_within is None:
             return np.array(depths)
         lower, upper = (corner[:, None] for corner in around.box_within)
         return np.concatenate([p_WT - lower, upper - p_WT, np.array(depths).reshape(-1, p_WT.shape[1])])
 
-    def evaluate(t: Array, item: Index) -> Array:
-        return inside(motion.at(t).p_WT)[item, np.arange(len(t))]
-
-    arm = motion.at_knots
     rates = point_bound(motion.body.tool_lever, motion.rates, 2)
-    proof = prove_above(evaluate, arm.t, inside(arm.p_WT), rates, 0.0, curvature_bound, motion.distance_accuracy)
+    proof = motion.prove(inside, rates, 0.0, curvature_bound, motion.distance_accuracy)
     limit = float(required[proof.item])
     return _distance_check("keep_in", proof._replace(value=proof.value + limit), limit, names[proof.item])
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from planner.arrays import Array, Index
-from planner.certificate.bounds import kinked_bound, point_bound, prove_above
+from planner.arrays import Array
+from planner.certificate.bounds import kinked_bound, point_bound
 from planner.certificate.certificate import Check, NotChecked, at_most
 from planner.certificate.exits import Exits
 from planner.certificate.flight import flights_of
@@ -32,14 +32,9 @@ def grip_acceleration(motion: MotionSamples) -> Check | NotChecked | None:
     def room(arm: ArmSamples) -> Array:
         return 1.0 - felt_sizes(arm, len(limit) == 3) / limit[:, None]
 
-    def evaluate(t: Array, item: Index) -> Array:
-        return room(motion.at(t))[item, np.arange(len(t))]
-
     rates = np.stack(_acceleration_rates(motion, len(limit) == 3))[:, None, : count - 1]
     rates = np.repeat(rates, len(limit), axis=1) / limit[:, None]
-    t = motion.at_knots.t[:count]
-    rooms = room(motion.at_knots)[:, :count]
-    proof = prove_above(evaluate, t, rooms, rates, 0.0, kinked_bound, motion.share_accuracy)
+    proof = motion.prove(room, rates, 0.0, kinked_bound, motion.share_accuracy, count)
     bound = float(limit[proof.item])
     axis = "xyz"[proof.item] if len(limit) == 3 else ""
     return at_most(name, (1.0 - proof.value) * bound, bound, "m/s^2", proof.at_s, axis).provided(proof.proven)
@@ -49,7 +44,8 @@ def felt_sizes(arm: ArmSamples, in_tool: bool) -> Array:
     """Returns the sizes of the acceleration that the grip feels (k,) [m/s^2], or along the tool's axes (3, k)."""
     felt = arm.felt
     if in_tool:
-        return np.abs(_in_tool(arm.X_WL, arm.cell.tool.X_FT[:3, :3], felt))
+        axes = arm.R_WT.transpose(1, 2, 0)
+        return np.abs([dot(axes[:, c], felt) for c in range(3)])
     return np.sqrt(dot(felt, felt))
 
 
@@ -86,9 +82,3 @@ def opening_direction(motion: MotionSamples) -> Check | NotChecked | None:
         angle = exits.bound(angle)
     detail = "between the opening direction and the object's way out"
     return at_most(name, angle, gripper.opening_cone_rad, "rad", at_s, detail).provided(proven)
-
-
-def _in_tool(X_WL: Array, R_FT: Array, vectors: Array) -> Array:
-    """Returns vectors (3, k) of the world in the axes of the tool at link poses (k, 7, 4, 4)."""
-    R_WT = (X_WL[:, 6, :3, :3] @ R_FT).transpose(1, 2, 0)
-    return np.stack([dot(R_WT[:, c], vectors) for c in range(3)])

@@ -101,8 +101,7 @@ def _along_line(motion: MotionSamples, name: str, line: SteadyLine, first: int, 
     t = (parts * first + steps) / (parts * trajectory.sample_rate_hz)
     arm = motion.at(t)
     X_WT = line.poses(h * steps)
-    R_WT = arm.X_WL[:, 6, :3, :3] @ motion.problem.cell.tool.X_FT[:3, :3]
-    half_sine = np.linalg.norm(R_WT - X_WT[:, :3, :3], axis=(1, 2)) / math.sqrt(8.0)
+    half_sine = np.linalg.norm(arm.R_WT - X_WT[:, :3, :3], axis=(1, 2)) / math.sqrt(8.0)
     turned = 2.0 * np.arcsin(np.minimum(1.0, half_sine))
     w_WT = arm.links.angular_velocity[:, 5]
     dw_WT = arm.links.angular_acceleration[:, 5]

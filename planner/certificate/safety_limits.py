@@ -6,14 +6,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from planner.arrays import Array, Index
+from planner.arrays import Array
 from planner.certificate.bounds import (
     LowerBound,
-    Proof,
     curvature_bound,
     kinked_bound,
     point_bound,
-    prove_above,
 )
 from planner.certificate.certificate import ROUNDING, Check, NotChecked, at_most
 from planner.certificate.loads import watched_levers
@@ -29,10 +27,10 @@ def elbow_speed(motion: MotionSamples) -> Check | NotChecked:
         return NotChecked("elbow_speed")
 
     def room(arm: ArmSamples) -> Array:
-        return 1.0 - arm.elbow_speed / limit
+        return 1.0 - arm.elbow_speed[None] / limit
 
     rates = point_bound(watched_levers(cell).elbow, motion.rates, 3) / limit
-    return _check("elbow_speed", limit, "m/s", _prove(motion, room, rates))
+    return _check("elbow_speed", "m/s", motion, limit, room, rates)
 
 
 def linear_momentum(motion: MotionSamples) -> Check | NotChecked:
@@ -42,9 +40,9 @@ def linear_momentum(motion: MotionSamples) -> Check | NotChecked:
         return NotChecked("momentum")
 
     def room(arm: ArmSamples) -> Array:
-        return 1.0 - momentum_sizes(motion, arm) / limit
+        return 1.0 - momentum_sizes(motion, arm)[None] / limit
 
-    return _check("momentum", limit, "kg m/s", _prove(motion, room, motion.load_bounds.momentum / limit))
+    return _check("momentum", "kg m/s", motion, limit, room, motion.load_bounds.momentum / limit)
 
 
 def power(motion: MotionSamples) -> Check | NotChecked:
@@ -54,10 +52,10 @@ def power(motion: MotionSamples) -> Check | NotChecked:
         return NotChecked("power")
 
     def room(arm: ArmSamples) -> Array:
-        return 1.0 - power_sizes(motion, arm) / limit
+        return 1.0 - power_sizes(motion, arm)[None] / limit
 
     rates = motion.load_bounds.power[:, None] / limit
-    return _check("power", limit, "W", _prove(motion, room, rates, kinked_bound))
+    return _check("power", "W", motion, limit, room, rates, kinked_bound)
 
 
 def momentum_sizes(motion: MotionSamples, arm: ArmSamples) -> Array:
@@ -76,17 +74,15 @@ def power_sizes(motion: MotionSamples, arm: ArmSamples) -> Array:
     return motion.worse_of(arm.t, np.abs(held), np.abs(empty))
 
 
-def _prove(
-    motion: MotionSamples, room: Callable[[ArmSamples], Array], rates: Array, bound: LowerBound = curvature_bound
-) -> Proof:
-    """Returns the proof that the share of a limit which a motion leaves is not negative."""
-
-    def evaluate(t: Array, item: Index) -> Array:
-        return room(motion.at(t))
-
-    arm = motion.at_knots
-    return prove_above(evaluate, arm.t, room(arm)[None], rates, -ROUNDING, bound, motion.share_accuracy)
-
-
-def _check(name: str, limit: float, unit: str, proof: Proof) -> Check:
+def _check(
+    name: str,
+    unit: str,
+    motion: MotionSamples,
+    limit: float,
+    room: Callable[[ArmSamples], Array],
+    rates: Array,
+    bound: LowerBound = curvature_bound,
+) -> Check:
+    """Returns the check that the share of a limit which a motion leaves is not negative."""
+    proof = motion.prove(room, rates, -ROUNDING, bound, motion.share_accuracy)
     return at_most(name, (1.0 - proof.value) * limit, limit, unit, proof.at_s).provided(proof.proven)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from planner.arrays import Array, Index
 from planner.cell import Cell, Limits, ThrownBody
-from planner.certificate.bounds import Rates, joint_rates
+from planner.certificate.bounds import LowerBound, Proof, Rates, joint_rates, prove_above
 from planner.certificate.loads import LoadBounds, load_bounds, loads_of
 from planner.dynamics import (
     TorqueTerms,
@@ -57,6 +58,11 @@ class ArmSamples:
     def v_WT(self) -> Array:
         """Velocity of the tool centre point (3, k) [m/s]."""
         return self.links.velocity(self.p_WT)
+
+    @cached_property
+    def R_WT(self) -> Array:
+        """Axes of the tool (k, 3, 3)."""
+        return self.X_WL[:, 6, :3, :3] @ self.cell.tool.X_FT[:3, :3]
 
     @cached_property
     def a_WT(self) -> Array:
@@ -255,6 +261,29 @@ class MotionSamples:
         """Returns poses of base and links (n, 7, 4, 4) at the distinct ones of times (...), and which (...) of them."""
         distinct, which = np.unique(t, return_inverse=True)
         return self.body.link_poses(self.trajectory.at(distinct)[0]), which.reshape(t.shape)
+
+    def prove(
+        self,
+        room: Callable[[ArmSamples], Array],
+        rates: Array,
+        required: float,
+        lower_bound: LowerBound,
+        accuracy: float,
+        count: int | None = None,
+    ) -> Proof:
+        """Returns the proof that what the arm leaves of limits is at least `required` at every instant.
+
+        Args:
+            room: function of the arm at k instants that returns what is left (items, k).
+            rates, required, lower_bound, accuracy: as of `prove_above`, from the first knot on.
+            count: number of the knots up to which it is to hold; None: to the end.
+        """
+
+        def evaluate(t: Array, item: Index) -> Array:
+            return room(self.at(t))[item, np.arange(len(t))]
+
+        arm = self.at_knots
+        return prove_above(evaluate, arm.t[:count], room(arm)[:, :count], rates, required, lower_bound, accuracy)
 
     def _arm(self, t: Array, state: tuple[Array, Array, Array]) -> ArmSamples:
         q, qd, qdd = state

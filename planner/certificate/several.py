@@ -33,27 +33,29 @@ STEP_S = 0.005  # [s] spacing of the instants at which they are
 def merged(problem: ThrowProblem, parts: Sequence[Certificate], common: Sequence[Check]) -> Certificate:
     """Returns the certificate of a motion: of each check the worst of its parts, whose detail names the passage."""
     names = [problem.passages[part.release].name for part in problem.parts]
-    found: dict[str, list[Check]] = {}
-    for name, certificate in zip(names, parts, strict=True):
-        for check in certificate.checks:
-            detail = f"{name}: {check.detail}" if check.detail else name
-            found.setdefault(check.name, []).append(replace(check, detail=detail))
-    for check in common:
-        found.setdefault(check.name, []).append(check)
-    not_checked = dict.fromkeys(name for certificate in parts for name in certificate.not_checked)
-    return Certificate(tuple(min(checks, key=_room) for checks in found.values()), tuple(not_checked))
+    found = [
+        replace(check, detail=f"{name}: {check.detail}" if check.detail else name)
+        for name, certificate in zip(names, parts, strict=True)
+        for check in certificate.checks
+    ]
+    return _worst([*found, *common], [name for certificate in parts for name in certificate.not_checked])
 
 
 def with_kept(certificate: Certificate, kept: Sequence[Check | NotChecked]) -> Certificate:
     """Returns a certificate with checks of grippers that let nothing go: of each name the worst is told."""
     if not kept:
         return certificate
-    found = {check.name: check for check in certificate.checks}
-    for check in kept:
-        if isinstance(check, Check):
-            found[check.name] = min(found.get(check.name, check), check, key=_room)
+    checked = [check for check in kept if isinstance(check, Check)]
     unchecked = [check.name for check in kept if isinstance(check, NotChecked)]
-    return Certificate(tuple(found.values()), tuple(dict.fromkeys([*certificate.not_checked, *unchecked])))
+    return _worst([*certificate.checks, *checked], [*certificate.not_checked, *unchecked])
+
+
+def _worst(checks: Sequence[Check], not_checked: Sequence[str]) -> Certificate:
+    """Returns a certificate with the worst of the checks of each name, of equals the first."""
+    found: dict[str, Check] = {}
+    for check in checks:
+        found[check.name] = min(found.get(check.name, check), check, key=_room)
+    return Certificate(tuple(found.values()), tuple(dict.fromkeys(not_checked)))
 
 
 def _room(check: Check) -> tuple[bool, float]:

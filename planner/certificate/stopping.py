@@ -15,8 +15,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from planner.arrays import Array, Index
-from planner.certificate.bounds import Proof, curvature_bound, point_bound, prove_above
+from planner.arrays import Array
+from planner.certificate.bounds import Proof, curvature_bound, point_bound
 from planner.certificate.certificate import ROUNDING, Check, NotChecked, at_most
 from planner.certificate.loads import watched_levers
 from planner.certificate.samples import ArmSamples, MotionSamples
@@ -103,12 +103,8 @@ def _prove(motion: MotionSamples, inverse_time: Callable[[ArmSamples], Array], b
         held, empty = _braking_terms(arm)
         return 1.0 - motion.worse_of(arm.t, share(*held), share(*empty))
 
-    def evaluate(t: Array, item: Index) -> Array:
-        return room(motion.at(t))[item, np.arange(len(t))]
-
-    arm = motion.at_knots
     rates = (motion.load_bounds.torque + bending) / tau
-    return prove_above(evaluate, arm.t, room(arm), rates, -ROUNDING, curvature_bound, math.inf)
+    return motion.prove(room, rates, -ROUNDING, curvature_bound, math.inf)
 
 
 @lru_cache(maxsize=2)

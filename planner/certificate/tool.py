@@ -42,17 +42,11 @@ def tool_speed(motion: MotionSamples) -> NotChecked | None:
 
 def _speed(motion: MotionSamples, point: WatchedPoint, lever: Array, limit: float) -> Check:
     def room(arm: ArmSamples) -> Array:
-        return limit - (arm.tool_speed if point is tool_points(arm.cell)[0] else arm.flange_speed)
+        return limit - (arm.tool_speed if point is tool_points(arm.cell)[0] else arm.flange_speed)[None]
 
-    def evaluate(t: Array, item: Index) -> Array:
-        return room(motion.at(t))
-
-    arm = motion.at_knots
     rates = point_bound(lever, motion.rates, 3)
     # |v| is at most that of the chord of v, plus the deviation of v from it: the curvature bound of v serves.
-    rooms = room(arm)[None]
-    accuracy = motion.share_accuracy * limit
-    proof = prove_above(evaluate, arm.t, rooms, rates, -limit * ROUNDING, curvature_bound, accuracy)
+    proof = motion.prove(room, rates, -limit * ROUNDING, curvature_bound, motion.share_accuracy * limit)
     return at_most("tcp_speed", limit - proof.value, limit, "m/s", proof.at_s, point.name).provided(proof.proven)
 
 

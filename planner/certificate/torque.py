@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from planner.arrays import Array, Index
-from planner.certificate.bounds import kinked_bound, prove_above
+from planner.arrays import Array
+from planner.certificate.bounds import kinked_bound
 from planner.certificate.certificate import Check, NotChecked, at_most
 from planner.certificate.samples import ArmSamples, MotionSamples
 
@@ -21,14 +21,9 @@ def joint_torque(motion: MotionSamples) -> Check:
     def room(arm: ArmSamples) -> Array:
         return 1.0 - torque_sizes(motion, arm) / limit[:, None]
 
-    def evaluate(t: Array, item: Index) -> Array:
-        return room(motion.at(t))[item, np.arange(len(t))]
-
     bounds = motion.load_bounds
     rates = np.array([bounds.torque, bounds.torque_jumps]) / limit[:, None]  # its slope jumps where the jerk does
-    proof = prove_above(
-        evaluate, motion.at_knots.t, room(motion.at_knots), rates, 0.0, kinked_bound, motion.share_accuracy
-    )
+    proof = motion.prove(room, rates, 0.0, kinked_bound, motion.share_accuracy)
     bound = float(limit[proof.item])
     name = problem.cell.robot.joint_names[proof.item]
     value = (1.0 - proof.value) * bound

@@ -94,8 +94,7 @@ class CellProof(NamedTuple):
 
 def touchdowns_of(problem: ThrowProblem, arm: ArmSamples) -> Touchdowns:
     """Returns the flights of the cell's body from every instant of a motion."""
-    R_WT = arm.X_WL[:, 6, :3, :3] @ problem.cell.tool.X_FT[:3, :3]
-    return problem.touchdowns(arm.p_WT.T, arm.v_WT.T, R_WT, arm.links.angular_velocity[:, 5].T)
+    return problem.touchdowns(arm.p_WT.T, arm.v_WT.T, arm.R_WT, arm.links.angular_velocity[:, 5].T)
 
 
 @lru_cache(maxsize=4)  # the releases of a motion, for the checks that ask for them

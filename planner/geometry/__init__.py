@@ -1,7 +1,7 @@
 """Geometry of arm, tool and object: state, capsules, distances, what can collide, flights, where an object fits."""
 
 from planner.geometry.arcs import Arcs
-from planner.geometry.body import BodyModel, ToolState, body_model, held_object, tool_pose, tool_state
+from planner.geometry.body import BodyModel, ToolState, body_model, held_object, tool_pose, tool_state, twist_in_base
 from planner.geometry.capsules import arm_capsules, body_capsules, capsule_endpoints, levers
 from planner.geometry.distances import (
     POINT_M2,
@@ -56,4 +56,5 @@ __all__ = [
     "shape_distances",
     "tool_pose",
     "tool_state",
+    "twist_in_base",
 ]

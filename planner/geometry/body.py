@@ -56,6 +56,12 @@ def tool_state(cell: Cell, q: Array, qd: Array) -> ToolState:
     return ToolState(tool_pose(cell, q), np.concatenate([V_BT[..., :3] @ R_BW, V_BT[..., 3:] @ R_BW], axis=-1))
 
 
+def twist_in_base(cell: Cell, V_WT: Array) -> Array:
+    """Returns a twist (6,) of the world along the axes of the arm's base, as its Jacobian gives it."""
+    R_BW = cell.X_WB[:3, :3].T
+    return np.concatenate([R_BW @ V_WT[:3], R_BW @ V_WT[3:]])
+
+
 @dataclass(frozen=True, eq=False)
 class Clearances:
     """Margins of n postures to their bounds (n,) [m]; negative where a bound is violated."""

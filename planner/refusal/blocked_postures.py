@@ -5,6 +5,7 @@ Both postures are given, so that no search is needed to tell.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -26,7 +27,7 @@ def blocked_postures(problem: ThrowProblem) -> list[Violation]:
     Where the arm starts at home, what stands in its way is said once.
     """
     found = [
-        Violation(check.name, check.value, check.limit, check.unit, 0.0, f"{check.detail}, at the start", proven=True)
+        replace(check.as_violation(), at_s=0.0, detail=f"{check.detail}, at the start", proven=True)
         for check in _broken(problem, problem.start, problem.holds_object, START_TOLERANCE)
     ]
     if found and np.abs(problem.start - problem.cell.home).max() < NEAR_RAD:
@@ -36,7 +37,7 @@ def blocked_postures(problem: ThrowProblem) -> list[Violation]:
         worst = min(at_home, key=lambda check: check.margin)
         words = obstacle_words(at_home)
         detail = f"the cell's home is blocked, and every plan needs a way there: {words}"
-        found.append(Violation("way_home", worst.value, worst.limit, worst.unit, detail=detail, proven=True))
+        found.append(replace(worst.as_violation(), constraint="way_home", at_s=None, detail=detail, proven=True))
     return found
 
 

@@ -83,7 +83,7 @@ class _Answers:
         except (Infeasible, SolverFailed):
             return False
         self.searches += 1
-        search = PlanningSearch(problem, self.deadline_s, is_for_any=True, tell=self.refused.tell_inner)
+        search = PlanningSearch(problem, self.deadline_s, is_for_any=True, tell=self.refused.step)
         search_candidates(search, found, CANDIDATES)
         self.refused.extend_deadline(search.loading_s)
         self.deadline_s += search.loading_s

@@ -15,7 +15,7 @@ from functools import cache, partial
 import numpy as np
 
 from planner.arrays import Array, Mask, read_only
-from planner.geometry import ToolState, body_model, tool_pose
+from planner.geometry import ToolState, body_model, tool_pose, twist_in_base
 from planner.kinematics import inverse_branches, inverse_velocity, jacobian, singularity_distances
 from planner.problem import ThrowProblem
 from planner.releases import PointState, Release, Target
@@ -156,8 +156,7 @@ def _pose_postures(problem: ThrowProblem, tool: ToolState) -> tuple[Array, Array
     good = np.all((q >= limits.q_lower) & (q <= limits.q_upper), axis=1) & _regular(problem, q)
     q = q[good]
     p = p[good]
-    R_BW = cell.X_WB[:3, :3].T
-    V_BT = np.concatenate([R_BW @ tool.V_WT[:3], R_BW @ tool.V_WT[3:]])
+    V_BT = twist_in_base(cell, tool.V_WT)
     good = _within_speed(problem, inverse_velocity(jacobian(cell.robot, q, cell.tool.X_FT), V_BT))
     return q[good], p[good]
 

@@ -12,7 +12,7 @@ import numpy as np
 from planner.arrays import Array
 from planner.cell import Cell, ThrownBody
 from planner.errors import FieldError
-from planner.fields import Field, Number, Record, Text, Vector, VectorOr, required
+from planner.fields import Field, ListOr, Number, Record, Text, Vector, required
 from planner.releases.release import Bound, LandingAxis, Opening, Release, ReleaseSample, Target, move, turn
 from planner.tracking import DRIFT_M_S, MotionUncertainty
 
@@ -94,7 +94,7 @@ class TargetRelease(Target, Release):
         "Hit a point by free flight; the planner chooses the release.",
         {
             "position": required(
-                VectorOr(Vector(3), TRACKED), "The point to hit, in `frame` [m]; or a tracked target, of `POST /plan`."
+                ListOr(Vector(3), TRACKED), "The point to hit, in `frame` [m]; or a tracked target, of `POST /plan`."
             ),
             "max_release_speed_m_s": Field(Number(SPEED_MIN_M_S), "Maximum speed of the object at the release [m/s]."),
             "min_elevation_rad": Field(

@@ -16,7 +16,7 @@ from planner.arrays import Array
 from planner.calibration import fixed_transforms
 from planner.cell import Cell, Solid
 from planner.geometry import body_capsules
-from planner.rotations import matrix_to_quaternion, pose
+from planner.rotations import axes_along, matrix_to_quaternion, pose
 
 FLOOR_M = (10.0, 10.0, 0.1)  # a URDF has no planes: its floor is a box that ends at the floor
 POINT_INERTIA_KG_M2 = 1e-9  # of the tool, whose mass is taken at a point: MuJoCo wants some
@@ -84,11 +84,9 @@ def _capsule(X: Array, p0: Array, p1: Array, radius_m: float) -> ExportedShape:
     along = p1 - p0
     length = float(np.linalg.norm(along))
     z = along / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
-    x = np.cross([1.0, 0.0, 0.0] if abs(z[0]) < 0.9 else [0.0, 1.0, 0.0], z)
-    x = x / np.linalg.norm(x)
     extent = np.array([2.0 * radius_m, 2.0 * radius_m, 2.0 * radius_m + length])
-    R = np.column_stack([x, np.cross(z, x), z])
-    return ExportedShape("sphere" if length == 0.0 else "capsule", X @ pose(0.5 * (p0 + p1), R), extent)
+    kind = "sphere" if length == 0.0 else "capsule"
+    return ExportedShape(kind, X @ pose(0.5 * (p0 + p1), axes_along(z)), extent)
 
 
 def _of_solid(shape: Solid) -> ExportedShape:

@@ -11,7 +11,7 @@ import numpy as np
 from planner.arrays import Array
 from planner.documents import NotXml, parse_xml, read_file
 from planner.errors import FileRefused
-from planner.rotations import pose, quaternion_to_matrix, rotation_vector_to_matrix
+from planner.rotations import axes_along, pose, quaternion_to_matrix, rotation_vector_to_matrix
 from planner.scenes.foreign import (
     TEXT_MAX,
     ForeignScene,
@@ -131,7 +131,7 @@ class MjcfReader:
             "axisangle": (4, lambda x: rotation_vector_to_matrix(_unit(x[:3]) * x[3] * self.turn)),
             "euler": (3, self._of_angles),
             "xyaxes": (6, _of_axes),
-            "zaxis": (3, lambda x: _z_along(_unit(x))),
+            "zaxis": (3, lambda x: axes_along(_unit(x))),
         }
         for key, (count, turned) in turns.items():
             if key in given:
@@ -189,14 +189,7 @@ def _between(ends: list[float]) -> tuple[Array, float]:
     """Returns the pose (4, 4) of the middle between two points, z along the line, and half its length [m]."""
     start, end = np.array(ends[:3]), np.array(ends[3:])
     length = float(np.linalg.norm(end - start))
-    return pose(0.5 * (start + end), _z_along((end - start) / length) if length > 0.0 else np.eye(3)), 0.5 * length
-
-
-def _z_along(axis: Array) -> Array:
-    """Returns a rotation (3, 3) that takes z to an axis (3,)."""
-    other = np.cross([1.0, 0.0, 0.0] if abs(axis[0]) < 0.9 else [0.0, 1.0, 0.0], axis)
-    x = other / np.linalg.norm(other)
-    return np.column_stack([x, np.cross(axis, x), axis])
+    return pose(0.5 * (start + end), axes_along((end - start) / length) if length > 0.0 else np.eye(3)), 0.5 * length
 
 
 def _of_quaternion(wxyz: Array) -> Array:

@@ -29,7 +29,7 @@ from planner.arrays import Array
 from planner.backends import ruckig_otg
 from planner.backends.solution import Solution
 from planner.certificate import SINGULARITY_WINDOW_S, Check
-from planner.errors import TIME_LIMIT, Infeasible, InvalidProblem, SolverFailed, Violation, nothing_found
+from planner.errors import Infeasible, SolverFailed, Violation, nothing_found
 from planner.kinematics import inverse_velocity, jacobian, singularity_distances, tcp_acceleration
 from planner.passages import passed_until, released_first
 from planner.problem import ThrowProblem
@@ -58,6 +58,7 @@ OF_RELEASE = (
     "opening_direction",
 )  # checks that the release decides
 Piece = tuple[Array, Array, Array]  # the same at one tick or more (n, 6): of a state, a line or a leg
+REST: Piece = (np.empty((0, 6)), np.empty((0, 6)), np.empty((0, 6)))  # stands for rest, anywhere
 
 
 def search_chain(search: PlanningSearch) -> None:
@@ -83,7 +84,7 @@ def search_chain(search: PlanningSearch) -> None:
         way = legs.shortest()
         if way is None or search.best is not None or len(search.rejected) == MOTIONS or search.out_of_time:
             break
-        search.begin_candidate()
+        search.step(1)
         _try(search, legs, way)
     search.note_end()
     tried = len(search.certified) + len(search.rejected)
@@ -92,10 +93,7 @@ def search_chain(search: PlanningSearch) -> None:
         _throw_last(search, throws)
         search.note_end()
     if search.best is None:
-        log = [attempt.__dict__ for attempt in search.attempts]
-        if search.out_of_time:
-            raise SolverFailed(TIME_LIMIT, 0, log, [legs.obstacle()])
-        raise Infeasible([legs.obstacle()], attempts=log)
+        raise search.failure([legs.obstacle()])
 
 
 def _throw_last(search: PlanningSearch, throws: int) -> None:
@@ -109,11 +107,8 @@ def _throw_last(search: PlanningSearch, throws: int) -> None:
     if number == 0:
         search_in_turn(search)
         return
-    inner = PlanningSearch(search.problem.up_to(number), search.deadline_s, tell=search.tell_inner)
-    with suppress(Infeasible, SolverFailed):
+    with search.inner(search.problem.up_to(number)) as inner:
         search_chain(inner)
-    search.iterations += inner.iterations
-    search.extend_deadline(inner.loading_s)
     if inner.best is not None:
         search_in_turn(search, inner.best)
 
@@ -135,7 +130,7 @@ def _try(search: PlanningSearch, legs: _Legs, way: list[int]) -> None:
         return
     blamed = set()
     for failed, release_index in found.examination.failed_releases:
-        violation = Violation(failed.name, failed.value, failed.limit, failed.unit, failed.at_s, failed.detail)
+        violation = failed.as_violation()
         if failed.name == "passage" and failed.unit == "s":
             raise Infeasible([violation])
         leg, ends = _leg_of(search.problem, motion, failed, release_index)
@@ -221,7 +216,7 @@ class _Legs:
     Attributes:
         problem: gives limits and tick.
         names: of start, passages and end, in words.
-        states: samples of each from every joint state in which it may begin; None: rest, anywhere.
+        states: samples of each from every joint state in which it may begin; see `REST`.
         leads: of each, ticks from where samples that last begin to where it is passed.
         ticks: from every state of one to every state of the next by the fastest leg (n, m): whole numbers, whose sums
             are exact; infinite for none.
@@ -232,7 +227,7 @@ class _Legs:
 
     problem: ThrowProblem
     names: list[str]
-    states: list[list[Piece | None]]
+    states: list[list[Piece]]
     leads: list[int]
     ticks: list[Array]
     paces: list[Array]
@@ -278,9 +273,8 @@ class _Legs:
         return np.where(EASED * arrivals > first, math.inf, in_time)
 
     def piece(self, number: int, way: Sequence[int]) -> Piece:
-        """Returns the samples of start, passage or end on a way; none of rest anywhere."""
-        none = np.empty((0, 6))
-        return self.states[number][way[number]] or (none, none, none)
+        """Returns the samples of start, passage or end on a way."""
+        return self.states[number][way[number]]
 
     def lead(self, number: int, state: int) -> int:
         """Returns the ticks from where the samples of one of a passage's states begin to where it is passed."""
@@ -288,8 +282,7 @@ class _Legs:
 
     def lasts(self, number: int, state: int = 0) -> int:
         """Returns the number of ticks that start, a passage or the end lasts, in one of its states."""
-        piece = self.states[number][state]
-        return 0 if piece is None else len(piece[0]) - 1
+        return max(len(self.states[number][state][0]) - 1, 0)
 
     def samples(self, number: int, way: Sequence[int], begun: int | None = None) -> Piece:
         """Returns the samples of a leg of a way, at its present pace.
@@ -391,7 +384,7 @@ def _legs(search: PlanningSearch) -> _Legs:
     names = ["the start"]
     leads = [0]
     q, qd, qdd = problem.start_state
-    states: list[list[Piece | None]] = [[(q[None], qd[None], qdd[None])]]
+    states: list[list[Piece]] = [[(q[None], qd[None], qdd[None])]]
     alone = [problem.alone(number) for number in range(len(asked))]
     found = [_found(search, name, one) for name, one in zip(asked, alone, strict=True)]
     for number, one in enumerate(alone):
@@ -404,26 +397,25 @@ def _legs(search: PlanningSearch) -> _Legs:
         names.append(asked[number])
     if problem.end is None:
         names.append("rest")
-        states.append([None])
+        states.append([REST])
         leads.append(0)
     ticks = []
     for before, after in pairwise(states):
-        starts = [piece for piece in before if piece is not None]
-        rows = [[ruckig_otg.least_leg_time(problem, _last(a), _first(b)) for b in after] for a in starts]
-        lasting = np.array([len(piece[0]) - 1 for piece in starts])
+        rows = [[ruckig_otg.least_leg_time(problem, _last(a), _first(b)) for b in after] for a in before]
+        lasting = np.array([len(piece[0]) - 1 for piece in before])
         ticks.append(lasting[:, None] + np.ceil(np.array(rows) / problem.dt - ROUNDING))
     return _Legs(problem, names, states, leads, ticks, [np.zeros(each.shape, np.int64) for each in ticks])
 
 
-def _first(piece: Piece | None) -> State | None:
-    return None if piece is None else (piece[0][0], piece[1][0], piece[2][0])
+def _first(piece: Piece) -> State | None:
+    return (piece[0][0], piece[1][0], piece[2][0]) if len(piece[0]) else None
 
 
 def _last(piece: Piece) -> State:
     return piece[0][-1], piece[1][-1], piece[2][-1]
 
 
-def _found(search: PlanningSearch, name: str, alone: ThrowProblem) -> list[Piece | None]:
+def _found(search: PlanningSearch, name: str, alone: ThrowProblem) -> list[Piece]:
     """Returns the samples of a passage from the joint states in which it keeps every limit by itself."""
     begun_s = time.perf_counter()
     try:
@@ -432,13 +424,12 @@ def _found(search: PlanningSearch, name: str, alone: ThrowProblem) -> list[Piece
             return [*line_motions(alone, [each.q for each in found])]
     except Infeasible as refusal:
         search.log_attempt("candidates", f"no joint state of {name}", begun_s)
-        log = [attempt.__dict__ for attempt in search.attempts]
         violations = [each if alone.throws else each.in_passing() for each in refusal.violations]
-        raise Infeasible([each.within(name) for each in violations], attempts=log) from None
+        raise Infeasible([each.within(name) for each in violations], attempts=search.log) from None
     return _samples(alone, found)
 
 
-def _samples(problem: ThrowProblem, found: Sequence[Candidate]) -> list[Piece | None]:
+def _samples(problem: ThrowProblem, found: Sequence[Candidate]) -> list[Piece]:
     """Returns the samples of candidates, without acceleration, and with that at which the tool keeps its twist."""
     if not found:
         return []
@@ -450,9 +441,7 @@ def _samples(problem: ThrowProblem, found: Sequence[Candidate]) -> list[Piece | 
     return [(a[None], b[None], c[None]) for arrays in kinds for a, b, c in zip(*arrays, strict=True)]
 
 
-def _thrown(
-    search: PlanningSearch, alone: ThrowProblem, before: Sequence[Piece | None], lead: int
-) -> list[Piece | None]:
+def _thrown(search: PlanningSearch, alone: ThrowProblem, before: Sequence[Piece], lead: int) -> list[Piece]:
     """Returns the samples about the release of throws of their own, from rest in the start and in the passage before.
 
     Candidates are what the optimiser starts from; a leg alone does not move them to where the object clears a rim, or
@@ -467,15 +456,12 @@ def _thrown(
     if search.problem.backend != "auto":
         return []
     rest = lead + round(LEAVES_S / alone.dt)
-    states: list[Piece | None] = []
+    states: list[Piece] = []
     limits = replace(alone.limits, qdd_max=THROWN_SHARE * alone.limits.qdd_max)
     alone = replace(alone, limits=limits)
-    for q in [search.problem.start, *(piece[0][-1] for piece in before[:THROWN_FROM] if piece is not None)]:
-        own = PlanningSearch(alone.at_rest_from(q), search.deadline_s, tell=search.tell_inner)
-        with suppress(Infeasible, InvalidProblem, SolverFailed):
+    for q in [search.problem.start, *(piece[0][-1] for piece in before[:THROWN_FROM])]:
+        with search.inner(alone.at_rest_from(q)) as own:
             search_candidates(own, candidates(own.problem, search.deadline_s))
-        search.iterations += own.iterations
-        search.extend_deadline(own.loading_s)
         for each in own.by_rank():
             motion = each.solution.trajectory
             k = motion.release_index
@@ -485,13 +471,13 @@ def _thrown(
     return states
 
 
-def _between(alone: ThrowProblem, before: Sequence[Piece | None], after: Sequence[Piece | None]) -> list[Piece | None]:
+def _between(alone: ThrowProblem, before: Sequence[Piece], after: Sequence[Piece]) -> list[Piece]:
     """Returns the samples of passing a point in postures near those before and after, and in the middle of both."""
     point = alone.release.point_state
     if point is None:
         return []
-    left = np.array([piece[0][-1] for piece in before[:BESIDE] if piece is not None])
-    right = np.array([piece[0][0] for piece in after[:BESIDE] if piece is not None]).reshape(-1, 6)
+    left = np.array([piece[0][-1] for piece in before[:BESIDE]])
+    right = np.array([piece[0][0] for piece in after[:BESIDE]]).reshape(-1, 6)
     middle = ((left[:, None] + right) / 2.0).reshape(-1, 6)
     return _samples(alone, near_candidates(alone, point, np.concatenate([left, right, middle])))
 
@@ -507,18 +493,16 @@ def _steady(problem: ThrowProblem, q: Array, qd: Array) -> Array:
     return qdd
 
 
-def _kept(
-    problem: ThrowProblem, found: list[Piece | None], before: Sequence[Piece | None], after: Sequence[Piece | None]
-) -> list[Piece | None]:
+def _kept(problem: ThrowProblem, found: list[Piece], before: Sequence[Piece], after: Sequence[Piece]) -> list[Piece]:
     """Returns the states that are kept: half of them on the shortest way from any before to any after.
 
     The others are the soonest from rest, with which `found` begins. The way is measured by the time that the joints
     need at their greatest speed.
     """
-    q = np.array([piece[0][0] for piece in found if piece is not None])
+    q = np.array([piece[0][0] for piece in found])
     needed_s = np.zeros(len(q))
     for row, neighbours in ((-1, before), (0, after)):
-        at = np.array([piece[0][row] for piece in neighbours if piece is not None])
+        at = np.array([piece[0][row] for piece in neighbours])
         if len(at):
             needed_s += (np.abs(q[:, None] - at) / problem.limits.qd_max).max(axis=2).min(axis=1)
     nearest = np.argsort(needed_s, kind="stable").tolist()

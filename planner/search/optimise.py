@@ -20,31 +20,51 @@ from planner.seeds import Candidate, Seed
 from planner.trajectory import Trajectory
 
 ROUNDS = 4  # [-] solves from one initial guess, each after failed checks of the one before
-CERTIFIED = "certified"
 
 
 def optimise(search: PlanningSearch, candidate: Candidate) -> bool:
     """Optimises from a candidate; returns whether a motion is certified, or known to be no sooner than the best.
 
-    The initial guess is Ruckig's soonest motion; where Ruckig refuses the candidate, it is left to the optimiser.
+    The initial guess is Ruckig's soonest motion; where Ruckig refuses the candidate, it is left to the optimiser. After
+    failed checks it is solved again from there with wider margins.
 
     Args:
         search: updated in place.
         candidate: of its problem.
     """
-    search.begin_candidate()
+    problem = search.problem
+    search.step(1)
     begun_s = time.perf_counter() + _load(search)
     try:
-        guess = ruckig_otg.initial_guess(search.problem, candidate)
+        guess = ruckig_otg.initial_guess(problem, candidate)
     except SolverFailed:
         guess = None
-    try:
-        result = _optimise_from(search, Seed(candidate, guess))
-        is_settled = result == CERTIFIED
-    except casadi_nlp.SeedFailed as failure:
-        search.iterations += failure.iterations
-        result = str(failure)
-        is_settled = failure.is_late
+    seed = Seed(candidate, guess)
+    options = _first_options(search)
+    is_settled = False
+    result = ""
+    for _ in range(ROUNDS):
+        search.step(0)
+        try:
+            solution = casadi_nlp.solve(problem, seed, options)
+        except casadi_nlp.SeedFailed as failure:
+            search.iterations += failure.iterations
+            result = str(failure)
+            is_settled = failure.is_late
+            break
+        search.iterations += solution.iterations
+        found = search.certify("casadi", solution)
+        if found.is_valid:
+            result = "certified"
+            is_settled = True
+            break
+        failures = found.examination.failures
+        result = f"not certified for {', '.join(check.name for check in failures)}"
+        wider = _wider(problem, options.margins, failures, solution.trajectory)
+        if wider is None:
+            break
+        seed = Seed(candidate, solution.trajectory)
+        options = replace(options, margins=wider, groups=options.groups | solution.held)
     search.log_attempt("casadi", f"{candidate.label}: {result}", begun_s)
     return is_settled
 
@@ -58,39 +78,18 @@ def _load(search: PlanningSearch) -> float:
     return taken_s
 
 
-def _optimise_from(search: PlanningSearch, seed: Seed) -> str:
-    """Optimises from an initial guess, after failed checks again from there with wider margins; returns how it ends.
+def _first_options(search: PlanningSearch) -> SolveOptions:
+    """Returns how the first solve from a candidate begins.
 
-    Args:
-        search: updated in place.
-        seed: a candidate and the initial guess.
-
-    Raises:
-        SeedFailed: the optimiser came to no motion, or to none that is sooner than the best.
+    Of many shapes, those near the motion in which one was met count; rows for whichever is near at first end many a
+    solve.
     """
-    problem = search.problem
-    # Of many, those near the motion in which one was met; rows for whichever is near at first end many a solve.
-    few = len(problem.cell_with_bin.surroundings.keep_out) <= casadi_nlp.KEEP_OUT_SHAPES
-    options = SolveOptions(
+    few = len(search.problem.cell_with_bin.surroundings.keep_out) <= casadi_nlp.KEEP_OUT_SHAPES
+    return SolveOptions(
         margins=casadi_nlp.Margins(heeds_shapes=few),
         deadline_s=search.deadline_s,
         latest_s=search.latest_useful_s,
     )
-    failures = ""
-    for _ in range(ROUNDS):
-        search.begin_solve()
-        solution = casadi_nlp.solve(problem, seed, options)
-        search.iterations += solution.iterations
-        found = search.certify("casadi", solution)
-        if found.is_valid:
-            return CERTIFIED
-        failures = ", ".join(check.name for check in found.examination.failures)
-        wider = _wider(problem, options.margins, found.examination.failures, solution.trajectory)
-        if wider is None:
-            break
-        seed = Seed(seed.candidate, solution.trajectory)
-        options = replace(options, margins=wider, groups=options.groups | solution.held)
-    return f"not certified for {failures}"
 
 
 def _wider(

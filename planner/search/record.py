@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from typing import Any
 
 from planner.answer import Attempt
 from planner.backends.solution import Solution
@@ -104,20 +106,31 @@ class PlanningSearch:
         """Returns a motion with its checks, and keeps it: as an answer, or for the refusal."""
         found = CertifiedSolution(backend, solution, Examination(self.problem, solution.trajectory))
         (self.certified if found.is_valid else self.rejected).append(found)
-        self.tell(0, self.release_time_s)
+        self.step(0)
         return found
 
-    def begin_candidate(self) -> None:
-        """Tells that another candidate is tried."""
-        self.tell(1, self.release_time_s)
+    def step(self, candidates: int, _: float = 0.0) -> None:
+        """Tells of a step, of this search or of one inside it, whose motions are none of this one's.
 
-    def begin_solve(self) -> None:
-        """Tells that the optimiser is called, which takes some tenths of a second."""
-        self.tell(0, self.release_time_s)
-
-    def tell_inner(self, candidates: int, _: float) -> None:
-        """Tells of a step of a search inside this one, whose motions are none of this one's."""
+        Args:
+            candidates: number of those that it begins with.
+        """
         self.tell(candidates, self.release_time_s)
+
+    @contextmanager
+    def inner(self, problem: ThrowProblem) -> Iterator[PlanningSearch]:
+        """Yields a search inside this one, for a motion that is a part of it; a refusal ends it without one.
+
+        Its work counts in this one, and so does the time for which it stops the clock.
+
+        Args:
+            problem: of that motion.
+        """
+        found = PlanningSearch(problem, self.deadline_s, tell=self.step)
+        with suppress(Infeasible, SolverFailed):
+            yield found
+        self.iterations += found.iterations
+        self.extend_deadline(found.loading_s)
 
     def by_rank(self) -> list[CertifiedSolution]:
         """Returns the valid motions, the best first."""
@@ -136,13 +149,16 @@ class PlanningSearch:
         """Notes that the search has ended, by itself or by the deadline; fallbacks may follow."""
         self.was_cut_short = self.out_of_time
 
-    def failure(self) -> Infeasible | SolverFailed:
+    @property
+    def log(self) -> list[dict[str, Any]]:
+        """The attempts, as documents tell them."""
+        return [attempt.__dict__ for attempt in self.attempts]
+
+    def failure(self, violations: Sequence[Violation]) -> Infeasible | SolverFailed:
         """Returns the error of a search without an answer: what ended it, and what stood in the way of every motion."""
-        log = [attempt.__dict__ for attempt in self.attempts]
-        violations = self.violations()
         if self.out_of_time:
-            return SolverFailed(TIME_LIMIT, self.iterations, log, violations)
-        return Infeasible(violations, attempts=log)
+            return SolverFailed(TIME_LIMIT, self.iterations, self.log, violations)
+        return Infeasible(violations, attempts=self.log)
 
     def violations(self) -> list[Violation]:
         """Returns the failed checks of the motion closest to a valid one; without any, that none was made, and why.
@@ -151,21 +167,17 @@ class PlanningSearch:
         """
         nominal = [each for each in self.rejected if each.violates_window_alone]
         if nominal:
-            return _violations(min(nominal, key=_rank).examination.failures)
+            return [check.as_violation() for check in min(nominal, key=_rank).examination.failures]
         if not self.rejected:
             said = "; ".join(f"{attempt.backend}: {attempt.result}" for attempt in self.attempts)
             return [nothing_found("motion", f"none was made: {said}" if said else "none was tried")]
-        return _violations(min((each.examination.failures for each in self.rejected), key=_excess))
+        closest = min((each.examination.failures for each in self.rejected), key=_excess)
+        return [check.as_violation() for check in closest]
 
 
 def counted(number: int, thing: str) -> str:
     """Returns a number of things in words: "1 candidate", "2 candidates"."""
     return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
-
-
-def _violations(failures: Sequence[Check]) -> list[Violation]:
-    """Returns what stands in the way of a rejected motion."""
-    return [Violation(c.name, c.value, c.limit, c.unit, c.at_s, c.detail) for c in failures]
 
 
 def _excess(failures: Sequence[Check]) -> tuple[int, float]:

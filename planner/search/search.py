@@ -73,7 +73,8 @@ def search_candidates(search: PlanningSearch, found: Sequence[Candidate], at_mos
         return
     is_auto = problem.backend == "auto"
     if is_auto and problem.fixes_joints:
-        try_motions(search, "ruckig", found[:1], [_soonest_motion])
+        # Its soonest motion heeds nothing that couples joints.
+        try_motions(search, "ruckig", found[:1], MOTIONS["ruckig"][:1])
     tried = 0
     settled = 0
     for candidate, least_s in _first(search, found):
@@ -100,7 +101,7 @@ def try_motions(search: PlanningSearch, backend: str, found: Sequence[Candidate]
     valid = 0
     failure = ""
     for candidate in found:
-        search.begin_candidate()
+        search.step(1)
         for solve in solvers:
             if not search.is_of_use(candidate.bound_s) or search.out_of_time:
                 break
@@ -114,11 +115,6 @@ def try_motions(search: PlanningSearch, backend: str, found: Sequence[Candidate]
                 valid += search.certify(backend, motion).is_valid
     made = f"{valid} of {tried} motions certified" if tried else "no motion"
     search.log_attempt(backend, f"{made} from {counted(len(found), 'candidate')}{failure}", begun_s)
-
-
-def _soonest_motion(problem: ThrowProblem, candidate: Candidate) -> Solution:
-    """Returns Ruckig's soonest motion to a candidate; it heeds nothing that couples joints."""
-    return ruckig_otg.solve(problem, candidate, "free")
 
 
 def _first(search: PlanningSearch, found: Sequence[Candidate]) -> Iterator[tuple[Candidate, float]]:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -19,7 +18,7 @@ from planner.arrays import Array
 from planner.backends import ruckig_otg
 from planner.backends.solution import Solution
 from planner.certificate import Examination
-from planner.errors import Infeasible, InvalidProblem, SolverFailed, Violation, nothing_found
+from planner.errors import InvalidProblem, SolverFailed, Violation, nothing_found
 from planner.geometry import body_model
 from planner.problem import JointRelease, ThrowProblem
 from planner.search.record import CertifiedSolution, PlanningSearch, counted
@@ -59,6 +58,22 @@ def search_with_stop(search: PlanningSearch, found: Sequence[Candidate]) -> None
     search.log_attempt("approach", f"with a stop: {result}", begun_s)
 
 
+def search_throw(search: PlanningSearch) -> None:
+    """Searches for a throw that is a part of another motion: from its start, or else with a stop.
+
+    Args:
+        search: updated in place.
+
+    Raises:
+        Infeasible: there are no candidates.
+        SolverFailed: the deadline passed before one was found.
+    """
+    found = candidates(search.problem, search.deadline_s)
+    search_candidates(search, found)
+    if search.best is None and search.problem.starts_at_rest:
+        search_with_stop(search, found)
+
+
 def search_after_brake(search: PlanningSearch) -> None:
     """Brakes from a start in motion as fast as the limits allow, and plans from there; its status says so.
 
@@ -71,14 +86,8 @@ def search_after_brake(search: PlanningSearch) -> None:
     if isinstance(brake, Violation):
         search.log_attempt("approach", f"after a brake: {brake}", begun_s)
         return
-    inner = PlanningSearch(problem.at_rest_from(brake.q[-1]), search.deadline_s, tell=search.tell_inner)
-    with suppress(Infeasible, SolverFailed):
-        found = candidates(inner.problem, search.deadline_s)
-        search_candidates(inner, found)
-        if inner.best is None:
-            search_with_stop(inner, found)
-    search.iterations += inner.iterations
-    search.extend_deadline(inner.loading_s)
+    with search.inner(problem.at_rest_from(brake.q[-1])) as inner:
+        search_throw(inner)
     if inner.best is not None:
         solution = inner.best.solution
         status = f"after a brake; {solution.status}"
@@ -99,7 +108,7 @@ def certified_brake(problem: ThrowProblem) -> Trajectory | Violation:
     if failed is None:
         return brake
     detail = ", ".join(filter(None, [failed.detail, "on the fastest brake from the start"]))
-    return Violation(failed.name, failed.value, failed.limit, failed.unit, failed.at_s, detail)
+    return replace(failed.as_violation(), detail=detail)
 
 
 def _launches(search: PlanningSearch, found: Sequence[Candidate]) -> Iterator[tuple[Array, CertifiedSolution | None]]:
@@ -124,15 +133,14 @@ def _from(search: PlanningSearch, stop: Array, candidate: Candidate | None) -> C
     if search.out_of_time or body_model(search.problem.cell_with_bin).clearances(stop[None]).least[0] < 0.0:
         return None
     try:
-        inner = PlanningSearch(search.problem.at_rest_from(stop), search.deadline_s, tell=search.tell_inner)
+        problem = search.problem.at_rest_from(stop)
+    except InvalidProblem:
+        return None
+    with search.inner(problem) as inner:
         if candidate is None:
-            search_candidates(inner, candidates(inner.problem, search.deadline_s))
+            search_candidates(inner, candidates(problem, search.deadline_s))
         else:
             try_motions(inner, "ruckig", [candidate], MOTIONS["ruckig"])
-    except (InvalidProblem, Infeasible, SolverFailed):
-        return None
-    search.iterations += inner.iterations
-    search.extend_deadline(inner.loading_s)
     return inner.best
 
 

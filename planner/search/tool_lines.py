@@ -11,7 +11,7 @@ import numpy as np
 
 from planner.arrays import Array
 from planner.errors import Infeasible, Violation
-from planner.geometry import body_model
+from planner.geometry import body_model, twist_in_base
 from planner.kinematics import SINGULARITIES, inverse_branches, inverse_velocity, jacobian, signed_singularity_distances
 from planner.problem import ThrowProblem
 from planner.releases import SteadyLine
@@ -97,8 +97,7 @@ class _Branches:
             return obstacle
         cell = self.problem.cell
         q = self.q[:, branch]
-        R_BW = cell.X_WB[:3, :3].T
-        V_BT = np.concatenate([R_BW @ self.line.V_WT[:3], R_BW @ self.line.V_WT[3:]])
+        V_BT = twist_in_base(cell, self.line.V_WT)
         qd_first, qd_last = inverse_velocity(jacobian(cell.robot, q[[0, -1]], cell.tool.X_FT), np.tile(V_BT, (2, 1)))
         motion = interpolate(q, qd_first, qd_last, self.problem.dt)
         return self._beyond_rates(motion) or self._too_fast_beside(motion) or self._blocked(q) or motion

@@ -20,14 +20,12 @@ import numpy as np
 
 from planner.backends import ruckig_otg
 from planner.backends.solution import Solution
-from planner.errors import Infeasible, InvalidProblem, SolverFailed
+from planner.errors import InvalidProblem, SolverFailed
 from planner.passages import passed_until, released_first
 from planner.problem import ThrowProblem
 from planner.search.record import CertifiedSolution, PlanningSearch, counted
-from planner.search.search import search_candidates
-from planner.search.stops import search_with_stop
-from planner.seeds import candidates
-from planner.trajectory import Trajectory
+from planner.search.stops import search_throw
+from planner.trajectory import Trajectory, in_a_row
 
 PACES = (1.0, 0.5, 0.25)  # [-] of a leg, tried in turn: torques, tool speed and what is near may ask for a gentler one
 LEAVES_S = 0.04  # [s] after the release in which the object leaves the open grip: 1 cm under gravity takes 45 ms
@@ -50,7 +48,7 @@ def search_in_turn(search: PlanningSearch, before: CertifiedSolution | None = No
     if before is not None:
         whole = before.solution.trajectory
         last = passed_until(problem.passages[: len(whole.passed)], whole)[-1]
-        starts = [(_until(whole, end), whole.passed) for end in (last, len(whole.q) - 1)]
+        starts = [(whole.until(end), whole.passed) for end in (last, len(whole.q) - 1)]
     for share in SPEEDS:
         for made, passed in starts:
             _go_on(search, share, made, passed)
@@ -84,9 +82,9 @@ def _go_on(search: PlanningSearch, share: float, made: Trajectory | None, passed
             return
     for throw in _throws(search, alone):
         trajectory = throw.solution.trajectory
-        whole = trajectory if made is None else _joined(made, trajectory)
+        whole = trajectory if made is None else in_a_row(made, trajectory)
         leaves = whole.release_index + math.ceil((alone.opening_spread_s + LEAVES_S) / alone.dt)
-        goes_on = [_until(whole, end) for end in (leaves, len(whole.q) - 1) if end < len(whole.q)]
+        goes_on = [whole.until(end) for end in (leaves, len(whole.q) - 1) if end < len(whole.q)]
         released = (*passed, whole.release_index)
         if number + 1 == len(problem.passages):
             ended = [whole] if problem.end is None else _ended(problem, goes_on)
@@ -101,7 +99,7 @@ def _certify(search: PlanningSearch, backend: str, motions: Iterable[Trajectory]
     for motion in motions:
         if search.best is not None:
             return
-        search.begin_candidate()
+        search.step(1)
         release_index = released_first(search.problem.passages, released)
         whole = replace(motion, release_index=release_index, passage_indices=released)
         search.certify(backend, Solution(whole, "one throw after another"))
@@ -109,14 +107,8 @@ def _certify(search: PlanningSearch, backend: str, motions: Iterable[Trajectory]
 
 def _throws(search: PlanningSearch, alone: ThrowProblem) -> list[CertifiedSolution]:
     """Returns the motions of a throw by itself, the soonest first."""
-    inner = PlanningSearch(alone, search.deadline_s, tell=search.tell_inner)
-    with suppress(Infeasible, SolverFailed):
-        found = candidates(alone, search.deadline_s)
-        search_candidates(inner, found)
-        if inner.best is None and alone.starts_at_rest:
-            search_with_stop(inner, found)
-    search.iterations += inner.iterations
-    search.extend_deadline(inner.loading_s)
+    with search.inner(alone) as inner:
+        search_throw(inner)
     return inner.by_rank()[:MOTIONS]
 
 
@@ -129,16 +121,4 @@ def _ended(problem: ThrowProblem, motions: Sequence[Trajectory]) -> Iterator[Tra
             with suppress(SolverFailed):
                 leg = ruckig_otg.leg(problem, (motion.q[-1], motion.qd[-1], motion.qdd[-1]), goal, pace)
                 last = Trajectory(motion.sample_rate_hz, *leg, release_index=0)
-                yield replace(_joined(motion, last), release_index=motion.release_index)
-
-
-def _until(motion: Trajectory, end: int) -> Trajectory:
-    """Returns a motion up to a sample after its release."""
-    arrays = [each[: end + 1] for each in (motion.q, motion.qd, motion.qdd)]
-    return Trajectory(motion.sample_rate_hz, *arrays, release_index=motion.release_index)
-
-
-def _joined(first: Trajectory, second: Trajectory) -> Trajectory:
-    """Returns two motions as one, of which the second begins in the last state of the first."""
-    arrays = [np.concatenate([getattr(first, name), getattr(second, name)[1:]]) for name in ("q", "qd", "qdd")]
-    return Trajectory(first.sample_rate_hz, *arrays, release_index=len(first.q) - 1 + second.release_index)
+                yield replace(in_a_row(motion, last), release_index=motion.release_index)

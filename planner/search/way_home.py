@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import replace
 
 from planner.approach import Approach, find_approach, obstacle_words
 from planner.certificate import Check
@@ -29,7 +30,7 @@ def best_with_way_home(search: PlanningSearch) -> tuple[CertifiedSolution, Appro
         SolverFailed: the same, of a search that the time limit ended, or that left ways untried for want of time.
     """
     if search.best is None:
-        raise search.failure()
+        raise search.failure(search.violations())
     begun_s = time.perf_counter()
     deadline_s = max(search.deadline_s, begun_s + LATE_S)
     blocked = []
@@ -45,11 +46,10 @@ def best_with_way_home(search: PlanningSearch) -> tuple[CertifiedSolution, Appro
             break
     search.log_attempt("approach", f"way home: none from {counted(len(blocked), 'motion')}", begun_s)
     violations = [_violation(blocked[0], len(blocked))]
-    log = [attempt.__dict__ for attempt in search.attempts]
     is_cut_short = search.was_cut_short or time.perf_counter() >= deadline_s
     if is_cut_short or len(blocked) < len(motions):
-        raise SolverFailed(TIME_LIMIT, search.iterations, log, violations)
-    raise Infeasible(violations, attempts=log)
+        raise SolverFailed(TIME_LIMIT, search.iterations, search.log, violations)
+    raise Infeasible(violations, attempts=search.log)
 
 
 def find_way_home(
@@ -71,4 +71,4 @@ def _violation(failures: tuple[Check, ...], tried: int) -> Violation:
     motions = counted(tried, "certified motion")
     straight = obstacle_words(failures)
     detail = f"no certified way to the cell's home from the end of {motions}; a straight move: {straight}"
-    return Violation("way_home", worst.value, worst.limit, worst.unit, worst.at_s, detail)
+    return replace(worst.as_violation(), constraint="way_home", detail=detail)

@@ -17,7 +17,7 @@ import numpy as np
 
 from planner.arrays import Array
 from planner.errors import TIME_LIMIT, Infeasible, SolverFailed, Violation, nothing_found
-from planner.geometry import ToolState, body_model
+from planner.geometry import ToolState, body_model, twist_in_base
 from planner.kinematics import (
     inverse,
     inverse_velocity,
@@ -108,12 +108,12 @@ def candidates(problem: ThrowProblem, deadline_s: float = math.inf) -> list[Cand
     release = problem.release
     if release.joint_state is not None:
         q, qd = release.joint_state
-        states = _distinct(q[None], qd[None])
+        states = States(q[None], qd[None])
         _check_joint_positions(problem, q)
     elif release.tool_state is not None:
         states = _tool_states(problem, release.tool_state)
     elif release.point_state is not None:
-        states = _distinct(*point_states(problem, release.point_state))
+        states = States(*point_states(problem, release.point_state))
     else:
         assert release.target is not None
         return _rounded(problem, _target_candidates(problem, release.target, deadline_s))
@@ -131,7 +131,7 @@ def usable_candidates(problem: ThrowProblem, q: Array, qd: Array) -> list[Candid
     Raises:
         Infeasible: none does; the violations are those of the state closest to the limits.
     """
-    return _usable(problem, _distinct(q, qd))
+    return _usable(problem, States(q, qd))
 
 
 def _target_candidates(problem: ThrowProblem, target: Target, deadline_s: float) -> list[Candidate]:
@@ -142,7 +142,7 @@ def _target_candidates(problem: ThrowProblem, target: Target, deadline_s: float)
         SolverFailed: the deadline passed before the thorough search.
     """
     try:
-        found = _usable(problem, _distinct(*target_states(problem, target)))
+        found = _usable(problem, States(*target_states(problem, target)))
         refusal = None
     except Infeasible as error:
         found = []
@@ -154,7 +154,7 @@ def _target_candidates(problem: ThrowProblem, target: Target, deadline_s: float)
                 return found
             raise SolverFailed(TIME_LIMIT, violations=refusal.violations)
         try:
-            return _usable(problem, _distinct(*target_states(problem, target, thorough=True)))
+            return _usable(problem, States(*target_states(problem, target, thorough=True)))
         except Infeasible as error:
             blocked = blocked_flights(problem, target) if refusal else None
             refusal = refusal and (error if blocked is None else _like(error, blocked))
@@ -178,10 +178,6 @@ def _rounded(problem: ThrowProblem, found: list[Candidate]) -> list[Candidate]:
     q, qd = (np.round([getattr(each, name) for each in found], DECIMALS) for name in ("q", "qd"))
     states = zip(found, q, np.clip(qd, -limit, limit), strict=True)
     return [replace(each, q=its_q, qd=its_qd) for each, its_q, its_qd in states]
-
-
-def _distinct(q: Array, qd: Array) -> States:
-    return States(q, qd, None)
 
 
 def _usable(problem: ThrowProblem, states: States) -> list[Candidate]:
@@ -275,8 +271,7 @@ def _tool_states(problem: ThrowProblem, tool: ToolState) -> States:
         raise Infeasible([_reach_violation(problem, tool.X_WT[:3, 3], found.reach_excess_m)])
     if len(found.q) == 0:
         raise Infeasible([_joint_limit_violation(problem, X_BT)])
-    R_BW = cell.X_WB[:3, :3].T
-    V_BT = np.concatenate([R_BW @ tool.V_WT[:3], R_BW @ tool.V_WT[3:]])
+    V_BT = twist_in_base(cell, tool.V_WT)
     states = States(found.q, np.zeros_like(found.q), found.branch)
     usable = states.of_postures(lambda q: singularity_distances(cell.robot, q).minimum) > 1e-6
     if not usable.any():

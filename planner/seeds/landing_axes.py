@@ -41,11 +41,11 @@ def aimed_at(problem: ThrowProblem, target: Target) -> Target:
     the air, is the target itself.
     """
     body = problem.body
-    if body is None or not (problem.surfaces or problem.is_in_bin):
+    touched_z = problem.touched_z
+    if body is None or touched_z is None:
         return target
-    height_m = problem.plane_z if problem.is_in_bin else problem.carrier_z
     middle = 0.5 * (body.inner_radius_m + body.outer_radius_m)
-    return replace(target, p_W=np.array([*target.p_W[:2], height_m + middle]))
+    return replace(target, p_W=np.array([*target.p_W[:2], touched_z + middle]))
 
 
 def thrown_velocity(problem: ThrowProblem, target: Target, q: Array, J: Array, v_B: Array, drag: float = 0.0) -> Array:
@@ -137,9 +137,8 @@ class _Throws:
         problem = self._problem
         R_WO = turned(self._R_WO, w_W, self._body.inertia_kg_m2, self._time_s, STEP_RAD)
         aim = np.broadcast_to(aimed_at(problem, self._target).p_W, w_W.shape).copy()
-        if problem.surfaces or problem.is_in_bin:
-            height_m = problem.plane_z if problem.is_in_bin else problem.carrier_z
-            aim[:, 2] = height_m + self._body.below(R_WO)
+        if problem.touched_z is not None:
+            aim[:, 2] = problem.touched_z + self._body.below(R_WO)
         leaves = launch_velocity(self._p_WT, aim, self._time_s, problem.gravity, self._drag)
         return leaves / problem.release_speed_factor
 

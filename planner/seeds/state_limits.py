@@ -34,7 +34,7 @@ class States:
 
     q: Array
     qd: Array
-    posture: Index | None
+    posture: Index | None = None
 
     def at(self, rows: Mask | Index | slice) -> States:
         """Returns the states in these rows."""

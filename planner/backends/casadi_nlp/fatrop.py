@@ -25,7 +25,7 @@ from planner.arrays import Array, Index
 from planner.backends.casadi_nlp.functions import KINDS
 from planner.backends.casadi_nlp.layout import COST, SHARED, StageLayout, Vector
 from planner.backends.casadi_nlp.symbols import FORMULAS
-from planner.backends.casadi_nlp.transcription import ALL_SHARED, RowIndex, transcription
+from planner.backends.casadi_nlp.transcription import ALL_SHARED, RowIndex, row_index
 from planner.native import OPTIMISER
 
 ROWS_MAX = 64  # [-] of a block, as in launch.c
@@ -221,7 +221,7 @@ def _parameter_offsets(index: RowIndex) -> tuple[dict[str, int], Index]:
 @cache
 def launch_of(stages: StageLayout) -> Launch:
     """Returns the problem of a layout, built once per process."""
-    return Launch(transcription(stages).row_index)
+    return Launch(row_index(stages))
 
 
 @cache

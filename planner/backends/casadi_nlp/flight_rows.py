@@ -18,7 +18,6 @@ import numpy as np
 
 from planner.backends.casadi_nlp.layout import FLIGHT, FLIGHT_EDGES, Vector
 from planner.backends.casadi_nlp.margins import Margins
-from planner.backends.casadi_nlp.release_rows import aims, bin_of, lands_on
 from planner.cell import CONTACT_M, Solid
 from planner.flight import time_of_flight
 from planner.geometry import Arcs, segment_shape_distance, tool_state
@@ -39,8 +38,8 @@ def constrains_flight(problem: ThrowProblem) -> bool:
     """Returns whether block "flight" says anything about a problem: an edge, a mouth or an opening direction."""
     if not problem.throws:
         return False
-    is_passed = aims(problem) and (bool(problem.cell.surroundings.keep_out) or bin_of(problem) is not None)
-    return is_passed or problem.cell.gripper.opening_direction is not None
+    has_shapes = problem.target is not None and bool(problem.cell.surroundings.keep_out)
+    return has_shapes or problem.opening is not None or problem.cell.gripper.opening_direction is not None
 
 
 def flight_parameters(problem: ThrowProblem, candidate: Candidate, margins: Margins, aim: Vector) -> Vector:
@@ -54,15 +53,13 @@ def flight_parameters(problem: ThrowProblem, candidate: Candidate, margins: Marg
     """
     edges: list[Edge] = []
     mouth = [*aim, UNBOUNDED_RADIUS_M, 0.0]
-    goal = lands_on(problem)
-    if goal is not None:
+    if problem.target is not None:
         arcs = _flight(problem, candidate)
         edges = _shape_edges(problem, arcs, margins.flight_m)
-        bin_ = bin_of(problem)
-        if bin_ is not None:
-            rim_z = float(goal[2]) + bin_.rim_height_m
-            x, y = (goal - _way_to_landing(problem, arcs, rim_z))[:2]
-            mouth = [x, y, rim_z, bin_.radius_m, arcs.radius_m + margins.mouth_m]
+        if problem.opening is not None:
+            rim_z = problem.plane_z + problem.opening.rim_height_m
+            x, y = (problem.target.p_W - _way_to_landing(problem, arcs, rim_z))[:2]
+            mouth = [x, y, rim_z, problem.opening.radius_m, arcs.radius_m + margins.mouth_m]
     edges += [edge_at(0.0, (0.0, 0.0, 0.0), -1.0)] * (FLIGHT_EDGES - len(edges))  # hold with 1 m to spare
     opening = _opening(problem, margins.opening_rad)
     spread = [problem.opening_spread_s - problem.planned_window_s]  # the window has rows at knots of its own

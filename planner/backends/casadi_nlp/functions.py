@@ -10,7 +10,6 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.backends.casadi_nlp.layout import COST, SHARED
 from planner.backends.casadi_nlp.symbols import ALL_FORMULAS, BlockFormula, Terms
 from planner.native import OPTIMISER
 
@@ -71,11 +70,10 @@ def all_blocks() -> dict[str, Block]:
 
 def build_block(name: str, formula: BlockFormula) -> Block:
     """Returns the block of a formula, by symbolic differentiation: what the extension is made from."""
-    size = COST.size if name == "cost" else sum(SHARED[piece].size for piece in formula.parameters)
     z = ca.SX.sym("z", formula.variables)
-    p = ca.SX.sym("p", size)
+    p = ca.SX.sym("p", formula.layout.size)
     terms = Terms()
-    rows = formula.rows(z, p, terms)
+    rows = formula.rows(z, formula.given(p), terms)
     lam = ca.SX.sym("lam", rows.size1())
     jacobian, gradient = terms.jacobian(rows, z), terms.jacobian(ca.dot(lam, rows), z).T
     hessian = terms.hessian(ca.dot(lam, rows), z) if formula.curved else ca.SX(z.numel(), z.numel())

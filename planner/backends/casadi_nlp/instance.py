@@ -10,7 +10,7 @@ import numpy as np
 from planner.backends.casadi_nlp import layout
 from planner.backends.casadi_nlp.bounds import Bounds, watched_stages, watched_time
 from planner.backends.casadi_nlp.flight_rows import constrains_flight, flight_parameters
-from planner.backends.casadi_nlp.functions import evaluate
+from planner.backends.casadi_nlp.functions import all_blocks, evaluate
 from planner.backends.casadi_nlp.layout import (
     DECIMALS,
     LAZY_GROUPS,
@@ -38,9 +38,9 @@ from planner.backends.casadi_nlp.parameters import (
     shape_parameters,
     variable_scales,
 )
-from planner.backends.casadi_nlp.release_rows import aim_from, aims, release_parameters, window_stages
+from planner.backends.casadi_nlp.release_rows import aim_from, release_parameters, window_stages
 from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, FORMULAS, LEAVING_ROWS
-from planner.backends.casadi_nlp.transcription import Transcription, transcription
+from planner.backends.casadi_nlp.transcription import RowIndex, row_index
 from planner.backends.casadi_nlp.tuning import BRAKE_STAGES, BRAKE_WEIGHT, JERK_WEIGHT, LAUNCH_STAGES, STEP_WEIGHT
 from planner.cell import Limits
 from planner.kinematics import SINGULARITIES, signed_singularity_distances
@@ -65,7 +65,9 @@ def stage_layout(problem: ThrowProblem, margins: Margins) -> StageLayout:
     if problem.ends_at_rest:
         return StageLayout(LAUNCH_STAGES, 0, 0, groups, shapes)
     window = window_stages(problem)
-    return StageLayout(LAUNCH_STAGES + window, BRAKE_STAGES + window, window, groups, shapes, aims(problem))
+    return StageLayout(
+        LAUNCH_STAGES + window, BRAKE_STAGES + window, window, groups, shapes, problem.target is not None
+    )
 
 
 def _applicable_groups(problem: ThrowProblem, margins: Margins) -> tuple[str, ...]:
@@ -74,7 +76,7 @@ def _applicable_groups(problem: ThrowProblem, margins: Margins) -> tuple[str, ..
         "rooms": len(problem.cell.surroundings.rooms) > 0,
         "grip": problem.cell.gripper.hold_acceleration_m_s2 is not None and not problem.ends_at_rest,
         "flight": constrains_flight(problem),
-        "standing": aims(problem),
+        "standing": problem.target is not None,
         "leaving": margins.leaves,
         "passing": not problem.ends_at_rest,
     }
@@ -167,9 +169,9 @@ class Instance:
         return self.margins.widened_groups | ({"flight"} if self.stages.aims else set())
 
     @property
-    def transcription(self) -> Transcription:
-        """The problem of its layout."""
-        return transcription(self.stages)
+    def row_index(self) -> RowIndex:
+        """The rows of its layout."""
+        return row_index(self.stages)
 
     @cached_property
     def shared_parameters(self) -> dict[str, Vector]:
@@ -194,7 +196,7 @@ class Instance:
 
     def with_object(self, z: Vector) -> Vector:
         """Returns a solver's variables: those of the arm (N + 1, NZ), scaled, and the object's, rounded."""
-        pieces = [z.ravel()[: self.transcription.row_index.core]]
+        pieces = [z.ravel()[: self.row_index.core]]
         if self.stages.has_thrown:
             release = z[self.stages.launch] * self.scales
             thrown = np.concatenate(thrown_state(self.problem, release[Q], release[QD]))
@@ -214,7 +216,7 @@ class Instance:
         a solve is ill-conditioned, that would decide whether it succeeds.
         """
         bounds = self._bounds()
-        index = self.transcription.row_index
+        index = self.row_index
         lower, upper = (bounds.x / self.scales).reshape(2, -1)[:, : index.core]
         free = np.full(index.variables - index.core, np.inf)
         lower = np.append(lower, -free)
@@ -232,7 +234,7 @@ class Instance:
     def _bounds(self) -> Bounds:
         problem = self.problem
         margins = self.margins
-        bounds = Bounds(self.transcription.row_index, self.scales[QD])
+        bounds = Bounds(self.row_index, self.scales[QD])
         bounds.limit_joints(self.limits, margins.position_rad, self._given())
         for group, limits in self._group_limits().items():
             bounds.limit_group(group, *limits)
@@ -284,7 +286,7 @@ class Instance:
         They are smaller than the true clearances, and the margins are taken off.
         """
         p = np.concatenate([self.shared_parameters[piece] for piece in FORMULAS[group].parameters])
-        value = self.transcription.blocks[group].value
+        value = all_blocks()[group].value
         states = np.pad(self._given(), ((0, 0), (0, NZ - 6)))
         return np.array([evaluate(value, state, p)[0].ravel() for state in states])
 

@@ -1,4 +1,4 @@
-"""What a release asks of the optimiser: the one module here that asks it for its demands.
+"""What a release asks of the optimiser: bounds and parameters of its rows, by its demands.
 
 Joint states that are given are fixed as variables and have no rows. Of others each entry of
 `RELEASE_ROWS` has bounds; where they are equal, the release is refined until it fulfils them exactly.
@@ -17,28 +17,12 @@ from planner.backends.casadi_nlp.tuning import TOUCHING, WINDOW_STAGES
 from planner.flight import fly
 from planner.geometry import tool_state
 from planner.problem import ThrowProblem
-from planner.releases import Opening
 
 ROUNDING = 1e-9  # [-] of a number of stages
 FALL_MIN = 0.05  # [m^2/s^2] least discriminant of a flight: below, the object only grazes the plane
 LARGEST_SLOPE_RAD = 1.57  # [rad] elevations beyond have hardly a finite tangent: they are no limits
 # [m, m/s, rad] that a solution's release may be off by drag or calibration: its refinement moves it by about as much
 ROOM = 3e-3
-
-
-def aims(problem: ThrowProblem) -> bool:
-    """Returns whether the object is to land somewhere, so that its flight is part of the solution."""
-    return problem.target is not None
-
-
-def lands_on(problem: ThrowProblem) -> Vector | None:
-    """Returns where the object is to land (3,) [m], None where its flight is given."""
-    return None if problem.target is None else problem.target.p_W
-
-
-def bin_of(problem: ThrowProblem) -> Opening | None:
-    """Returns the bin around the target, None where there is none."""
-    return None if problem.target is None else problem.target.opening
 
 
 def window_stages(problem: ThrowProblem) -> int:
@@ -48,7 +32,7 @@ def window_stages(problem: ThrowProblem) -> int:
     """
     if not problem.is_robust:
         return 0
-    if not aims(problem):
+    if problem.target is None:
         return 1
     fitting = math.floor(problem.release_window_s / problem.dt + ROUNDING)
     return max(1, min(WINDOW_STAGES, fitting))
@@ -119,9 +103,8 @@ def aim_from(problem: ThrowProblem, q: Vector, qd: Vector) -> Vector:
     which nothing is asked.
     """
     tool = tool_state(problem.cell, q, qd)
-    goal = lands_on(problem)
-    if goal is not None:
-        return drag_free_aim(problem, goal, tool.p_WT, tool.v_WT)
+    if problem.target is not None:
+        return drag_free_aim(problem, problem.target.p_W, tool.p_WT, tool.v_WT)
     flight = None if problem.ends_at_rest else fly(tool.p_WT, tool.v_WT, problem.plane_z, problem.gravity_at_tool_speed)
     return np.append(tool.p_WT[:2], problem.plane_z) if flight is None else flight.landing_point
 

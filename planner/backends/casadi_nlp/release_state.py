@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from planner.backends.casadi_nlp.functions import evaluate
+from planner.backends.casadi_nlp.functions import all_blocks, evaluate
 from planner.backends.casadi_nlp.instance import Instance
 from planner.backends.casadi_nlp.layout import NZ, QD, Q, Vector
 from planner.backends.casadi_nlp.release_rows import ROOM, aim_from, release_bounds, release_parameters
@@ -121,7 +121,7 @@ def _formula_rows(instance: Instance, z: Vector, aim: Vector) -> tuple[Vector, V
     """Returns `RELEASE_ROWS` of the published arm at z (NZ,) for an aim (3,) [m], and their Jacobian (m, NZ)."""
     given = {**instance.shared_parameters, "release": release_parameters(instance.problem, aim)}
     parameters = np.concatenate([given[piece] for piece in FORMULAS["release"].parameters])
-    rows, jacobian = evaluate(instance.transcription.blocks["release"].slope, z, parameters)
+    rows, jacobian = evaluate(all_blocks()["release"].slope, z, parameters)
     return rows.ravel(), jacobian
 
 

@@ -17,7 +17,7 @@ from planner.backends.casadi_nlp.fatrop import Options, launch_of
 from planner.backends.casadi_nlp.instance import Arguments, Instance
 from planner.backends.casadi_nlp.layout import NU, NX, NZ, QD, TIME, Q, StageLayout, Vector
 from planner.backends.casadi_nlp.margins import POSITIONS
-from planner.backends.casadi_nlp.transcription import ALL_SHARED, Indices, transcription
+from planner.backends.casadi_nlp.transcription import ALL_SHARED, Indices, row_index
 from planner.backends.casadi_nlp.tuning import MAX_ITERATIONS
 from planner.errors import SolverFailed
 
@@ -113,7 +113,7 @@ class Solver:
         if POSITIONS not in self.groups:
             _free_positions(whole, reduced)
         for name in ("x0", "lbx", "ubx"):  # the object's variables come last
-            reduced[name] = reduced[name][: transcription(part).row_index.variables]
+            reduced[name] = reduced[name][: row_index(part).variables]
         for name in ("lbg", "ubg"):
             reduced[name] = reduced[name][_rows_kept(part, whole)]
         return reduced
@@ -148,7 +148,7 @@ def _with_path_of(instance: Instance, z: Vector) -> Vector:
 
 def _stagewise(stages: StageLayout, x: Vector) -> Vector:
     """Returns the variables as (N + 1, NZ), without the object's, the last stage padded with a control of zeros."""
-    return np.append(x[: transcription(stages).row_index.core], np.zeros(NU)).reshape(-1, NZ)
+    return np.append(x[: row_index(stages).core], np.zeros(NU)).reshape(-1, NZ)
 
 
 def _violated_groups(instance: Instance, arguments: Arguments) -> set[str]:
@@ -163,12 +163,12 @@ def _violated_groups(instance: Instance, arguments: Arguments) -> set[str]:
 
 @cache
 def _rows_kept(part: StageLayout, whole: StageLayout) -> Indices:
-    return transcription(part).row_index.within(transcription(whole).row_index)
+    return row_index(part).within(row_index(whole))
 
 
 @cache
 def _rows_by_group(whole: StageLayout) -> dict[str, Indices]:
-    index = transcription(whole).row_index
+    index = row_index(whole)
     rows = {group: index.rows_of_group[group] for group in whole.groups}
     positions = [index.rows["motion", k][NX + 6 :] for k in index.knots["motion"]]
     return {**rows, POSITIONS: np.concatenate(positions)}
@@ -177,7 +177,7 @@ def _rows_by_group(whole: StageLayout) -> dict[str, Indices]:
 def _free_positions(whole: StageLayout, arguments: Arguments) -> None:
     """Frees joint positions that are not fixed."""
     every = np.arange(len(arguments["lbx"]))
-    is_position = (every % NZ < Q.stop) & (every < transcription(whole).row_index.core)
+    is_position = (every % NZ < Q.stop) & (every < row_index(whole).core)
     free = is_position & (arguments["lbx"] != arguments["ubx"])
     rows = _rows_by_group(whole)[POSITIONS]
     for variables, constraints, bound in (("lbx", "lbg", -np.inf), ("ubx", "ubg", np.inf)):

@@ -1,4 +1,4 @@
-"""Transcription: which blocks of rows apply on which stages, and the functions of the whole problem.
+"""Transcription: which blocks of rows apply on which stages, and where their rows are in the whole problem.
 
 Variables: z_0 … z_N, each state then control, the last without a control; then an object's states of every stage from
 the release on, where it has some. Rows, stage by stage: x_{k+1} - F(x_k, u_k), the object's last,
@@ -9,7 +9,6 @@ places, so another number of stages or another set of blocks needs no compiling.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -92,24 +91,6 @@ class RowIndex:
             return slice(NX, NX + N_THROWN)
         return slice(0, NX if block == "motion" else 0)
 
-    def columns(self, k: int, count: int = NZ) -> Indices:
-        """Returns the positions of the first `count` variables (z, thrown) of a stage; -1 for what it does not have.
-
-        Args:
-            k: the stage.
-            count: of variables.
-        """
-        z = np.arange(k * NZ, (k + 1) * NZ)
-        if k == self.stages.stages:
-            z[NX:] = -1
-        return np.append(z, self.thrown(k))[:count]
-
-    def thrown(self, k: int) -> Indices:
-        """Returns the positions of the object's states of a stage; -1 where it has none."""
-        if k < self.stages.thrown:
-            return np.full(N_THROWN, -1)
-        return self.core + N_THROWN * (k - self.stages.thrown) + np.arange(N_THROWN)
-
     def _in_group(self, group: str) -> Indices:
         return np.concatenate([rows for name, rows in self.rows_of.items() if group_of(name) == group])
 
@@ -126,29 +107,8 @@ class RowIndex:
                 positions[rows] = whole.rows[name, k]
         return positions
 
-    def signs(self, block: str) -> np.ndarray:
-        """Returns the signs (n,) with which a block's rows enter the problem: F enters as x_{k+1} - F."""
-        signs = np.ones(self.blocks[block].n)
-        following = self.following(block)
-        signs[: following.stop - following.start] = -1.0
-        return signs
-
-
-@dataclass(frozen=True, eq=False)
-class Transcription:
-    """The problem of a layout.
-
-    Attributes:
-        row_index: position of its rows.
-        blocks: every block, those that it leaves out included.
-    """
-
-    row_index: RowIndex
-    blocks: dict[str, Block]
-
 
 @cache
-def transcription(stages: StageLayout) -> Transcription:
-    """Returns the problem of a layout, built once per process."""
-    blocks = all_blocks()
-    return Transcription(RowIndex(stages, blocks), blocks)
+def row_index(stages: StageLayout) -> RowIndex:
+    """Returns the rows of a layout, found once per process."""
+    return RowIndex(stages, all_blocks())

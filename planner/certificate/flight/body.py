@@ -22,22 +22,22 @@ ROUNDING_S = 1e-12  # [s] by which neighbouring cells may seem to overlap
 
 
 class LandedSpans(NamedTuple):
-    """Of k intervals of releases: as `Spans` (k,) [s]."""
+    """Of k intervals of releases: as `Spans` (k,) [s], or (k, 1)."""
 
     earliest_s: Array
     latest_s: Array
     falling_s: Array
 
+    def in_rows(self) -> LandedSpans:
+        """Returns the same as rows (k, 1), for patches of each interval at several times."""
+        return LandedSpans._make(each[:, None] for each in self)
+
     def is_over(self, carries: Mask, t0: Array, t1: Array) -> Mask:
-        """Returns which of the patches (items, k, n) no longer count, for intervals of time (n,).
+        """Returns which of the patches (k,) no longer count, for intervals of time (k,); of rows (items, k, n), (n,).
 
-        Of what the body lands on (items, 1, 1) those that reach beyond a landing: until then all of it is above that.
+        Of what the body lands on, (k,) or (items, 1, 1), those that reach beyond a landing: until then all of it is
+        above that.
         """
-        falls = (t0 >= self.falling_s[:, None]) | (t0 >= self.earliest_s[:, None])
-        return np.where(carries, (t1 > self.earliest_s[:, None]) & falls, t0 >= self.latest_s[:, None])
-
-    def is_over_each(self, carries: Mask, t0: Array, t1: Array) -> Mask:
-        """Returns which of k patches no longer count, as `is_over`."""
         falls = (t0 >= self.falling_s) | (t0 >= self.earliest_s)
         return np.where(carries, (t1 > self.earliest_s) & falls, t0 >= self.latest_s)
 
@@ -81,10 +81,9 @@ class BodyLandings:
         if not landings.is_in_air:
             places = np.moveaxis(hull_places(landings), -1, 0)
             room = [surface.depth(places) for surface in problem.surfaces]
-            target = problem.target
-            if target is not None and target.opening is not None:
-                aside = places[:2] - target.p_W[:2, None, None]
-                room = [target.opening.radius_m - np.hypot(*aside)]
+            if problem.target is not None and problem.opening is not None:
+                aside = places[:2] - problem.target.p_W[:2, None, None]
+                room = [problem.opening.radius_m - np.hypot(*aside)]
             each = np.min(room, axis=1) - self.thing.radius_m  # of every surface, by the ball that is least within it
             inside = np.minimum(np.max(each, axis=0), UNBOUNDED_M)
         return np.where(np.isnan(landings.time_s), np.nan, inside)

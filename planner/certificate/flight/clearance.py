@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -73,6 +74,21 @@ class Grid:
     rates: Array
     bounds: PatchBounds
     apexes: Array
+
+    @cached_property
+    def h(self) -> Array:
+        """Lengths of the intervals of time (n,) [s]."""
+        return np.diff(self.t)
+
+    @cached_property
+    def s(self) -> Array:
+        """Longest time from a release of each patch (m, n) [s]."""
+        return np.maximum(self.t[1:] - self.r0[:, None], self.r1[:, None] - self.t[:-1])
+
+    @property
+    def dr(self) -> Array:
+        """Lengths of the intervals of releases (m, 1) [s]."""
+        return (self.r1 - self.r0)[:, None]
 
 
 def flight_clearance(motion: MotionSamples) -> Check | None:
@@ -279,11 +295,8 @@ def _lower_bounds(flights: Flights, grid: Grid) -> Array:
     places = zip(flights.balls_m, grid.places, strict=True)
     lowest = None
     if grid.lowest is not None and flights.landings_of_body is not None:
-        h = np.diff(grid.t)
-        s = np.maximum(grid.t[1:] - grid.r0[:, None], grid.r1[:, None] - grid.t[:-1])
         farthest = grid.bounds.of_ball(flights.landings_of_body.thing.outer_radius_m)
-        bend = farthest.release_bend(s, (grid.r1 - grid.r0)[:, None]) + farthest.time_bend(s, h)
-        lowest = np.min(corners_on_grid(grid.lowest), axis=0) - bend
+        lowest = np.min(corners_on_grid(grid.lowest), axis=0) - farthest.bend(grid.s, grid.dr, grid.h)
     return np.min([_bounds_of_ball(flights, grid, *place, lowest) for place in places], axis=0)
 
 
@@ -299,18 +312,16 @@ def _bounds_of_ball(flights: Flights, grid: Grid, place_m: float, y: Array, belo
     bounds = grid.bounds
     ball = bounds.of_ball(place_m)
     x = corners_on_grid(grid.x)
-    h = np.diff(grid.t)
-    s = np.maximum(grid.t[1:] - grid.r0[:, None], grid.r1[:, None] - grid.t[:-1])
-    across = bounds.release_bend(s, (grid.r1 - grid.r0)[:, None])
-    bend = across + bounds.time_bend(s, h)
-    ball_bend = bend if place_m == 0.0 else ball.release_bend(s, (grid.r1 - grid.r0)[:, None]) + ball.time_bend(s, h)
+    across = bounds.release_bend(grid.s, grid.dr)
+    bend = across + bounds.time_bend(grid.s, grid.h)
+    ball_bend = bend if place_m == 0.0 else ball.bend(grid.s, grid.dr, grid.h)
     falling = grid.t[:-1] >= grid.apexes[:, None]
     highest = np.max([corner[2] for corner in x[::2]], axis=0) + across
     times = corners_on_grid(np.broadcast_to(grid.t, grid.x.shape[1:]))
     lowest = flights.lowest_at(x, times, bend)
     patches = BallPatches(x, times, bend, corners_on_grid(y), ball_bend, falling, below)
     landings = flights.landings_of_body
-    spans = None if landings is None else landings.spans(grid.r0, grid.r1)
+    spans = None if landings is None else landings.spans(grid.r0, grid.r1).in_rows()
 
     def in_flight(item: Index, gaps: Array) -> Array:
         if spans is not None:
@@ -333,7 +344,7 @@ def _bounds_of_ball(flights: Flights, grid: Grid, place_m: float, y: Array, belo
     if flights.count:
         near = _near_shapes(flights, least_gaps(flights, patches), of_shapes)
         gaps[near] = of_shapes(near)
-    others = [_capsule_distances(flights, grid, ball, y, s) - ball_bend]
+    others = [_capsule_distances(flights, grid, ball, y) - ball_bend]
     if flights.opening is not None:
         beside = [flights.beside_bin(place, t) for place, t in zip(patches.places, times, strict=True)]
         rim = bounds.wall_bound(beside) - ball_bend
@@ -360,13 +371,12 @@ def _near_shapes(flights: Flights, least: Array, gaps: Callable[[Index], Array])
     return np.flatnonzero(carries | ~(least > decisive_m))
 
 
-def _capsule_distances(flights: Flights, grid: Grid, bounds: PatchBounds, y: Array, s: Array) -> Array:
+def _capsule_distances(flights: Flights, grid: Grid, bounds: PatchBounds, y: Array) -> Array:
     """Returns lower bounds on the distances of the capsules (c, m, n) [m] from a ball at `y`, but for its bend."""
     body = flights.motion.body
-    h = np.diff(grid.t)
     capsules = body.frames[: body.object], body.ends[: body.object]
-    moving = np.array([bounds.speed(s), bounds.time_bend(s, h)])
-    return loops.capsule_bounds((y, grid.X_WL, h), capsules, grid.rates, bounds.reach, moving)
+    moving = np.array([bounds.speed(grid.s), bounds.time_bend(grid.s, grid.h)])
+    return loops.capsule_bounds((y, grid.X_WL, grid.h), capsules, grid.rates, bounds.reach, moving)
 
 
 def _decided(flights: Flights, grid: Grid, lower: Array) -> tuple[Mask, Mask, Mask, Mask]:
@@ -390,7 +400,7 @@ def _decided(flights: Flights, grid: Grid, lower: Array) -> tuple[Mask, Mask, Ma
     starts = _starts_clear(flights, grid, held)
     both, either = (np.logical_or.accumulate(each, axis=2) for each in (starts.all(axis=0), starts.any(axis=0)))
     between = either & held & ~both
-    apart = (between.sum(axis=2) > 1) & ((between * np.diff(grid.t)).sum(axis=2) > TOGETHER_S)
+    apart = (between.sum(axis=2) > 1) & ((between * grid.h).sum(axis=2) > TOGETHER_S)
     judged[gripped] &= clear | np.where(apart[:, :, None], either, both)
     still = in_flight & ~judged
     still[flights.gripped] &= flights.shape_is_beside[:, None, None]

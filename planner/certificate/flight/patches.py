@@ -165,6 +165,10 @@ class PatchBounds:
             turned = np.minimum(turned, bend * (h * h / 8.0))
         return most * (h * h / 8.0) + self.away_m * turned
 
+    def bend(self, s: Array, dr: Array, h: Array) -> Array:
+        """Returns how far flights deviate over intervals of releases `dr` and of time `h`, up to `s` after them [m]."""
+        return self.release_bend(s, dr) + self.time_bend(s, h)
+
     def apexes(self, r: Array, v: Array) -> Array:
         """Returns times [s] from which flights released at `r` with velocities `v` (3, ...) surely fall."""
         slack = self.tool[1] * self.spacing_s**2 / 8.0
@@ -218,12 +222,12 @@ class PatchBounds:
             farthest = self.of_ball(landings.thing.outer_radius_m)
             below = lowest.min(axis=0) - farthest.release_bend(s, r1 - r0) - farthest.time_bend(s, h)
             carries = flights.carriers[item]
-            over = landings.spans(r0, r1).is_over_each(carries, t0, t1)
-            ended = landings.spans(r.ravel(), r.ravel()).is_over_each(np.tile(carries, 4), t.ravel(), t.ravel())
+            over = landings.spans(r0, r1).is_over(carries, t0, t1)
+            ended = landings.spans(r.ravel(), r.ravel()).is_over(np.tile(carries, 4), t.ravel(), t.ravel())
             ended = ended.reshape(t.shape)
         for place_m, y in zip(flights.balls_m, places, strict=True):
             ball = self.of_ball(place_m)
-            ball_bend = bend if place_m == 0.0 else ball.release_bend(s, r1 - r0) + ball.time_bend(s, h)
+            ball_bend = bend if place_m == 0.0 else ball.bend(s, r1 - r0, h)
             seen = BallPatches(_corners(corners), list(t), bend, _corners(y), ball_bend, falling, below)
             lower, sampled = ball._seen(patches, seen, (corners, y, lowest), t, fallen)
             is_over, is_ended = over, ended

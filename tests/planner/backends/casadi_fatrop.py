@@ -17,8 +17,8 @@ import numpy as np
 from planner.backends.casadi_nlp.fatrop import Arguments, Options, Outcome
 from planner.backends.casadi_nlp.functions import evaluate
 from planner.backends.casadi_nlp.layout import NU, NX, TIME, StageLayout, Vector
-from planner.backends.casadi_nlp.transcription import Indices, RowIndex, transcription
-from tests.planner.backends.whole_problem import Iterates, states_at, whole_problem
+from planner.backends.casadi_nlp.transcription import Indices, RowIndex, row_index
+from tests.planner.backends.whole_problem import Iterates, columns_at, states_at, whole_problem
 
 PATTERNS_KEPT = 64  # solvers cached
 
@@ -53,7 +53,7 @@ class CasadiLaunch:
 def _stagewise(index: RowIndex) -> Indices:
     """Returns the positions of the variables in the order of casadi's interface: all states of a stage first."""
     stages = range(index.stages.stages + 1)
-    ordered = np.concatenate([np.append(states_at(index, k), index.columns(k)[NX:]) for k in stages])
+    ordered = np.concatenate([np.append(states_at(index, k), columns_at(index, k)[NX:]) for k in stages])
     return ordered[ordered >= 0]
 
 
@@ -63,7 +63,7 @@ def solve_by_casadi(stages: StageLayout, arguments: Arguments, options: Options,
     casadi cannot end a call, but what comes after the iteration at which `Launch` ends it does not count. Without a
     weight the cost is left aside.
     """
-    order = _stagewise(transcription(stages).row_index)
+    order = _stagewise(row_index(stages))
     ordered = {**arguments} | {name: arguments[name][order] for name in ("x0", "lbx", "ubx")}
     solver, functions, iterates = _fatrop(stages, _pattern(ordered), tuple(options.items()))
     iterates.seen.clear()
@@ -128,8 +128,7 @@ def _fatrop(
     casadi 3.8.2 makes fatrop anew where the pattern differs from the call before, and then loses its options: each
     pattern has a solver of its own, built in 7 ms.
     """
-    made = transcription(stages)
-    index = made.row_index
+    index = row_index(stages)
     n = stages.stages
     functions = (
         whole_problem(stages) if index.core == index.variables else _reordered(whole_problem(stages), _stagewise(index))

@@ -209,7 +209,7 @@ def test_a_start_that_is_not_finite_is_not_solved(instance: Instance) -> None:
 @pytest.mark.parametrize("calls", [0, 20])
 def test_derivatives_that_are_not_finite_end_a_solve(instance: Instance, calls: int) -> None:
     """From such fatrop does not return."""
-    launch = fatrop.Launch(instance.transcription.row_index)
+    launch = fatrop.Launch(instance.row_index)
     motion = launch._problem.block[0]
     made = []
     signature = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 4)

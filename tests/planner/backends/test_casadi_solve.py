@@ -149,7 +149,7 @@ def test_rows_beside_a_given_state_ask_for_no_more_clearance_than_it_has(cell: C
     walled = _before_wall(cell, 0.0)
     problem = _problem(walled, JointRelease(cell.home, np.full(6, 0.3)))
     instance = Instance.of(problem, Seed(candidates(problem)[0]), DEFAULT_MARGINS)
-    index = instance.transcription.row_index
+    index = instance.row_index
     bounds = instance.arguments["lbg"]
     least = {k + offset: float(bounds[index.rows[name, k]][0])
              for name, offset in (("keep_out", 0.0), ("keep_out_middle", 0.5)) for k in index.knots[name]}  # fmt: skip

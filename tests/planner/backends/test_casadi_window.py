@@ -13,7 +13,7 @@ from planner.backends.casadi_nlp.bounds import Bounds, watched_stages, watched_t
 from planner.backends.casadi_nlp.instance import Instance
 from planner.backends.casadi_nlp.layout import TIME, StageLayout
 from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS
-from planner.backends.casadi_nlp.transcription import transcription
+from planner.backends.casadi_nlp.transcription import row_index
 from planner.certificate import certify, landing_errors
 from planner.planning import plan
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
@@ -134,7 +134,7 @@ def test_singularities_are_avoided_on_watched_stages_before_the_release_and_two_
 def watched(step: float, window: int = 0, window_s: float = 0.0, dt: float = 0.002) -> tuple[float, float]:
     """Returns the latest time of the first watched knot, and the earliest of the last one, of guesses of one step."""
     stages = StageLayout(8 + window, 3 + window, window)
-    bounds = Bounds(transcription(stages).row_index, np.ones(6))
+    bounds = Bounds(row_index(stages), np.ones(6))
     bounds.x[:, :, TIME] = np.array([-np.inf, np.inf])[:, None]
     bounds.limit_steps(np.full(stages.stages, step))
     bounds.watch_long_enough(watched_time(window_s, dt))

@@ -11,7 +11,7 @@ import numpy as np
 
 from planner.backends.casadi_nlp.layout import COST, N_THROWN, NU, NX, NZ, StageLayout, Vector
 from planner.backends.casadi_nlp.symbols import FORMULAS
-from planner.backends.casadi_nlp.transcription import ALL_SHARED, Indices, RowIndex, transcription
+from planner.backends.casadi_nlp.transcription import ALL_SHARED, Indices, RowIndex, row_index
 
 MX = Any
 
@@ -19,13 +19,36 @@ MX = Any
 @cache
 def whole_problem(stages: StageLayout) -> dict[str, Any]:
     """Returns the functions f, g, grad_f, jac_g and hess_l of (x, p) of a layout."""
-    return assemble(transcription(stages).row_index)
+    return assemble(row_index(stages))
 
 
 def states_at(index: RowIndex, k: int) -> Indices:
     """Returns the positions of a stage's states, the object's last."""
-    thrown = index.thrown(k)
-    return np.append(index.columns(k)[:NX], thrown[thrown >= 0])
+    thrown = thrown_at(index, k)
+    return np.append(columns_at(index, k)[:NX], thrown[thrown >= 0])
+
+
+def columns_at(index: RowIndex, k: int, count: int = NZ) -> Indices:
+    """Returns the positions of the first `count` variables (z, thrown) of a stage; -1 for what it does not have."""
+    z = np.arange(k * NZ, (k + 1) * NZ)
+    if k == index.stages.stages:
+        z[NX:] = -1
+    return np.append(z, thrown_at(index, k))[:count]
+
+
+def thrown_at(index: RowIndex, k: int) -> Indices:
+    """Returns the positions of the object's states of a stage; -1 where it has none."""
+    if k < index.stages.thrown:
+        return np.full(N_THROWN, -1)
+    return index.core + N_THROWN * (k - index.stages.thrown) + np.arange(N_THROWN)
+
+
+def signs_of(index: RowIndex, block: str) -> np.ndarray:
+    """Returns the signs (n,) with which a block's rows enter the problem: F enters as x_{k+1} - F."""
+    signs = np.ones(index.blocks[block].n)
+    following = index.following(block)
+    signs[: following.stop - following.start] = -1.0
+    return signs
 
 
 def assemble(index: RowIndex) -> dict[str, Any]:
@@ -70,7 +93,7 @@ def _columns(index: RowIndex, name: str, x: MX) -> MX:
     own = core[:, knots.start : knots.stop]
     if index.blocks[name].variables == NZ:
         return own
-    thrown = [index.thrown(k) for k in knots]
+    thrown = [thrown_at(index, k) for k in knots]
     if (thrown[0] < 0).any():
         return ca.vertcat(own, ca.MX.zeros(N_THROWN, len(knots)))
     return ca.vertcat(own, ca.reshape(x[np.concatenate(thrown).tolist()], N_THROWN, len(knots)))
@@ -102,7 +125,7 @@ def _constraints(index: RowIndex, x: MX, outputs: Mapping[str, Sequence[MX]]) ->
 
 def _into_rows(index: RowIndex, name: str) -> Any:
     """Returns the constant matrix that adds a block's rows on all its stages, with their signs, to the problem's."""
-    return _scatter(index.rows_of[name], np.tile(index.signs(name), len(index.knots[name])), index.size)
+    return _scatter(index.rows_of[name], np.tile(signs_of(index, name), len(index.knots[name])), index.size)
 
 
 def _scatter(positions: Indices, values: np.ndarray | float, rows: int) -> Any:
@@ -126,12 +149,12 @@ def _jacobian(index: RowIndex, outputs: Mapping[str, Sequence[MX]]) -> MX:
     entries = [ca.MX.ones(following.nnz())]
     for name, (_, slope) in outputs.items():
         row, column = (np.array(i) for i in index.blocks[name].jacobian.get_triplet())
-        signs = index.signs(name)[row]
+        signs = signs_of(index, name)[row]
         slopes = ca.vec(slope.nz[:])
         entries.append(slopes if (signs == 1.0).all() else slopes * np.tile(signs, len(index.knots[name])))
         for k in index.knots[name]:
             rows.append(index.rows[name, k][row])
-            columns.append(index.columns(k, index.blocks[name].variables)[column])
+            columns.append(columns_at(index, k, index.blocks[name].variables)[column])
     positions = np.concatenate(columns) * index.size + np.concatenate(rows)
     order = np.argsort(positions)
     order = order[positions[order] >= 0]  # no control on the last stage, and not always an object
@@ -165,7 +188,7 @@ def _lagrangian(index: RowIndex, x: MX, p: MX, lam_f: MX, lam_g: MX) -> tuple[MX
         else:
             lam = ca.reshape(_into_rows(index, name).T @ lam_g, block.n, -1)
         slopes, nonzeros = _mapped(index, name, "curve", x, p, lam)
-        own = [index.columns(k, block.variables) for k in knots]
+        own = [columns_at(index, k, block.variables) for k in knots]
         positions = np.concatenate(own)
         inside = np.flatnonzero(positions >= 0)
         gradient += _scatter(positions[inside], 1.0, index.variables) @ ca.vec(slopes)[inside.tolist()]

@@ -115,7 +115,7 @@ def test_the_deadline_of_the_request_ends_the_search(solves):
     search = PlanningSearch(problem, time.perf_counter() - 1.0)
     search_candidates(search, candidates(problem))
     assert solves == []
-    assert isinstance(search.failure(), SolverFailed)
+    assert isinstance(search.failure(search.violations()), SolverFailed)
 
 
 def test_nothing_is_optimised_after_a_motion_that_reaches_the_lower_bound(solves):

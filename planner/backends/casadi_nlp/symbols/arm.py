@@ -72,6 +72,11 @@ def turn(angle: SX) -> SX:
     return ca.vertcat(ca.horzcat(c, -s, 0), ca.horzcat(s, c, 0), ca.horzcat(0, 0, 1))
 
 
+def world_axes(base: SX, q: SX) -> SX:
+    """Returns S's axes in the world (3, 3) for the base's pose (12,), see `layout.ARM`, and joint positions (6,)."""
+    return ca.reshape(base[:9], 3, 3) @ turn(q[0])
+
+
 @dataclass(frozen=True)
 class ToolMotion:
     """Position [m], velocity [m/s] and acceleration [m/s^2] of the tool centre point, each (3,) along S's axes."""

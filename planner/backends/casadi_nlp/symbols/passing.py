@@ -11,65 +11,57 @@ from typing import Any
 import casadi as ca
 
 from planner.backends.casadi_nlp import layout
-from planner.backends.casadi_nlp.layout import ARM, OBJECT_PATH, SCALES, STANDING
 from planner.backends.casadi_nlp.symbols import arm, distances
 from planner.backends.casadi_nlp.symbols.stage import StageState, state, state_after, through
 from planner.backends.casadi_nlp.symbols.terms import Terms
 
 SX = Any
+Given = dict[str, dict[str, SX]]  # pieces of the parameter vectors of `layout.SHARED` that a formula takes, by name
 
 GUARD = 0.01  # [m^2/s^2] keeps the discriminant of a flight that never reaches the plane above zero
 LANDING = 0.005  # [s] roundness of the end of a flight: the object stays where it lands
 AT_REST_S = 0.03  # [s] before its standstill the arm is where it stays, within a millimetre or two: jerk is limited
 
 
-def passing(z: SX, p: SX, terms: Terms) -> SX:
+def passing(z: SX, given: Given, terms: Terms) -> SX:
     """Room between the object in flight and the braking arm at a knot (1) [m]."""
-    scales = p[: SCALES.size]
-    p = p[SCALES.size :]
-    return _beside_path(state(z, scales), z, scales, p, 0.0, terms)
+    return _beside_path(state(z, given["scales"]), z, given, 0.0, terms)
 
 
-def passing_middle(z: SX, p: SX, terms: Terms) -> SX:
+def passing_middle(z: SX, given: Given, terms: Terms) -> SX:
     """The same in the middle of the step."""
-    scales = p[: SCALES.size]
-    p = p[SCALES.size :]
-    return _beside_path(through(state_after(z, scales, 0.5), terms), z, scales, p, 0.5, terms)
+    return _beside_path(through(state_after(z, given["scales"], 0.5), terms), z, given, 0.5, terms)
 
 
-def _beside_path(s: StageState, z: SX, scales: SX, p: SX, share: float, terms: Terms) -> SX:
+def _beside_path(s: StageState, z: SX, given: Given, share: float, terms: Terms) -> SX:
     """Returns the room between the arm after a share of the step and the object's path a quarter of it around [m]."""
-    a = ARM.split(p[: ARM.size])
-    f = OBJECT_PATH.split(p[ARM.size :])
-    c = SCALES.split(scales)
-    step = z[layout.STEP] * c["time"]
-    now = z[layout.TIME] * c["time"] + share * step
+    f = given["object_path"]
+    scale = given["scales"]["time"]
+    step = z[layout.STEP] * scale
+    now = z[layout.TIME] * scale + share * step
     landing = _landing(z, f, terms)
     around = (_sooner(now + quarter * step, landing) for quarter in (-0.25, 0.25))
     times = terms.through(ca.vertcat(*around))
     first, last = (place(z, f["path"], times[i]) for i in range(2))
     gaps = [
         distances.segment_distance_at_moving_points(*ends, first, last, terms) - radius - f["reach"][i]
-        for i, (ends, radius) in enumerate(_links_in_world(a, s))
+        for i, (ends, radius) in enumerate(_links_in_world(given["arm"], s))
     ]
     return distances.soft_minimum(gaps, terms) - f["fall"] * step**2 / 32
 
 
-def passing_at_rest(z: SX, p: SX, terms: Terms) -> SX:
+def passing_at_rest(z: SX, given: Given, terms: Terms) -> SX:
     """Room between the object's flight from `AT_REST_S` ago on and the arm as it is, the tool excepted (1) [m].
 
     Less what the path bends within a chord: 12 mm where the object flies on for a second.
     """
-    scales = p[: SCALES.size]
-    p = p[SCALES.size :]
-    a = ARM.split(p[: ARM.size])
-    f = OBJECT_PATH.split(p[ARM.size :])
-    now = z[layout.TIME] * SCALES.split(scales)["time"]
+    f = given["object_path"]
+    now = z[layout.TIME] * given["scales"]["time"]
     landing = _landing(z, f, terms)
     begin = terms.through(_sooner(now - AT_REST_S, landing))
     step = (landing - begin) / layout.CHORDS
     points = [place(z, f["path"], begin + i * step) for i in range(layout.CHORDS + 1)]
-    links = _links_in_world(a, state(z, scales))
+    links = _links_in_world(given["arm"], state(z, given["scales"]))
     gaps = [
         distances.chords_distance(*ends, points, terms) - radius - f["reach"][i]
         for i, (ends, radius) in enumerate(links)
@@ -77,17 +69,13 @@ def passing_at_rest(z: SX, p: SX, terms: Terms) -> SX:
     return distances.soft_minimum(gaps, terms) - f["fall"] * step**2 / 8
 
 
-def standing(s: StageState, p: SX, terms: Terms) -> SX:
+def standing(s: StageState, given: Given, terms: Terms) -> SX:
     """Room between the flight of an object that is released at a knot and what never moves of the arm (1) [m].
 
     The flight is taken without drag.
     """
-    a = ARM.split(p[: ARM.size])
-    f = STANDING.split(p[ARM.size :])
-    tool = arm.tool_motion(a["dh"], a["tcp"], s.q, s.qd, s.qdd)
-    R_WS = ca.reshape(a["base"][:9], 3, 3) @ arm.turn(s.q[0])
-    place = terms.through(R_WS @ tool.position + a["base"][9:])
-    speed = terms.through(f["share"] * (R_WS @ tool.velocity))
+    f = given["standing"]
+    place, speed = map(terms.through, _leaving(s, given["arm"], f["share"]))
     without_drag, _ = flight_time(speed[2], place[2] - f["ground"], f["gravity"])
     landing = terms.through(without_drag)
     times = [i * landing / layout.CHORDS for i in range(layout.CHORDS + 1)]
@@ -124,19 +112,20 @@ def _sooner(time: SX, landing: SX) -> SX:
     return (time + landing - ca.sqrt((time - landing) ** 2 + LANDING**2)) / 2
 
 
-def thrown(z: SX, p: SX, terms: Terms) -> SX:
+def thrown(z: SX, given: Given, terms: Terms) -> SX:
     """Position [m] and velocity [m/s] of the object in the world (6), where it is released after the stage's step."""
-    scales = p[: SCALES.size]
-    p = p[SCALES.size :]
-    a = ARM.split(p[: ARM.size])
-    f = OBJECT_PATH.split(p[ARM.size :])
-    s = through(state_after(z, scales, 1.0), terms)
+    s = through(state_after(z, given["scales"], 1.0), terms)
+    return ca.vertcat(*_leaving(s, given["arm"], given["object_path"]["share"]))
+
+
+def _leaving(s: StageState, a: dict[str, SX], share: SX) -> tuple[SX, SX]:
+    """Returns position [m] and velocity [m/s] in the world (3,) of an object that has a share of the tool's speed."""
     tool = arm.tool_motion(a["dh"], a["tcp"], s.q, s.qd, s.qdd)
-    R_WS = ca.reshape(a["base"][:9], 3, 3) @ arm.turn(s.q[0])
-    return ca.vertcat(R_WS @ tool.position + a["base"][9:], f["share"] * (R_WS @ tool.velocity))
+    R_WS = arm.world_axes(a["base"], s.q)
+    return R_WS @ tool.position + a["base"][9:], share * (R_WS @ tool.velocity)
 
 
-def carried(z: SX, p: SX, terms: Terms) -> SX:
+def carried(z: SX, given: Given, terms: Terms) -> SX:
     """The object's position and velocity at its release (6), which stay."""
     return ca.vertcat(z[layout.PLACE], z[layout.SPEED])
 
@@ -158,7 +147,7 @@ def _path(coefficients: SX, s: SX) -> SX:
 def _links_in_world(a: dict[str, SX], s: StageState) -> list[tuple[tuple[SX, SX], SX]]:
     """Returns the ends (3,) in the world and the radius [m] of each link's capsule, the base's excepted."""
     body = distances.capsules_in_s(arm.frames(a["dh"], s.q), a["capsules"])
-    R_WS = ca.reshape(a["base"][:9], 3, 3) @ arm.turn(s.q[0])
+    R_WS = arm.world_axes(a["base"], s.q)
     world = distances.capsules_in_world(body, R_WS, a["base"][9:])
     links = list(zip(zip(world.starts, world.ends, strict=True), world.radii, strict=True))
     return links[layout.BASE + 1 : layout.FIRST_TOOL]

@@ -14,20 +14,11 @@ from typing import Any
 import casadi as ca
 
 from planner.backends.casadi_nlp import layout
-from planner.backends.casadi_nlp.layout import (
-    ARM,
-    COST,
-    FLIGHT,
-    OBJECT_PATH,
-    RELEASE,
-    ROOMS,
-    SCALES,
-    SHAPES,
-    VectorLayout,
-)
+from planner.backends.casadi_nlp.layout import COST, SHARED, VectorLayout
 from planner.backends.casadi_nlp.symbols import arm, distances
 from planner.backends.casadi_nlp.symbols.passing import (
     GUARD,
+    Given,
     carried,
     flight_time,
     passing,
@@ -100,40 +91,51 @@ def _tool_motion(a: dict[str, SX], s: StageState, terms: Terms) -> arm.ToolMotio
     return arm.ToolMotion(*ca.vertsplit(motion, 3))
 
 
-def motion(z: SX, p: SX, terms: Terms) -> SX:
+def _tool_in_world(a: dict[str, SX], s: StageState, terms: Terms) -> tuple[SX, SX, SX]:
+    """Returns position [m], velocity [m/s] and acceleration [m/s^2] of the tool centre point in the world (3,) each."""
+    R_WS = arm.world_axes(a["base"], s.q)
+    tool = _tool_motion(a, s, terms)
+    return R_WS @ tool.position + a["base"][9:], R_WS @ tool.velocity, R_WS @ tool.acceleration
+
+
+def _tool_place(a: dict[str, SX], s: StageState) -> SX:
+    """Returns the position of the tool centre point in the world (3,) [m]."""
+    return arm.world_axes(a["base"], s.q) @ arm.frames(a["dh"], s.q).point(6, a["tcp"]) + a["base"][9:]
+
+
+def motion(z: SX, given: Given, terms: Terms) -> SX:
     """Next state (NX), the velocity's middle control point (6), the position in the middle of the step (6); scaled."""
-    end = state_after(z, p, 1.0)
-    s = state(z, p)
-    c = SCALES.split(p)
+    c = given["scales"]
+    end = state_after(z, c, 1.0)
+    s = state(z, c)
     step = z[layout.STEP] * c["time"]
     middle_velocity = (s.qd + s.qdd * step / 2) / c["qd"]
     following = ca.vertcat(end.q, end.qd / c["qd"], end.qdd / c["qdd"], z[layout.TIME] + z[layout.STEP])
-    return ca.vertcat(following, middle_velocity, state_after(z, p, 0.5).q)
+    return ca.vertcat(following, middle_velocity, state_after(z, c, 0.5).q)
 
 
-def cost(z: SX, p: SX, terms: Terms) -> SX:
+def cost(z: SX, given: Given, terms: Terms) -> SX:
     """One row: weighted time, squared jerk, and the step's relative deviation from its initial guess."""
-    c = COST.split(p)
+    c = given["cost"]
     step = z[layout.STEP]
     return c["time"] * step + c["jerk"] * ca.sumsqr(z[layout.JERK]) + c["step"] * (step / c["initial_step"] - 1) ** 2
 
 
-def effort(s: StageState, p: SX, terms: Terms) -> SX:
+def effort(s: StageState, given: Given, terms: Terms) -> SX:
     """Joint torques over their limits (6), and the square of the tool speed over its limit (1)."""
-    a = ARM.split(p)
+    a = given["arm"]
     tau = arm.torques(a["dh"], a["links"], a["gravity"], s.q, s.qd, s.qdd) / a["torque"]
     v = _tool_motion(a, s, terms).velocity
     return ca.vertcat(tau, ca.sumsqr(v) / a["speed"] ** 2)
 
 
-def clearance(s: StageState, p: SX, terms: Terms) -> SX:
+def clearance(s: StageState, given: Given, terms: Terms) -> SX:
     """Self-collision, floor and keep-in distances beyond those required (3) [m]."""
-    a = ARM.split(p)
+    a = given["arm"]
     body = arm.frames(a["dh"], s.q)
     capsules = distances.capsules_in_s(body, a["capsules"])
-    R_WB = ca.reshape(a["base"][:9], 3, 3)
     p_WB = a["base"][9:]
-    R_WS = R_WB @ arm.turn(s.q[0])
+    R_WS = arm.world_axes(a["base"], s.q)
     heights = distances.lowest_heights(capsules, R_WS[2, :].T, p_WB[2], FIRST_MOVING_CAPSULE)
     p_WT = R_WS @ body.point(6, a["tcp"]) + p_WB
     inside = ca.vertsplit(ca.vertcat(p_WT - a["keep_in"][:3], a["keep_in"][3:] - p_WT))
@@ -144,42 +146,32 @@ def clearance(s: StageState, p: SX, terms: Terms) -> SX:
     )
 
 
-def keep_out(s: StageState, p: SX, terms: Terms, slots: int = layout.KEEP_OUT_SHAPES) -> SX:
+def keep_out(s: StageState, given: Given, terms: Terms, slots: int = layout.KEEP_OUT_SHAPES) -> SX:
     """Distance of arm, tool and object from the first `slots` keep-out shapes, beyond the one required (1) [m]."""
-    a = ARM.split(p[: ARM.size])
-    b = SHAPES.split(p[ARM.size :])
+    a = given["arm"]
+    b = given["shapes"]
     body = distances.capsules_in_s(arm.frames(a["dh"], s.q), a["capsules"])
-    R_WS = ca.reshape(a["base"][:9], 3, 3) @ arm.turn(s.q[0])
+    R_WS = arm.world_axes(a["base"], s.q)
     gaps = distances.shape_distances(body, R_WS, a["base"][9:], b["shapes"][: layout.SHAPE.size * slots], terms)
     return distances.soft_minimum(gaps, terms) - b["clearance"]
 
 
-def rooms(s: StageState, p: SX, terms: Terms) -> SX:
+def rooms(s: StageState, given: Given, terms: Terms) -> SX:
     """Depth of the tool centre point in the keep-in shapes that are no plain boxes, beyond the one required (1) [m]."""
-    a = ARM.split(p[: ARM.size])
-    b = ROOMS.split(p[ARM.size :])
-    R_WS = ca.reshape(a["base"][:9], 3, 3) @ arm.turn(s.q[0])
-    p_WT = R_WS @ arm.frames(a["dh"], s.q).point(6, a["tcp"]) + a["base"][9:]
+    b = given["rooms"]
+    p_WT = _tool_place(given["arm"], s)
     return distances.soft_minimum(distances.depths(p_WT, b["rooms"], terms), terms) - b["margin"]
 
 
-def singularity(s: StageState, p: SX, terms: Terms) -> SX:
+def singularity(s: StageState, given: Given, terms: Terms) -> SX:
     """Signed distances from the elbow, wrist and shoulder singularities (3) [-]."""
-    a = ARM.split(p)
-    return ca.vertcat(ca.sin(s.q[2]), ca.sin(s.q[4]), arm.shoulder_distance(a["dh"], s.q))
+    return ca.vertcat(ca.sin(s.q[2]), ca.sin(s.q[4]), arm.shoulder_distance(given["arm"]["dh"], s.q))
 
 
-def release(s: StageState, p: SX, terms: Terms) -> SX:
+def release(s: StageState, given: Given, terms: Terms) -> SX:
     """The rows of `RELEASE_ROWS`."""
-    a = ARM.split(p[: ARM.size])
-    r = RELEASE.split(p[ARM.size :])
-    R_WB = ca.reshape(a["base"][:9], 3, 3)
-    p_WB = a["base"][9:]
-    R_WS = R_WB @ arm.turn(s.q[0])
-    tool = _tool_motion(a, s, terms)
-    position = R_WS @ tool.position + p_WB
-    velocity = R_WS @ tool.velocity
-    acceleration = R_WS @ tool.acceleration
+    r = given["release"]
+    position, velocity, acceleration = _tool_in_world(given["arm"], s, terms)
     landing, falls = _landing(position, velocity, r)
     drift = _drift(velocity, acceleration, position, r)
     horizontal_speed = ca.sqrt(velocity[0] ** 2 + velocity[1] ** 2 + TINY)
@@ -196,9 +188,9 @@ def release(s: StageState, p: SX, terms: Terms) -> SX:
     )
 
 
-def grip(s: StageState, p: SX, terms: Terms) -> SX:
+def grip(s: StageState, given: Given, terms: Terms) -> SX:
     """What the grip holds against free fall, over what it withstands: along the tool axes (3), squared norm (1)."""
-    a = ARM.split(p)
+    a = given["arm"]
     tool = _tool_motion(a, s, terms)
     R_SF = arm.frames(a["dh"], s.q).rotations[6]
     up_S = arm.turn(s.q[0]).T @ a["gravity"]
@@ -206,21 +198,14 @@ def grip(s: StageState, p: SX, terms: Terms) -> SX:
     return ca.vertcat(held / a["grip"][:3], ca.sumsqr(held) / a["grip"][3] ** 2)
 
 
-def flight(z: SX, p: SX, terms: Terms) -> SX:
+def flight(z: SX, given: Given, terms: Terms) -> SX:
     """The rows of `FLIGHT_ROWS`, all positive for a flight that is clear."""
-    scales = p[: SCALES.size]
-    p = p[SCALES.size :]
-    size = ARM.size + RELEASE.size
-    s = state(z, scales)
-    a = ARM.split(p[: ARM.size])
-    r = RELEASE.split(p[ARM.size : size])
-    f = FLIGHT.split(p[size:])
-    R_WB = ca.reshape(a["base"][:9], 3, 3)
-    R_WS = R_WB @ arm.turn(s.q[0])
-    tool = _tool_motion(a, s, terms)
-    position = R_WS @ tool.position + a["base"][9:]
-    velocity = R_WS @ tool.velocity
-    acceleration = R_WS @ tool.acceleration
+    c = given["scales"]
+    a = given["arm"]
+    r = given["release"]
+    f = given["flight"]
+    s = state(z, c)
+    position, velocity, acceleration = _tool_in_world(a, s, terms)
     edges = ca.horzsplit(ca.reshape(f["edges"], 8, layout.FLIGHT_EDGES))
     passed: list[SX] = []
     mouths: list[SX] = []
@@ -232,35 +217,33 @@ def flight(z: SX, p: SX, terms: Terms) -> SX:
         mouth, rim = _through_mouth(f["mouth"], x, v, r)
         mouths.append(mouth)
         rims.append(rim)
+    R_WB = ca.reshape(a["base"][:9], 3, 3)
     leaving = -(acceleration + R_WB @ a["gravity"])  # at the tool's own speed, unlike the flights
     opening = _in_cone(leaving, _opening(a, s, f["opening"], terms), f["opening"])
     out_s = ca.sqrt(2 * f["opening"][4] / ca.sqrt(ca.sumsqr(leaving) + ca.sumsqr(a["gravity"])))
-    out = _in_cone(*_way(z, scales, a, out_s, f["opening"], terms), f["opening"])
+    out = _in_cone(*_way(z, c, a, out_s, f["opening"], terms), f["opening"])
     return ca.vertcat(*passed, *mouths, *rims, opening, out)
 
 
-def leaving(z: SX, p: SX, terms: Terms) -> SX:
+def leaving(z: SX, given: Given, terms: Terms) -> SX:
     """The rows of `LEAVING_ROWS`, all positive for an object that is on its way out, or out, after the step."""
-    scales = p[: SCALES.size]
-    p = p[SCALES.size :]
-    size = ARM.size + FLIGHT.size
-    a = ARM.split(p[: ARM.size])
-    f = FLIGHT.split(p[ARM.size : size])
-    path = OBJECT_PATH.split(p[size:])
-    step = z[layout.STEP] * SCALES.split(scales)["time"]
-    released = z[layout.TIME] * SCALES.split(scales)["time"]
+    c = given["scales"]
+    a = given["arm"]
+    opening = given["flight"]["opening"]
+    path = given["object_path"]
+    step = z[layout.STEP] * c["time"]
+    released = z[layout.TIME] * c["time"]
     thrown = z[layout.SPEED] + path["path"][3:6]
     faster = thrown * (1 - path["share"]) / path["share"]  # on its way out the object has the tool's own velocity
     rows = []
     moved = ca.SX.zeros(3)
     for share in LEAVING_SHARES:
-        s = through(state_at(z, scales, share * step), terms)
+        s = through(state_at(z, c, share * step), terms)
         time = released + share * step
-        R_WS = ca.reshape(a["base"][:9], 3, 3) @ arm.turn(s.q[0])
-        tool = R_WS @ arm.frames(a["dh"], s.q).point(6, a["tcp"]) + a["base"][9:]
+        tool = _tool_place(a, s)
         moved = terms.through(place(z, path["path"], time) + time * faster - tool)
-        rows.append(_in_opening(moved, _opening(a, s, f["opening"], terms), f["opening"]))
-    is_out = ca.sqrt(ca.sumsqr(moved) + TINY_WAY**2) / f["opening"][4] - 1
+        rows.append(_in_opening(moved, _opening(a, s, opening, terms), opening))
+    is_out = ca.sqrt(ca.sumsqr(moved) + TINY_WAY**2) / opening[4] - 1
     return ca.vertcat(*rows, is_out)
 
 
@@ -279,23 +262,22 @@ def _in_opening(moved: SX, direction: SX, opening: SX) -> SX:
     return ca.dot(moved, direction) / distance - least + (1 + least) * (in_place + is_out)
 
 
-def _way(z: SX, scales: SX, a: dict[str, SX], time: SX, opening: SX, terms: Terms) -> tuple[SX, SX]:
+def _way(z: SX, c: dict[str, SX], a: dict[str, SX], time: SX, opening: SX, terms: Terms) -> tuple[SX, SX]:
     """Returns the mean acceleration (3,) of the object against the tool in a time after the release, and the opening.
 
     In a time s it moves by the mean of g - a over s, weighted with 2 (1 - u / s), times s^2 / 2 (`certificate.exits`):
     for an acceleration that changes evenly, that at s / 3. The opening's direction (3,) is that after s.
     """
     time = terms.through(time)
-    third, end = (through(state_at(z, scales, at), terms) for at in (time / 3, time))
-    R_WB = ca.reshape(a["base"][:9], 3, 3)
+    third, end = (through(state_at(z, c, at), terms) for at in (time / 3, time))
     tool = _tool_motion(a, third, terms)
-    felt = R_WB @ (arm.turn(third.q[0]) @ tool.acceleration + a["gravity"])
+    felt = ca.reshape(a["base"][:9], 3, 3) @ (arm.turn(third.q[0]) @ tool.acceleration + a["gravity"])
     return -felt, _opening(a, end, opening, terms)
 
 
 def _opening(a: dict[str, SX], s: StageState, opening: SX, terms: Terms) -> SX:
     """Returns the direction (3,) in the world in which the gripper opens."""
-    R_WS = ca.reshape(a["base"][:9], 3, 3) @ arm.turn(s.q[0])
+    R_WS = arm.world_axes(a["base"], s.q)
     return terms.through(R_WS @ arm.frames(a["dh"], s.q).rotations[6] @ opening[:3])
 
 
@@ -347,18 +329,21 @@ def _drift(velocity: SX, acceleration: SX, position: SX, r: dict[str, SX]) -> SX
     return ca.substitute([rate], [p, v], [position, velocity])[0]
 
 
+VECTORS = {**SHARED, "cost": COST}  # layouts of what formulas are given; those of the cost differ from stage to stage
+
+
 @dataclass(frozen=True)
 class BlockFormula:
     """The formula of a block.
 
     Attributes:
-        rows: (z, p, terms) -> rows (n,); adds its intermediate terms to `terms`.
-        parameters: names in `layout.SHARED` of the parameters p, in order.
+        rows: (z, given, terms) -> rows (n,); adds its intermediate terms to `terms`.
+        parameters: names in `VECTORS` of the parameters that are given, in order.
         curved: whether the rows contribute to the Hessian.
         of_object: whether the variables are (z, thrown), with the object's states.
     """
 
-    rows: Callable[[SX, SX, Terms], SX]
+    rows: Callable[[SX, Given, Terms], SX]
     parameters: tuple[str, ...]
     curved: bool = True
     of_object: bool = False
@@ -368,22 +353,33 @@ class BlockFormula:
         """Number of variables that the rows are of."""
         return layout.NZ + (layout.N_THROWN if self.of_object else 0)
 
+    @property
+    def layout(self) -> VectorLayout:
+        """Names and sizes of the parameter vectors, which make up p."""
+        return VectorLayout({name: VECTORS[name].size for name in self.parameters})
 
-StateFormula = Callable[[StageState, SX, Terms], SX]
+    def given(self, p: SX) -> Given:
+        """Returns the pieces of the parameters p."""
+        return {name: VECTORS[name].split(piece) for name, piece in self.layout.split(p).items()}
+
+
+StateFormula = Callable[[StageState, Given, Terms], SX]
 
 
 def _at_knot(rows: StateFormula, *parameters: str, curved: bool = True) -> BlockFormula:
     """Evaluates rows of a state at the beginning of the stage."""
-    n = SCALES.size
-    return BlockFormula(lambda z, p, terms: rows(state(z, p[:n]), p[n:], terms), ("scales", *parameters), curved)
+
+    def at_knot(z: SX, given: Given, terms: Terms) -> SX:
+        return rows(state(z, given["scales"]), given, terms)
+
+    return BlockFormula(at_knot, ("scales", *parameters), curved)
 
 
 def _in_middle(rows: StateFormula, *parameters: str, curved: bool = True) -> BlockFormula:
     """Evaluates rows of a state in the middle of the step."""
-    n = SCALES.size
 
-    def in_middle(z: SX, p: SX, terms: Terms) -> SX:
-        return rows(through(state_after(z, p[:n], 0.5), terms), p[n:], terms)
+    def in_middle(z: SX, given: Given, terms: Terms) -> SX:
+        return rows(through(state_after(z, given["scales"], 0.5), terms), given, terms)
 
     return BlockFormula(in_middle, ("scales", *parameters), curved)
 
@@ -391,7 +387,7 @@ def _in_middle(rows: StateFormula, *parameters: str, curved: bool = True) -> Blo
 # Every block of rows. The order is that of the rows within a stage.
 FORMULAS: dict[str, BlockFormula] = {
     "motion": BlockFormula(motion, ("scales",)),
-    "cost": BlockFormula(cost, ()),  # its parameters differ from stage to stage: `layout.COST`
+    "cost": BlockFormula(cost, ("cost",)),
     "effort": _at_knot(effort, "arm"),
     "effort_middle": _in_middle(effort, "arm"),
     "clearance": _at_knot(clearance, "arm"),

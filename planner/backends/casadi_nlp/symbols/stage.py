@@ -8,7 +8,6 @@ from typing import Any
 import casadi as ca
 
 from planner.backends.casadi_nlp import layout
-from planner.backends.casadi_nlp.layout import SCALES
 from planner.backends.casadi_nlp.symbols.terms import Terms
 
 SX = Any
@@ -23,21 +22,20 @@ class StageState:
     qdd: SX
 
 
-def state(z: SX, scales: SX) -> StageState:
-    """Returns the state at the beginning of a stage."""
-    c = SCALES.split(scales)
+def state(z: SX, c: dict[str, SX]) -> StageState:
+    """Returns the state at the beginning of a stage, from its variables and the pieces of `SCALES`."""
     return StageState(z[layout.Q], z[layout.QD] * c["qd"], z[layout.QDD] * c["qdd"])
 
 
-def state_after(z: SX, scales: SX, share: float) -> StageState:
+def state_after(z: SX, c: dict[str, SX], share: float) -> StageState:
     """Returns the exact state after a share of the stage's step."""
-    return state_at(z, scales, share * z[layout.STEP] * SCALES.split(scales)["time"])
+    return state_at(z, c, share * z[layout.STEP] * c["time"])
 
 
-def state_at(z: SX, scales: SX, h: SX) -> StageState:
+def state_at(z: SX, c: dict[str, SX], h: SX) -> StageState:
     """Returns the state at a time after the stage's beginning [s], exact within its step."""
-    s = state(z, scales)
-    j = z[layout.JERK] * SCALES.split(scales)["jerk"]
+    s = state(z, c)
+    j = z[layout.JERK] * c["jerk"]
     q = s.q + h * (s.qd + h * (s.qdd / 2 + h * j / 6))
     return StageState(q, s.qd + h * (s.qdd + h * j / 2), s.qdd + h * j)
 
