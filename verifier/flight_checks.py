@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from planner.cell import Cell, Solid
+from verifier.aims import Aim
 from verifier.arm import ArmPieces
 from verifier.arm_in_flight import ArmAfter, CapsuleWatch, accelerations
 from verifier.capsules import MovingCapsule, capsules_of
@@ -68,8 +69,7 @@ def _flown(
     if place.tops:
         yield prove_patches(NAME, patches, _on_top(place), ["beside what it is to land on"])
     if demands.aim is not None and demands.aim.bin is not None:
-        inner, rim = demands.aim.bin
-        yield prove_patches(NAME, patches, _wall(cell, demands.aim.p_W, inner, rim), ["the bin's wall"])
+        yield prove_patches(NAME, patches, _wall(cell, demands.aim), ["the bin's wall"])
     yield from _arm_findings(cell, motion, releases, place, float(lasts.max()))
 
 
@@ -119,7 +119,7 @@ def _solid(cell: Cell, place: LandingPlace, k: int, solid: Solid, is_in_bin: boo
         flies = np.where(exempt, np.inf, _apart(x, y, patches.bend, solid) - thick)
         lower = np.where(patches.counts(place.ends_z), flies, np.inf)
         if is_higher and lies_z is not None:
-            lying = _apart(_levelled(x, lies_z), _levelled(y, lies_z), patches.bend, solid) - thick
+            lying = _apart(_lying(x, place, lies_z), _lying(y, place, lies_z), patches.bend, solid) - thick
             lies = (patches.lowest <= place.ends_z) & ~patches.rises & patches.counts(place.plane_z)
             lower = np.where(lies, np.minimum(lower, lying), lower)
         out = from_solid(x.c0, solid)
@@ -131,9 +131,9 @@ def _solid(cell: Cell, place: LandingPlace, k: int, solid: Solid, is_in_bin: boo
     return rooms
 
 
-def _levelled(x: TaylorModel, z: float) -> TaylorModel:
-    """Returns places at a height."""
-    return stacked([x[0], x[1], x[2] * 0.0 + z])
+def _lying(x: TaylorModel, place: LandingPlace, z: float) -> TaylorModel:
+    """Returns places at a height of an object that lies: as far off its flight there as the target is off the aim."""
+    return stacked([x[0] - float(place.shift[0]), x[1] - float(place.shift[1]), x[2] * 0.0 + z])
 
 
 def _depth(patches: FlightPatches, top: LandingTop) -> Array:
@@ -160,22 +160,26 @@ def _on_top(place: LandingPlace) -> PatchRooms:
     return rooms
 
 
-def _wall(cell: Cell, p_W: Array, inner: float, rim: float) -> PatchRooms:
+def _wall(cell: Cell, aim: Aim) -> PatchRooms:
     """Returns what the object is farther from a bin's wall than its radius, until its centre is below the mouth.
 
-    In the half plane of the distance from the axis and the height, the wall is a segment from bottom to rim.
+    In the half plane of the distance from the axis and the height, the wall is a segment from bottom to rim. Beside a
+    bin that moves evenly, a flight bends as it does beside one that stands.
     """
-    thick = cell.object.radius_m - LENGTH_M
+    assert aim.bin is not None
+    p_W = aim.p_W
+    inner, rim = aim.bin
+    thick = cell.object.radius_m + aim.slack_m - LENGTH_M
     top = float(p_W[2]) + rim
 
     def rooms(patches: FlightPatches) -> tuple[Array, Array]:
         squares = []
-        for x in patches.ends:
-            u, v = x[0] - float(p_W[0]), x[1] - float(p_W[1])
+        x, y = (aim.beside(each, t) for each, t in zip(patches.ends, patches.times, strict=True))
+        for end in (x, y):
+            u, v = end[0] - float(p_W[0]), end[1] - float(p_W[1])
             squares.append(u * u + v * v)
         # Along a chord the distance from the axis is convex: largest at an end; least, no more than the chord below.
         far = np.sqrt(np.max([square.upper for square in squares], axis=0)) * (1.0 + 1e-12)
-        x, y = patches.ends
         length = np.sqrt(sum(np.maximum((x - y)[i].upper, (y - x)[i].upper) ** 2 for i in range(2))) * (1.0 + 1e-12)
         near = np.sqrt(np.maximum(np.min([s.lower for s in squares], axis=0), 0.0)) - 0.5 * length
         aside = np.maximum(np.maximum(inner - far, near - inner), 0.0) - patches.bend

@@ -158,6 +158,12 @@ class FlightPatches:
         """Places (3, m) [m] at both times."""
         return self.releases.at(self.rows, self.s0), self.releases.at(self.rows, self.s1)
 
+    @property
+    def times(self) -> tuple[TaylorModel, TaylorModel]:
+        """The same in the motion (m,) [s]."""
+        released = self.releases.pieces.times[self.rows]
+        return released + self.s0, released + self.s1
+
     @cached_property
     def bend(self) -> Array:
         """How far (m,) a flight is from its chord between the two times, at most [m]: a h^2 / 8."""
