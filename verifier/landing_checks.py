@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from planner.cell import Cell
+from planner.cell import Cell, ThrownBody
 from verifier.aims import BEFORE_S, Aim
 from verifier.drag import releases_of
 from verifier.finding import Finding, Status, judged, not_covered
@@ -33,7 +33,7 @@ def met_demands(cell: Cell, motion: SampledMotion, demands: Demands) -> Demands:
 def landing_findings(cell: Cell, motion: SampledMotion, demands: Demands) -> Iterator[Finding]:
     """Returns the findings about the landing of the nominal release, and of those in the window."""
     aim = demands.aim
-    if not demands.throws or aim is None:
+    if not demands.throws or aim is None or isinstance(cell.object, ThrownBody):
         return
     yield _landing("landing", releases_of(cell, release_pieces(motion, 0.0)), aim, LANDING_M)
     if aim.moves:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from planner.cell import Cell, Solid
+from planner.cell import Cell, Solid, ThrownBody
 from verifier.elementary import Array, Mask
 from verifier.plan_document import Demands
 from verifier.solids import from_solid
@@ -97,12 +97,13 @@ def landing_place(cell: Cell, demands: Demands) -> LandingPlace:
     p = demands.aim.p_W
     stands = demands.aim.stands
     height, tops, carries = _carriers(cell, p)
-    ends_z = float(p[2]) if height is None else height + radius
+    ends_z = float(p[2]) if height is None else height + cell.object.inner_radius_m
     centre = np.array([stands[0], stands[1], ends_z])
     rooms = np.array([_distance(centre, solid) for solid in around.keep_out])
-    spare = radius + (demands.aim.tolerance_m if demands.aim.is_robust else 0.0)
+    spare = cell.object.outer_radius_m + (demands.aim.tolerance_m if demands.aim.is_robust else 0.0)
     beside = np.minimum(0.5 * np.maximum(rooms - spare, 0.0), np.array(own))
-    fits = bool((carries | (rooms >= radius - CONTACT_M)).all()) and float(p[2]) >= around.floor_z_m - CONTACT_M
+    least = 0.0 if isinstance(cell.object, ThrownBody) else radius  # nobody knows how a body comes to lie
+    fits = bool((carries | (rooms >= least - CONTACT_M)).all()) and float(p[2]) >= around.floor_z_m - CONTACT_M
     return LandingPlace(
         float(p[2]),
         height,
@@ -128,7 +129,7 @@ def _is_below(solid: Solid, height: float) -> bool:
 def _carriers(cell: Cell, p: Array) -> tuple[float | None, tuple[LandingTop, ...], Mask]:
     """Returns height and tops of what a target (3,) is on, and which solids (b,) carry it, or lie below those."""
     around = cell.surroundings
-    lowest = float(p[2]) - max(cell.object.radius_m, CONTACT_M)
+    lowest = float(p[2]) - max(cell.object.inner_radius_m, CONTACT_M)
     tops = [level_top(solid) for solid in around.keep_out]
     under = [
         top

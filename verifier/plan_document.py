@@ -18,7 +18,7 @@ from verifier.request_checks import WRONG_SHAPE, NotAPlan, check_request
 AT_REST = 1e-9  # [rad/s, m/s] a demanded state slower than this is a move that ends at rest; nobody throws as slowly
 
 
-OF_FLIGHT = ("flight_clearance", "landing", "landing_window")  # checks of where the object goes
+OF_FLIGHT = ("flight_clearance", "landing", "landing_window", "landing_axis")  # checks of where the object goes
 OF_TOOL = ("passage", "release_position", "release_velocity")  # checks of the tool centre point's own states
 OF_OBJECT = (  # checks that depend on when the object may leave
     *("joint_torque", "momentum", "power", "stopping_time", "stopping_distance", "grip_acceleration"),
@@ -177,9 +177,16 @@ def _not_covered(asked: Mapping[str, Any], release: Mapping[str, Any], cell: Cel
         found["landing_window"] = "a window that the odds decide"
     if cell.grippers:
         found |= dict.fromkeys((*OF_FLIGHT, *OF_OBJECT, *OF_TOOL), "a tool with several grippers")
-    if isinstance(cell.object, ThrownBody) and release and not is_at_rest(release):
-        found |= dict.fromkeys(OF_FLIGHT, "the flight of a body that is no ball")
+    is_thrown = bool(release) and not is_at_rest(release)
+    if isinstance(cell.object, ThrownBody) and round_axis(cell.object) is None and is_thrown:
+        found |= dict.fromkeys(OF_FLIGHT, "the flight of a body that is not round about an axis")
     return found
+
+
+def round_axis(thing: ThrownBody) -> int | None:
+    """Returns the axis about which a body turns as a round one: that across which its moments are equal; or None."""
+    moments = thing.inertia_kg_m2
+    return next((k for k in (2, 0, 1) if moments[k - 1] == moments[k - 2]), None)
 
 
 def _stated(table: Mapping[str, Any]) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from typing import Any
 
 from planner.cell import Cell
 from verifier.arm import ArmPieces
+from verifier.body_checks import body_findings
 from verifier.clearance_checks import clearance_findings
 from verifier.exit_checks import exit_findings
 from verifier.finding import Finding, Status, not_covered
@@ -85,5 +86,5 @@ def _made(cell: Cell, motion: SampledMotion, demands: Demands) -> Iterator[Findi
     yield from passage_findings(cell, motion, demands)
     yield from load_findings(cell, motion, demands, arm)
     yield from clearance_findings(cell, motion, demands, arm)
-    for check in (release_findings, landing_findings, flight_findings, exit_findings):
+    for check in (release_findings, landing_findings, flight_findings, body_findings, exit_findings):
         yield from check(cell, motion, demands)
