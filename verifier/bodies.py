@@ -18,7 +18,7 @@ from planner.cell import ThrownBody
 from verifier.elementary import Array, Mask
 from verifier.flights import FlightPatches, Releases
 from verifier.pieces import Index, Pieces
-from verifier.spin import RoundSpin
+from verifier.spin import Spin, spin_of
 from verifier.taylor import TaylorModel
 
 UP = 1.0 + 1e-12
@@ -48,9 +48,9 @@ class BallReleases(Releases):
         return thing
 
     @cached_property
-    def spin(self) -> RoundSpin:
+    def spin(self) -> Spin:
         """How it turns."""
-        return RoundSpin(self.cell, self.pieces)
+        return spin_of(self.cell, self.pieces)
 
     @cached_property
     def states(self) -> tuple[TaylorModel, TaylorModel]:

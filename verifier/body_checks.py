@@ -57,7 +57,7 @@ def body_findings(cell: Cell, motion: SampledMotion, demands: Demands) -> Iterat
     yield from _flown(cell, motion, demands, spread, place, lasts_s)
     yield from _arm_findings(cell, motion, spread, place, lasts_s)
     if demands.aim is not None:
-        yield from _landings(cell, motion, demands, place)
+        yield from _landings(cell, motion, demands, place, spread)
 
 
 def _ball(cell: Cell, pieces: Pieces, place: LandingPlace, demands: Demands) -> BallReleases:
@@ -193,13 +193,17 @@ def _touching(room: Callable[[FlightPatches], Array]) -> PatchRooms:
     return rooms
 
 
-def _landings(cell: Cell, motion: SampledMotion, demands: Demands, place: LandingPlace) -> Iterator[Finding]:
+def _landings(
+    cell: Cell, motion: SampledMotion, demands: Demands, place: LandingPlace, spread: BallReleases
+) -> Iterator[Finding]:
     """Returns the findings about where and how a body lands, of the nominal release and of those in the window."""
     aim = demands.aim
     assert aim is not None
     nominal = _ball(cell, release_pieces(motion, 0.0), place, demands)
     window = nominal
-    if aim.is_robust:
+    if aim.is_robust and aim.window_s == demands.spread_s:
+        window = spread
+    elif aim.is_robust:
         window = _ball(cell, release_pieces(motion, aim.window_s), place, demands)
     for name, releases, allowed in (
         ("landing", nominal, LANDING_M),

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from planner.cell import Cell, ThrownBody
+from planner.cell import Cell
 from verifier.aims import JITTERS, Aim, read_aim
 from verifier.elementary import Array
 from verifier.passage_demands import ToldPassage, told_passages
@@ -177,16 +177,7 @@ def _not_covered(asked: Mapping[str, Any], release: Mapping[str, Any], cell: Cel
         found["landing_window"] = "a window that the odds decide"
     if cell.grippers:
         found |= dict.fromkeys((*OF_FLIGHT, *OF_OBJECT, *OF_TOOL), "a tool with several grippers")
-    is_thrown = bool(release) and not is_at_rest(release)
-    if isinstance(cell.object, ThrownBody) and round_axis(cell.object) is None and is_thrown:
-        found |= dict.fromkeys(OF_FLIGHT, "the flight of a body that is not round about an axis")
     return found
-
-
-def round_axis(thing: ThrownBody) -> int | None:
-    """Returns the axis about which a body turns as a round one: that across which its moments are equal; or None."""
-    moments = thing.inertia_kg_m2
-    return next((k for k in (2, 0, 1) if moments[k - 1] == moments[k - 2]), None)
 
 
 def _stated(table: Mapping[str, Any]) -> dict[str, Any]:
