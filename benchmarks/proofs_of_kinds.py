@@ -133,10 +133,11 @@ def _of_landing(document: Mapping[str, Any], release: Mapping[str, Any]) -> Iter
     flight = document["flight"]
     asked = release.get("orientation")
     if asked is not None and document["request"].get("frame", "world") == "world":
-        axis = np.asarray(asked["axis"], np.float64)
-        along = abs(float(np.asarray(flight["landing_orientation"]["axis"]) @ axis)) / float(np.linalg.norm(axis))
-        tighter = max((1.0 - SHARE) * float(np.arccos(min(1.0, along))), 1e-4)
-        yield "axis", lambda d, _: _released(d)["orientation"].update(tolerance_rad=tighter)
+        lies = np.asarray(flight["landing_orientation"]["axis"])
+        aside = np.cross(lies, np.roll(lies, 1))
+        angle = min((1.0 + SHARE) * asked["tolerance_rad"], 0.5 * np.pi)
+        turned = np.cos(angle) * lies + np.sin(angle) * aside / np.linalg.norm(aside)
+        yield "axis", lambda d, _: _released(d)["orientation"].update(axis=turned.tolist())
     worst = max((each["landing_error_m"] or 0.0 for each in flight["window"]), default=0.0)
     if flight["release_window_s"] > 0.0 and worst > OFF_M:
         yield "tolerance", lambda d, _: d["request"].update(landing_tolerance_m=(1.0 - SHARE) * worst)

@@ -106,7 +106,9 @@ class CapsuleWatch:
             lasts_s: as above.
         """
         count = int(np.ceil(lasts_s * balls[0].releases.grid_hz))
-        clear = np.array([self._clear(after, count) for after in balls]).all(axis=0) if self.grips else None
+        clear = None
+        if self.grips:
+            clear = np.logical_and.reduce([self._clear(after, count) for after in balls])
         yield from (self._finding(name, after, count, clear) for after in balls)
 
     def _finding(self, name: str, after: ArmAfter, count: int, clear: Mask | None) -> Finding:

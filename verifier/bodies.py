@@ -57,10 +57,10 @@ class BallReleases(Releases):
         """Places and velocities (3, n) of the centre as it leaves [m, m/s]."""
         return self.centre.states
 
-    @cached_property
+    @property
     def bending(self) -> float:
         """Bound on the ball's acceleration [m/s^2]."""
-        turns = float(np.max(self.spin.axis_rate**2, initial=0.0))
+        turns = float(np.max(self.spin.bending, initial=0.0))
         return (self.centre.bending + abs(self.place_m) * turns) * UP
 
     @property
@@ -163,5 +163,6 @@ def may_touch(patches: FlightPatches) -> Mask:
     assert isinstance(releases, BallReleases)
     _, v = releases.states
     gravity = releases.cell.surroundings.gravity_m_s2
-    may_fall = v[2].lower[patches.rows] <= gravity * patches.s1 * UP
-    return may_fall & (lowest_in(patches) <= releases.height_m) & releases.counts(patches, 0.0)
+    rises = v[2].lower[patches.rows] > gravity * patches.s1 * UP
+    is_above = lowest_in(patches) > releases.height_m  # not a number is neither: it may touch
+    return ~rises & ~is_above & releases.counts(patches, 0.0)

@@ -53,11 +53,6 @@ class Spin:
         self._w = arm.turning[6][0]
 
     @property
-    def axis_rate(self) -> Array:
-        """Bounds (n,) on the rate at which the hull's axis turns [rad/s]."""
-        return self.turn_rate
-
-    @property
     def turn_rate(self) -> Array:
         """Bounds (n,) on the angular velocity at any time [rad/s]."""
         raise NotImplementedError
@@ -91,9 +86,9 @@ class RoundSpin(Spin):
         """Bounds (n,) on the rate at which its axis turns [rad/s]."""
         return np.sqrt(dot(self._rate, self._rate).upper) * UP
 
-    @cached_property
+    @property
     def turn_rate(self) -> Array:
-        """Bounds (n,) on its angular velocity, whose size stays [rad/s]."""
+        """Bounds (n,) on the angular velocity at any time, whose size stays [rad/s]."""
         return np.sqrt(dot(self._w, self._w).upper) * UP
 
     @property

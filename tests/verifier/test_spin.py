@@ -102,9 +102,11 @@ def test_lowest_points_hold_those_of_the_turned_shape(name: str):
     centre = releases.centre.at(np.zeros(len(times), np.intp), times)[2].c0
     assert moved.release is not None
     there, _ = turned(cell, moved.q[moved.release], moved.qd[moved.release])
-    half = 0.5 * cell.object.size_m
+    thing = cell.object
+    assert isinstance(thing, ThrownBody)
+    half = 0.5 * thing.size_m
     corner = np.stack(np.meshgrid(*([-h, h] for h in half)), -1).reshape(-1, 3)
-    if cell.object.kind == "cylinder":
+    if thing.kind == "cylinder":
         angle = np.linspace(0.0, 2.0 * np.pi, 20_000)
         rim = np.stack([half[0] * np.cos(angle), half[0] * np.sin(angle), np.full_like(angle, half[2])], -1)
         corner = np.concatenate([rim, -rim])
