@@ -106,9 +106,8 @@ def test_a_fault_is_not_proven(fault: str):
     assert check in {each.name for each in verify(document, cell, profile).open}
 
 
-@pytest.mark.parametrize(("narrower_m", "is_open"), [(1e-3, True), (-0.02, False)])
-def test_a_bin_that_moves_is_met_at_its_rim_where_it_is_then(narrower_m: float, is_open: bool):
-    """Its wall as near to the nominal flight at the rim as the object's radius, but for a millimetre."""
+def test_a_bin_that_moves_is_met_at_its_rim_where_it_is_then():
+    """Its wall as near to the nominal flight at the rim as the object's radius, less a millimetre."""
     document, cell, _ = planned("moving")
     assert cell.object.drag_coefficient == 0.0
     release = document["release"]
@@ -118,10 +117,10 @@ def test_a_bin_that_moves_is_met_at_its_rim_where_it_is_then(narrower_m: float, 
     at_s = document["starts_at_s"] + document["release_time_s"] + t
     axis = np.array(ACROSS["position"]) + (at_s - 1000.0) * np.array(ACROSS["velocity"])
     off_m = float(np.linalg.norm((p + v * t - axis)[:2]))
-    opening = {**BIN, "radius_m": off_m + cell.object.radius_m - narrower_m}
+    opening = {**BIN, "radius_m": off_m + cell.object.radius_m - 1e-3}
     asked = {**document["request"], "release": {**ACROSS, "opening": opening}, "release_window_s": 0.0}
     found = verify({**document, "request": asked}, cell).open
-    assert any(each.detail.startswith("the bin's wall") for each in found) == is_open, list(map(str, found))
+    assert any(each.detail.startswith("the bin's wall") for each in found), list(map(str, found))
 
 
 def test_a_plan_whose_profile_is_not_given_is_not_proven():
