@@ -157,6 +157,7 @@ def plan_document(drawn: DrawnProblem, problem: ThrowProblem, motion: Trajectory
         "sample_rate_hz": motion.sample_rate_hz,
         "release": {"index": motion.release_index} if throws else None,
         "passages": passed_documents(drawn.cell, problem.passages, motion) if problem.passages else [],
+        **({} if problem.starts_at_s is None else {"starts_at_s": problem.starts_at_s}),
         "trajectory": {
             "positions": motion.q.tolist(),
             "velocities": motion.qd.tolist(),

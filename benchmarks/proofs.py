@@ -4,7 +4,8 @@
 arms and kinds of release in cells with every limit, and those of the audit's problems, in turns. Of the first every
 limit is drawn inside what the plan needs: a thousandth of its peak, or a millimetre. The verifier has to refuse each.
 With `--chains` they are the audit's motions of passages, and what is wrong is a passage: a millimetre or a milliradian
-off, a hundredth too fast, or a tick late.
+off, a hundredth too fast, or a tick late. With `--kind` they are of learnt cells, of bodies or at moving targets, see
+`benchmarks.proofs_of_kinds`.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ import numpy as np
 
 from benchmarks.audit import drawn_tasks
 from benchmarks.mutations import certified_plans, mutations
+from benchmarks.proofs_of_kinds import ToldPlan, told_plans
 from benchmarks.results import add_row, kept_rows
 from planner.cell import Cell
 from planner.errors import Infeasible, InvalidProblem, PlannerError, SolverFailed
@@ -50,6 +52,7 @@ def document_of(problem: ThrowProblem, trajectory: Trajectory) -> tuple[dict[str
         "sample_rate_hz": trajectory.sample_rate_hz,
         "release": {"index": trajectory.release_index} if problem.throws or not problem.passages else None,
         "passages": passed_documents(problem.cell, problem.passages, trajectory) if problem.passages else [],
+        **({} if problem.starts_at_s is None else {"starts_at_s": problem.starts_at_s}),
         "trajectory": {
             "positions": trajectory.q.tolist(),
             "velocities": trajectory.qd.tolist(),
@@ -165,6 +168,26 @@ def row_of(name: str, problem: ThrowProblem, trajectory: Trajectory, has_mutants
     }
 
 
+def row_of_told(told: ToldPlan) -> dict[str, Any]:
+    """Returns what was found of a plan and of its faults, as `row_of`."""
+    begin = time.process_time()
+    found = list(findings(told.document, told.cell, told.profile))
+    seconds = time.process_time() - begin
+    tried = 0
+    accepted = []
+    for what, document, profile in told.faults():
+        tried += 1
+        if all(each.status is Status.PROVEN for each in findings(document, told.cell, profile)):
+            accepted.append(what)
+    return {
+        "task": told.name,
+        "open": [str(each) for each in found if each.status is not Status.PROVEN],
+        "seconds": seconds,
+        "mutants": tried,
+        "accepted": accepted,
+    }
+
+
 def summary(rows: Sequence[Mapping[str, Any]]) -> str:
     """Returns the result in lines."""
     seconds = np.array([row["seconds"] for row in rows])
@@ -191,12 +214,18 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--cells", type=int, default=0, help="random cells of the audit's problems; 0: the named sets")
     parser.add_argument("--chains", action="store_true", help="motions of passages of the audit's problems")
+    parser.add_argument("--kind", choices=("profile", "body", "moving"), help="plans of learnt cells, bodies, targets")
     parser.add_argument("--rows", type=Path, default=ROWS)
     parser.add_argument("--resume", action="store_true", help="continue an interrupted run")
     parser.add_argument("--tell", action="store_true", help="say what the rows so far say")
     asked = parser.parse_args()
     done = {row["task"] for row in kept_rows(asked.rows, asked.resume or asked.tell)}
-    if asked.chains:
+    if asked.kind is not None and not asked.tell:
+        for told in told_plans(asked.kind, asked.count, asked.seed):
+            if told.name not in done:
+                add_row(asked.rows, row_of_told(told))
+        plans = iter(())
+    elif asked.chains:
         plans = _chains(asked.count, asked.seed)
     else:
         plans = _plans(-(-asked.count // 2), asked.seed, asked.cells)

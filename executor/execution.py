@@ -196,7 +196,7 @@ class Execution:
         """
         motion = Motion(*verify_plan(document, self.session.cell, self.profile))
         if self.session.settings.must_be_proven:
-            prove_plan(document, self.session.cell)
+            prove_plan(document, self.session.cell, self.profile)
         return motion
 
     def replace(self, document: bytes, certifier: Certifier) -> float:

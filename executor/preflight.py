@@ -121,14 +121,15 @@ def verify_plan(
     return problem, trajectory, shift
 
 
-def prove_plan(document: bytes, cell: Cell) -> None:
+def prove_plan(document: bytes, cell: Cell, profile: ProfileRow | None = None) -> None:
     """Proves a plan that was certified, by the verifier, which shares nothing with the certificate.
 
     Raises:
         ExecutionRefused: it is not proven; with the checks, and where.
     """
     try:
-        verdict = verify(orjson.loads(document), cell)
+        learnt = None if profile is None else {**orjson.loads(profile.document), "id": profile.id}
+        verdict = verify(orjson.loads(document), cell, learnt)
     except NotAPlan as error:
         raise ExecutionRefused(f"the plan cannot be verified: {error}") from error
     if verdict.open:

@@ -121,7 +121,7 @@ def _answer(question: Question) -> Replacement | str:
         asked_s = _asked_s(question)
         plan = Motion(*verify_plan(question.document, question.cell, question.profile), asked_s)
         if question.settings.must_be_proven:
-            prove_plan(question.document, question.cell)
+            prove_plan(question.document, question.cell, question.profile)
         motion = (
             instead(question.running, plan) if question.waits else joined(question.running, job, plan, question.present)
         )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+
 import numpy as np
 
 from planner.cell import Cell
@@ -23,13 +25,13 @@ ARM_ROUNDS = 8  # [-] of halving pieces of releases
 class ArmAfter:
     """An arm at instants after pieces of releases, by parts of ticks; after its end it rests."""
 
-    def __init__(self, cell: Cell, releases: Releases) -> None:
-        """Takes the releases."""
+    def __init__(self, cell: Cell, releases: Releases, like: ArmAfter | None = None) -> None:
+        """Takes the releases, and the same arm after the same pieces of them, whose poses are known."""
         self.cell, self.releases = cell, releases
         self._parts = releases.parts
         pieces = releases.pieces
         self._part = np.minimum((pieces.begin * self._parts).astype(np.intp), self._parts - 1)
-        self._kept: dict[bytes, tuple[ArmPieces, Index]] = {}
+        self._kept: dict[bytes, tuple[ArmPieces, Index]] = {} if like is None else like._kept
 
     def at(self, rows: Index, later: Index) -> tuple[ArmPieces, Index]:
         """Returns the arm, and which of its pieces are those that follow pieces `rows` (m,) by parts of ticks (m,)."""
@@ -95,13 +97,35 @@ class CapsuleWatch:
         self.capsule, self.thick, self.grips = watched
         self.place, self.bending = place, bending
 
-    def finding(self, name: str, after: ArmAfter, lasts_s: float) -> Finding:
-        """Returns the finding of a name about flights of some releases, until a time after these [s]."""
+    def findings(self, name: str, balls: Sequence[ArmAfter], lasts_s: float) -> Iterator[Finding]:
+        """Yields the findings of a name about flights of some releases, until a time after these [s].
+
+        Args:
+            name: of the check.
+            balls: the arm after the releases of each ball of the object: it has left what grips it with the last one.
+            lasts_s: as above.
+        """
+        count = int(np.ceil(lasts_s * balls[0].releases.grid_hz))
+        clear = None
+        if self.grips:
+            clear = np.logical_and.reduce([self._clear(after, count) for after in balls])
+        yield from (self._finding(name, after, count, clear) for after in balls)
+
+    def _finding(self, name: str, after: ArmAfter, count: int, clear: Mask | None) -> Finding:
+        """Returns the finding about one ball.
+
+        Args:
+            name: of the check.
+            after: the arm after its releases.
+            count: parts of ticks until the flights are over.
+            clear: where the object is clear of what grips it, at the begin of every part (n, count + 1).
+        """
         releases = after.releases
-        count = int(np.ceil(lasts_s * releases.grid_hz))
         pieces = np.arange(len(releases.pieces.tick))
         rows, first = (x.ravel() for x in np.meshgrid(pieces, np.arange(0, count, STEPS), indexing="ij"))
-        begins = self._left(after, count) if self.grips else np.zeros(len(pieces), np.intp)
+        begins = np.zeros(len(pieces), np.intp)
+        if clear is not None:
+            begins = np.where(clear.any(axis=1), clear.argmax(axis=1), -1)
         if (begins < 0).any():
             at_s = float(releases.pieces.middle_s[np.flatnonzero(begins < 0)[0]])
             return Finding(name, Status.NOT_PROVEN, at_s, f"{self.capsule.name}: stays in it")
@@ -131,6 +155,14 @@ class CapsuleWatch:
                 begins = np.tile(begins[used], 2)
         return Finding(name, Status.NOT_PROVEN, float(at_s[0]), self.capsule.name)
 
+    def is_far(self, after: ArmAfter, lasts_s: float) -> bool:
+        """Returns whether flights keep clear of the capsule at the first look."""
+        count = int(np.ceil(lasts_s * after.releases.grid_hz))
+        pieces = np.arange(len(after.releases.pieces.tick))
+        rows, first = (x.ravel() for x in np.meshgrid(pieces, np.arange(0, count, STEPS), indexing="ij"))
+        lower, _, counts = self._gaps(after, rows, first, STEPS)
+        return bool(((lower >= self.thick) | ~counts).all())
+
     def _gaps(self, after: ArmAfter, rows: Index, first: Index, step: int) -> tuple[Array, Array, Mask]:
         """Returns bounds (m,) [m] on the distance of flights from the axis, and which patches count.
 
@@ -157,8 +189,8 @@ class CapsuleWatch:
         counts = flown.counts(self.place.ends_z)
         return shortened(least - bend * lengths_up(n), n), np.where(flying, upper, np.inf), counts
 
-    def _left(self, after: ArmAfter, count: int) -> Index:
-        """Returns how many parts of ticks (n,) after each piece the object is clear of what gripped it first; or -1."""
+    def _clear(self, after: ArmAfter, count: int) -> Mask:
+        """Returns where a ball is clear of what gripped it, at the begin of every part of a tick (n, count + 1)."""
         releases = after.releases
         n = len(releases.pieces.tick)
         rows, later = (x.ravel() for x in np.meshgrid(np.arange(n), np.arange(count + 1), indexing="ij"))
@@ -166,8 +198,7 @@ class CapsuleWatch:
         ends = after.ends(self.capsule, rows, later)
         direction = toward(x.c0 - _nearest(x.c0, [end.c0 for end in ends]))
         gap = shortened(np.min([dot(direction, x - end).lower for end in ends], axis=0), direction)
-        clear = (gap - self.thick >= CLEAR_M).reshape(n, count + 1)
-        return np.where(clear.any(axis=1), clear.argmax(axis=1), -1)
+        return (gap - self.thick >= CLEAR_M).reshape(n, count + 1)
 
 
 def _nearest(x: Array, ends: list[Array]) -> Array:

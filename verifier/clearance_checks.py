@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from planner.cell import Cell, Solid, shape_of
+from verifier.aims import BEFORE_S, Aim
 from verifier.arm import ArmPieces
 from verifier.capsules import OBJECT, MovingCapsule, capsules_of
 from verifier.elementary import Array
@@ -55,18 +56,31 @@ def _may_touch(cell: Cell, capsule: MovingCapsule, name: str) -> bool:
 
 
 def obstacles(cell: Cell, demands: Demands) -> list[tuple[Solid, float, str]]:
-    """Returns the solids that nothing enters, a request's bin as a full cylinder, with clearance [m] and name."""
+    """Returns the solids that nothing enters, a request's bin full, with clearance [m] and name."""
     around = cell.surroundings
     found = [
         (solid, around.clearance_m if solid.clearance_m is None else solid.clearance_m, name)
         for solid, name in zip(around.keep_out, around.keep_out_names, strict=True)
     ]
     if demands.aim is not None and demands.aim.bin is not None:
-        radius, rim = demands.aim.bin
-        X_WC = np.eye(4)
-        X_WC[:3, 3] = demands.aim.p_W + np.array([0.0, 0.0, 0.5 * rim])
-        found.append((shape_of("cylinder", X_WC, np.array([radius, rim])), around.clearance_m, "bin"))
+        found.append((_bin(demands.aim), around.clearance_m, "bin"))
     return found
+
+
+def _bin(aim: Aim) -> Solid:
+    """Returns a bin as a full cylinder; of one that moves, a box along its way while the arm keeps out of it."""
+    assert aim.bin is not None
+    radius, rim = aim.bin
+    X_WC = np.eye(4)
+    X_WC[:3, 3] = aim.stands + np.array([0.0, 0.0, 0.5 * rim])
+    speed = float(np.linalg.norm(aim.v_W))
+    if speed == 0.0:
+        return shape_of("cylinder", X_WC, np.array([radius, rim]))
+    along = aim.v_W / speed
+    X_WC[:3, :3] = np.column_stack([along, [-along[1], along[0], 0.0], [0.0, 0.0, 1.0]])
+    X_WC[:3, 3] += 0.5 * (aim.after_s - BEFORE_S) * aim.v_W
+    length = speed * (BEFORE_S + aim.after_s) + 2.0 * (radius + aim.slack_m)
+    return shape_of("box", X_WC, np.array([length, 2.0 * radius, rim]))
 
 
 def _floor(cell: Cell, capsules: Sequence[MovingCapsule], held: HeldObject) -> Rooms:

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from planner.cell import Cell, Solid
+from planner.cell import Cell, Solid, ThrownBody
+from verifier.aims import Aim
 from verifier.arm import ArmPieces
 from verifier.arm_in_flight import ArmAfter, CapsuleWatch, accelerations
 from verifier.capsules import MovingCapsule, capsules_of
@@ -36,7 +37,7 @@ LOW_M = 1e-4  # [m] below the height at which it ends, to which a flight is look
 
 def flight_findings(cell: Cell, motion: SampledMotion, demands: Demands) -> Iterator[Finding]:
     """Returns the findings about the flight."""
-    if not demands.throws or NAME in demands.not_covered:
+    if not demands.throws or NAME in demands.not_covered or isinstance(cell.object, ThrownBody):
         return
     try:
         releases = releases_of(cell, release_pieces(motion, demands.spread_s))
@@ -68,8 +69,7 @@ def _flown(
     if place.tops:
         yield prove_patches(NAME, patches, _on_top(place), ["beside what it is to land on"])
     if demands.aim is not None and demands.aim.bin is not None:
-        inner, rim = demands.aim.bin
-        yield prove_patches(NAME, patches, _wall(cell, demands.aim.p_W, inner, rim), ["the bin's wall"])
+        yield prove_patches(NAME, patches, wall_rooms(cell, demands.aim), ["the bin's wall"])
     yield from _arm_findings(cell, motion, releases, place, float(lasts.max()))
 
 
@@ -93,7 +93,7 @@ def _floor(cell: Cell, place: LandingPlace) -> PatchRooms:
     return rooms
 
 
-def _apart(x: TaylorModel, y: TaylorModel, bend: Array, solid: Solid) -> Array:
+def apart(x: TaylorModel, y: TaylorModel, bend: Array, solid: Solid) -> Array:
     """Returns lower bounds (m,) [m] on the distance of flights between places (3, m) from a solid."""
     n = toward(from_solid(0.5 * (x.c0 + y.c0), solid))
     least = np.minimum(dot(n, x).lower, dot(n, y).lower) - bend * lengths_up(n)
@@ -115,11 +115,11 @@ def _solid(cell: Cell, place: LandingPlace, k: int, solid: Solid, is_in_bin: boo
         x, y = patches.ends
         exempt = np.full(len(patches.rows), carries and not place.tops)  # it lands on the floor above it
         for top in place.tops if carries else ():
-            exempt |= (_depth(patches, top) >= 0.0) & (patches.lowest >= top.height_m)
-        flies = np.where(exempt, np.inf, _apart(x, y, patches.bend, solid) - thick)
+            exempt |= (depth_within(patches, top) >= 0.0) & (patches.lowest >= top.height_m)
+        flies = np.where(exempt, np.inf, apart(x, y, patches.bend, solid) - thick)
         lower = np.where(patches.counts(place.ends_z), flies, np.inf)
         if is_higher and lies_z is not None:
-            lying = _apart(_levelled(x, lies_z), _levelled(y, lies_z), patches.bend, solid) - thick
+            lying = apart(_lying(x, place, lies_z), _lying(y, place, lies_z), patches.bend, solid) - thick
             lies = (patches.lowest <= place.ends_z) & ~patches.rises & patches.counts(place.plane_z)
             lower = np.where(lies, np.minimum(lower, lying), lower)
         out = from_solid(x.c0, solid)
@@ -131,12 +131,12 @@ def _solid(cell: Cell, place: LandingPlace, k: int, solid: Solid, is_in_bin: boo
     return rooms
 
 
-def _levelled(x: TaylorModel, z: float) -> TaylorModel:
-    """Returns places at a height."""
-    return stacked([x[0], x[1], x[2] * 0.0 + z])
+def _lying(x: TaylorModel, place: LandingPlace, z: float) -> TaylorModel:
+    """Returns places at a height of an object that lies: as far off its flight there as the target is off the aim."""
+    return stacked([x[0] - float(place.shift[0]), x[1] - float(place.shift[1]), x[2] * 0.0 + z])
 
 
-def _depth(patches: FlightPatches, top: LandingTop) -> Array:
+def depth_within(patches: FlightPatches, top: LandingTop) -> Array:
     """Returns lower bounds (m,) [m] on how far within a top's outline flights are."""
     depths = []
     for x in patches.ends:
@@ -154,28 +154,37 @@ def _on_top(place: LandingPlace) -> PatchRooms:
 
     def rooms(patches: FlightPatches) -> tuple[Array, Array]:
         comes = (patches.lowest <= place.ends_z) & ~patches.rises & patches.counts(place.ends_z)
-        depth = np.max([_depth(patches, top) for top in place.tops], axis=0)
+        depth = np.max([depth_within(patches, top) for top in place.tops], axis=0)
         return np.where(comes, depth, np.inf)[None], np.full((1, len(depth)), np.inf)
 
     return rooms
 
 
-def _wall(cell: Cell, p_W: Array, inner: float, rim: float) -> PatchRooms:
+def wall_rooms(cell: Cell, aim: Aim, is_until_inside: bool = True) -> PatchRooms:
     """Returns what the object is farther from a bin's wall than its radius, until its centre is below the mouth.
 
-    In the half plane of the distance from the axis and the height, the wall is a segment from bottom to rim.
+    In the half plane of the distance from the axis and the height, the wall is a segment from bottom to rim. Beside a
+    bin that moves evenly, a flight bends as it does beside one that stands.
+
+    Args:
+        cell: the cell.
+        aim: with the bin.
+        is_until_inside: whether that is so until the centre is below the mouth alone, not until the end of the flight.
     """
-    thick = cell.object.radius_m - LENGTH_M
+    assert aim.bin is not None
+    p_W = aim.p_W
+    inner, rim = aim.bin
+    thick = cell.object.radius_m + aim.slack_m - LENGTH_M
     top = float(p_W[2]) + rim
 
     def rooms(patches: FlightPatches) -> tuple[Array, Array]:
         squares = []
-        for x in patches.ends:
-            u, v = x[0] - float(p_W[0]), x[1] - float(p_W[1])
+        x, y = (aim.beside(each, t) for each, t in zip(patches.ends, patches.times, strict=True))
+        for end in (x, y):
+            u, v = end[0] - float(p_W[0]), end[1] - float(p_W[1])
             squares.append(u * u + v * v)
         # Along a chord the distance from the axis is convex: largest at an end; least, no more than the chord below.
         far = np.sqrt(np.max([square.upper for square in squares], axis=0)) * (1.0 + 1e-12)
-        x, y = patches.ends
         length = np.sqrt(sum(np.maximum((x - y)[i].upper, (y - x)[i].upper) ** 2 for i in range(2))) * (1.0 + 1e-12)
         near = np.sqrt(np.maximum(np.min([s.lower for s in squares], axis=0), 0.0)) - 0.5 * length
         aside = np.maximum(np.maximum(inner - far, near - inner), 0.0) - patches.bend
@@ -185,7 +194,7 @@ def _wall(cell: Cell, p_W: Array, inner: float, rim: float) -> PatchRooms:
         # Nor does it come up through the bottom: below that it is outside.
         room = np.where(patches.lowest < float(p_W[2]), np.minimum(room, near - patches.bend - inner), room)
         # Once inside, below the mouth, it may touch the wall: it came in over the rim, as patches before have shown.
-        inside = (patches.highest < top) & (far + patches.bend < inner) & (patches.s0 > 0.0)
+        inside = (patches.highest < top) & (far + patches.bend < inner) & (patches.s0 > 0.0) & is_until_inside
         over = inside | ~patches.counts(float(p_W[2]))
         return np.where(over, np.inf, room)[None], np.full((1, len(room)), np.inf)
 
@@ -204,12 +213,13 @@ def _arm_findings(
         grips = capsule.frame in GRIPPED_FRAMES and _gap_at_release(cell, motion, capsule) < clearance
         required = 0.0 if grips else clearance
         if capsule.frame == 0:
-            required = _beside_base(cell, place, capsule, clearance)
+            required = beside_base(cell, place, capsule, clearance)
         thick = capsule.radius_m + cell.object.radius_m + required - LENGTH_M
-        yield CapsuleWatch((capsule, thick, grips), place, accelerations(whole, capsule)).finding(NAME, after, lasts_s)
+        watch = CapsuleWatch((capsule, thick, grips), place, accelerations(whole, capsule))
+        yield from watch.findings(NAME, [after], lasts_s)
 
 
-def _beside_base(cell: Cell, place: LandingPlace, capsule: MovingCapsule, clearance: float) -> float:
+def beside_base(cell: Cell, place: LandingPlace, capsule: MovingCapsule, clearance: float) -> float:
     """Returns what the object keeps from a capsule of the base [m]: less where the target is near it."""
     if place.target is None:
         return clearance

@@ -129,6 +129,10 @@ class Releases:
         """Whether flights bend downwards at any time."""
         return True
 
+    def counts(self, patches: FlightPatches, ends_z: float) -> Mask:
+        """Returns which patches (m,) of these flights count, see `FlightPatches.counts`."""
+        return (patches.highest >= ends_z) | ~patches.falls
+
     def of(self, pieces: Pieces) -> Releases:
         """Returns other pieces of the same."""
         return Releases(self.cell, pieces, self.finer)
@@ -157,6 +161,12 @@ class FlightPatches:
     def ends(self) -> tuple[TaylorModel, TaylorModel]:
         """Places (3, m) [m] at both times."""
         return self.releases.at(self.rows, self.s0), self.releases.at(self.rows, self.s1)
+
+    @property
+    def times(self) -> tuple[TaylorModel, TaylorModel]:
+        """The same in the motion (m,) [s]."""
+        released = self.releases.pieces.times[self.rows]
+        return released + self.s0, released + self.s1
 
     @cached_property
     def bend(self) -> Array:
@@ -193,7 +203,7 @@ class FlightPatches:
 
     def counts(self, ends_z: float) -> Mask:
         """Returns which patches (m,) count: where the centre may be above a height [m], or has not fallen yet."""
-        return (self.highest >= ends_z) | ~self.falls
+        return self.releases.counts(self, ends_z)
 
     @property
     def _rise(self) -> TaylorModel:

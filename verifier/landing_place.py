@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from planner.cell import Cell, Solid
+from planner.cell import Cell, Solid, ThrownBody
 from verifier.elementary import Array, Mask
 from verifier.plan_document import Demands
 from verifier.solids import from_solid
@@ -69,6 +69,7 @@ class LandingPlace:
         fits: whether the object fits at the target.
         target: place of the centre as it lies at the target (3,) [m]; None without one.
         spare_m: of the room that it has there, what does not count: its radius and the landing tolerance [m].
+        shift: what flights are aimed beside it (3,) [m]: the object lies as far from where they land.
     """
 
     plane_z: float
@@ -80,6 +81,7 @@ class LandingPlace:
     fits: bool
     target: Array | None = None
     spare_m: float = 0.0
+    shift: Array = field(default_factory=lambda: np.zeros(3))
 
 
 def landing_place(cell: Cell, demands: Demands) -> LandingPlace:
@@ -93,15 +95,27 @@ def landing_place(cell: Cell, demands: Demands) -> LandingPlace:
         carried = np.array([_is_below(solid, floor) for solid in around.keep_out], bool)
         return LandingPlace(floor, floor, (), floor + radius, carried, np.where(carried, 0.0, own), fits=True)
     p = demands.aim.p_W
+    stands = demands.aim.stands
     height, tops, carries = _carriers(cell, p)
-    ends_z = float(p[2]) if height is None else height + radius
-    centre = np.array([p[0], p[1], ends_z])
+    ends_z = float(p[2]) if height is None else height + cell.object.inner_radius_m
+    centre = np.array([stands[0], stands[1], ends_z])
     rooms = np.array([_distance(centre, solid) for solid in around.keep_out])
-    robust = demands.aim.window_s > 0.0 and demands.aim.tolerance_m > 0.0
-    spare = radius + (demands.aim.tolerance_m if robust else 0.0)
+    spare = cell.object.outer_radius_m + (demands.aim.tolerance_m if demands.aim.is_robust else 0.0)
     beside = np.minimum(0.5 * np.maximum(rooms - spare, 0.0), np.array(own))
-    fits = bool((carries | (rooms >= radius - CONTACT_M)).all()) and float(p[2]) >= around.floor_z_m - CONTACT_M
-    return LandingPlace(float(p[2]), height, tops, ends_z, carries, np.where(carries, 0.0, beside), fits, centre, spare)
+    least = 0.0 if isinstance(cell.object, ThrownBody) else radius  # nobody knows how a body comes to lie
+    fits = bool((carries | (rooms >= least - CONTACT_M)).all()) and float(p[2]) >= around.floor_z_m - CONTACT_M
+    return LandingPlace(
+        float(p[2]),
+        height,
+        tops,
+        ends_z,
+        carries,
+        np.where(carries, 0.0, beside),
+        fits,
+        centre,
+        spare,
+        demands.aim.shift,
+    )
 
 
 def _distance(x: Array, solid: Solid) -> float:
@@ -115,7 +129,7 @@ def _is_below(solid: Solid, height: float) -> bool:
 def _carriers(cell: Cell, p: Array) -> tuple[float | None, tuple[LandingTop, ...], Mask]:
     """Returns height and tops of what a target (3,) is on, and which solids (b,) carry it, or lie below those."""
     around = cell.surroundings
-    lowest = float(p[2]) - max(cell.object.radius_m, CONTACT_M)
+    lowest = float(p[2]) - max(cell.object.inner_radius_m, CONTACT_M)
     tops = [level_top(solid) for solid in around.keep_out]
     under = [
         top

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from verifier.elementary import Array, Index, Mask
+from verifier.elementary import ROUNDING, Array, Index, Mask
 from verifier.plan_document import SampledMotion
 from verifier.taylor import COEFFICIENT, UP, TaylorModel
 
@@ -36,6 +36,13 @@ class Pieces:
     def middle_s(self) -> Array:
         """Times (n,) of the middles [s], to rounding: to tell where something is."""
         return (self.tick + 0.5 * (self.begin + self.end)) / self.motion.rate_hz
+
+    @property
+    def times(self) -> TaylorModel:
+        """Times (n,) [s]."""
+        middle = (self.tick + 0.5 * (self.begin + self.end)) / self.motion.rate_hz
+        half = 0.5 * (self.end - self.begin) / self.motion.rate_hz
+        return TaylorModel(middle, half, np.zeros_like(half), 8.0 * ROUNDING * (middle + half))
 
     def chosen(self, which: Mask | Index) -> Pieces:
         """Returns some of the pieces."""

@@ -9,18 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from planner.cell import Cell, ThrownBody
+from planner.cell import Cell
+from verifier.aims import JITTERS, Aim, read_aim
 from verifier.elementary import Array
 from verifier.passage_demands import ToldPassage, told_passages
 from verifier.request_checks import WRONG_SHAPE, NotAPlan, check_request
 
 AT_REST = 1e-9  # [rad/s, m/s] a demanded state slower than this is a move that ends at rest; nobody throws as slowly
-JITTERS = 3.0  # [-] standard deviations of the opening that a throw stands. source: contract, section 8
-LEAST_WINDOW_S = 0.005  # [s] half of the window of a target without one. source: contract, section 8
-LEAST_TOLERANCE_M = 0.01  # [m] of a target without an opening and a tolerance. source: contract, section 8
 
 
-OF_FLIGHT = ("flight_clearance", "landing", "landing_window")  # checks of where the object goes
+OF_FLIGHT = ("flight_clearance", "landing", "landing_window", "landing_axis")  # checks of where the object goes
 OF_TOOL = ("passage", "release_position", "release_velocity")  # checks of the tool centre point's own states
 OF_OBJECT = (  # checks that depend on when the object may leave
     *("joint_torque", "momentum", "power", "stopping_time", "stopping_distance", "grip_acceleration"),
@@ -43,22 +41,6 @@ class SampledMotion:
     qd: Array
     qdd: Array
     release: int | None
-
-
-@dataclass(frozen=True, eq=False)
-class Aim:
-    """What a thrown object is to hit.
-
-    Attributes:
-        p_W: the place (3,) [m].
-        window_s, tolerance_m: by which a release may be early or late, and the landing then off [s, m].
-        bin: inner radius, and height of the rim above the place [m]; None without a bin.
-    """
-
-    p_W: Array
-    window_s: float
-    tolerance_m: float
-    bin: tuple[float, float] | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,21 +110,26 @@ def read_motion(document: Mapping[str, Any]) -> SampledMotion:
     return SampledMotion(rate_hz, q, qd, qdd, index)
 
 
-def read_demands(document: Mapping[str, Any], cell: Cell) -> Demands:
+def read_demands(document: Mapping[str, Any], cell: Cell, is_learnt: bool = False) -> Demands:
     """Returns what the request of a plan's document demands.
+
+    Args:
+        document: the plan's.
+        cell: its cell.
+        is_learnt: whether that has the numbers of the plan's profile.
 
     Raises:
         NotAPlan: a part of it is missing or has another shape.
     """
     try:
-        return _demands(document, cell)
+        return _demands(document, cell, is_learnt)
     except NotAPlan:
         raise
     except WRONG_SHAPE as error:
         raise NotAPlan(f"request: {error!r}") from error
 
 
-def _demands(document: Mapping[str, Any], cell: Cell) -> Demands:
+def _demands(document: Mapping[str, Any], cell: Cell, is_learnt: bool) -> Demands:
     asked = _stated(document["request"])
     asked["passages"] = [_stated(each) for each in asked.get("passages") or []]
     check_request(asked, _released(asked))
@@ -153,10 +140,13 @@ def _demands(document: Mapping[str, Any], cell: Cell) -> Demands:
     is_base = asked.get("frame", "world") == "base"
     throws = bool(release) and not is_at_rest(release)
     aim = None
-    not_covered = _not_covered(document, asked, release, cell)
+    not_covered = _not_covered(asked, release, cell)
+    if document.get("profile") is not None and not is_learnt:
+        what = f"profile {document['profile']}, whose numbers are not given"
+        not_covered |= dict.fromkeys((*OF_FLIGHT, *OF_OBJECT), what)
     X_WR = cell.X_WB if is_base else np.eye(4)
     if release.get("kind") == "target":
-        aim = _aim(asked, release, cell, X_WR)
+        aim = read_aim(document, asked, release, cell, X_WR)
     window_s = aim.window_s if aim is not None else float(asked.get("release_window_s") or 0.0)
     tolerance_m = aim.tolerance_m if aim is not None else float(asked.get("landing_tolerance_m") or 0.0)
     if throws and aim is None and window_s > 0.0 and tolerance_m > 0.0:
@@ -180,22 +170,13 @@ def _demands(document: Mapping[str, Any], cell: Cell) -> Demands:
     )
 
 
-def _not_covered(
-    document: Mapping[str, Any], asked: Mapping[str, Any], release: Mapping[str, Any], cell: Cell
-) -> dict[str, str]:
+def _not_covered(asked: Mapping[str, Any], release: Mapping[str, Any], cell: Cell) -> dict[str, str]:
     """Returns what nobody verifies here, by check; of these no plan is proven."""
     found: dict[str, str] = {}
-    if document.get("profile") is not None:
-        found |= dict.fromkeys((*OF_FLIGHT, *OF_OBJECT), "a learnt profile")
     if asked.get("min_hit_probability") and asked.get("release_window_s") is None:
         found["landing_window"] = "a window that the odds decide"
-    may_move = any(release.get("velocity") or []) or release.get("uncertainty") is not None
-    if may_move and release.get("kind") == "target":
-        found |= dict.fromkeys((*OF_FLIGHT, "keep_out"), "a target that moves")
     if cell.grippers:
         found |= dict.fromkeys((*OF_FLIGHT, *OF_OBJECT, *OF_TOOL), "a tool with several grippers")
-    if isinstance(cell.object, ThrownBody) and release and not is_at_rest(release):
-        found |= dict.fromkeys(OF_FLIGHT, "the flight of a body that is no ball")
     return found
 
 
@@ -240,20 +221,3 @@ def _start(given: Mapping[str, Any], cell: Cell) -> Array | None:
 
 def _tighter(own: Array, given: Any) -> Array:
     return own if given is None else np.minimum(own, np.broadcast_to(np.asarray(given, np.float64), (6,)))
-
-
-def _aim(asked: Mapping[str, Any], release: Mapping[str, Any], cell: Cell, X_WR: Array) -> Aim:
-    """Returns the aim of a target, with the window and the tolerance that the contract gives one without them."""
-    opening = release.get("opening")
-    radius = cell.object.radius_m
-    room_m = max(float(opening["radius_m"]) - radius, 0.0) if opening else max(radius, LEAST_TOLERANCE_M)
-    window_s = max(JITTERS * cell.gripper.jitter_s, LEAST_WINDOW_S)
-    if asked.get("min_hit_probability"):
-        window_s = 0.0  # nobody tells here which one the odds take
-    asked_s, asked_m = asked.get("release_window_s"), asked.get("landing_tolerance_m")
-    return Aim(
-        p_W=X_WR[:3, :3] @ np.asarray(release["position"], np.float64) + X_WR[:3, 3],
-        window_s=window_s if asked_s is None else float(asked_s),
-        tolerance_m=room_m if asked_m is None else float(asked_m),
-        bin=(float(opening["radius_m"]), float(opening["rim_height_m"])) if opening else None,
-    )

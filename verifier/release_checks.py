@@ -1,4 +1,4 @@
-"""Checks of the state in which the object leaves, and of where it lands."""
+"""Checks of the state in which the object leaves."""
 
 from __future__ import annotations
 
@@ -10,21 +10,17 @@ import numpy as np
 
 from planner.cell import Cell
 from verifier.arm import ArmPieces
-from verifier.drag import releases_of
 from verifier.elementary import Array
-from verifier.finding import Finding, Status, judged, not_covered
-from verifier.flights import OutsideMotion, Releases, release_pieces
+from verifier.finding import Finding, judged
 from verifier.pieces import instant
-from verifier.plan_document import Aim, Demands, SampledMotion
+from verifier.plan_document import Demands, SampledMotion
 from verifier.request_checks import quaternion
 from verifier.taylor import TaylorModel, dot
 
 CHECKS = ("release_position", "release_velocity")
 PLACE = 2e-5  # [m, rad] of a release; an arm of UR repeats its places to 3e-5 m. source: Universal Robots, data sheets
 SPEED = 2e-4  # [m/s, rad/s] of a release: a fifth of a millimetre in a flight of a second
-LANDING_M = 6e-4  # [m] of the nominal landing: what a bouncing ball, or a camera, tells of it is ten times coarser
 SHARE = 1e-6  # [-] of a limit
-HALVINGS = 6  # [-] of a piece of releases
 
 
 def release_findings(cell: Cell, motion: SampledMotion, demands: Demands) -> Iterator[Finding]:
@@ -126,38 +122,3 @@ def orientation(pose: Any) -> Array:
             [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
         ]
     )
-
-
-def landing_findings(cell: Cell, motion: SampledMotion, demands: Demands) -> Iterator[Finding]:
-    """Returns the findings about the landing of the nominal release, and of those in the window."""
-    aim = demands.aim
-    if not demands.throws or aim is None:
-        return
-    yield _landing("landing", releases_of(cell, release_pieces(motion, 0.0)), aim, LANDING_M)
-    if aim.window_s > 0.0 and aim.tolerance_m > 0.0:
-        try:
-            window = release_pieces(motion, aim.window_s)
-        except OutsideMotion as error:
-            yield not_covered("landing_window", str(error))
-            return
-        yield _landing("landing_window", releases_of(cell, window), aim, aim.tolerance_m * (1.0 + SHARE))
-
-
-def _landing(name: str, releases: Releases, aim: Aim, allowed: float) -> Finding:
-    """Returns whether all flights come down through the target's height within a distance of it [m]."""
-    for turn in range(HALVINGS + 1):
-        off = releases.falls_through(float(aim.p_W[2])) - aim.p_W[:, None]
-        missed = off[0] * off[0] + off[1] * off[1]
-        lower, upper = allowed**2 - missed.upper, allowed**2 - missed.lower
-        at_s = releases.pieces.middle_s
-        if (broken := np.flatnonzero(upper < 0.0)).size:
-            by = math.sqrt(float(missed.lower[broken[0]]))
-            return Finding(name, Status.VIOLATED, float(at_s[broken[0]]), f"lands {by:.5f} m off at least")
-        is_open = ~(lower >= 0.0)
-        if not is_open.any():
-            return Finding(name, Status.PROVEN)
-        if turn == HALVINGS:
-            first = int(np.flatnonzero(is_open)[0])
-            return Finding(name, Status.NOT_PROVEN, float(at_s[first]), "lands off the target, or never")
-        releases = releases.of(releases.pieces.chosen(is_open).halves())
-    raise AssertionError("the last turn returns")

@@ -50,6 +50,20 @@ def check_request(asked: Mapping[str, Any], release: Mapping[str, Any]) -> None:
     _check_end(asked)
 
 
+def check_vector(value: Any, length: int, where: str) -> None:
+    """Refuses what is no vector of finite numbers.
+
+    Raises:
+        NotAPlan: with its name.
+    """
+    if not isinstance(value, list) or len(value) != length or not all(_is_finite(each) for each in value):
+        raise NotAPlan(f"{where}: {value!r}")
+
+
+def _is_finite(value: Any) -> bool:
+    return _is_number(value) and abs(value) <= GREATEST
+
+
 def _check_numbers(table: Mapping[str, Any], where: str) -> None:
     """Refuses numbers that are none, or have a sign that they cannot have."""
     for name in (name for name in (*NOT_NEGATIVE, *POSITIVE) if table.get(name) is not None):
@@ -73,6 +87,8 @@ def _check_release(release: Mapping[str, Any]) -> None:
         vectors = [release["twist"]["linear"], release["twist"]["angular"]]
         if not all(len(vector) == 3 and all(map(_is_number, vector)) for vector in vectors):
             raise NotAPlan("release: its twist is none")
+    if release.get("velocity") is not None and release["kind"] == "target":
+        check_vector(list(release["velocity"]), 3, "release.velocity")
     opening = release.get("opening")
     if opening is not None and not (
         _is_number(opening["radius_m"]) and opening["radius_m"] > 0.0 and opening["rim_height_m"] >= 0.0

@@ -123,8 +123,24 @@ class TestPlan:
 
     def test_a_plan_that_is_not_covered_is_refused_and_says_so(self, prepared: Prepared, document: dict) -> None:
         document["profile"] = "one"
-        with pytest.raises(ExecutionRefused, match="not covered: a learnt profile"):
+        with pytest.raises(ExecutionRefused, match="not covered: profile one, whose numbers are not given"):
             prove_plan(orjson.dumps(document), prepared.cell)
+
+    def test_a_plan_of_a_learnt_cell_is_proven_with_its_profile(self, prepared: Prepared, document: dict) -> None:
+        document["profile"] = "one"
+        cell = prepared.cell
+        learnt = {
+            "cell_sha256": cell.sha256,
+            "lag_s": cell.timing.lag_s,
+            "delay_s": cell.gripper.delay_s,
+            "jitter_s": cell.gripper.jitter_s,
+            "speed_factor": 1.0,
+            "drag_coefficient": cell.object.drag_coefficient,
+        }
+        row = ProfileRow("one", 0.0, cell.name, cell.sha256, "test", "", orjson.dumps(learnt))
+        prove_plan(orjson.dumps(document), cell, row)
+        with pytest.raises(ExecutionRefused, match="made with one, not with two"):
+            prove_plan(orjson.dumps(document), cell, replace(row, id="two"))
 
     def test_another_cell_file_is_refused(self, prepared: Prepared, document: dict) -> None:
         other = replace(prepared.cell, sha256="0" * 64)

@@ -105,10 +105,8 @@ def test_a_landing_a_millimetre_off_is_violated(off: list[float]):
 
 
 THROW = {"kind": "target", "position": [1.1, 0.3, 0.0]}  # of the plan "target"
-STOOD = {"position_std_m": 1.0, "velocity_std_m_s": 0.0}
 NOT_COVERED = {
     "landing": {"profile": "ball"},
-    "flight_clearance": {"request": {"release": {**THROW, "velocity": [0.0] * 3, "uncertainty": STOOD}}},
     "landing_window": {"request": {"min_hit_probability": 0.5, "release_window_s": None}},
 }
 
@@ -232,20 +230,26 @@ def test_a_certificate_that_forgets_a_wall_is_found_out(monkeypatch: pytest.Monk
     assert "flight_clearance" in {each.name for each in verdict.open}
 
 
-@pytest.mark.parametrize(("change", "status"), [("", 0), ("profile", 1), ("velocity", 2)])
+@pytest.mark.parametrize(("change", "status"), [("", 0), ("profile", 1), ("velocity", 2), ("learnt", 0)])
 def test_the_command_tells_by_its_status(tmp_path: Path, root: Path, change: str, status: int):
     document, _ = document_of(*planned("joint"))
     document["cell_sha256"] = problems.cell().sha256
     for key in ("certificate", "flight", "solver", "id"):
         document[key] = {}
-    if change == "profile":
+    more: list[str] = []
+    if change in ("profile", "learnt"):
         document["profile"] = "ball"
-    elif change == "velocity":
+    if change == "learnt":
+        numbers = {"lag_s": 0.02, "delay_s": 0.04, "jitter_s": 0.0, "drag_coefficient": 0.0}
+        profile = {"id": "ball", "cell_sha256": document["cell_sha256"], "speed_factor": 1.0, **numbers}
+        (tmp_path / "profile.json").write_text(json.dumps(profile))
+        more = ["--profile", str(tmp_path / "profile.json")]
+    if change == "velocity":
         document["request"]["limits"]["velocity"] = [0.5] * 6
     file = tmp_path / "plan.json"
     file.write_text(json.dumps(document))
-    made = CliRunner().invoke(main, ["verify", str(file), "--cells", str(root / "cells")])
+    made = CliRunner().invoke(main, ["verify", str(file), "--cells", str(root / "cells"), *more])
     assert made.exit_code == status, made.output
     assert made.output.splitlines()[-1].startswith(["proven: ", "not proven: ", "violated: "][status])
-    as_json = CliRunner().invoke(main, ["verify", str(file), "--cells", str(root / "cells"), "--json"])
+    as_json = CliRunner().invoke(main, ["verify", str(file), "--cells", str(root / "cells"), *more, "--json"])
     assert json.loads(as_json.output)["status"] == ["proven", "not proven", "violated"][status]
