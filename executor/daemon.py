@@ -115,6 +115,7 @@ class Daemon:
         a kill before that the next daemon finds them open. What the database cannot take now is done before the next
         claim.
         """
+        self.spare.close()  # it would look like an orphan
         for file in self.spare.logs:
             orphan = end_orphan(file)
             if orphan is not None:

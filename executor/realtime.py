@@ -31,6 +31,7 @@ MCL_FUTURE = 2  # source: linux/mman.h
 PR_SET_PDEATHSIG = 1  # source: linux/prctl.h
 PR_SET_TIMERSLACK = 29  # source: linux/prctl.h
 AUTOGROUP = Path("/proc/self/autogroup")  # source: sched(7)
+AUTOGROUP_S = 0.1  # [s] between two settings by users without privileges; source: kernel/sched/autogroup.c
 LEAST_NICE = "19"
 LATENCY = Path("/dev/cpu_dma_latency")  # source: Documentation/power/pm_qos_interface.rst
 PROCESSORS = Path("/proc/cpuinfo")
@@ -244,7 +245,11 @@ def _yield_to_every_session() -> None:
     """Yields to other sessions, too: with autogroups, they share a processor whatever is idle in them."""
     with suppress(OSError):  # it leads a session already, or this kernel has no autogroups
         os.setsid()
-        AUTOGROUP.write_text(LEAST_NICE)
+        try:
+            AUTOGROUP.write_text(LEAST_NICE)
+        except BlockingIOError:  # some other process has just set its own
+            time.sleep(AUTOGROUP_S)
+            AUTOGROUP.write_text(LEAST_NICE)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ by the kernel's signal, and because its socket ends.
 
 from __future__ import annotations
 
-import contextlib
 import fcntl
 import os
 import select
@@ -19,8 +18,10 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
+from executor import realtime
 from executor.logs import log as log_line
 from executor.stream_order import StreamOrder
 
@@ -97,7 +98,7 @@ def end_orphan(log: Path) -> int | None:
         time.sleep(POLL_S)
     if process is None:
         return None
-    with contextlib.suppress(OSError):  # gone meanwhile, or somebody else's
+    with suppress(OSError):  # gone meanwhile, or somebody else's
         descriptor = os.pidfd_open(process)  # from here on this number is no other process
         try:
             if not _is_stream(process):
@@ -151,8 +152,14 @@ class StreamProcess(ChildProcess):
             theirs.close()
 
     def order(self, order: StreamOrder) -> None:
-        """Gives it its order; one that has ended does not take it, and its end is seen all the same."""
-        with contextlib.suppress(BrokenPipeError, ConnectionResetError):
+        """Gives it its order, and this thread's real-time priority until it takes its own.
+
+        One that has ended does not take it, and its end is seen all the same.
+        """
+        if realtime.is_real_time():
+            with suppress(OSError):
+                os.sched_setscheduler(self.pid, os.SCHED_FIFO, os.sched_param(realtime.DAEMON_PRIORITY))
+        with suppress(BrokenPipeError, ConnectionResetError):
             order.send(self._channel)
 
     def reap(self) -> None:
@@ -199,7 +206,11 @@ class SpareStream:
             return StreamProcess(log)
         assert self._waiting is not None
         taken = self._waiting
-        os.replace(taken.log, log)
+        try:
+            os.replace(taken.log, log)
+        except OSError:  # somebody deleted it: what this process says would be lost
+            self.close()
+            return StreamProcess(log)
         taken.log = log
         self._waiting = None
         return taken

@@ -6,11 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import orjson
+import psutil
 import pytest
 
 from executor.preparation import prepare_job
 from executor.settings import ExecutorSettings
 from executor.stream_job import StreamJob
+from executor.stream_process import STREAM_MODULE
 from planner.answer import plan_document
 from planner.approach import Approach, Brakes, find_brakes
 from planner.cell import Cell, load_cell
@@ -19,6 +21,7 @@ from planner.problem import ThrowProblem
 from planner.request import problem_from_request
 from planner.stream_rows import StreamRows, sample_rows
 from planner.trajectory import Trajectory
+from tests.processes import children_with
 
 CELLS = Path(__file__).parents[2] / "cells"
 LOB = {"kind": "target", "position": [1.2, 0.3, 0.0]}
@@ -64,3 +67,11 @@ def prepare(name: str) -> Prepared:
 def prepared(request: pytest.FixtureRequest) -> Prepared:
     """A throw of an e-Series arm at 500 Hz, and of a CB3 arm at 125 Hz."""
     return prepare(request.param)
+
+
+def waiting_process() -> psutil.Process:
+    """Returns the process that waits, once it has loaded: it then ignores SIGINT, and sleeps."""
+    (process,) = children_with(STREAM_MODULE)
+    while "rtde_control" not in Path(f"/proc/{process.pid}/maps").read_text() or process.status() != "sleeping":
+        pass
+    return process

@@ -11,9 +11,11 @@ import pytest
 from executor.daemon import Daemon
 from executor.records import ExecutionResult, Journal
 from executor.robot import ActionRefused, RobotSession
+from executor.stream_process import STREAM_MODULE
 from planner.cell import load_cell
 from store import PlanRow, Store, StoreUnavailable, new_id
-from tests.executor.conftest import CELLS, settings
+from tests.executor.conftest import CELLS, settings, waiting_process
+from tests.processes import children_with
 
 CELL = "ur5e-sim"
 FAULT = {"outcome": "late", "reason": "ticks were lost", "execution_id": "one", "at": 1.5}
@@ -251,3 +253,14 @@ def test_a_request_that_met_something_else_is_refused_and_not_kept(
     daemon._operate()
     assert console.acts == []
     assert store.cell_status(CELL).robot_answer["text"] == words
+
+
+def test_its_own_process_that_waits_is_no_orphan(
+    start: Callable[[], Daemon], capfd: pytest.CaptureFixture[str]
+) -> None:
+    daemon = start()
+    daemon.spare.prepare()
+    waiting_process()
+    daemon.recover()
+    assert children_with(STREAM_MODULE) == []
+    assert "of an earlier executor" not in "".join(capfd.readouterr())

@@ -13,6 +13,7 @@ import psutil
 import pytest
 
 from executor.stream_process import SPARE_LOG, STREAM_LOG, STREAM_MODULE, ChildProcess, SpareStream, end_orphan
+from tests.executor.conftest import waiting_process
 from tests.processes import children_with
 
 
@@ -96,14 +97,6 @@ def spare(tmp_path: Path) -> Iterator[SpareStream]:
     waiting.close()
 
 
-def waiting_process() -> psutil.Process:
-    """Returns the process that waits, once it has loaded: it then ignores SIGINT, and sleeps."""
-    (process,) = children_with(STREAM_MODULE)
-    while "rtde_control" not in Path(f"/proc/{process.pid}/maps").read_text() or process.status() != "sleeping":
-        pass
-    return process
-
-
 def test_a_waiting_process_has_no_connection_to_anything(spare: SpareStream) -> None:
     spare.prepare()
     process = waiting_process()
@@ -134,6 +127,17 @@ def test_one_that_died_or_was_frozen_is_replaced(spare: SpareStream, number: sig
         pass
     taken = spare.take()
     assert taken.pid != process.pid
+    assert not process.is_running()
+    taken.kill()
+    taken.reap()
+
+
+def test_one_whose_log_was_deleted_is_replaced(spare: SpareStream, tmp_path: Path) -> None:
+    spare.prepare()
+    process = waiting_process()
+    (tmp_path / SPARE_LOG).unlink()
+    taken = spare.take()
+    assert taken.log.is_file()
     assert not process.is_running()
     taken.kill()
     taken.reap()
