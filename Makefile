@@ -9,7 +9,7 @@ NATIVE := $(wildcard planner/native/*/*.[ch] planner/backends/casadi_nlp/*.py pl
 STEPS := $(if $(filter-out demo up web web-check sbom audit,$(or $(MAKECMDGOALS),setup)),3,$(if $(filter demo up,$(MAKECMDGOALS)),2,1))
 SOURCES := fling planner store learning jobs api executor simulator verifier audit benchmarks
 
-.PHONY: setup demo up test verify verify-ci wheels sbom audit soak fuzz test-kernels check web web-check bench bench-batches pictures docs lock clean
+.PHONY: setup demo up test test-slow verify verify-ci wheels sbom audit soak fuzz test-kernels check web web-check bench bench-batches pictures docs lock clean
 
 setup: $(VENV)/dev.stamp   ## .venv with everything pinned, and the C compiled
 
@@ -19,9 +19,13 @@ demo: $(VENV)/native.stamp      ## one throw from plan to landing on a simulated
 up: $(VENV)/native.stamp        ## simulator, executor, service and web page until Ctrl-C
 	$(BIN)/fling up
 
-test: $(VENV)/dev.stamp
-	$(BIN)/python -m pytest -n 2 --dist loadfile --ignore tests/system --ignore tests/verify
-	$(BIN)/python -m pytest tests/system  # in real time: nothing beside it
+test: $(VENV)/dev.stamp         ## what eight minutes allow
+	$(BIN)/python -m pytest -n 2 --dist loadfile --ignore tests/system --ignore tests/verify -m "not slow"
+	$(BIN)/python -m pytest tests/system -m "not slow"  # in real time: nothing beside it
+
+test-slow: $(VENV)/dev.stamp    ## the other tests, but for those of `make verify`
+	$(BIN)/python -m pytest -n 2 --dist loadfile --ignore tests/system --ignore tests/verify -m slow
+	$(BIN)/python -m pytest tests/system -m slow
 
 verify: $(VENV)/docs.stamp $(VENV)/verify.stamp $(VENV)/ray.stamp   ## what takes minutes: wheels, both databases, generated clients, notebooks, more of the fault matrix; LONG=1: an hour of soak, too
 	$(if $(LONG),FLING_SOAK_MINUTES=60) $(BIN)/python -m pytest tests/verify

@@ -5,6 +5,8 @@ from __future__ import annotations
 import subprocess
 import sys
 
+import pytest
+
 KEPT_MB = 5.0  # [MB] of 60 that were in use
 SCRIPT = """
 import ctypes, sys, threading
@@ -43,6 +45,7 @@ print(libc.mallinfo2().fordblks / 1e6)
 """
 
 
+@pytest.mark.slow
 def test_bodies_leave_nothing_behind() -> None:
     done = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True, check=True)
     assert float(done.stdout) < KEPT_MB, done.stderr

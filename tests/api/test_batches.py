@@ -194,6 +194,7 @@ def test_a_service_may_leave_the_planning_to_another_one(tmp_path: Path, cells: 
         assert service.store.claim_batch(id, "another").state == "running"
 
 
+@pytest.mark.slow
 def test_a_batch_whose_driver_always_dies_fails_with_a_reason(tmp_path: Path, cells: Path):
     url = f"sqlite:///{tmp_path / 'fling.db'}"
     store = Store.open(url)

@@ -111,6 +111,7 @@ def test_the_store_has_the_text_of_each_version(fling, tmp_path: Path):
     store.close()
 
 
+@pytest.mark.slow
 def test_a_version_knows_its_meshes_and_says_where_a_file_is_another_now(fling, tmp_path: Path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     path = tmp_path / "mine.toml"

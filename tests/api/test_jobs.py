@@ -200,6 +200,7 @@ def test_a_throw_that_did_not_begin_leaves_its_pick_straight_up(service: Running
     assert [passage["name"] for passage in plan["passages"]] == ["up", "throw"]
 
 
+@pytest.mark.slow
 def test_a_job_that_is_resumed_waits_for_the_one_that_runs_in_its_cell(
     service: RunningService, carrying: CarryingExecutor
 ):
@@ -219,6 +220,7 @@ def test_a_job_that_is_resumed_waits_for_the_one_that_runs_in_its_cell(
     assert min(again) > max(row.ended_at for row in service.store.job_cycles(second))  # type: ignore[type-var]
 
 
+@pytest.mark.slow
 def test_an_arm_that_is_moved_while_its_throw_is_planned_approaches_anew(
     service: RunningService, carrying: CarryingExecutor, monkeypatch: pytest.MonkeyPatch
 ):
@@ -433,6 +435,7 @@ def test_only_operators_of_guarded_services_move_real_arms(service: RunningServi
     assert "simulated cells only" in problem["detail"]
 
 
+@pytest.mark.slow
 def test_what_a_lost_executor_tells_late_is_learnt_when_the_job_goes_on(
     service: RunningService, carrying: CarryingExecutor
 ):

@@ -29,6 +29,7 @@ def made(shared: RunningService):
     return found
 
 
+@pytest.mark.slow
 def test_a_map_is_made_by_its_runner_and_its_plan_throws_there(shared, made):
     assert (made["state"], made["void_because"], made["level_m"]) == ("finished", None, 0.5)
     assert (made["origin"], made["shape"], made["plane_z_m"]) == ([1.25, 0.25], [1, 1], 0.0)

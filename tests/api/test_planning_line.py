@@ -96,6 +96,7 @@ def test_a_search_whose_client_has_left_ends_in_its_worker():
     run(test, grace_s=3600.0)
 
 
+@pytest.mark.slow
 def test_a_worker_that_hears_of_nothing_is_replaced_once_its_client_has_left():
     async def test(line: PlanningLine) -> None:
         worker = process_of(await line.solve(fake_job()))
@@ -130,6 +131,7 @@ def test_the_loop_is_free_while_a_worker_works():
     run(test)
 
 
+@pytest.mark.slow
 def test_a_hung_worker_is_killed_and_the_next_job_is_done():
     async def test(line: PlanningLine) -> None:
         with pytest.raises(SolverFailed) as caught:
@@ -140,6 +142,7 @@ def test_a_hung_worker_is_killed_and_the_next_job_is_done():
     run(test, grace_s=0.1)
 
 
+@pytest.mark.slow
 def test_a_job_that_kills_its_worker_is_given_up_and_the_queue_goes_on():
     async def test(line: PlanningLine) -> None:
         with pytest.raises(SolverFailed) as caught:
@@ -161,6 +164,7 @@ def test_a_bug_of_the_planner_is_told_from_a_search_that_failed():
     run(test)
 
 
+@pytest.mark.slow
 def test_a_planner_that_cannot_start_is_a_service_that_is_not_ready():
     async def test() -> None:
         with open_pool(1, work=Work(fake_solve, fake_solve, fake_job(dies=True), 0)) as pool:
@@ -172,6 +176,7 @@ def test_a_planner_that_cannot_start_is_a_service_that_is_not_ready():
     asyncio.run(test())
 
 
+@pytest.mark.slow
 def test_a_worker_killed_from_outside_costs_nothing_but_time():
     async def test(line: PlanningLine) -> None:
         victim = process_of(await line.solve(fake_job()))
@@ -197,6 +202,7 @@ def half_an_answer(job: PlanningJob, observer: Observer | None) -> PlanRecord:
     return fake_solve(job, observer)
 
 
+@pytest.mark.slow
 def test_a_worker_killed_within_its_answer_concerns_its_own_job_alone():
     async def test(line: PlanningLine) -> None:
         long = asyncio.create_task(line.solve(fake_job(2, sleep_s=2.0)))
@@ -241,6 +247,7 @@ def niceness(job: PlanningJob, observer: Observer | None) -> PlanRecord:
     return PlanRecord(planned.row, float(os.nice(0)), 1.0)
 
 
+@pytest.mark.slow
 def test_planning_leaves_the_processor_to_the_stream():
     async def test(line: PlanningLine) -> None:
         assert (await line.solve(fake_job())).release_time_s == os.nice(0) + NICENESS

@@ -95,6 +95,7 @@ def wrong_cells(cells: Path) -> Iterator[dict[str, str]]:
         (cells / name).unlink()
 
 
+@pytest.mark.slow
 def test_a_wrong_file_among_the_cells_is_told_of_and_hinders_nobody(
     service: RunningService, wrong_cells: dict[str, str]
 ):

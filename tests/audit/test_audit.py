@@ -49,6 +49,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_small_run_finds_no_plan_wrong(whole: Path) -> None:
     summary = json.loads((whole / "summary.json").read_text())
     assert summary["wrong"] == summary["errors"] == {}

@@ -273,6 +273,7 @@ def test_random_cells_are_repeatable_and_of_every_mounting():
     assert all(task.problem.cell.safety.power_w for task in tasks)
 
 
+@pytest.mark.slow
 def test_throws_among_shapes_are_faultless():
     """Onto the floor, a turned table and a round one, past shapes of every kind, over walls, and in a random cell."""
     walls = obstructed_tasks(cell(), 2, seed=1, shaped=True)

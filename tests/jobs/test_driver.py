@@ -85,6 +85,7 @@ def test_a_cancelled_batch_ends_soon(store: Store):
     assert 10 < row.done < 1000
 
 
+@pytest.mark.slow
 def test_a_stopped_batch_is_taken_up_again(store: Store):
     id = queue(store, [{"value": number, "sleep_s": 0.005} for number in range(120)])
     stop = threading.Event()
@@ -122,6 +123,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_nothing_is_lost_and_nothing_twice_when_the_driver_is_killed(
     store: Store, url: str, tmp_path: Path, root: Path
 ):

@@ -61,6 +61,7 @@ def test_jobs_are_read_as_they_are_needed(pool: PlannerPool):
     assert [result.number for result in pool.plan_all([fake_job()])] == [0]  # nothing of the call before comes late
 
 
+@pytest.mark.slow
 def test_what_a_dead_worker_had_in_hand_is_given_out_again(pool: PlannerPool, tmp_path: Path):
     jobs = [fake_job(value, sleep_s=0.002) for value in range(100)]
     jobs[90] = fake_job(90, dies_once=str(tmp_path / "died"))  # not in hand of the worker that is ended before it
@@ -74,6 +75,7 @@ def test_what_a_dead_worker_had_in_hand_is_given_out_again(pool: PlannerPool, tm
     assert (tmp_path / "died").exists()
 
 
+@pytest.mark.slow
 def test_a_job_that_kills_its_worker_twice_is_refused(pool: PlannerPool):
     results = {result.number: result for result in pool.plan_all([fake_job(), fake_job(dies=True), fake_job()])}
     assert results[1].refusal["name"] == "solver-failed"
@@ -102,6 +104,7 @@ def test_a_worker_that_does_not_answer_is_replaced(pool: PlannerPool):
     assert [results[number].planned.row.samples for number in (1, 2)] == [b"1", b"4"]
 
 
+@pytest.mark.slow
 def test_workers_that_cannot_start_end_the_call():
     with open_pool(1, work=replace(FAKE, warm_up=fake_job(dies=True))) as pool:
         with pytest.raises(PoolBroken, match="no planner process can be started"):
@@ -123,6 +126,7 @@ def test_a_job_that_is_cancelled_in_line_is_not_planned(pool: PlannerPool, tmp_p
     assert not (tmp_path / "begun").exists()
 
 
+@pytest.mark.slow
 def test_a_closed_pool_leaves_nobody_waiting():
     with open_pool(1, work=FAKE) as pool:
         pool.wait_until_warm()

@@ -68,6 +68,7 @@ def boxes_of(mesh: trimesh.Trimesh) -> tuple[Array, Array, Array, float]:
     return made.axes, made.lower, made.upper, made.beyond
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MESHES)
 def test_a_mesh_lies_in_the_boxes_that_cover_it(name: str) -> None:
     mesh = MESHES[name]
@@ -79,6 +80,7 @@ def test_a_mesh_lies_in_the_boxes_that_cover_it(name: str) -> None:
     assert inside.any(axis=1).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in MESHES if name != "soup"])
 def test_no_box_reaches_farther_beyond_a_mesh_than_is_told(name: str) -> None:
     """By coal's distances of small balls in the boxes from the mesh; what is in a closed one is not beyond it."""
@@ -134,6 +136,7 @@ def cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPa
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "suffix"), [("stl", "stl"), ("stl_ascii", "STL"), ("obj", "obj"), ("ply", "ply")])
 def test_a_mesh_of_any_format_is_kept_out_where_pose_and_scale_put_it(tmp_path: Path, kind: str, suffix: str) -> None:
     data = exported(trimesh.creation.box((300.0, 200.0, 100.0)), kind)
@@ -161,6 +164,7 @@ def test_the_parts_of_a_mesh_are_called_like_it_and_others_by_their_place_in_the
     assert box == "box 1"
 
 
+@pytest.mark.slow
 def test_a_cell_of_another_mesh_is_another_cell(tmp_path: Path) -> None:
     path = with_ball(tmp_path)
     source = read_source(path)
@@ -172,6 +176,7 @@ def test_a_cell_of_another_mesh_is_another_cell(tmp_path: Path) -> None:
     assert slower.surroundings.keep_out_names == cell.surroundings.keep_out_names
 
 
+@pytest.mark.slow
 def test_a_mesh_is_covered_once(tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     source = read_source(with_ball(tmp_path))
     monkeypatch.setattr("planner.cell.meshes.files.cover", None)

@@ -165,6 +165,7 @@ def test_what_does_not_go_together_is_refused_by_its_field(changes: dict[str, An
         problem_from_request({**request(ACROSS), **changes}, cell())
 
 
+@pytest.mark.slow
 def test_a_motion_of_passages_throws_at_a_target_that_moves() -> None:
     passages = [
         {"name": "throw", "state": {**ACROSS, "opening": BIN}, "releases": True},

@@ -88,6 +88,7 @@ SIMPLE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", SIMPLE)
 def test_a_simple_part_is_its_own_shape(kind: str) -> None:
     mesh, size = SIMPLE[kind]
@@ -201,6 +202,7 @@ def test_mass_and_inertia_are_those_given_or_of_the_shape(tmp_path: Path) -> Non
     assert given.inertia_kg_m2.tolist() == [1e-4, 1e-4, 1e-5]
 
 
+@pytest.mark.slow
 def test_a_ball_of_a_mesh_is_a_ball(tmp_path: Path) -> None:
     trimesh.creation.icosphere(2, 30.0).export(tmp_path / "ball.ply")
     keys = 'shape = "mesh"\nfile = "ball.ply"\nscale = 0.001'

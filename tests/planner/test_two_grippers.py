@@ -44,6 +44,7 @@ def refused(request: dict[str, Any], here: Cell) -> list[tuple[str, str]]:
     return [(error.field, error.reason) for error in caught.value.errors]
 
 
+@pytest.mark.slow
 def test_the_audit_finds_no_fault_in_what_either_gripper_sees(made: Plan) -> None:
     assert made.certificate.valid
     assert len(made.problem.parts) == 2
@@ -129,6 +130,7 @@ def judged(made: Plan, here: Cell, request: dict[str, Any], motion: Trajectory |
     return {check.name for check in certify(problem, motion or made.trajectory).failures}
 
 
+@pytest.mark.slow
 def test_a_wrong_motion_fails(made: Plan) -> None:
     moved = LEFT.replace("[0.0, -0.06, 0.17]", "[0.0, -0.06, 0.18]")
     assert {"landing"} <= judged(made, cell_of_two(moved), two_throws())
@@ -173,6 +175,7 @@ def test_the_other_gripper_alone_throws_from_its_own_place(here: Cell) -> None:
     assert certify(problem, motion).valid
 
 
+@pytest.mark.slow
 def test_both_throws_end_at_home(here: Cell, made: Plan) -> None:
     found = plan(problem_from_request(two_throws(end={"kind": "home"}), here))
     assert found.trajectory.passed == made.trajectory.passed
@@ -246,6 +249,7 @@ def test_what_cannot_be_is_refused_by_field(here: Cell, change: dict[str, Any], 
     assert any(name == field and words in reason for name, reason in refused(request, here))
 
 
+@pytest.mark.slow
 def test_the_first_object_meets_a_target_that_moves(here: Cell) -> None:
     request = two_throws(starts_not_before_s=SEEN_S + 0.5)
     place = np.array(TARGETS[""]) - 1.5 * BELT_M_S
@@ -334,6 +338,7 @@ def test_objects_in_each_other_are_refused() -> None:
         cell_of_two(near)
 
 
+@pytest.mark.slow
 def test_two_objects_are_thrown_after_a_passage_in_whose_posture_no_leg_to_a_throw_begins(here: Cell) -> None:
     """Legs between joint states were refused at singularities, with a leg to rest named that was not in the way."""
     at_home = {"kind": "joint", "positions": here.home.tolist(), "velocities": [0.1] * 6}

@@ -43,6 +43,7 @@ def graph() -> StateGraph[ProtocolState]:
     return found
 
 
+@pytest.mark.slow
 def test_the_invariants_hold_in_every_state(graph: StateGraph[ProtocolState]) -> None:
     last = len(graph.states) - 1
     assert broken(graph.states[last]) == [], in_words(graph, last)

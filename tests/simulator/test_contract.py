@@ -71,6 +71,7 @@ def test_a_controller_keeps_the_contract(verdicts: Verdicts, target: str, call: 
         raise verdict
 
 
+@pytest.mark.slow
 def test_move_until_contact_ends_on_the_floor_and_comes_back_to_it(start_simulator: Start) -> None:
     connected = ContractClient.connect(start_simulator().host)
     move_until_contact(connected)

@@ -448,6 +448,7 @@ def test_a_trajectory_is_run_and_another_canceled_over_the_network(remote: Remot
     assert remote.state()["program"] == "our_driver"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("end", ["silence", "closed socket", "stop program"])
 def test_the_arm_comes_to_rest_whichever_end_goes_away(remote: Remote, end: str):
     remote.driver.command(SPEED, [0.2, 0.0, 0.0, 0.0, 0.0, 0.0], timeout_ms=500 if end == "silence" else 0)

@@ -70,6 +70,7 @@ def seen_in(outcomes: Outcomes, scenario: str) -> dict[str, Any]:
     return {key: value for key, value in outcomes[scenario].items() if key != "events"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scenario", "runtime", "mode", "bit"),
     [
@@ -239,6 +240,7 @@ def test_each_stop_brakes_at_its_documented_deceleration(cause, deceleration):
     assert driven.arm.qd == [0.0] * 6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("speed", "acceleration", "reason"),
     [

@@ -41,6 +41,7 @@ def deviating(own_rig: Rig) -> Rig:
     return own_rig
 
 
+@pytest.mark.slow
 def test_a_calibrated_throw_lands_and_another_arms_file_is_refused(deviating: Rig) -> None:
     rig = deviating
     rig.start_executor()

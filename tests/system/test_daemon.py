@@ -95,6 +95,7 @@ def test_a_controller_whose_tool_differs_is_refused(own_rig: Rig) -> None:
     assert "50.0 mm" in row.reason
 
 
+@pytest.mark.slow
 def test_a_read_only_executor_reports_and_never_moves(own_rig: Rig) -> None:
     own_rig.start_simulator()
     own_rig.start_executor("--read-only")
@@ -136,6 +137,7 @@ def newcomer(rig: Rig, **environment: str) -> Iterator[Callable[[], str]]:
         yield begin
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("database", ["same", "other"])
 def test_a_newcomer_with_a_folder_of_its_own_ends_and_the_throw_goes_on(
     rig: Rig, tmp_path: Path, database: str
@@ -170,6 +172,7 @@ def test_an_executor_that_was_replaced_ends(own_rig: Rig) -> None:
     assert own_rig.store.cell_status("rig").executor_id == "next"
 
 
+@pytest.mark.slow
 def test_what_was_queued_while_no_executor_lived_never_starts_by_surprise(own_rig: Rig) -> None:
     own_rig.start_simulator()
     id = own_rig.queue(NUDGE)
@@ -179,6 +182,7 @@ def test_what_was_queued_while_no_executor_lived_never_starts_by_surprise(own_ri
     assert own_rig.throw(NUDGE).outcome == "completed"
 
 
+@pytest.mark.slow
 def test_a_controller_that_is_not_there_is_a_refusal(own_rig: Rig) -> None:
     own_rig.start()
     own_rig.simulator.send_signal(signal.SIGKILL)
@@ -189,6 +193,7 @@ def test_a_controller_that_is_not_there_is_a_refusal(own_rig: Rig) -> None:
     assert "no state" in row.reason
 
 
+@pytest.mark.slow
 def test_without_real_time_permission_it_works_and_reports_it(own_rig: Rig, tmp_path: Path) -> None:  # H9
     dropped = "-sys_nice,-ipc_lock"
     if os.geteuid() == 0 and (setpriv := shutil.which("setpriv")):
@@ -202,6 +207,7 @@ def test_without_real_time_permission_it_works_and_reports_it(own_rig: Rig, tmp_
 NO_DATABASES = ("postgresql+psycopg://fling@127.0.0.1:1/fling", "sqlite:////proc/nowhere/fling.db", "nonsense")
 
 
+@pytest.mark.slow
 def test_without_its_database_it_ends_with_a_message(rig: Rig) -> None:  # H7: nobody listens, no folder, no address
     started = [
         subprocess.Popen(
@@ -224,6 +230,7 @@ time.time = lambda: real() + (3600.0 if int(5 * real()) % 2 else -3600.0)
 """
 
 
+@pytest.mark.slow
 def test_a_wall_clock_that_jumps_by_hours_changes_no_throw(own_rig: Rig) -> None:  # H5
     """Five times a second, by two hours, for every process of the executor; motion uses the monotonic clock only."""
     (own_rig.folder / "sitecustomize.py").write_text(JUMPING_CLOCK)
@@ -234,6 +241,7 @@ def test_a_wall_clock_that_jumps_by_hours_changes_no_throw(own_rig: Rig) -> None
     assert row.metrics["landing_error_m"] < 0.005
 
 
+@pytest.mark.slow
 def test_the_executor_continues_with_what_its_cell_file_says_now(own_rig: Rig) -> None:
     own_rig.start()
     assert own_rig.throw(NUDGE).outcome == "completed"
@@ -254,6 +262,7 @@ def test_the_executor_continues_with_what_its_cell_file_says_now(own_rig: Rig) -
     assert own_rig.throw(NUDGE).outcome == "completed"
 
 
+@pytest.mark.slow
 def test_a_cell_file_with_another_address_leads_to_another_controller(own_rig: Rig, tmp_path: Path) -> None:
     other = Rig(tmp_path / "other")
     try:

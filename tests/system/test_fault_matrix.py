@@ -46,6 +46,7 @@ def test_a_fault_at_500_hz(rig: Rig, phase: str, fault: str) -> None:
     assert run_cell(rig, PHASE[phase], FAULT[fault]).broken() == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("phase", "fault"), AT_125_HZ)
 def test_a_fault_at_125_hz(slow_rig: Rig, phase: str, fault: str) -> None:
     assert run_cell(slow_rig, PHASE[phase], FAULT[fault]).broken() == []

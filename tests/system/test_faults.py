@@ -25,6 +25,7 @@ FOREIGN = [  # port, script of another client, word of the reason
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("port", "script", "word"), FOREIGN)
 def test_in_mid_launch_another_clients_script_is_a_stop(rig: Rig, port: int, script: str, word: str) -> None:
     released = len(rig.world()["releases"])
@@ -60,6 +61,7 @@ def test_after_a_fault_in_mid_launch_it_works_again(rig: Rig) -> None:
     assert following.outcome == "completed", following.reason
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "parameters", "word"),
     [
@@ -81,6 +83,7 @@ def test_preflight_refuses_in_words(rig: Rig, name: str, parameters: dict, word:
     assert rig.throw_when_ready().outcome == "completed"  # a refusal latches nothing
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mode", "register"), [("speedj", 0), ("script", HEARTBEAT), ("script", REQUEST)], ids=lambda value: str(value)
 )
@@ -112,6 +115,7 @@ def test_a_gripper_that_does_not_open_releases_nothing(rig: Rig) -> None:  # H10
     assert rig.throw_when_ready().outcome == "completed"
 
 
+@pytest.mark.slow
 def test_an_arm_that_lags_more_than_the_cell_says_is_stopped(own_rig: Rig) -> None:  # R13
     head, sim = own_rig.path.read_text().split("[sim]")
     own_rig.rewrite(head + "[sim]" + sim.replace("lag_s = 0.020", "lag_s = 0.100"))

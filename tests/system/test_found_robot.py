@@ -16,6 +16,7 @@ from tests.system.rig import Rig
 SERIAL = "20245500815"
 
 
+@pytest.mark.slow
 def test_a_controller_tells_its_arm_software_serial_number_and_tool(tmp_path: Path) -> None:
     rig = Rig(tmp_path)
     assert find_robot(rig.host) == FoundRobot()

@@ -69,6 +69,7 @@ def test_an_object_that_another_client_lets_go_is_released_early(rig: Rig, begin
     assert rig.throw_when_ready(LOB).outcome == "completed"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("output", ["standard_digital", "configurable_digital"])
 def test_every_kind_of_output_is_watched(tmp_path: Path, output: str) -> None:
     rig = Rig(tmp_path, replace={'output = "tool_digital"': f'output = "{output}"'})
@@ -101,6 +102,7 @@ def test_an_output_that_another_client_owns_besides_does_not_matter(rig: Rig) ->
     assert (row.outcome, row.reason) == ("completed", ""), row.reason
 
 
+@pytest.mark.slow
 def test_an_object_that_another_client_keeps_is_not_released(tmp_path: Path) -> None:
     rig = Rig(tmp_path, replace={"delay_s = 0.040": "delay_s = 0.400"})
     try:
@@ -127,6 +129,7 @@ def test_an_output_that_does_not_change_when_told_is_not_released(rig: Rig) -> N
     agrees_with_the_truth(rig, row, released)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("stop", "after_s"), [*zip(STOPS, cycle(MOMENTS_S), strict=False)])
 def test_a_stop_between_command_and_release_says_where_the_object_is(rig: Rig, stop: str, after_s: float) -> None:
     """Each stop at one moment; `tests/verify` has each at every one."""

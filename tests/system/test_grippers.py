@@ -34,6 +34,7 @@ KINDS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_each_gripper_throws(tmp_path: Path, kind: str) -> None:
     rig = Rig(tmp_path)
@@ -50,6 +51,7 @@ def test_each_gripper_throws(tmp_path: Path, kind: str) -> None:
         rig.stop()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["onrobot fingers", "script"])
 def test_the_hidden_delay_of_a_gripper_is_learnt(tmp_path: Path, kind: str) -> None:
     """`fling calibrate gripper`, as a person runs it, of a gripper that reports its fingers and one that is mute."""
@@ -91,6 +93,7 @@ def robotiq(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
     rig.stop()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", [fault.name for fault in GRIPPER_FAULTS])
 def test_a_fault_of_the_gripper_in_the_launch(robotiq: Rig, fault: str) -> None:
     result = run_cell(robotiq, PHASE["launch"], FAULT[fault])

@@ -78,6 +78,7 @@ def assert_each_once(rig: Rig, service: RigService, id: str, taken_out: int = 0)
     assert certain <= left <= certain + doubtful, (left, found)
 
 
+@pytest.mark.slow
 def test_an_object_that_was_kept_is_taken_out_before_the_next_one_is_approached(own_rig: Rig) -> None:
     own_rig.set_gripper(GRIP_SENSOR)
     truth = own_rig.folder / "truth.toml"
@@ -104,6 +105,7 @@ def test_an_object_that_was_kept_is_taken_out_before_the_next_one_is_approached(
         assert_each_once(own_rig, service, id, taken_out=1)
 
 
+@pytest.mark.slow
 def test_a_gripper_that_does_not_open_stops_the_job_with_its_first_object(job_rig: Rig) -> None:
     with RigService(job_rig) as service:
         job_rig.fault("gripper_stuck")
@@ -116,6 +118,7 @@ def test_a_gripper_that_does_not_open_stops_the_job_with_its_first_object(job_ri
         assert not job_rig.world()["releases"]
 
 
+@pytest.mark.slow
 def test_a_job_goes_on_where_its_service_was_killed(job_rig: Rig) -> None:
     with RigService(job_rig) as service:
         id = begun(job_rig, service)
@@ -128,6 +131,7 @@ def test_a_job_goes_on_where_its_service_was_killed(job_rig: Rig) -> None:
         assert_each_once(job_rig, service, id)
 
 
+@pytest.mark.slow
 def test_a_job_stops_where_its_executor_was_killed_and_says_what_became_of_every_object(job_rig: Rig) -> None:
     with RigService(job_rig) as service:
         id = begun(job_rig, service)

@@ -103,6 +103,7 @@ def test_a_daemon_that_dies_or_freezes(rig: Rig, number: signal.Signals, when: s
     refuses_until_acknowledged(rig)
 
 
+@pytest.mark.slow
 def test_a_stream_that_is_frozen_as_its_daemon_dies_is_ended_by_the_next(rig: Rig) -> None:
     """It would keep the controller's inputs, and go on with its tick whenever somebody wakes it."""
     id, at = launched(rig, "launch")
@@ -132,6 +133,7 @@ def test_a_process_that_waited_for_an_execution_is_not_missed(rig: Rig, number: 
     assert not waiting.is_running()
 
 
+@pytest.mark.slow
 def test_a_process_that_waits_ends_with_its_executor(rig: Rig) -> None:
     """Also a frozen one, which takes no signal: the next executor ends it."""
     for freezes in (False, True):
@@ -145,6 +147,7 @@ def test_a_process_that_waits_ends_with_its_executor(rig: Rig) -> None:
     assert rig.throw_when_ready().outcome == "completed"
 
 
+@pytest.mark.slow
 def test_a_connection_that_is_reset_as_the_daemon_dies_moves_nothing_again(rig: Rig) -> None:
     """The library would reconnect within its call, and repeat its command in a program without a watchdog."""
     id = rig.far_from_its_start()
@@ -192,6 +195,7 @@ def test_a_database_that_is_gone_in_mid_run_loses_nothing(rig: Rig) -> None:
     assert rig.store.recording(id) is not None
 
 
+@pytest.mark.slow
 def test_a_disk_that_fills_up_in_mid_run_loses_nothing(rig: Rig) -> None:  # H6
     """No file of the executor may grow, neither journal nor database, as on a full disk."""
     id, _ = launched(rig, "launch")
@@ -252,6 +256,7 @@ def test_an_abort_brakes_and_keeps_the_object(rig: Rig, speed: float) -> None:
     assert rig.throw(NUDGE).outcome == "completed"  # an abort in order latches nothing
 
 
+@pytest.mark.slow
 def test_a_service_that_freezes_or_dies(rig: Rig) -> None:
     """The run goes on to its end, and the next service finds its result."""
     service = RigService(rig)

@@ -53,6 +53,7 @@ def thrown(rig: Rig, starts_in_s: float) -> tuple[dict[str, Any], ExecutionRow]:
     return document, rig.end(rig.queue_plan(document["id"]))
 
 
+@pytest.mark.slow
 def test_the_object_lands_in_a_bin_that_passes(rig: Rig) -> None:
     document, row = thrown(rig, READY_S)
     assert row.outcome == "completed", row.reason

@@ -55,11 +55,13 @@ def guest(stack: PageStack, browser: Browser) -> Iterator[Visit]:
         yield opened
 
 
+@pytest.mark.slow
 def test_three_js_is_asked_for_after_the_form_is_painted(guest: Visit) -> None:
     painted_ms, asked_ms = guest.page.wait_for_function(PAINTED_AND_ASKED).json_value()
     assert painted_ms < asked_ms
 
 
+@pytest.mark.slow
 def test_a_throw_is_shown_to_the_landing(guest: Visit) -> None:
     guest.planned()
     certificate = guest.region("Certificate")
@@ -74,6 +76,7 @@ def test_a_throw_is_shown_to_the_landing(guest: Visit) -> None:
     expect(guest.region("History").locator("circle.dot")).not_to_have_count(0)
 
 
+@pytest.mark.slow
 def test_a_reloaded_page_stops_the_throw(guest: Visit, stack: PageStack) -> None:
     guest.page.get_by_text("Options", exact=True).click()
     guest.page.get_by_label("Start", exact=True).select_option("positions")
@@ -91,6 +94,7 @@ def test_a_reloaded_page_stops_the_throw(guest: Visit, stack: PageStack) -> None
     expect(guest.region("Timeline").get_by_role("button", name="Play")).to_be_visible()
 
 
+@pytest.mark.slow
 def test_a_throw_of_the_command_line_is_seen_and_stopped_by_key(guest: Visit, stack: PageStack) -> None:
     stack.execute(stack.plan_far_away())
     guest.outcome("Moved as planned")
@@ -102,6 +106,7 @@ def test_a_throw_of_the_command_line_is_seen_and_stopped_by_key(guest: Visit, st
         assert thrower.wait(THROW_MS / 1000) == 4
 
 
+@pytest.mark.slow
 def test_the_keyboard_alone_throws_and_stops(guest: Visit) -> None:
     """From the empty page to a throw to Stop; the focus is seen and kept."""
     keyboard = guest.page.keyboard
@@ -125,6 +130,7 @@ def test_the_keyboard_alone_throws_and_stops(guest: Visit) -> None:
     expect(focus).to_have_accessible_name(re.compile("^Throw on"))
 
 
+@pytest.mark.slow
 def test_a_profile_is_adopted_and_the_plan_made_anew(guest: Visit, stack: PageStack) -> None:
     guest.planned()
     history = guest.region("History")
@@ -159,6 +165,7 @@ def test_a_protective_stop_and_the_way_out_of_it(guest: Visit, stack: PageStack)
     expect(guest.button("Acknowledge")).to_have_count(0)
 
 
+@pytest.mark.slow
 def test_the_token_is_asked_for_where_it_is_needed(stack: PageStack, browser: Browser, tmp_path: Path) -> None:
     port = stack.port + 1 if stack.port < 65535 else stack.port - 1
     tokens = tmp_path / "tokens.toml"

@@ -122,6 +122,7 @@ def as_planned(rig: Rig, row: ExecutionRow) -> None:
         assert each["command_time_s"] < each["edge_time_s"]
 
 
+@pytest.mark.slow
 def test_a_hundred_edges_happen_within_a_tick_of_the_plan(rig: Rig) -> None:
     plan_id = stored(rig, ROW)
     newest = rig.newest_object()
@@ -136,6 +137,7 @@ def test_a_hundred_edges_happen_within_a_tick_of_the_plan(rig: Rig) -> None:
     assert rig.newest_object() == newest
 
 
+@pytest.mark.slow
 def test_a_known_delay_of_the_outputs_is_made_up_for(own_rig: Rig) -> None:
     truth = own_rig.folder / "truth.toml"
     truth.write_text("[timing]\noutput_delay_s = 0.0275\n")
@@ -164,6 +166,7 @@ def device_edges(rig: Rig, row: ExecutionRow, name: str, count: int) -> list[flo
     return [at - at_zero_s for at, _ in rig.state()["device_changes"][name][-count:]]
 
 
+@pytest.mark.slow
 def test_hidden_delays_of_outputs_are_learnt_and_made_up_for(own_rig: Rig) -> None:
     rig = own_rig
     cell = truth = ""
@@ -215,6 +218,7 @@ def test_a_camera_is_triggered_before_the_release_of_a_throw(rig: Rig, mode: str
         assert row.metrics["landing_error_m"] < 0.02
 
 
+@pytest.mark.slow
 def test_an_object_is_thrown_after_a_passage_of_the_tool_itself(rig: Rig) -> None:
     row = rig.quiet_run(stored(rig, {"passages": [CAMERA, *THROW["passages"]]}))
     assert row.outcome == "completed", row.reason
@@ -250,6 +254,7 @@ def closes_the_valve(rig: Rig, id: str) -> ExecutionRow:
     return row
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["speedj", "script"])
 def test_a_stop_switches_off_what_the_plan_was_to_switch_off_later(rig: Rig, mode: str) -> None:
     id = valve_opened(rig, mode)
@@ -267,6 +272,7 @@ STOPS: dict[str, tuple[Callable[[Rig], None], str]] = {  # which are no orderly 
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["speedj", "script"])
 @pytest.mark.parametrize("stop", STOPS)
 def test_a_stop_that_is_no_orderly_brake_switches_it_off_too(rig: Rig, stop: str, mode: str) -> None:

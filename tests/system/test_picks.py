@@ -59,6 +59,7 @@ def sensing(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
     rig.stop()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["speedj", "script"])
 def test_an_object_that_slips_out_in_the_launch_ends_it_and_is_told(sensing: Rig, mode: str) -> None:
     sensing.stand_up()

@@ -43,6 +43,7 @@ def test_it_throws_and_tells_its_version_and_serial_number(rig: Rig) -> None:
     assert (told["polyscope"], told["serial_number"], told["warnings"]) == ("10.14.0", "20235500001", [])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("phase", "fault"), CELLS)
 def test_a_fault(rig: Rig, phase: str, fault: str) -> None:
     assert run_cell(rig, PHASE[phase], FAULT[fault]).broken() == []
@@ -63,6 +64,7 @@ def test_local_control_is_refused_in_the_words_of_its_pendant(rig: Rig) -> None:
     assert "in the safety overview" in rig.throw(NUDGE).reason
 
 
+@pytest.mark.slow
 def test_an_arm_without_power_is_powered_by_the_robot_api_when_a_person_asks(rig: Rig) -> None:
     rig.fault("power_loss")
     rig.until(lambda: rig.robot()["refusals"])

@@ -123,6 +123,7 @@ def test_a_plan_that_begins_on_the_motion_replaces_it(rig: Rig, mode: str) -> No
     follows(rig, row, [(0.0, motion), (joins_s, onward)])
 
 
+@pytest.mark.slow
 def test_a_replaced_motion_can_be_replaced_again(rig: Rig) -> None:
     first, motion = stored(rig, swing(rig, "+-+-"))
     second, onward = stored(rig, {**swing(rig, "+-"), "start": start_on(motion, 1.6)})
@@ -158,6 +159,7 @@ def test_what_does_not_fit_is_refused_and_the_motion_goes_on(rig: Rig) -> None:
     follows(rig, rig.end(id), [(0.0, motion)])
 
 
+@pytest.mark.slow
 def test_a_certifying_process_that_is_killed_refuses_and_the_motion_goes_on(own_rig: Rig) -> None:
     rig = own_rig
     rig.start()
@@ -175,6 +177,7 @@ def test_a_certifying_process_that_is_killed_refuses_and_the_motion_goes_on(own_
     assert len(certifying(rig)) == 1
 
 
+@pytest.mark.slow
 def test_a_service_that_is_killed_with_its_planners_leaves_a_replacement_to_the_executor(rig: Rig) -> None:
     first, motion = stored(rig, swing(rig, "+-+-"))
     second, onward = stored(rig, {**swing(rig, "+"), "start": start_on(motion, 1.9)})
@@ -203,6 +206,7 @@ def certifying(rig: Rig) -> list[psutil.Process]:
     return children_with("spawn_main", rig.executor.pid)
 
 
+@pytest.mark.slow
 def test_a_process_killed_as_it_swaps_ends_in_the_usual_stop(own_rig: Rig) -> None:
     rig = own_rig
     rig.start()

@@ -57,6 +57,7 @@ def test_a_running_throw_lands_at_its_new_target(rig: Rig, service: RigService) 
     assert np.linalg.norm(np.subtract(row.metrics["landing_point"], OTHER["position"])) < LANDING_M
 
 
+@pytest.mark.slow
 def test_a_refused_target_leaves_the_running_throw_untouched(rig: Rig, service: RigService) -> None:
     first = planned(service, waiting_throw(rig))
     id = streaming(rig, first["id"], AT_S)

@@ -62,6 +62,7 @@ def test_the_output_changes_when_the_plan_says(rig: Rig) -> None:
     assert metrics["gripper_opened_s"] == pytest.approx(motion.release_time_s, abs=motion.dt)
 
 
+@pytest.mark.slow
 def test_through_a_link_that_loses_and_delays_it_lands_all_the_same(rig: Rig) -> None:
     quiet = landing(rig, "script")
     rig.throw_when_ready(NUDGE)
@@ -104,6 +105,7 @@ def test_an_abort_flies_the_verified_brake_and_latches_nothing(rig: Rig) -> None
     assert not rig.is_latched()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("phase", "fault"), CELLS)
 def test_a_fault(rig: Rig, phase: str, fault: str) -> None:
     assert run_cell(rig, PHASE[phase], FAULT[fault], "script").broken() == []

@@ -71,6 +71,7 @@ def test_two_balls_land_at_their_two_targets(rig: Rig, mode: str) -> None:
         rig.stop()
 
 
+@pytest.mark.slow
 def test_the_first_ball_meets_a_target_that_moves(rig: Rig) -> None:
     try:
         rig.start()
@@ -92,6 +93,7 @@ def test_the_first_ball_meets_a_target_that_moves(rig: Rig) -> None:
         rig.stop()
 
 
+@pytest.mark.slow
 def test_each_gripper_has_a_delay_of_its_own_which_only_the_simulator_knows(rig: Rig) -> None:
     try:
         truth = rig.folder / "truth.toml"
@@ -111,6 +113,7 @@ def test_each_gripper_has_a_delay_of_its_own_which_only_the_simulator_knows(rig:
         rig.stop()
 
 
+@pytest.mark.slow
 def test_a_stop_between_two_releases_keeps_the_second_object(rig: Rig) -> None:
     try:
         rig.start()
@@ -128,6 +131,7 @@ def test_a_stop_between_two_releases_keeps_the_second_object(rig: Rig) -> None:
         rig.stop()
 
 
+@pytest.mark.slow
 def test_a_run_without_one_of_its_objects_is_refused(rig: Rig) -> None:
     try:
         rig.start()

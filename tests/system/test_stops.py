@@ -50,6 +50,7 @@ def test_over_http_with_a_locked_database(rig: Rig, name: str) -> None:
         assert not rig.is_latched()
 
 
+@pytest.mark.slow
 def test_on_the_command_line_without_a_service(rig: Rig) -> None:
     script = "import sys; from api.cli import main; import api.cli.throw; print(flush=True); input(); main()"
     command = [sys.executable, "-c", script, "abort", "--url", NOBODY]
@@ -68,6 +69,7 @@ def test_on_the_command_line_without_a_service(rig: Rig) -> None:
     assert not rig.is_latched()
 
 
+@pytest.mark.slow
 def test_by_sigterm_with_a_locked_database(rig: Rig) -> None:
     id = rig.launch(0.1)
     released = len(rig.world()["releases"])

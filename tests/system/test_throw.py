@@ -66,6 +66,7 @@ def test_a_throw_beside_processes_that_take_every_processor(rig: Rig) -> None:  
         rig.acknowledge()
 
 
+@pytest.mark.slow
 def test_a_throw_while_the_machine_of_the_simulated_controller_stalls(rig: Rig) -> None:
     """Its clock slips and lost cycles are not made up for: stream and arm notice only a long cycle."""
     before = simulator_client.request(rig.host, "stats")["slips"]["count"]
@@ -100,6 +101,7 @@ def test_a_cb3_arm_at_125_hz_lands_as_well(tmp_path: Path) -> None:
     assert row.metrics["release_velocity_error_share"] < RELEASE_SHARE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ur15", "ur8long"])
 def test_a_newer_arm_and_one_that_the_cell_file_completes_land_as_well(tmp_path: Path, name: str) -> None:
     completed = {
@@ -113,6 +115,7 @@ def test_a_newer_arm_and_one_that_the_cell_file_completes_land_as_well(tmp_path:
     assert row.metrics["landing_error_m"] < LANDING_M
 
 
+@pytest.mark.slow
 def test_an_arm_that_lags_more_than_the_cell_says_completes_with_the_lag_to_set(tmp_path: Path) -> None:
     """6 ms more: the speed at the release is off, the arm on its path; nothing is latched, and the lag is measured."""
     rig = Rig(tmp_path, replace={'polyscope = "5.11.1"\nlag_s = 0.020': 'polyscope = "5.11.1"\nlag_s = 0.026'})
@@ -125,6 +128,7 @@ def test_an_arm_that_lags_more_than_the_cell_says_completes_with_the_lag_to_set(
     assert "set timing.lag_s to 0.02" in row.reason
 
 
+@pytest.mark.slow
 def test_a_throw_that_lost_commands_is_reported(rig: Rig) -> None:
     """A missing servoj goal slows the arm: the plan is streamed to its end, and the release is wrong.
 
@@ -158,6 +162,7 @@ def test_a_throw_into_a_bin_ends_on_its_bottom(rig: Rig) -> None:
     assert row.metrics["landing_point"] == pytest.approx(LOB["position"], abs=2 * LANDING_M)
 
 
+@pytest.mark.slow
 def test_the_wall_of_a_bin_stops_what_flies_against_it(rig: Rig) -> None:
     """The same throw as to the floor, which a bin that only the simulator knows now stands in front of."""
     id = rig.queue(LOB)
@@ -208,6 +213,7 @@ def test_the_recording_opens_and_agrees_with_itself(rig: Rig) -> None:
     assert any("completed" in m["message"] for m in messages["/log"])
 
 
+@pytest.mark.slow
 def test_executions_leave_neither_descriptors_nor_threads_nor_memory_behind(rig: Rig) -> None:
     """At a descriptor an execution, which it was once, a daemon would end after some thousand."""
     assert rig.executor is not None

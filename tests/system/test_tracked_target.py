@@ -77,6 +77,7 @@ def waiting_throw(
     return begun_s, target, made.json(), id
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("before", [(), (CAMERA,)])
 def test_a_waiting_throw_is_planned_again_to_where_the_bin_passes(
     rig: Rig, service: RigService, before: tuple[dict[str, Any], ...]
@@ -137,6 +138,7 @@ def test_nothing_is_thrown_at_a_bin_that_is_gone(rig: Rig, service: RigService) 
     assert not rig.is_latched()
 
 
+@pytest.mark.slow
 def test_a_plan_for_another_place_does_not_replace_a_waiting_one(rig: Rig, service: RigService) -> None:
     _, _, plan, id = waiting_throw(rig, service)
     start = [0.3, -1.57, 1.57, -1.57, -1.57, 0.0]

@@ -28,6 +28,7 @@ std_m = 0.003
 OBSERVED_M = 0.02  # [m] six standard deviations of the camera
 
 
+@pytest.mark.slow
 def test_a_hidden_truth_leaves_the_cameras_observation_alone(own_rig: Rig) -> None:
     truth = own_rig.folder / "truth.toml"
     truth.write_text(TRUTH)
@@ -45,6 +46,7 @@ def test_a_hidden_truth_leaves_the_cameras_observation_alone(own_rig: Rig) -> No
     assert 0.02 < math.dist(landing.position, LOB["position"]) < 0.5
 
 
+@pytest.mark.slow
 def test_revealed_the_truth_is_known_beside_the_observation(own_rig: Rig) -> None:
     truth = own_rig.folder / "truth.toml"
     truth.write_text(TRUTH)
@@ -57,6 +59,7 @@ def test_revealed_the_truth_is_known_beside_the_observation(own_rig: Rig) -> Non
     assert 0.0 < math.dist(landing.position, row.metrics["landing_point"]) < OBSERVED_M
 
 
+@pytest.mark.slow
 def test_an_object_that_leaves_slower_lands_on_target_once_the_profile_knows(own_rig: Rig) -> None:
     """The plan's own flight has the object's speed: its end is where the object lands, without a shift of the aim."""
     truth = own_rig.folder / "truth.toml"
@@ -77,6 +80,7 @@ def test_an_object_that_leaves_slower_lands_on_target_once_the_profile_knows(own
     assert math.dist(document["flight"]["object_path"][-1], LOB["position"]) < 0.001
 
 
+@pytest.mark.slow
 def test_an_object_that_would_miss_is_kept(own_rig: Rig) -> None:
     """R17: the arm flies on to the release and brakes, and neither is a fault latched nor an object lost."""
     truth = own_rig.folder / "truth.toml"

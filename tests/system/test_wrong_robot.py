@@ -36,6 +36,7 @@ def refused(rig: Rig, *words: str) -> None:
     assert not rig.is_latched()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["ur", "sim"])
 def test_a_ur3e_is_not_thrown_with_as_a_ur5e(tmp_path: Path, kind: str) -> None:
     """Nor where it took the place of the right robot a moment ago."""
@@ -53,6 +54,7 @@ def test_a_ur3e_is_not_thrown_with_as_a_ur5e(tmp_path: Path, kind: str) -> None:
         rig.stop()
 
 
+@pytest.mark.slow
 def test_a_robot_of_another_serial_number_is_refused(tmp_path: Path) -> None:
     rig = Rig(tmp_path, replace={"[link]\n": f'[link]\nserial = "{SERIAL}"\n'})
     try:
@@ -81,6 +83,7 @@ def test_a_controller_that_does_not_tell_its_arm_is_refused(rig: Rig) -> None:
     assert rig.throw_when_ready().outcome == "completed"
 
 
+@pytest.mark.slow
 def test_the_doctor_shows_the_serial_number_and_a_wrong_robot(tmp_path: Path) -> None:
     rig = Rig(tmp_path)
     try:

@@ -32,6 +32,7 @@ def planned(name: str) -> tuple[dict[str, Any], Cell]:
     return plan_document(plan(problem_from_request(REQUEST, cell), QUICK), REQUEST, "", ""), cell
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_a_certified_throw_of_a_body_is_proven(name: str):
     document, cell = planned(name)
@@ -66,6 +67,7 @@ def axis_a_hundredth_too_far(document: dict[str, Any]) -> None:
     axis_off(document, 1.01 * TOLERANCE_RAD)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize(
     ("fault", "check"),
@@ -84,6 +86,7 @@ def test_a_fault_of_a_landing_is_not_proven(name: str, fault: Callable[[dict[str
     assert check in {each.name for each in verify(document, cell).open}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("deep_m", "is_proven"), [(0.001, False), (-0.02, True)])
 @pytest.mark.parametrize("name", NAMES)
 def test_a_ball_in_the_way_of_an_end_of_the_body_is_found(name: str, deep_m: float, is_proven: bool):

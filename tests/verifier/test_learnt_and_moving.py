@@ -94,6 +94,7 @@ FAULTS: dict[str, tuple[str, str, Fault]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_is_not_proven(fault: str):
     name, check, change = FAULTS[fault]

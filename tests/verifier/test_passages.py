@@ -198,6 +198,7 @@ FAULTS: list[Callable[[dict[str, Any]], None]] = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.__name__)
 def test_a_fault_in_a_passage_is_violated(fault: Callable[[dict[str, Any]], None]):
     document, cell = document_of(*planned("passed"))

@@ -30,6 +30,7 @@ def http(desk: Desk) -> Iterator[httpx2.Client]:
         yield client
 
 
+@pytest.mark.slow
 def test_an_edit_disarms_the_throw_until_it_is_planned_again(guest: Visit) -> None:
     expect(guest.button("Throw")).to_be_disabled()
     guest.planned()
@@ -59,6 +60,7 @@ def test_what_is_infeasible_is_said_and_the_nearest_taken(guest: Visit) -> None:
     assert 1.5 < float(guest.field("x [m]").input_value()) < 4.2
 
 
+@pytest.mark.slow
 def test_the_target_is_dragged(viewer: Visit) -> None:
     x, y = viewer.grasp()
     mouse = viewer.page.mouse

@@ -22,6 +22,7 @@ FAULT = {
 }
 
 
+@pytest.mark.slow
 def test_seen_from_above_the_floor_is_dragged(viewer: Visit) -> None:
     viewer.page.wait_for_timeout(1000)  # the scene is there
     viewer.page.get_by_role("group", name="Camera").get_by_role("button", name="Top").click()
@@ -207,6 +208,7 @@ def test_a_machine_that_fell_silent_is_told_from_a_lost_link(guest: Visit, desk:
     )
 
 
+@pytest.mark.slow
 def test_lateness_is_told_by_what_was_late(guest: Visit, desk: Desk, thrown_id: str) -> None:
     late = {"released": True, "missed_ticks": 0, "gripper_command_late_s": 0.012, "period_max_s": 0.0021}
     desk.execution(

@@ -27,6 +27,7 @@ def run(environment: dict[str, str], *arguments: str, body: Any = None):
     return CliRunner().invoke(main, ["batch", *arguments], env=environment, input=text)
 
 
+@pytest.mark.slow
 def test_a_batch_without_a_service(environment: dict[str, str], tmp_path: Path):
     out = tmp_path / "results.csv"
     done = run(environment, "-", "--workers", "1", "--json", "--out", str(out), body=GRID)

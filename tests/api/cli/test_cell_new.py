@@ -146,6 +146,7 @@ def test_a_file_that_is_there_stays_and_is_named_before_any_question() -> None:
     assert Path("cells/lab.toml").read_text() == "mine"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 @pytest.mark.parametrize(("tcp_m", "mass_kg"), [(0.17, 1.0), (0.0, 0.0), (0.3, 2.0)])
 def test_every_arm_stands_at_home_and_plans_its_first_throw(name: str, tcp_m: float, mass_kg: float) -> None:

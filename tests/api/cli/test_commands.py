@@ -80,6 +80,7 @@ def test_plan_gives_the_problem_and_its_status(request_file: Path, root: Path, c
     assert result.stdout == ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("option", "is_json"), [([], False), (["--json"], True)])
 def test_plan_gives_the_problem_in_sentences_on_a_terminal(
     request_file: Path, root: Path, option: list[str], is_json: bool
@@ -154,6 +155,7 @@ def test_no_service_says_how_to_start_one():
 WRONG_FIELDS = '{"release": {"kind": "target", "position": [1.0, 2.0]}, "frob": 1}'
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("content", ['{"release": ', "[" * 900, '{"a": 1, "a": 2}', "{}", WRONG_FIELDS])
 def test_a_slip_in_a_file_is_refused_without_loading_the_service(request_file: Path, content: str):
     request_file.write_text(content)

@@ -81,6 +81,7 @@ main()
 """
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_a_plan_with_what_was_found_so_far(tmp_path: Path):
     file = tmp_path / "request.json"
     file.write_text(json.dumps({"release": {"kind": "target", "position": [2.3, 0.0, 0.0]}, "time_limit_s": 120.0}))

@@ -96,6 +96,7 @@ def test_a_turned_and_shifted_base_means_the_same_to_estimator_and_simulator(tmp
     assert learnt == pytest.approx(moved, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_the_simulated_controller_takes_a_profile(file: Path, root: Path):
     command = [sys.executable, "-c", "from api.cli import main; main()", "sim", "--cell", "ur5e-sim"]
     options = ["--profile", str(file), "--host", "127.0.40.7", "--no-remote-control", "--no-noise", "--strict-clock"]

@@ -196,6 +196,7 @@ def test_an_arm_with_its_object_flies_on_to_the_release_and_takes_the_verified_b
     assert np.abs(done.arm.true_qd).max() < 0.05
 
 
+@pytest.mark.slow
 def test_what_the_profile_knows_is_no_reason(robust):
     """The aim makes up for known gains: the arm is expected to be off its speed by so much."""
     cell = robust[0].cell

@@ -79,6 +79,7 @@ def test_a_call_that_releases_in_time_is_not_changed(instance: Instance) -> None
     assert found.tobytes() == in_time.tobytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.6, 0.9, 0.99, 1.01])
 def test_casadi_s_interface_ends_where_the_extension_does(
     instance: Instance, share: float, monkeypatch: pytest.MonkeyPatch

@@ -10,6 +10,7 @@ from planner.backends.casadi_nlp import functions
 RNG = np.random.default_rng(5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", functions.KINDS)
 def test_compiled_functions_give_the_numbers_of_casadi_s_interpreter(kind: str) -> None:
     for name, block in functions.all_blocks().items():

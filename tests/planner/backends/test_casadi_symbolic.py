@@ -262,6 +262,7 @@ def _distance_from_links(cell: Cell, q: np.ndarray, x: np.ndarray) -> float:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("with_states", [False, True])
 @pytest.mark.parametrize(("block", "share"), [("passing", 0.0), ("passing_middle", 0.5), ("passing_at_rest", 0.0)])
 def test_room_between_a_flight_and_the_braking_arm(cell: Cell, block: str, share: float, with_states: bool) -> None:

@@ -192,6 +192,7 @@ def test_the_flights_clearance_is_below_dense_samples_and_close(count, window_s,
     assert count < 8 or not all(answers)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "radius_m"), [("arm", 0.05), ("bin", 0.06), ("box", 0.05)])
 def test_in_the_air_everything_counts_until_the_centre_passes_the_plane(kind, radius_m):
     """A thick object comes within its radius of the target's height long before the target."""
@@ -549,6 +550,7 @@ def test_arm_and_held_object_keep_clear_of_the_bin(rim_height_m):
     assert check.ok == (min(gaps) >= here.surroundings.clearance_m)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("window_s", [0.0, 0.009])
 def test_an_object_that_starts_clear_of_the_tool_may_not_be_hit_by_it(window_s):
     hits = 0
@@ -565,6 +567,7 @@ def test_an_object_that_starts_clear_of_the_tool_may_not_be_hit_by_it(window_s):
     assert any(answers)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("window_s", "gap_m"), [(0.0, 0.00002), (0.005, 0.00002), (0.005, 0.0001), (0.02, 0.00002)])
 def test_no_release_of_a_window_may_be_hit_where_the_arm_accelerates(window_s, gap_m):
     """Object and tool are apart for milliseconds alone, at other times for each release."""

@@ -122,6 +122,7 @@ def test_the_nearest_shape_is_the_one_that_leaves_least_beyond_its_clearance():
     assert (check.value, check.limit) == (pytest.approx(gaps[1], abs=0.01), pytest.approx(gaps[1] - 0.02))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("target", [[1.0, 0.5, 0.0], [0.9, 0.2, 0.3]])
 @pytest.mark.parametrize("opening_s", [0.0, 0.02])
 def test_of_many_shapes_the_one_that_is_worst_alone_decides(target, opening_s):

@@ -83,6 +83,7 @@ def _check(certificate, name):
     return next(each for each in certificate.checks if each.name == name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", THROWS)
 def test_a_body_lands_where_its_shape_first_touches(name):
     made = _planned(name)

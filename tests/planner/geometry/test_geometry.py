@@ -56,6 +56,7 @@ def squared_distance_at_best(p0, p1, q0, q1):
     return np.sqrt(min(f.fun for f in found))
 
 
+@pytest.mark.slow
 def test_segments_against_a_bounded_quadratic_programme():
     p0, p1 = segments(12)
     first, second = (index.ravel() for index in np.indices((len(p0), len(p0))))

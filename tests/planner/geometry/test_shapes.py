@@ -30,6 +30,7 @@ def drawn(kind, seed):
         yield shape_of(kind, X, sizes_of(kind, rng)), rng.uniform(-1.2, 1.2, (400, 3))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [*KINDS, "mesh"])
 @pytest.mark.parametrize("body", BODIES)
 def test_the_distance_of_a_body_from_a_shape_is_that_of_coal(body, kind):

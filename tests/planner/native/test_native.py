@@ -83,6 +83,7 @@ def motions(here: Cell, count: int):
         yield problem, ruckig_otg.solve(problem, Candidate(q, qd, 0.0, "test")).trajectory
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_every_function_gives_the_numbers_of_its_oracle(name):
     rng = np.random.default_rng(1)
@@ -102,6 +103,7 @@ def test_every_function_has_an_oracle():
     assert set(EXAMPLES) == set(libraries.SIGNATURES) == public
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("here", cells(), ids=lambda here: here.robot.name)
 def test_certificates_are_the_same_with_and_without_it(here, numpy_alone):
     drawn = list(motions(here, 6))
@@ -174,6 +176,7 @@ def test_wrong_shapes_are_refused():
         loops.shape_distances(np.zeros((3, 3)), np.zeros((2, 3)), np.zeros(3, np.intp), np.zeros((1, 20)))
 
 
+@pytest.mark.slow
 def test_flights_with_drag_are_the_same_with_and_without_it(numpy_alone):
     """With one that never lands, and one that is released below the plane on its way up."""
     rng = np.random.default_rng(4)

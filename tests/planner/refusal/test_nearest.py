@@ -51,6 +51,7 @@ def answering(monkeypatch: pytest.MonkeyPatch, is_answered) -> list[ThrowProblem
     return asked
 
 
+@pytest.mark.slow
 def test_the_nearest_target_of_one_just_behind_a_wall_is_farther_behind_it():
     """No flight over the wall is as steep; before the wall the next target is as far away."""
     here = with_boxes(cell(), ([0.75, -1.0, 0.0], [0.8, 1.0, 0.7]))
@@ -61,6 +62,7 @@ def test_the_nearest_target_of_one_just_behind_a_wall_is_farther_behind_it():
     assert 0.83 < found.release.p_W[0] <= 0.93
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("box", "asked", "direction", "at_most_m"),
     [  # each leaves room on one side alone
@@ -93,6 +95,7 @@ def test_the_nearest_target_of_one_below_the_floor_is_on_it_with_the_whole_relea
     assert found.release_window_s == 0.005
 
 
+@pytest.mark.slow
 def test_the_nearest_target_of_one_out_of_range_keeps_the_release_window():
     problem = joint_problem(release=FAR, **WINDOW)
     found = nearest_problem(refused(problem))
@@ -101,6 +104,7 @@ def test_the_nearest_target_of_one_out_of_range_keeps_the_release_window():
     assert found.release.p_W[0] > 1.9
 
 
+@pytest.mark.slow
 def test_a_bin_out_of_range_is_offered_as_a_bin():
     problem = joint_problem(release=TargetRelease(np.array([2.4, 0.0, 0.0]), opening=Opening(0.1, 0.3)), **WINDOW)
     found = offered(problem)
@@ -108,6 +112,7 @@ def test_a_bin_out_of_range_is_offered_as_a_bin():
     assert found.release.p_W[0] > 1.2
 
 
+@pytest.mark.slow
 def test_a_window_that_is_too_long_is_shortened_and_the_release_kept():
     # Ruckig's motions do not bend to the window, so its largest one is far below what is asked for.
     problem = replace(TARGET, release_window_s=0.02, landing_tolerance_m=0.005, backend="ruckig")
@@ -117,6 +122,7 @@ def test_a_window_that_is_too_long_is_shortened_and_the_release_kept():
     assert found.release_window_s == pytest.approx(round(found.release_window_s, 4), abs=1e-12)
 
 
+@pytest.mark.slow
 def test_where_no_motion_keeps_the_window_the_release_is_kept_without_it():
     release = TargetRelease(np.array([1.6, 0.1, 0.0]))
     problem = joint_problem(release=release, release_window_s=0.2, landing_tolerance_m=0.002)

@@ -88,6 +88,7 @@ IMPOSSIBLE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", IMPOSSIBLE)
 def test_an_impossible_release_is_refused_with_proof_and_something_nearest(case):
     name, release = IMPOSSIBLE[case]
@@ -149,6 +150,7 @@ def test_a_target_just_below_the_floor_is_refused_with_proof(z):
     assert (violation.constraint, violation.value) == ("flight_clearance", pytest.approx(z))
 
 
+@pytest.mark.slow
 def test_an_object_is_dropped_close_behind_a_wall():
     """Flights keep off a wall by 5 mm, but not where the target is nearer to it, as here by 1 mm."""
     here = with_box([0.75, -1.0, 0.0], [0.8, 1.0, 0.5])

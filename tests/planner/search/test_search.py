@@ -221,6 +221,7 @@ def test_an_object_that_would_leave_beside_the_opening_leaves_through_it():
     assert search.release_time_s < 1.1 * min(beside)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("p_W", [[1.2, 0.3, 0.0], [1.3, 0.0, 0.0], [1.0, -0.5, 0.0], [0.9, 0.6, 0.2]])
 def test_a_weak_gripper_throws_about_as_soon_as_with_a_release_window(p_W):
     """A window only takes motions away."""
@@ -236,6 +237,7 @@ def test_a_weak_gripper_throws_about_as_soon_as_with_a_release_window(p_W):
 BESIDE_THE_FOOT = {"ur5-sim": [0.0181, -0.0847, 0.0], "ur10e-sim": [0.0875, 0.0688, 0.0]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", list(BESIDE_THE_FOOT))
 @pytest.mark.parametrize("window_s", [0.0, 0.02])
 def test_a_throw_to_a_place_beside_the_foot_passes_it(name, window_s):

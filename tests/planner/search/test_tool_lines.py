@@ -60,6 +60,7 @@ def only_line(found: Plan) -> tuple[SteadyLine, int, int]:
     return passage.state, index, index + passage.ticks(found.trajectory.sample_rate_hz)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [0.1, 0.37, 0.8])
 @pytest.mark.parametrize("name", SIZES)
 def test_a_line_is_passed_at_its_speed_at_all_times(name: str, speed: float) -> None:

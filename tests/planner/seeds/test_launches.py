@@ -95,6 +95,7 @@ def test_flights_with_drag_have_the_elevation_that_is_asked_for():
     assert np.nanmax(np.abs(without - 0.5)) > 0.05  # as if there were none
 
 
+@pytest.mark.slow
 def test_drag_that_stops_every_flight_leaves_no_candidate():
     """At k = 2.4/m none of the drag-free flights that it would take has a time."""
     problem = thrown(min_elevation_rad=1.2, max_elevation_rad=1.2)

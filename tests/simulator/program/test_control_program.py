@@ -224,6 +224,7 @@ def test_an_argument_that_is_not_finite_stops_the_program(command, bad):
     assert all(map(math.isfinite, driven.arm.q))
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(
     st.integers(-5, 300),
