@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from planner.cell import Cell
+from planner.cell import Cell, ThrownBody
 from verifier.elementary import Array
 from verifier.request_checks import NotAPlan, check_vector
 from verifier.taylor import TaylorModel
@@ -90,6 +90,8 @@ def read_aim(
     shift = _shift(document)
     moves = any(release.get("velocity") or []) or release.get("uncertainty") is not None
     v_W = X_WR[:3, :3] @ np.asarray(release.get("velocity") or np.zeros(3), np.float64)
+    if moves and isinstance(cell.object, ThrownBody):
+        raise NotAPlan("release: a target that moves, or is known within an uncertainty, is one for a ball")
     begin_s = _begin(document, release, v_W) if moves else 0.0
     passages = asked.get("passages") or []
     goes_on = bool(passages) and (asked.get("end") is not None or not passages[-1].get("releases"))

@@ -7,9 +7,16 @@ from dataclasses import replace
 from typing import Any
 
 from planner.cell import Cell, DigitalOutput
-from verifier.request_checks import GREATEST, WRONG_SHAPE, NotAPlan
+from verifier.request_checks import WRONG_SHAPE, NotAPlan, is_number
 
-LEAST = {"lag_s": -GREATEST, "delay_s": -GREATEST, "jitter_s": 0.0, "drag_coefficient": 0.0}  # of what a profile tells
+# Least and greatest of what a profile tells: what no cell has is a mistake, and a motion lasts 10 s.
+BOUNDS = {
+    "lag_s": (-10.0, 10.0),
+    "delay_s": (-10.0, 10.0),
+    "jitter_s": (0.0, 10.0),
+    "drag_coefficient": (0.0, 100.0),
+    "speed_factor": (0.1, 10.0),
+}
 
 
 def learnt_cell(document: Mapping[str, Any], cell: Cell, profile: Mapping[str, Any] | None) -> Cell:
@@ -38,10 +45,8 @@ def learnt_cell(document: Mapping[str, Any], cell: Cell, profile: Mapping[str, A
 
 
 def _learnt(cell: Cell, profile: Mapping[str, Any]) -> Cell:
-    lag_s, delay_s, jitter_s, drag = (_number(profile, name, least) for name, least in LEAST.items())
-    factor = _number({"speed_factor": 1.0, **profile}, "speed_factor", 0.0)  # the oldest profiles tell none
-    if factor == 0.0:
-        raise NotAPlan("profile.speed_factor: 0")
+    told = {"speed_factor": 1.0, **profile}  # the oldest profiles tell none
+    lag_s, delay_s, jitter_s, drag, factor = (_number(told, name, "profile") for name in BOUNDS)
     gripper = replace(cell.gripper, delay_s=delay_s, jitter_s=jitter_s, release_speed_factor=factor)
     shown = profile.get("outputs") or {}
     return cell.as_learnt(
@@ -55,13 +60,13 @@ def _learnt(cell: Cell, profile: Mapping[str, Any]) -> Cell:
 def _output(own: DigitalOutput, shown: Mapping[str, Any] | None) -> DigitalOutput:
     if shown is None:
         return own
-    return replace(
-        own, delay_s=_number(shown, "delay_s", LEAST["delay_s"]), jitter_s=_number(shown, "jitter_s", LEAST["jitter_s"])
-    )
+    delay_s, jitter_s = (_number(shown, name, "profile.outputs") for name in ("delay_s", "jitter_s"))
+    return replace(own, delay_s=delay_s, jitter_s=jitter_s)
 
 
-def _number(table: Mapping[str, Any], name: str, least: float) -> float:
-    value = float(table[name])
-    if not least <= value <= GREATEST:
-        raise NotAPlan(f"profile.{name}: {value}")
-    return value
+def _number(table: Mapping[str, Any], name: str, where: str) -> float:
+    least, greatest = BOUNDS[name]
+    value = table[name]
+    if not is_number(value) or not least <= value <= greatest:
+        raise NotAPlan(f"{where}.{name}: {value!r} is no number within {least:g} and {greatest:g}")
+    return float(value)

@@ -34,7 +34,7 @@ def check_request(asked: Mapping[str, Any], release: Mapping[str, Any]) -> None:
     Raises:
         NotAPlan: with the field.
     """
-    unusual = [path for path, value in _leaves(asked, "request") if _is_number(value) and not abs(value) <= GREATEST]
+    unusual = [path for path, value in _leaves(asked, "request") if is_number(value) and not abs(value) <= GREATEST]
     if unusual:
         raise NotAPlan(f"{unusual[0]}: no finite number")
     if ("release" in asked) == bool(asked["passages"]):
@@ -61,39 +61,50 @@ def check_vector(value: Any, length: int, where: str) -> None:
 
 
 def _is_finite(value: Any) -> bool:
-    return _is_number(value) and abs(value) <= GREATEST
+    return is_number(value) and abs(value) <= GREATEST
 
 
 def _check_numbers(table: Mapping[str, Any], where: str) -> None:
     """Refuses numbers that are none, or have a sign that they cannot have."""
     for name in (name for name in (*NOT_NEGATIVE, *POSITIVE) if table.get(name) is not None):
         value = table[name]
-        if not _is_number(value) or value < 0.0 or (name in POSITIVE and value == 0.0):
+        if not is_number(value) or value < 0.0 or (name in POSITIVE and value == 0.0):
             raise NotAPlan(f"{where}.{name}: {value!r}")
 
 
 def _check_limits(limits: Mapping[str, Any]) -> None:
     for name, value in limits.items():
-        if not all(_is_number(each) and each > 0.0 for each in (value if isinstance(value, list) else [value])):
+        if not all(is_number(each) and each > 0.0 for each in (value if isinstance(value, list) else [value])):
             raise NotAPlan(f"request.limits.{name}: {value!r}")
 
 
 def _check_release(release: Mapping[str, Any]) -> None:
     for name, length in VECTORS[release["kind"]].items():
-        if len(release[name]) != length or not all(map(_is_number, release[name])):
+        if len(release[name]) != length or not all(map(is_number, release[name])):
             raise NotAPlan(f"release.{name}: {release[name]!r}")
     if release["kind"] == "pose":
         _check_pose(release["pose"], "release.pose")
         vectors = [release["twist"]["linear"], release["twist"]["angular"]]
-        if not all(len(vector) == 3 and all(map(_is_number, vector)) for vector in vectors):
+        if not all(len(vector) == 3 and all(map(is_number, vector)) for vector in vectors):
             raise NotAPlan("release: its twist is none")
     if release.get("velocity") is not None and release["kind"] == "target":
         check_vector(list(release["velocity"]), 3, "release.velocity")
+    if release.get("orientation") is not None and release["kind"] == "target":
+        _check_orientation(release["orientation"])
     opening = release.get("opening")
     if opening is not None and not (
-        _is_number(opening["radius_m"]) and opening["radius_m"] > 0.0 and opening["rim_height_m"] >= 0.0
+        is_number(opening["radius_m"]) and opening["radius_m"] > 0.0 and opening["rim_height_m"] >= 0.0
     ):
         raise NotAPlan(f"release.opening: {opening!r}")
+
+
+def _check_orientation(asked: Any) -> None:
+    check_vector(asked["axis"], 3, "release.orientation.axis")
+    tolerance = asked["tolerance_rad"]
+    if not any(asked["axis"]):
+        raise NotAPlan(f"release.orientation.axis: {asked['axis']!r}")
+    if not is_number(tolerance) or tolerance < 0.0:
+        raise NotAPlan(f"release.orientation.tolerance_rad: {tolerance!r}")
 
 
 def _check_passages(passages: Sequence[Mapping[str, Any]]) -> None:
@@ -126,7 +137,7 @@ def _check_times(passage: Mapping[str, Any], where: str) -> None:
         if type(output["index"]) is not int or type(output["level"]) is not bool:
             raise NotAPlan(f"{where}.outputs: {output!r}")
         times += [(output.get("offset_s"), -math.inf), (output.get("offset_m"), 0.0)]
-    if not all(value is None or (_is_number(value) and value >= least) for value, least in times):
+    if not all(value is None or (is_number(value) and value >= least) for value, least in times):
         raise NotAPlan(f"{where}: one of its times or offsets is none")
 
 
@@ -134,7 +145,7 @@ def _check_line(line: Mapping[str, Any], where: str) -> None:
     for end in ("from", "to"):
         _check_pose(line[end], f"{where}.{end}")
     if (
-        not _is_number(line["speed_m_s"])
+        not is_number(line["speed_m_s"])
         or line["speed_m_s"] <= 0.0
         or line["from"]["position"] == line["to"]["position"]
     ):
@@ -147,7 +158,7 @@ def _check_line(line: Mapping[str, Any], where: str) -> None:
 def _check_pose(pose: Mapping[str, Any], where: str) -> None:
     turn = pose["rotation_vector"] if pose.get("quaternion") is None else pose["quaternion"]
     length = 3 if pose.get("quaternion") is None else 4
-    if len(pose["position"]) != 3 or len(turn) != length or not all(map(_is_number, [*pose["position"], *turn])):
+    if len(pose["position"]) != 3 or len(turn) != length or not all(map(is_number, [*pose["position"], *turn])):
         raise NotAPlan(f"{where}: {pose!r}")
     if length == 4 and not any(turn):
         raise NotAPlan(f"{where}.quaternion: {turn!r}")
@@ -170,7 +181,7 @@ def _check_end(asked: Mapping[str, Any]) -> None:
         return
     if not asked.get("passages") or end["kind"] not in ("rest", "home", "joint", "pose"):
         raise NotAPlan(f"request.end: {end!r}")
-    if end["kind"] == "joint" and (len(end["positions"]) != 6 or not all(map(_is_number, end["positions"]))):
+    if end["kind"] == "joint" and (len(end["positions"]) != 6 or not all(map(is_number, end["positions"]))):
         raise NotAPlan(f"request.end.positions: {end['positions']!r}")
     if end["kind"] == "pose":
         _check_pose(end["pose"], "request.end.pose")
@@ -188,5 +199,6 @@ def _leaves(value: Any, path: str) -> Iterator[tuple[str, Any]]:
         yield path, value
 
 
-def _is_number(value: Any) -> bool:
+def is_number(value: Any) -> bool:
+    """Returns whether a JSON value is a number, and no truth value."""
     return isinstance(value, int | float) and not isinstance(value, bool)

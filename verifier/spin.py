@@ -156,6 +156,7 @@ class FreeSpin(Spin):
             found.append(sum((self._own[i][:, rows] * u[i] for i in (1, 2)), self._own[0][:, rows] * u[0]))
         return found
 
+    @np.errstate(over="ignore", invalid="ignore")  # what overflows is no bound, and proves nothing
     def _step(self, q: TaylorModel, w: TaylorModel, rows: Index, h: Array) -> tuple[TaylorModel, TaylorModel]:
         """Returns turn (4, m) and angular velocity (3, m) of pieces (m,) a time (m,) [s] later, no more than a step."""
         rates = [w]

@@ -16,7 +16,7 @@ from planner.cell import Cell, ThrownBody
 from planner.planning import SearchHints, plan
 from planner.request import problem_from_request
 from tests.verifier.test_spin import turned_at
-from verifier import Status, verify
+from verifier import NotAPlan, Status, verify
 
 QUICK = SearchHints(offers_nearest=False)
 THROW = {"kind": "target", "position": [1.1, 0.3, 0.0]}
@@ -113,3 +113,26 @@ def test_a_ball_in_the_way_of_an_end_of_the_body_is_found(name: str, deep_m: flo
     verdict = verify({**document, "cell_sha256": blocked.sha256}, blocked)
     found = [each for each in verdict.open if each.name == "flight_clearance"]
     assert (not found) == is_proven, list(map(str, verdict.open))
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"orientation": {"axis": [0.0, 0.0, 1.0], "tolerance_rad": -1.0}},
+        {"orientation": {"axis": [0.0, 0.0, 1.0], "tolerance_rad": None}},
+        {"orientation": {"axis": [0.0, 0.0, 1.0], "tolerance_rad": "0.1"}},
+        {"orientation": {"axis": [0.0, 0.0, 1.0]}},
+        {"orientation": {"axis": [0.0, 0.0, 0.0], "tolerance_rad": 0.1}},
+        {"orientation": {"axis": [0.0, 0.0, 1.0, 0.0], "tolerance_rad": 0.1}},
+        {"orientation": {"axis": "abc", "tolerance_rad": 0.1}},
+        {"orientation": [0.0, 0.0, 1.0]},
+        {"velocity": [0.3, 0.0, 0.0], "observed_at_s": 100.0},
+    ],
+)
+def test_what_nobody_can_ask_of_a_bodys_landing_is_refused(fields: dict[str, Any]):
+    document, cell = planned("rod")
+    document = copy.deepcopy(document)
+    document.update(starts_at_s=100.0)
+    document["request"]["release"].update(fields)
+    with pytest.raises(NotAPlan):
+        verify(document, cell)
