@@ -6,6 +6,7 @@ of the file and, for users, in docs/simulator.md.
 
 from __future__ import annotations
 
+import inspect
 import os
 import signal
 from collections.abc import Callable
@@ -23,6 +24,12 @@ OTHER_PORTS = ("dashboard", "robot_api", "script", "primary", "secondary", "came
 ROLES = (*RTDE_ROLES, "any", *OTHER_PORTS, EVERY)
 FREEZE_MAX_S = 60.0  # [s]
 DELAY_MAX_S = 10.0  # [s]
+TYPES: dict[str, tuple[type | tuple[type, ...], str]] = {  # of parameters, by their annotation
+    "bool": (bool, "true or false"),
+    "float": ((int, float), "a number"),
+    "int": (int, "a whole number"),
+    "str": (str, "a word"),
+}
 
 
 def protective_stop(s: Simulation, runtime: str = "paused") -> None:
@@ -129,7 +136,8 @@ def mute(s: Simulation, port: str = "dashboard", on: bool = True) -> None:
         if entry.name == port and port != CONTROL_PORT_NAME:
             entry.mute = on
             return
-    raise BadRequest(f"no port {port!r} to mute")
+    ports = ", ".join(entry.name for entry in s.network.ports if entry.name != CONTROL_PORT_NAME)
+    raise BadRequest(f"no port {port!r} to mute; there are {ports}")
 
 
 def freeze(s: Simulation, duration_s: float = 1.0) -> None:
@@ -198,7 +206,20 @@ def cause_fault(s: Simulation, request: Document) -> None:
     fault = FAULTS.get(str(name))
     if fault is None:
         raise BadRequest(f"unknown fault {name!r}; known are {', '.join(FAULTS)}")
-    try:
-        fault(s, **{key: value for key, value in request.items() if key not in ("op", "name")})
-    except TypeError as error:
-        raise BadRequest(f"{name}: {error}") from error
+    fault(s, **_parameters(fault, {key: value for key, value in request.items() if key not in ("op", "name")}))
+
+
+def _parameters(fault: Callable[..., None], given: Document) -> Document:
+    """Returns the parameters of a fault, all of which it has and can take.
+
+    Raises:
+        BadRequest: one of them is unknown, or of another type.
+    """
+    known = {key: each.annotation for key, each in inspect.signature(fault).parameters.items() if key != "s"}
+    for key, value in given.items():
+        if key not in known:
+            raise BadRequest(f"{fault.__name__} has no parameter {key!r}; it has {', '.join(known) or 'none'}")
+        types, words = TYPES[known[key]]
+        if not isinstance(value, types) or (isinstance(value, bool) and known[key] != "bool"):
+            raise BadRequest(f"{fault.__name__}: {key} must be {words}; it is {value!r}")
+    return given

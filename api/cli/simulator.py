@@ -105,13 +105,16 @@ def sim(context: click.Context, cell: str | None, host: str | None, **given: Any
     from api.settings import parse_settings
 
     settings = parse_settings()
-    path = cell_path(settings.cells, cell or settings.default_cell)
+
+    def path() -> Path:
+        return cell_path(settings.cells, cell or settings.default_cell)
+
     if context.invoked_subcommand is None:
-        arguments = ["--cell", str(path), *(["--host", host] if host else []), *_behaviour(**given)]
+        arguments = ["--cell", str(path()), *(["--host", host] if host else []), *_behaviour(**given)]
         advice = f"or choose another loopback address: --host 127.0.0.2, and {OTHER_HOST}"
-        require_free(host or _host(path), SIMULATOR_PORTS, "the simulated controller", advice)
+        require_free(host or _host(path()), SIMULATOR_PORTS, "the simulated controller", advice)
         os.execv(sys.executable, [sys.executable, "-P", "-m", "simulator", *arguments])
-    context.obj = lambda: host or _host(path)
+    context.obj = lambda: host or _host(path())
 
 
 def _behaviour(

@@ -26,6 +26,7 @@ from planner.certificate.samples import MotionSamples
 from planner.flight import fly, paths, positions_after
 from planner.geometry import Surface
 from planner.kinematics import dot
+from planner.releases import Opening
 from planner.rotations import pose
 
 POINTS_ALONG = 33  # of a segment in each round: each leaves a sixteenth of it
@@ -56,7 +57,6 @@ class Flights:
         required: distance that it keeps from each obstacle [m]: none for what it is gripped beside and lands on, and
             for a bin's wall that stands; less beside the target, see `ThrowProblem.flight_clearances`.
         target: the target, if it moves, with its bin.
-        opening: the bin's mouth; None where there is no bin.
         thickness: distance of the object's centre from each obstacle's core at which the two are as near as they may be
             [m]: radii and what is required. "Gaps" are what is left beyond it.
     """
@@ -87,7 +87,6 @@ class Flights:
         radii = np.concatenate([self.shapes[-1], body.radii[capsules], [0.0]])
         self.thickness = radius + radii + self.required
         self.target = problem.moving
-        self.opening = problem.opening
 
     def _beside_release(self) -> Index:
         """Returns the capsules that the object is gripped by or beside, nearer than the clearance when released."""
@@ -142,6 +141,11 @@ class Flights:
     def count(self) -> int:
         """Number of the keep-out shapes, and of the first capsule among the obstacles."""
         return len(self.tops)
+
+    @property
+    def opening(self) -> Opening | None:
+        """The bin's mouth; None where there is no bin."""
+        return self.motion.problem.opening
 
     @cached_property
     def nominal(self) -> tuple[Array, Array]:
