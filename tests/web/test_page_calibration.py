@@ -19,7 +19,7 @@ from tests.api.conftest import FakeExecutor
 from tests.system.browser import CHROMIUM, MISSING, PLAN_MS, Visit, visit
 from tests.web.conftest import CELL, Desk
 
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason=MISSING)
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(CHROMIUM is None, reason=MISSING)]
 
 SOON_MS = 15_000
 SERIES_MS = 240_000  # eight throws are planned, on a busy machine

@@ -8,7 +8,7 @@ from playwright.sync_api import Browser, FloatRect, Locator, ViewportSize, expec
 from tests.system.browser import CHROMIUM, MISSING, visit
 from tests.web.conftest import Desk, planned
 
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason=MISSING)
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(CHROMIUM is None, reason=MISSING)]
 
 LAPTOP: ViewportSize = {"width": 1280, "height": 800}
 PHONE: ViewportSize = {"width": 390, "height": 844}

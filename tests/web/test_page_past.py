@@ -11,7 +11,7 @@ from store import new_id
 from tests.system.browser import CHROMIUM, MISSING, PLAN_MS, Visit, visit
 from tests.web.conftest import METRICS, Desk, planned, posted
 
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason=MISSING)
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(CHROMIUM is None, reason=MISSING)]
 
 SOON_MS = 15_000
 JOINT_COLUMNS = [f"{name}_{j}_rad" for name in ("q", "planned_q") for j in range(6)]

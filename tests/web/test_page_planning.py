@@ -88,6 +88,7 @@ def test_a_lost_connection_is_said_and_mended(guest: Visit) -> None:
     expect(alert.filter(has_text="Connection to the service lost")).to_have_count(0, timeout=10_000)
 
 
+@pytest.mark.slow
 def test_a_scene_that_does_not_arrive_is_asked_for_again(desk: Desk, browser: Browser) -> None:
     with visit(browser, "about:blank") as guest:
         guest.url = desk.url

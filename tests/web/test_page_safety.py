@@ -38,6 +38,7 @@ def test_seen_from_above_the_floor_is_dragged(viewer: Visit) -> None:
     expect(viewer.field("z [m]")).to_have_value("0")
 
 
+@pytest.mark.slow
 def test_the_button_names_a_height_above_the_floor(guest: Visit) -> None:
     planned(guest)
     expect(guest.button("Throw")).to_have_text("Throw on ur5e-sim to (1.20, 0.30)")
@@ -196,6 +197,7 @@ def test_a_fault_of_an_executor_that_reports_asks_for_no_new_one(guest: Visit, d
     expect(alert).not_to_contain_text("start the executor")
 
 
+@pytest.mark.slow
 def test_a_machine_that_fell_silent_is_told_from_a_lost_link(guest: Visit, desk: Desk) -> None:
     planned(guest)
     reason = "the streaming process was silent for 102 ms"

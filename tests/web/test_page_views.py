@@ -38,6 +38,7 @@ PLACE_IN_FORM = """(field) => {
 }"""
 
 
+@pytest.mark.slow
 def test_time_line_and_curves_share_their_axis(guest: Visit) -> None:
     planned(guest)
     timeline = guest.region("Timeline")
@@ -58,6 +59,7 @@ def test_time_line_and_curves_share_their_axis(guest: Visit) -> None:
     assert abs(area["x"] + area["width"] - (track["x"] + track["width"] - 8.0)) < SAME_PX
 
 
+@pytest.mark.slow
 def test_time_is_zoomed_about_the_cursor(guest: Visit) -> None:
     planned(guest)
     timeline = guest.region("Timeline")
@@ -73,6 +75,7 @@ def test_time_is_zoomed_about_the_cursor(guest: Visit) -> None:
     expect(guest.button("Show more of the time")).to_be_disabled()
 
 
+@pytest.mark.slow
 def test_a_chart_tells_its_values_under_the_pointer(guest: Visit) -> None:
     planned(guest)
     timeline = guest.region("Timeline")
@@ -94,6 +97,7 @@ def test_a_chart_tells_its_values_under_the_pointer(guest: Visit) -> None:
     expect(readout).to_be_hidden()
 
 
+@pytest.mark.slow
 def test_the_keyboard_plays_and_steps_by_ticks(guest: Visit) -> None:
     planned(guest)
     page = guest.page
@@ -115,6 +119,7 @@ def test_the_keyboard_plays_and_steps_by_ticks(guest: Visit) -> None:
     assert slider.input_value() >= before  # it may play still; nothing steps it back
 
 
+@pytest.mark.slow
 def test_the_clock_does_not_run_beyond_what_is_shown(guest: Visit, desk: Desk, thrown_id: str) -> None:
     id = desk.begun(thrown_id, "streaming")
     guest.outcome("Throwing")
@@ -127,6 +132,7 @@ def test_the_clock_does_not_run_beyond_what_is_shown(guest: Visit, desk: Desk, t
     assert shown == end
 
 
+@pytest.mark.slow
 def test_curves_are_saved_as_numbers(guest: Visit) -> None:
     planned(guest)
     timeline = guest.region("Timeline")
@@ -140,6 +146,7 @@ def test_curves_are_saved_as_numbers(guest: Visit) -> None:
     assert float(rest[0].split(",")[0]) == pytest.approx(0.002)
 
 
+@pytest.mark.slow
 def test_a_limit_that_holds_does_not_read_as_exceeded(guest: Visit) -> None:
     planned(guest)
     certificate = guest.region("Certificate")
@@ -208,6 +215,7 @@ def test_a_search_is_told_while_it_goes_on_and_can_be_cancelled(guest: Visit) ->
     guest.page.wait_for_function(ABANDONED)
 
 
+@pytest.mark.slow
 def test_nothing_jumps_when_something_is_said(guest: Visit, desk: Desk) -> None:
     before = guest.field("x [m]").evaluate(PLACE_IN_FORM)
     planned(guest)
@@ -218,6 +226,7 @@ def test_nothing_jumps_when_something_is_said(guest: Visit, desk: Desk) -> None:
     assert guest.page.locator(".scene").evaluate(scene) == pytest.approx(56.0, abs=1.0)  # below the header, as before
 
 
+@pytest.mark.slow
 def test_without_webgl_two_views_are_drawn_from_the_start(guest: Visit) -> None:
     views = guest.region("Scene").locator(".drawn-views svg")
     expect(views).to_have_count(2, timeout=SOON_MS)
@@ -230,6 +239,7 @@ def test_without_webgl_two_views_are_drawn_from_the_start(guest: Visit) -> None:
     expect(guest.region("Scene")).to_contain_text("two views instead")
 
 
+@pytest.mark.slow
 def test_axes_are_drawn_and_named(guest: Visit) -> None:
     views = guest.region("Scene").locator(".drawn-views svg")
     for text in ("x", "y", "1 m", "−1 m"):
@@ -243,6 +253,7 @@ def test_axes_are_drawn_and_named(guest: Visit) -> None:
     assert up < origin[1]  # and y upwards
 
 
+@pytest.mark.slow
 def test_the_scene_is_zoomed_and_keeps_the_view_of_a_person(viewer: Visit) -> None:
     viewer.page.wait_for_timeout(1000)
     scene = viewer.region("Scene")
@@ -252,6 +263,7 @@ def test_the_scene_is_zoomed_and_keeps_the_view_of_a_person(viewer: Visit) -> No
     assert scene.locator("canvas").screenshot() != before
 
 
+@pytest.mark.slow
 def test_on_a_phone_the_throw_is_above_the_sheet(desk: Desk, drawing_browser: Browser) -> None:
     with visit(drawing_browser, desk.url, viewport=PHONE) as guest:
         guest.region("Robots").get_by_text("Ready").wait_for()
@@ -264,6 +276,7 @@ def test_on_a_phone_the_throw_is_above_the_sheet(desk: Desk, drawing_browser: Br
         assert y < min(sheet["y"], cameras["y"])
 
 
+@pytest.mark.slow
 def test_on_a_phone_the_sheet_drops_once_something_is_thrown(desk: Desk, browser: Browser) -> None:
     with visit(browser, desk.url, viewport=PHONE) as guest:
         guest.region("Robots").get_by_text("Ready").wait_for()
@@ -273,6 +286,7 @@ def test_on_a_phone_the_sheet_drops_once_something_is_thrown(desk: Desk, browser
         guest.page.wait_for_function("() => scrollY === 0")
 
 
+@pytest.mark.slow
 def test_a_report_without_webgl_has_two_drawn_views(
     desk: Desk, browser: Browser, thrown_id: str, tmp_path: Path
 ) -> None:
@@ -286,6 +300,7 @@ def test_a_report_without_webgl_has_two_drawn_views(
         assert guest.barriers() == []
 
 
+@pytest.mark.slow
 def test_on_a_phone_a_plan_is_one_line_until_more_is_asked(desk: Desk, browser: Browser) -> None:
     with visit(browser, desk.url, viewport=PHONE) as guest:
         guest.region("Robots").get_by_text("Ready").wait_for()
