@@ -19,7 +19,7 @@ demo: $(VENV)/native.stamp      ## one throw from plan to landing on a simulated
 up: $(VENV)/native.stamp        ## simulator, executor, service and web page until Ctrl-C
 	$(BIN)/fling up
 
-test: $(VENV)/dev.stamp         ## what eight minutes allow
+test: $(VENV)/dev.stamp         ## all but slow tests
 	$(BIN)/python -m pytest -n 2 --dist loadfile --ignore tests/system --ignore tests/verify -m "not slow"
 	$(BIN)/python -m pytest tests/system -m "not slow"  # in real time: nothing beside it
 
