@@ -79,8 +79,9 @@ class Execution:
         cell = self.session.cell
         session = self.session
         with ThreadPoolExecutor(1) as pool:
-            pool.submit(session.kinematics_reader.read)  # up to a tenth of a second, in which the plan is prepared
+            reading = pool.submit(session.kinematics_reader.read)  # up to 0.1 s, in which the plan is prepared
             job = self._job_of(document)
+        reading.result()
         ready = readiness(session)
         state = session.monitor.fresh()
         refusals = [*ready.refusals, *([] if state is None else open_grippers(cell, state))]

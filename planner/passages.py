@@ -282,7 +282,8 @@ def with_main_state(passages: Sequence[Passage], state: Release) -> tuple[Passag
 
 def released_first(passages: Sequence[Passage], passed: Sequence[int]) -> int:
     """Returns the sample of a motion's release: that of the passage where an object leaves first; else of the last."""
-    return next((index for each, index in zip(passages, passed, strict=True) if each.releases), passed[-1])
+    number = first_release(passages)
+    return passed[-1 if number is None else number]
 
 
 def passed_until(passages: Sequence[Passage], trajectory: Trajectory) -> list[int]:
