@@ -3,6 +3,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
+# Two workers, a file each; a worker that dies ends the run and is not replaced: its test would hang the next one, too.
+TWO := -n 2 --dist loadfile --max-worker-restart=0
 # What the C of the planner is made of.
 NATIVE := $(wildcard planner/native/*/*.[ch] planner/backends/casadi_nlp/*.py planner/backends/casadi_nlp/symbols/*.py)
 # Steps of setting up, by what is asked for.
@@ -20,11 +22,11 @@ up: $(VENV)/native.stamp        ## simulator, executor, service and web page unt
 	$(BIN)/fling up
 
 test: $(VENV)/dev.stamp         ## all but slow tests
-	$(BIN)/python -m pytest -n 2 --dist loadfile --ignore tests/system --ignore tests/verify -m "not slow"
+	$(BIN)/python -m pytest $(TWO) --ignore tests/system --ignore tests/verify -m "not slow"
 	$(BIN)/python -m pytest tests/system -m "not slow"  # in real time: nothing beside it
 
 test-slow: $(VENV)/dev.stamp    ## the other tests, but for those of `make verify`
-	$(BIN)/python -m pytest -n 2 --dist loadfile --ignore tests/system --ignore tests/verify -m slow
+	$(BIN)/python -m pytest $(TWO) --ignore tests/system --ignore tests/verify -m slow
 	$(BIN)/python -m pytest tests/system -m slow
 
 verify: $(VENV)/docs.stamp $(VENV)/verify.stamp $(VENV)/ray.stamp   ## what takes minutes: wheels, both databases, generated clients, notebooks, more of the fault matrix; LONG=1: an hour of soak, too
@@ -34,7 +36,7 @@ soak: $(VENV)/dev.stamp         ## MINUTES (10) of load, kills and hostile reque
 	$(BIN)/python -m benchmarks.soak --minutes $(or $(MINUTES),10)
 
 verify-ci: $(VENV)/verify.stamp   ## what of it continuous integration has time for
-	$(BIN)/python -m pytest -n 2 --dist loadfile tests/verify -m "not slow"
+	$(BIN)/python -m pytest $(TWO) tests/verify -m "not slow"
 
 wheels: $(VENV)/dev.stamp       ## dist/: one wheel for CPython 3.11 and later, and the source
 	$(BIN)/python -m build --no-isolation --outdir dist
@@ -54,7 +56,7 @@ fuzz: $(VENV)/verify.stamp   ## 5,000 cases of schemathesis on both databases, w
 test-kernels: $(VENV)/dev.stamp
 	NPY_DISABLE_CPU_FEATURES="X86_V3 X86_V4" GLIBC_TUNABLES=glibc.cpu.hwcaps=-AVX2,-FMA,-AVX512F OPENBLAS_CORETYPE=Prescott \
 		OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -W "ignore:During parsing:ImportWarning" \
-		-n 2 --dist loadfile tests/planner tests/benchmarks
+		$(TWO) tests/planner tests/benchmarks
 
 # What --verifytypes looks into is the Python on the path, whatever --pythonpath says.
 check: $(VENV)/dev.stamp

@@ -21,6 +21,7 @@ from store import Store
 from tests.api.conftest import JOINT, NO_ID, REQUEST, RunningService, running
 from tests.api.test_bad_input import problem_of
 from tests.processes import children_with
+from tests.waiting import until
 
 OTHER = {**JOINT, "positions": [0.5, *JOINT["positions"][1:]]}
 UNREACHABLE = {"kind": "point", "position": [9.0, 0.0, 0.5], "velocity": [1.0, 0.0, 0.0]}
@@ -175,8 +176,8 @@ def test_a_driver_that_is_killed_is_begun_again(service: RunningService):
     axes = {"release.positions[0]": [0.30, 0.32, 0.01]}
     made = service.client.post("/batches", json={"template": REQUEST, "grid": axes}).json()
     other = service.client.post("/batches", json={"requests": [REQUEST]}).json()
-    while not (found := drivers_of(made["id"])):
-        time.sleep(0.01)
+    found: list[psutil.Process] = []
+    until(lambda: found.extend(drivers_of(made["id"])) or found)
     found[0].kill()
     cancelled = service.client.post(f"/batches/{other['id']}/cancel")
     assert (cancelled.status_code, cancelled.json()["outcome"]) == (202, "cancelled")

@@ -7,6 +7,7 @@ from typing import Any
 
 from api.execution_feed import ExecutionFeeds
 from store import PlanRow, Store, StoreUnavailable
+from tests.waiting import until_true
 
 LISTENERS = 50
 
@@ -84,8 +85,7 @@ def test_closing_ends_all_streams(tmp_path):
     async def test() -> bytes:
         feeds = ExecutionFeeds(store)
         listening = asyncio.create_task(heard(feeds, id))
-        while id not in feeds._feeds or not feeds._feeds[id][0]._ids:  # until it has read, however busy the machine is
-            await asyncio.sleep(0.01)
+        await until_true(lambda: id in feeds._feeds and feeds._feeds[id][0]._ids)  # until it has read
         feeds.close()
         return await listening + await heard(feeds, id)
 

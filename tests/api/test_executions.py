@@ -10,6 +10,7 @@ import pytest
 from store import pack_samples
 from tests.api.conftest import NO_ID, FakeExecutor, RunningService, beat_as
 from tests.api.test_bad_input import problem_of
+from tests.waiting import until
 
 
 def execute(service: RunningService, plan_id: str, **body: Any) -> Any:
@@ -239,11 +240,12 @@ def replaced(service: RunningService, id: str, plan_id: str, answer: tuple[float
     """Asks for a replacement, to which an executor gives an answer."""
 
     def answers() -> None:
-        while (row := service.store.execution(id)) is None or row.open_replacement is None:
-            time.sleep(0.01)
+        until(lambda: (row := service.store.execution(id)) is not None and row.open_replacement is not None)
         if answer is None:
             service.store.finish_execution(id, "completed")
         else:
+            row = service.store.execution(id)
+            assert row is not None
             service.store.answer_replacement(id, row.open_replacement, *answer)
 
     thread = threading.Thread(target=answers)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import socket
 import threading
-import time
 from collections.abc import Iterator
 
 import pytest
@@ -14,6 +13,7 @@ import uvicorn
 from api.server import server_config
 from tests.api.conftest import FakeExecutor, RunningService
 from tests.api.test_bad_input import problem_of
+from tests.waiting import until
 
 CHANGING = ("/metrics", "/cells", "/cells/ur5e-sim/state")  # between two requests
 
@@ -122,8 +122,7 @@ def port() -> Iterator[int]:
     server = uvicorn.Server(config)
     thread = threading.Thread(target=server.run)
     thread.start()
-    while not server.started:
-        time.sleep(0.01)
+    until(lambda: server.started)
     yield server.servers[0].sockets[0].getsockname()[1]
     server.should_exit = True
     thread.join()

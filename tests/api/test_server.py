@@ -20,6 +20,7 @@ from api.http import DrainingMiddleware, SecurityMiddleware, event_stream, insta
 from api.plan_events import plan_events
 from api.server import DrainingServer, ImpatientProtocol, server_config
 from planner.progress import Observer
+from tests.waiting import until_true
 
 HOST = "127.0.42.9"
 GET = b"GET /%s HTTP/1.1\r\nHost: 127.0.42.9\r\n\r\n"
@@ -112,8 +113,7 @@ async def serving(proxies: Sequence[str] = ()) -> AsyncIterator[RunningServer]:
     running = RunningServer(proxies)
     running.server.config.load()
     task = asyncio.create_task(running.server._serve())
-    while not running.server.started:
-        await asyncio.sleep(0.01)
+    await until_true(lambda: running.server.started)
     yield running
     running.answer.set()
     running.drained.set()
@@ -284,8 +284,7 @@ def test_a_client_that_does_not_read_is_cut():
         reader, writer = await asyncio.open_connection(HOST, running.port, limit=1)
         writer.write(GET % b"huge")
         await asyncio.sleep(0.1)
-        while running.server.server_state.connections:
-            await asyncio.sleep(0.05)
+        await until_true(lambda: not running.server.server_state.connections)
         received = 0
         with suppress(ConnectionError):
             while chunk := await reader.read(1_000_000):
@@ -325,8 +324,7 @@ def test_draining_refuses_new_work_and_answers_the_rest():
         slow = asyncio.create_task(answer_to(running, GET % b"slow"))
         await asyncio.sleep(0.1)
         running.server.handle_exit(signal.SIGTERM, None)
-        while not running.app.state.is_draining:
-            await asyncio.sleep(0.01)
+        await until_true(lambda: running.app.state.is_draining)
         status, headers, problem = await answer_to(running, POST % (b"plan", 2) + b"{}")
         assert (status, problem["type"]) == (503, "/problems/shutting-down")
         assert int(headers["retry-after"]) > 0

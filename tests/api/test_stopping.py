@@ -18,6 +18,7 @@ from store import ExecutionRow
 from tests.api.conftest import FakeExecutor, RunningService
 from tests.executor.test_stop_listener import StoppedRun
 from tests.postgres import POSTGRES
+from tests.waiting import until
 
 
 class ExecutorHere(StopListener):
@@ -38,8 +39,7 @@ def here(service: RunningService, data: Path, executor: FakeExecutor, plan: dict
     assert row is not None
     found = ExecutorHere(data, row)
     found.start()
-    while not (found.folder / "stop").exists():
-        pass
+    until((found.folder / "stop").exists, period_s=0.0)
     yield found
     found.stop()
 

@@ -22,6 +22,7 @@ from planner.request import problem_from_request
 from planner.stream_rows import StreamRows, sample_rows
 from planner.trajectory import Trajectory
 from tests.processes import children_with
+from tests.waiting import until
 
 CELLS = Path(__file__).parents[2] / "cells"
 LOB = {"kind": "target", "position": [1.2, 0.3, 0.0]}
@@ -72,6 +73,6 @@ def prepared(request: pytest.FixtureRequest) -> Prepared:
 def waiting_process() -> psutil.Process:
     """Returns the process that waits, once it has loaded: it then ignores SIGINT, and sleeps."""
     (process,) = children_with(STREAM_MODULE)
-    while "rtde_control" not in Path(f"/proc/{process.pid}/maps").read_text() or process.status() != "sleeping":
-        pass
+    libraries = Path(f"/proc/{process.pid}/maps")
+    until(lambda: "rtde_control" in libraries.read_text() and process.status() == "sleeping")
     return process

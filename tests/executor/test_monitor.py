@@ -13,12 +13,12 @@ import pytest
 from executor.robot import session
 from executor.robot.session import FORMATS, OWNER_INPUT, Monitor
 from executor.worker import Worker
+from tests.waiting import until
 
 HOST = "127.0.42.1"
 WIDTHS = {"actual_q": "VECTOR6D", "actual_qd": "VECTOR6D", "target_qd": "VECTOR6D", "tcp_offset": "VECTOR6D"}
 KINDS = {"robot_mode": "INT32", "safety_status_bits": "UINT32", "runtime_state": "UINT32",
          "actual_digital_output_bits": "UINT64", "actual_digital_input_bits": "UINT64"}  # fmt: skip
-WITHIN_S = 30.0
 
 
 def types(names: list[str]) -> list[str]:
@@ -91,13 +91,6 @@ def monitor() -> Iterator[Monitor]:
     found = Monitor(HOST, owns=True)
     yield found
     found.stop()
-
-
-def until(condition: Callable[[], object]) -> None:
-    deadline = time.monotonic() + WITHIN_S
-    while not condition():
-        assert time.monotonic() < deadline, "waited too long"
-        time.sleep(0.01)
 
 
 def instead(names: list[str], name: str, kind: str) -> bytes:

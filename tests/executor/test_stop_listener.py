@@ -13,6 +13,7 @@ from executor.execution import Execution
 from executor.stop_listener import CLIENTS_MAX, StopListener
 from fling import stop_socket
 from store import ExecutionRow, new_id
+from tests.waiting import until
 
 
 class StoppedRun:
@@ -37,8 +38,7 @@ def listening(data: Path, cell: str) -> StopListener:
     folder.mkdir(parents=True)
     listener = StopListener(folder)
     listener.start()
-    while not (folder / stop_socket.NAME).exists():
-        pass
+    until((folder / stop_socket.NAME).exists, period_s=0.0)
     return listener
 
 

@@ -15,6 +15,7 @@ import pytest
 from executor.stream_process import SPARE_LOG, STREAM_LOG, STREAM_MODULE, ChildProcess, SpareStream, end_orphan
 from tests.executor.conftest import waiting_process
 from tests.processes import children_with
+from tests.waiting import until
 
 
 def sleeping(tmp_path: Path) -> ChildProcess:
@@ -36,8 +37,7 @@ def test_a_killed_child_is_known_to_have_been_killed(tmp_path: Path) -> None:
 def test_a_frozen_child_is_seen_and_can_be_killed(tmp_path: Path) -> None:
     child = sleeping(tmp_path)
     os.kill(child.pid, signal.SIGSTOP)
-    while not child.is_frozen():
-        pass
+    until(child.is_frozen)
     assert not child.ends_within(0.0)
     child.kill()
     child.reap()
@@ -62,8 +62,7 @@ def test_a_stream_that_an_executor_left_is_ended(
     monkeypatch.setattr("executor.stream_process.ORPHAN_S", 0.1)
     log = tmp_path / "log"
     child = ChildProcess([sys.executable, "-c", LOCKS, STREAM_MODULE], (), log)
-    while "locked" not in log.read_text():
-        pass
+    until(lambda: "locked" in log.read_text())
     os.kill(child.pid, number)
     assert end_orphan(log) == child.pid
     child.reap()
@@ -82,8 +81,7 @@ def test_a_process_that_is_no_stream_keeps_its_lock(tmp_path: Path, monkeypatch:
     monkeypatch.setattr("executor.stream_process.ORPHAN_S", 0.1)
     log = tmp_path / "log"
     child = ChildProcess([sys.executable, "-c", LOCKS], (), log)
-    while "locked" not in log.read_text():
-        pass
+    until(lambda: "locked" in log.read_text())
     assert end_orphan(log) is None
     assert child.poll() is None
     child.kill()
@@ -123,8 +121,7 @@ def test_one_that_died_or_was_frozen_is_replaced(spare: SpareStream, number: sig
     spare.prepare()
     process = waiting_process()
     process.send_signal(number)
-    while process.status() not in ("zombie", "stopped"):
-        pass
+    until(lambda: process.status() in ("zombie", "stopped"))
     taken = spare.take()
     assert taken.pid != process.pid
     assert not process.is_running()
@@ -164,6 +161,7 @@ EXECUTOR = """
 import sys, time
 from pathlib import Path
 from executor.stream_process import SpareStream
+from tests.waiting import until
 spare = SpareStream(Path(sys.argv[1]))
 spare.prepare()
 print("ready", flush=True)
@@ -174,9 +172,11 @@ time.sleep(600)
 def test_the_kernel_ends_one_whose_executor_is_killed(tmp_path: Path) -> None:
     with subprocess.Popen([sys.executable, "-c", EXECUTOR, str(tmp_path)], stdout=subprocess.PIPE) as executor:
         assert executor.stdout is not None
-        assert executor.stdout.readline() == b"ready\n"
-        (process,) = children_with(STREAM_MODULE, executor.pid)
-        executor.kill()
+        try:
+            assert executor.stdout.readline() == b"ready\n"
+            (process,) = children_with(STREAM_MODULE, executor.pid)
+        finally:
+            executor.kill()
     psutil.wait_procs([process], 60.0)
     assert not process.is_running()
     assert end_orphan(tmp_path / SPARE_LOG) is None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import time
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
@@ -16,6 +15,7 @@ from jobs.planning import PlanningJob
 from jobs.pool import PlannerBug, PlannerPool, PoolBroken, open_pool
 from jobs.pool.pool import AHEAD
 from tests.jobs.fake_planner import FAKE, fake_job
+from tests.waiting import until
 
 
 @pytest.fixture(scope="module")
@@ -91,8 +91,7 @@ def test_a_bug_is_a_refusal_too(pool: PlannerPool):
 
 def test_a_bug_of_a_cancelled_job_is_told_as_a_bug(pool: PlannerPool):
     future = pool.submit(fake_job(sleep_s=0.3, bug=True))
-    while not future.running():
-        time.sleep(0.01)
+    until(future.running)
     pool.cancel(future)
     assert isinstance(future.result(timeout=10.0).error, PlannerBug)
 
@@ -120,11 +119,10 @@ def test_a_job_that_is_cancelled_in_line_is_not_planned(tmp_path: Path):
         busy = pool.submit(fake_job(sleep_s=0.5))
         waits = pool.submit(fake_job(log=str(tmp_path / "log"), dies_once=str(tmp_path / "begun")))
         after = pool.submit(fake_job(3))
-        while not busy.running():
-            time.sleep(0.01)
+        until(busy.running)
         assert waits.cancel()
         assert not busy.cancel()
-        assert after.result().planned.row.samples == b"9"
+        assert after.result(timeout=60.0).planned.row.samples == b"9"
     assert not (tmp_path / "begun").exists()
 
 
@@ -134,8 +132,7 @@ def test_a_closed_pool_leaves_nobody_waiting():
         pool.wait_until_warm()
         begun = pool.submit(fake_job(sleep_s=3600.0))
         waits = pool.submit(fake_job())
-        while not begun.running():
-            time.sleep(0.01)
+        until(begun.running)
     assert waits.cancelled()
     with pytest.raises(PoolBroken):
         begun.result(timeout=1.0)
