@@ -12,6 +12,7 @@ import statistics
 import time
 
 from executor.grippers.drivers import driver_of
+from executor.undelivered import close_in_order, discard_at_close
 from planner.grippers import GripperLink
 
 CONNECT_S = 1.0  # [s] a gripper on the controller's network answers within milliseconds
@@ -51,6 +52,7 @@ class GripperConnection:
             raise GripperUnavailable(f"{self._where} does not answer: {error}") from error
         try:
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            discard_at_close(self._socket)
             self._check()
             self._socket.setblocking(False)
         except (OSError, GripperUnavailable) as error:
@@ -71,7 +73,8 @@ class GripperConnection:
             return False
 
     def close(self) -> None:
-        """Closes the connection."""
+        """Closes the connection; a command that has not arrived by then is dropped."""
+        close_in_order(self._socket)
         with contextlib.suppress(OSError):
             self._socket.close()
 

@@ -62,6 +62,7 @@ def run(
     memory.fields[shm.STATE] = shm.STOPPING
     connection.stop()
     connection.gripper.finish()
+    connection.part()
     return verdict
 
 

@@ -14,6 +14,7 @@ from executor import shared_memory as shm
 from executor.grippers import driver_of
 from executor.stream_job import StreamJob
 from executor.streaming.state_checks import OUTPUT_SHIFT
+from executor.undelivered import close_in_order, discard_at_close
 
 if TYPE_CHECKING:
     from executor.streaming.rtde_connection import RtdeConnection
@@ -214,7 +215,8 @@ class SocketPort:
         return ("not_released", f"{self._name}: {self._driver.fault}") if self._driver.fault else None
 
     def finish(self) -> None:
-        """Does nothing: the descriptor ends with the process."""
+        """Has the connection end in order with this process, where all has arrived."""
+        close_in_order(self._socket)
 
     def close(self) -> None:
         """Closes the socket."""
@@ -272,6 +274,7 @@ class SocketPort:
         self._socket = socket.socket(family)
         self._socket.setblocking(False)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        discard_at_close(self._socket)
         self._socket.connect_ex(self._peer)
 
 

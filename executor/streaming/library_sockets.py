@@ -6,14 +6,20 @@ import os
 import socket
 import stat
 from collections.abc import Iterator
+from contextlib import suppress
+
+from executor.undelivered import close_in_order, discard_at_close
 
 RTDE_PORT = 30004  # source: Universal Robots, RTDE guide
 
 
 class LibrarySockets:
-    """The RTDE sockets of this process at the time of construction, which sets TCP_NODELAY on every TCP socket.
+    """The RTDE sockets of this process at the time of construction, which sets options of every TCP socket.
 
-    ur_rtde 1.6.5 sets that option on a socket that its connect then closes and reopens. Without it, the last of four
+    What such a socket has not delivered is dropped when this process ends, killed or not, and however it ends: no
+    command reaches the controller after that, once a cable is in again.
+
+    ur_rtde 1.6.5 sets TCP_NODELAY on a socket that its connect then closes and reopens. Without it, the last of four
     outputs arrived up to 43 ms late.
 
     Attributes:
@@ -24,6 +30,7 @@ class LibrarySockets:
         self._inodes: dict[int, int] = {}
         for descriptor, connection in _tcp_sockets():
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            discard_at_close(connection)
             if _peer_port(connection) == RTDE_PORT:
                 self._inodes[descriptor] = os.fstat(connection.fileno()).st_ino
         self.count = len(self._inodes)
@@ -38,6 +45,12 @@ class LibrarySockets:
             return any(os.fstat(descriptor).st_ino != inode for descriptor, inode in self._inodes.items())
         except OSError:
             return True
+
+    def close_in_order(self) -> None:
+        """Has every RTDE socket end in order with this process, unless it has something left that is dropped."""
+        for descriptor in self._inodes:
+            with suppress(OSError), socket.socket(fileno=os.dup(descriptor)) as copy:
+                close_in_order(copy)
 
 
 def _tcp_sockets() -> Iterator[tuple[int, socket.socket]]:

@@ -226,6 +226,10 @@ class RtdeConnection:
             sleep(self.job.dt)
             self.read()
 
+    def part(self) -> None:
+        """Says that this run ends in order: its connections do, too, where all has arrived."""
+        self._sockets.close_in_order()
+
     def _command(self, name: str, call: Callable[..., Any], *args: Any) -> None:
         """Makes one real-time call and checks its answer and its duration; one that hangs is this process's end."""
         self.memory.fields[IN_CALL] = 1.0

@@ -16,6 +16,7 @@ from executor.stream_job import Row, StreamJob
 from executor.streaming.loop import Stream
 from executor.streaming.rtde_connection import ProgramState, RtdeConnection
 from executor.streaming.state_checks import PLAYING, StopRequests, StreamFault
+from executor.undelivered import discard_at_close
 from planner import controller_program
 
 SCRIPT_PORT = 30002  # source: Universal Robots, "Primary and secondary interfaces"
@@ -34,6 +35,7 @@ class Upload:
         """Begins to connect; nothing here waits, since the daemon ends a process that is silent."""
         self._rest = job.program.encode()
         self._socket = socket.socket()
+        discard_at_close(self._socket)
         self._socket.setblocking(False)
         self._socket.connect_ex((job.host, SCRIPT_PORT))
 
