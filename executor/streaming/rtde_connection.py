@@ -16,13 +16,13 @@ from time import monotonic, sleep
 from typing import Any, NamedTuple
 
 from rtde_control import RTDEControlInterface
-from rtde_io import RTDEIOInterface
 from rtde_receive import RTDEReceiveInterface
 
 from executor.realtime import RunDelay, sleep_count
 from executor.shared_memory import IN_CALL, REALTIME, SharedMemory
 from executor.stream_job import StreamJob
 from executor.streaming import state_checks
+from executor.streaming.controller_inputs import ControllerInputs
 from executor.streaming.gripper_port import gripper_port
 from executor.streaming.library_sockets import LibrarySockets
 from executor.streaming.state_checks import StreamFault
@@ -69,7 +69,7 @@ class ProgramState(NamedTuple):
 
 
 class RtdeConnection:
-    """Fresh ur_rtde interfaces to one controller, for one execution.
+    """Fresh connections to one controller, for one execution.
 
     A motion that runs inside the controller has no control interface, and with it no program of ur_rtde's.
 
@@ -84,6 +84,7 @@ class RtdeConnection:
         call_s: duration of the last command [s].
         sent_at: monotonic time at which the last command began [s].
         watchdog_hz: lowest command rate accepted by the controller [Hz].
+        writer: what switches outputs and keeps a program alive; None in a dry run.
         gripper: what this run tells its gripper through.
     """
 
@@ -108,26 +109,17 @@ class RtdeConnection:
             variables = VARIABLES + [f"output_int_register_{number}" for number in PROGRAM_OUTPUTS]
         try:
             self.receive = RTDEReceiveInterface(job.host, 1.0 / job.dt, variables)
+            self.writer = None if job.dry_run else ControllerInputs(job.host, self.in_controller)
             streams = not (job.dry_run or self.in_controller)
             self.control = RTDEControlInterface(job.host, 1.0 / job.dt) if streams else None
-            self.io = None if job.dry_run else RTDEIOInterface(job.host)
-        except (RuntimeError, ValueError) as error:
+        except (RuntimeError, ValueError, OSError) as error:
             raise StreamFault("refused", f"connecting: {error}") from error
         self.plays = self.control is not None
         self._sockets = LibrarySockets()
-        interfaces = sum(each is not None for each in (self.receive, self.control, self.io))  # each has a connection
+        interfaces = sum(each is not None for each in (self.receive, self.writer, self.control))  # one connection each
         if self._sockets.count < interfaces:
             reason = f"{self._sockets.count} of {interfaces} RTDE connections are open right after connecting"
             raise StreamFault("refused", reason)
-        self.send_output = (
-            {}
-            if self.io is None
-            else {
-                "tool_digital": self.io.setToolDigitalOut,
-                "standard_digital": self.io.setStandardDigitalOut,
-                "configurable_digital": self.io.setConfigurableDigitalOut,
-            }
-        )
         self.gripper = gripper_port(self)
         self.read()
 
@@ -147,6 +139,8 @@ class RtdeConnection:
         receive = self.receive
         if not receive.isConnected() or (self.control is not None and not self.control.isConnected()):
             raise StreamFault("link_lost", "the connection to the controller is gone")
+        if self.writer is not None and (loss := self.writer.loss()):
+            raise StreamFault("link_lost", f"the connection that switches outputs {loss}")
         if self._sockets.were_replaced():
             raise StreamFault("link_lost", "a connection to the controller was closed, or replaced by the library")
         while True:  # a package may arrive between two getters: read again, at most once in practice
@@ -193,14 +187,14 @@ class RtdeConnection:
 
     def output(self, kind: str, index: int, level: bool) -> None:
         """Sets a digital output."""
-        if self.send_output:
-            self._command("the digital output", self.send_output[kind], index, level)
+        if self.writer is not None:
+            self._command("the digital output", self.writer.set_output, kind, index, level)
 
     def beat(self, number: int, request: int) -> None:
         """Raises the heartbeat of a program in the controller, and says what is asked of it."""
-        if self.io is not None:
-            self._command("the heartbeat", self.io.setInputIntRegister, registers.HEARTBEAT, number)
-            self._command("a request", self.io.setInputIntRegister, registers.REQUEST, request)
+        if self.writer is not None:
+            self._command("the heartbeat", self.writer.set_register, registers.HEARTBEAT, number)
+            self._command("a request", self.writer.set_register, registers.REQUEST, request)
 
     def end_speeds(self) -> None:
         """Ends a stream of speeds at rest, so that another kind of motion may follow."""
@@ -239,7 +233,7 @@ class RtdeConnection:
             signal.setitimer(signal.ITIMER_REAL, HANGS_S)
         try:
             answer = call(*args)
-        except RuntimeError as error:
+        except (RuntimeError, OSError) as error:
             raise StreamFault("link_lost", f"{name}: {error}") from error
         finally:
             signal.setitimer(signal.ITIMER_REAL, 0.0)

@@ -50,6 +50,11 @@ class InputRecipe:
     doubles: tuple[tuple[int, int, int], ...]  # (position, count, first register)
     others: tuple[tuple[int, int, str], ...]  # (position, count, name)
 
+    @property
+    def switches(self) -> bool:
+        """Whether it has digital outputs."""
+        return any(name.endswith("digital_output") for _, _, name in self.others)
+
     def decode(self, body: bytes) -> InputValues:
         """Returns the values in the body of a data package, without its recipe id.
 

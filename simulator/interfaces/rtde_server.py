@@ -36,8 +36,10 @@ class RtdeSession:
     @property
     def role(self) -> str:
         """Interface of ur_rtde that this connection resembles: control, receive or io."""
-        if self.started:
-            return "control" if len(self.inputs) > 1 else "receive"  # one input may be kept by a client that receives
+        if self.started and len(self.inputs) < 2:  # one input may be kept by a client that receives
+            return "receive"
+        if self.started and not any(recipe.switches for recipe in self.inputs.values()):
+            return "control"
         return "io" if self.inputs else "none"
 
 

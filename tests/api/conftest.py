@@ -25,7 +25,7 @@ JOINT = {
     "velocities": [0.8, 0.6, -0.5, 0.3, 0.0, 0.0],
 }
 REQUEST: dict[str, Any] = {"release": JOINT, "backend": "ruckig"}
-READY_S = 300.0  # [s] the workers load their solvers first, on a busy machine beside eight others
+READY_S = 180.0  # [s] the workers load their solvers first, on a busy machine beside eight others
 NO_ID = "00000000-0000-7000-8000-000000000000"  # of nothing
 
 

@@ -34,7 +34,7 @@ BATCH = {
     ]
 }
 BEGUN_S = 0.5  # [s] a driver is begun at once
-DONE_S = 240.0  # [s] a driver and its workers start first, on a busy machine
+DONE_S = 180.0  # [s] a driver and its workers start first, on a busy machine
 
 
 def wait_for(service: RunningService, id: str) -> dict[str, Any]:

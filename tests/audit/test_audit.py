@@ -30,7 +30,7 @@ from planner.robots import INCOMPLETE_NAMES, ROBOT_NAMES, robot
 pytestmark = pytest.mark.timeout(900)  # workers of lowest priority on a busy machine; alone half a minute
 COUNT = 20
 FEW = 8  # of these, killed and resumed
-SEED = 62
+SEED = 64  # none of its requests takes long: a clock that ends a search would change the results
 PROOFS = 0.5
 DEADLINE_S = 600.0  # generous: a busy machine
 

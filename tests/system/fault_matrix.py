@@ -373,6 +373,10 @@ FAULTS = (
     Fault("control connection closed", _told("close_connection", role="inputs"), LINK),
     Fault("receive connection reset", _told("close_connection", role="receive", reset=True), LINK),
     Fault("control connection stalled", _told("stall_connection", role="inputs"), LINK),
+    Fault("output connection reset", _told("close_connection", role="io", reset=True), LINK),
+    Fault("output connection closed", _told("close_connection", role="io"), LINK),
+    Fault("output connection stalled", _told("stall_connection", role="io"), LINK),
+    Fault("every switch lost", _told("disturb_connection", role="io", drop=1.0), LINK),
     Fault("receive connection stalled", _told("stall_connection", role="receive"), LINK),
     Fault("controller frozen 500 ms", _told("freeze", duration_s=0.5), LINK),
     Fault(

@@ -16,6 +16,7 @@ AT_500_HZ = [
     ("approach", "stream killed, dashboard stalled"),
     ("launch", "every command lost"),
     ("launch", "database locked"),
+    ("launch", "output connection stalled"),
     ("before the command", "program stopped"),
     ("after the command", "cable out"),
     ("flight", "protective stop"),
@@ -28,6 +29,7 @@ AT_125_HZ = [
     ("approach", "control connection stalled"),
     ("launch", "daemon frozen 300 ms"),
     ("after the command", "stream killed"),
+    ("before the command", "every switch lost"),
     ("replacing", "cable out"),
 ]
 

@@ -52,6 +52,7 @@ def test_a_replaced_socket_ends_a_run(listener: socket.socket) -> None:
     connection = RtdeConnection.__new__(RtdeConnection)  # without a controller
     interface = SimpleNamespace(isConnected=lambda: True)
     connection.receive = connection.control = cast(Any, interface)
+    connection.writer = None
     connection._run_delay = RunDelay()
     connection._delay_s = 0.0
     with connected(listener):

@@ -99,6 +99,8 @@ def test_the_role_is_read_from_the_set_up(fake: Fake, connect: Connect):
     assert [session.role for session in fake.server.sessions.values()] == ["receive", "control"]
     receive.send(wire.package(wire.SETUP_INPUTS, b"input_bit_register_127"))  # kept by a client that receives
     assert [session.role for session in fake.server.sessions.values()] == ["receive", "control"]
+    control.send(wire.package(wire.SETUP_INPUTS, b"tool_digital_output_mask,tool_digital_output"))
+    assert [session.role for session in fake.server.sessions.values()] == ["receive", "io"]  # whether it hears or not
 
 
 def test_a_share_of_data_packages_is_lost_both_ways(fake: Fake, connect: Connect):
