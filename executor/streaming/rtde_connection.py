@@ -34,6 +34,7 @@ HANGS_S = 0.050
 CALL_MAX_S = 0.005  # [s] a real-time call takes 30 us, one that reconnects itself takes 160 ms (ur_rtde 1.6.5)
 WATCHDOG_HZ = 50.0  # [Hz] 20 ms, just above the 16 ms after which the loop itself gives up as late
 WATCHDOG_ORDINARY_HZ = 20.0  # [Hz] 50 ms, just above the 40 ms accepted without real-time scheduling
+SILENT_S = 0.032  # [s] of states, without one of the packages that come every 8 ms over the connection for outputs
 VARIABLES = [
     "timestamp",
     "actual_q",
@@ -90,6 +91,8 @@ class RtdeConnection:
 
     call_s = delayed_s = 0.0
     sent_at = math.inf
+    stamp = math.nan
+    _unheard_s = 0.0
     watchdog_hz = WATCHDOG_HZ
 
     def __init__(self, job: StreamJob, memory: SharedMemory) -> None:
@@ -133,16 +136,15 @@ class RtdeConnection:
         Raises:
             StreamFault: a connection is lost.
         """
-        before = self._delay_s
-        self._delay_s = self._run_delay.total_s()
-        self.delayed_s = self._delay_s - before
+        delay_s = self._run_delay.total_s()
+        self.delayed_s = delay_s - self._delay_s
+        self._delay_s = delay_s
         receive = self.receive
         if not receive.isConnected() or (self.control is not None and not self.control.isConnected()):
             raise StreamFault("link_lost", "the connection to the controller is gone")
-        if self.writer is not None and (loss := self.writer.loss()):
-            raise StreamFault("link_lost", f"the connection that switches outputs {loss}")
         if self._sockets.were_replaced():
             raise StreamFault("link_lost", "a connection to the controller was closed, or replaced by the library")
+        before = self.stamp
         while True:  # a package may arrive between two getters: read again, at most once in practice
             self.stamp = receive.getTimestamp()
             self.q, self.qd, self.current = receive.getActualQ(), receive.getActualQd(), receive.getActualCurrent()
@@ -155,7 +157,26 @@ class RtdeConnection:
             if self.in_controller:
                 self.program = ProgramState(*map(receive.getOutputIntRegister, PROGRAM_OUTPUTS))
             if receive.getTimestamp() == self.stamp:
-                return
+                break
+        if self.writer is not None:
+            self._listen(self.writer, is_new=self.stamp != before)
+
+    def _listen(self, writer: ControllerInputs, is_new: bool) -> None:
+        """Checks that the controller still sends over the connection for outputs, too, where it sent a new state.
+
+        Counted in states: a controller that compiles a program sends nothing for tens of milliseconds, over neither.
+
+        Raises:
+            StreamFault: the connection is lost.
+        """
+        try:
+            heard = writer.heard()
+        except OSError as error:
+            raise StreamFault("link_lost", f"the connection that switches outputs is lost: {error}") from error
+        self._unheard_s = 0.0 if heard else self._unheard_s + is_new * self.job.dt
+        if self._unheard_s >= SILENT_S:
+            silent = f"silent for {1e3 * self._unheard_s:.0f} ms, while states came"
+            raise StreamFault("link_lost", f"the connection that switches outputs has been {silent}")
 
     def check(self) -> None:
         """Checks the state last read.

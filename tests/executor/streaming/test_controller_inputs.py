@@ -7,11 +7,15 @@ import struct
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
 from executor.streaming import controller_inputs
 from executor.streaming.controller_inputs import ControllerInputs
+from executor.streaming.rtde_connection import SILENT_S, RtdeConnection
+from executor.streaming.state_checks import StreamFault
 from tests.waiting import until
 
 HOST = "127.0.82.40"
@@ -85,31 +89,16 @@ def test_outputs_that_another_client_owns_are_told(monkeypatch: pytest.MonkeyPat
 
 
 def test_a_connection_that_the_controller_ends_is_gone(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(controller_inputs, "SILENT_S", 60.0)
     with controller(monkeypatch) as there:
         inputs = ControllerInputs(HOST)
-        assert inputs.loss() == ""
+        assert not inputs.heard()
         assert there.client is not None
-        there.client.sendall(b"\x00\x05Mhi")  # is not read as its end
-        assert inputs.loss() == ""
+        there.client.sendall(TIME)  # is not read as its end
+        until(inputs.heard)
+        assert not inputs.heard()
         there.client.shutdown(socket.SHUT_RDWR)
-        until(inputs.loss)
-        assert inputs.loss() == "was closed by the controller"
-        inputs._socket.close()
-
-
-def test_a_silent_connection_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
-    now = [10.0]
-    monkeypatch.setattr(controller_inputs, "monotonic", lambda: now[0])
-    with controller(monkeypatch) as there:
-        inputs = ControllerInputs(HOST)
-        now[0] += 0.031
-        assert inputs.loss() == ""
-        now[0] += 0.002
-        assert inputs.loss() == "has been silent for 33 ms"
-        assert there.client is not None
-        there.client.sendall(TIME)  # it has arrived while this process was not looking: nothing was silent
-        until(lambda: not inputs.loss())
+        with pytest.raises(ConnectionError, match="the controller closed it"):
+            until(inputs.heard)
         inputs._socket.close()
 
 
@@ -123,3 +112,35 @@ def test_what_comes_before_an_answer_is_passed_over(monkeypatch: pytest.MonkeyPa
 def test_nobody_there_is_an_error() -> None:
     with pytest.raises(OSError, match="refused"):
         ControllerInputs("127.0.82.41")
+
+
+class Listened:
+    """A connection for outputs over which the controller sends while `sends`."""
+
+    sends = True
+
+    def heard(self) -> bool:
+        return self.sends
+
+
+@pytest.mark.parametrize("dt", [0.002, 0.008])
+def test_its_silence_is_counted_in_states(dt: float) -> None:
+    connection = RtdeConnection.__new__(RtdeConnection)  # without a controller
+    connection.job = cast(Any, SimpleNamespace(dt=dt))
+    there = cast(Any, Listened())
+    for _ in range(100):
+        connection._listen(there, is_new=True)
+    there.sends = False
+    for _ in range(100):  # the controller compiles a program: no state comes either
+        connection._listen(there, is_new=False)
+    states = round(SILENT_S / dt)
+    for _ in range(states - 1):
+        connection._listen(there, is_new=True)
+    there.sends = True
+    connection._listen(there, is_new=True)
+    there.sends = False
+    for _ in range(states - 1):
+        connection._listen(there, is_new=True)
+    with pytest.raises(StreamFault, match="silent for 32 ms, while states came") as fault:
+        connection._listen(there, is_new=True)
+    assert fault.value.outcome == "link_lost"
