@@ -61,6 +61,7 @@ def test_a_small_run_finds_no_plan_wrong(whole: Path) -> None:
     assert summary["million_core_hours"] == pytest.approx(summary["processor_s"] / COUNT / 3600.0 * 1e6)
 
 
+@pytest.mark.slow
 def test_a_killed_run_comes_to_the_same_results(whole: Path, tmp_path: Path) -> None:
     options = [
         "--seed",
@@ -152,6 +153,7 @@ def test_one_index_is_tried_again_and_its_files_are_written(whole: Path, tmp_pat
     assert json.loads(written.with_suffix(".json").read_text()) == drawn.request
 
 
+@pytest.mark.slow
 def test_every_arm_is_drawn_of_both_generations() -> None:
     assert set(ARMS) == {*ROBOT_NAMES, *INCOMPLETE_NAMES}
     assert {robot(name).generation for name in ROBOT_NAMES} == {"CB3", "e-Series"}

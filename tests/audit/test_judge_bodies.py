@@ -68,6 +68,7 @@ def test_a_landing_is_where_the_turned_shape_first_touches(made):
     assert np.abs(errors - ball_landing_errors(made.problem, made.trajectory, delays)).max() > 0.01
 
 
+@pytest.mark.slow
 def test_a_rod_that_lands_with_one_end_over_the_edge_is_named():
     """The table is cut down to what is about the target and the rod's lowest point."""
     top_m = 0.1

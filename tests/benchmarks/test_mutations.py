@@ -1,11 +1,14 @@
 """Limits drawn a few millionths inside the true peaks of certified plans, on every arm; the benchmark does more."""
 
+import pytest
+
 from benchmarks.mutations import certified_plans, mutations
 from planner.robots import ROBOT_NAMES
 
 LIMITS_MIN = 63  # of each plan
 
 
+@pytest.mark.slow
 def test_every_limit_inside_its_peak_is_refused_on_every_arm():
     arms = set()
     rates = set()

@@ -98,6 +98,7 @@ def test_a_change_of_the_calibration_file_is_noticed(path: Path) -> None:
     assert watch.fault is None
 
 
+@pytest.mark.slow
 def test_another_mesh_is_a_change(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     entry = '{ shape = "mesh", file = "part.stl", pose = { position_m = [1.5, 1.5, 0.5] } }'

@@ -34,6 +34,7 @@ def prepared(made: Plan, mode: str) -> StreamJob:
     return prepare_job(made.problem, made.trajectory, Approach(made.trajectory.q[0]), mode, False, settings)
 
 
+@pytest.mark.slow
 def test_each_gripper_is_told_one_delay_and_one_lag_before_its_release(made: Plan, job: StreamJob) -> None:
     (second,) = job.switches
     released_s = [index * job.dt for index in made.trajectory.passed]

@@ -30,6 +30,7 @@ def names() -> Iterator[dict[str, Any]]:
     plt.switch_backend(before)
 
 
+@pytest.mark.slow
 def test_the_hit_is_certified_and_its_outputs_end(names: dict[str, Any]) -> None:
     plan = names["hit"]
     assert isinstance(plan, fling.Plan)

@@ -25,6 +25,7 @@ def test_every_python_that_is_started_has_a_safe_path(root: Path, package: str):
             assert flag in ("'-P'", "'-I'"), f"{file}:{line}"
 
 
+@pytest.mark.slow
 def test_there_are_such_commands_and_an_unsafe_one_is_seen(root: Path):
     found = [
         flag for package in INSTALLED for f in (root / package).rglob("*.py") for _, flag in interpreters(f.read_text())

@@ -48,6 +48,7 @@ def drive(store: Store, id: str, driver_id: str = "test", **options: Any) -> Bat
     return store.batch(id)
 
 
+@pytest.mark.slow
 def test_a_worker_has_loaded_everything_before_the_first_row_however_small_the_batch(store: Store):
     """Otherwise the duration of the first rows is that of loading."""
     id = queue(store, [{"value": 1}])
@@ -97,6 +98,7 @@ def test_a_stopped_batch_is_taken_up_again(store: Store):
     assert drive(store, id).counts == {"planned": 120}
 
 
+@pytest.mark.slow
 def test_a_driver_that_was_taken_for_dead_writes_nothing(store: Store):
     id = queue(store, [{"value": number, "sleep_s": 0.01} for number in range(1000)])
     first = DrivenBatch(store, store.claim_batch(id, "one"))

@@ -106,6 +106,7 @@ def test_gains_and_scatter_come_out_of_recordings():
     assert unseen.gain_std == pytest.approx(np.full(6, 0.02), rel=0.3)
 
 
+@pytest.mark.slow
 def test_learning_from_ordinary_throws_quickly(soonest: list[PlannedThrow]):
     """A small version of the benchmark, to see that its numbers are of the right size."""
     assessed = assessed_throws(soonest, 7, 6)

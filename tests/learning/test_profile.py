@@ -212,6 +212,7 @@ def test_the_learnt_speed_is_in_the_plan_and_not_in_its_aim_too(learnt: SimpleNa
     np.testing.assert_allclose(landed, [target, target], atol=0.008)
 
 
+@pytest.mark.slow
 def test_beside_a_wall_it_is_the_target_that_must_have_room_and_not_the_aim():
     """The object lands 1 cm short of where it is aimed at: 1 cm before a wall for a target with 2 cm."""
     cell = benchmark_cell()

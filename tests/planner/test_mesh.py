@@ -212,6 +212,7 @@ def test_what_is_no_mesh_is_refused(tmp_path: Path, name: str, data: bytes | Non
     assert fault.field.startswith("surroundings.keep_out[0].")
 
 
+@pytest.mark.slow
 def test_throws_keep_clear_of_a_mesh(tmp_path: Path) -> None:
     """Arm and object, by coal's distances from the mesh itself, each millisecond."""
     mesh = bracket()

@@ -214,6 +214,7 @@ def test_a_ball_of_a_mesh_is_a_ball(tmp_path: Path) -> None:
     assert refused.value.field == "object.inertia_kg_m2"
 
 
+@pytest.mark.slow
 def test_a_throw_of_a_mesh_is_planned_and_faultless(tmp_path: Path) -> None:
     cell = load_cell(with_bolt(tmp_path))
     request = {"release": {"kind": "target", "position": [1.0, 0.3, 0.0]}, "landing_tolerance_m": 0.05}

@@ -16,6 +16,7 @@ from tests.planner.problems import cell, feasible_states, joint_problem, pose_pr
 RANDOM_POSES = 200
 
 
+@pytest.mark.slow
 def test_every_random_feasible_pose_is_planned_and_certified():
     for known, motion in feasible_states(cell(), RANDOM_POSES, seed=21):
         problem = replace(pose_problem(cell(), known.release.q, known.release.qd), backend="ruckig")

@@ -100,6 +100,7 @@ def test_the_processor_is_the_streams():
     assert default_core({}) == max(os.sched_getaffinity(0))
 
 
+@pytest.mark.slow
 def test_a_bad_cell_and_a_taken_address_are_reported(start_simulator: Start, tmp_path):
     path = tmp_path / "bad.toml"
     path.write_text('robot = "ur99"\n')

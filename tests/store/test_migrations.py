@@ -79,6 +79,7 @@ def test_a_file_that_is_no_database_is_refused(tmp_path):
         Store.open(f"sqlite:///{file}")
 
 
+@pytest.mark.slow
 def test_many_may_switch_an_empty_file_to_the_write_ahead_log_at_once(tmp_path):
     def attempt(url: str, ready: Barrier) -> str:
         engine = open_engine(url)

@@ -27,6 +27,7 @@ def move(to: list[float]) -> dict:
     return {"kind": "joint", "positions": [to[0] + 0.02, *to[1:]], "velocities": [0.0] * 6}
 
 
+@pytest.mark.slow
 def test_the_approach_goes_around_an_obstacle(boxed_rig: Rig) -> None:
     rig = boxed_rig
     straight = np.array(LEFT) + np.linspace(0.0, 1.0, 100)[:, None] * (np.array(RIGHT) - LEFT)

@@ -152,6 +152,7 @@ def test_a_newcomer_with_a_folder_of_its_own_ends_and_the_throw_goes_on(
     assert not rig.is_latched()
 
 
+@pytest.mark.slow
 def test_a_newcomer_that_cannot_see_the_controller_is_refused_by_the_store(rig: Rig, tmp_path: Path) -> None:
     cells = tmp_path / "cells"
     cells.mkdir()

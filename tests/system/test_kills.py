@@ -214,6 +214,7 @@ def test_a_disk_that_fills_up_in_mid_run_loses_nothing(rig: Rig) -> None:  # H6
     assert rig.throw(NUDGE).outcome == "completed"
 
 
+@pytest.mark.slow
 def test_an_abort_in_the_approach_stops_in_order(rig: Rig) -> None:
     assert rig.throw(NUDGE).outcome == "completed"
     far = {**NUDGE, "positions": [0.9, -1.57, 1.57, -1.57, -1.57, 0.0]}

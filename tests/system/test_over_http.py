@@ -138,6 +138,7 @@ def test_calibrate_lag_measures_it_with_motions_of_its_own(up: Up):
     assert timing["pooled"]["lag_s"] == pytest.approx(0.020, abs=0.001)
 
 
+@pytest.mark.slow
 def test_what_was_learnt_is_adopted_used_and_given_up_again(up: Up):
     """From the landings of the throws before; a plan made before the adoption is not executable any more."""
     before = up.http.post("/plan", json={"release": {"kind": "target", "position": TARGET_M}}).json()

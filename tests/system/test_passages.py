@@ -207,7 +207,9 @@ def test_hidden_delays_of_outputs_are_learnt_and_made_up_for(own_rig: Rig) -> No
         assert max(abs(a - b) for a, b in zip(happened, planned, strict=True)) <= room_s
 
 
-@pytest.mark.parametrize("mode", ["speedj", "servoj", "script"])
+@pytest.mark.parametrize(
+    "mode", ["speedj", *(pytest.param(mode, marks=pytest.mark.slow) for mode in ("servoj", "script"))]
+)
 def test_a_camera_is_triggered_before_the_release_of_a_throw(rig: Rig, mode: str) -> None:
     row = rig.quiet_run(stored(rig, THROW), mode)
     assert row.outcome == "completed", row.reason
@@ -282,6 +284,7 @@ def test_a_stop_that_is_no_orderly_brake_switches_it_off_too(rig: Rig, stop: str
     assert closes_the_valve(rig, id).outcome == outcome
 
 
+@pytest.mark.slow
 def test_an_output_that_stays_on_is_named(rig: Rig) -> None:
     id = valve_opened(rig, "speedj")
     rig.fault("outputs_stuck")

@@ -18,7 +18,7 @@ LANDED_M = 0.1  # [m] a gripper on a network takes a command up to 5 ms sooner o
 GRIPPERS = {"input": GRIP_SENSOR, "gripper": ROBOTIQ}
 
 
-@pytest.mark.parametrize("by", GRIPPERS)
+@pytest.mark.parametrize("by", ["input", pytest.param("gripper", marks=pytest.mark.slow)])
 def test_an_object_is_thrown_once_and_an_empty_place_refused_at_rest(own_rig: Rig, by: str) -> None:
     own_rig.set_gripper(GRIPPERS[by])
     place = tool_state(own_rig.cell, own_rig.cell.home, np.zeros(6)).p_WT.tolist()
@@ -96,5 +96,6 @@ def test_the_fault_matrix_has_it(sensing: Rig, fault: str) -> None:
     assert result.outcome == "released_early", result.reason
 
 
+@pytest.mark.slow
 def test_a_cell_that_cannot_see_the_grip_says_nothing_of_it(rig: Rig, tmp_path: Path) -> None:
     assert "grip" not in rig.quiet_throw(LOB).metrics

@@ -89,6 +89,7 @@ def test_an_arm_without_power_is_powered_by_the_robot_api_when_a_person_asks(rig
     assert rig.throw_when_ready().outcome == "completed"
 
 
+@pytest.mark.slow
 def test_a_robot_api_that_is_silent_keeps_nothing_from_moving(rig: Rig) -> None:
     """Nobody can tell whether it is in remote control: what it refuses, it says."""
     rig.fault("mute", port="robot_api")

@@ -111,7 +111,7 @@ def follows(rig: Rig, row: ExecutionRow, pieces: list[tuple[float, Trajectory]])
     assert row.metrics["tracking_error_max_rad"] < 0.02
 
 
-@pytest.mark.parametrize("mode", ["speedj", "servoj"])
+@pytest.mark.parametrize("mode", ["speedj", pytest.param("servoj", marks=pytest.mark.slow)])
 def test_a_plan_that_begins_on_the_motion_replaces_it(rig: Rig, mode: str) -> None:
     first, motion = stored(rig, swing(rig, "+-+-"))
     joins_s = 2.0

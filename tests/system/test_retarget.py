@@ -39,6 +39,7 @@ def planned(service: RigService, request: dict[str, Any]) -> dict[str, Any]:
     return response.json()
 
 
+@pytest.mark.slow
 def test_a_running_throw_lands_at_its_new_target(rig: Rig, service: RigService) -> None:
     first = planned(service, waiting_throw(rig))
     id = streaming(rig, first["id"], AT_S)

@@ -41,6 +41,7 @@ def test_a_throw_lands_as_the_streamed_one(rig: Rig) -> None:
     assert landing(rig, "script") == pytest.approx(landing(rig, "speedj"), abs=ALIKE_M)
 
 
+@pytest.mark.slow
 def test_its_recording_is_that_of_a_streamed_run(rig: Rig) -> None:
     row = rig.quiet_throw(LOB, "script")
     recording = rig.store.recording(row.id)
@@ -52,6 +53,7 @@ def test_its_recording_is_that_of_a_streamed_run(rig: Rig) -> None:
     assert row.metrics["timing"]["lag_s"] == pytest.approx(rig.cell.timing.lag_s, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_the_output_changes_when_the_plan_says(rig: Rig) -> None:
     row = rig.quiet_throw(LOB, "script")
     metrics = row.metrics

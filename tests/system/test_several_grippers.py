@@ -44,7 +44,7 @@ def rig(tmp_path: Path) -> Rig:
     return rig
 
 
-@pytest.mark.parametrize("mode", ["speedj", "servoj"])
+@pytest.mark.parametrize("mode", ["speedj", pytest.param("servoj", marks=pytest.mark.slow)])
 def test_two_balls_land_at_their_two_targets(rig: Rig, mode: str) -> None:
     try:
         rig.start()

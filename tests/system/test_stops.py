@@ -34,7 +34,7 @@ def ends_aborted(rig: Rig, at: float, released: int) -> None:
     assert rig.state()["gripper_holds"] is not None
 
 
-@pytest.mark.parametrize("name", ["id", "latest"])
+@pytest.mark.parametrize("name", ["id", pytest.param("latest", marks=pytest.mark.slow)])
 def test_over_http_with_a_locked_database(rig: Rig, name: str) -> None:
     with RigService(rig) as service:
         id = rig.launch(FAST_RAD_S)

@@ -49,6 +49,7 @@ def test_a_throw_lands_where_it_was_planned(rig: Rig, mode: str) -> None:
     assert rig.states(row.id) == ["queued", "preparing", "approaching", "streaming", "braking", "finished"]
 
 
+@pytest.mark.slow
 def test_a_throw_beside_processes_that_take_every_processor(rig: Rig) -> None:  # H4
     spinning = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(os.cpu_count() or 1)]
     try:

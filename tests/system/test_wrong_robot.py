@@ -74,6 +74,7 @@ def test_a_robot_of_another_serial_number_is_refused(tmp_path: Path) -> None:
         rig.stop()
 
 
+@pytest.mark.slow
 def test_a_controller_that_does_not_tell_its_arm_is_refused(rig: Rig) -> None:
     rig.fault("mute", port="primary")
     try:

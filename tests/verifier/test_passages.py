@@ -224,6 +224,7 @@ def test_a_line_off_by_its_tolerance_and_a_hundredth_is_not_proven(off_m: float,
     assert [each.name for each in found] == open_checks, list(map(str, found))
 
 
+@pytest.mark.slow
 def test_a_limit_exceeded_by_a_hundredth_between_samples_is_not_proven():
     problem, trajectory = planned("passed")
     document, cell = document_of(problem, trajectory)

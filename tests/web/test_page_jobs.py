@@ -86,6 +86,7 @@ def test_a_job_is_shown_while_it_runs(guest: Visit, told: dict[str, Any]) -> Non
     assert guest.barriers() == []
 
 
+@pytest.mark.slow
 def test_a_job_is_paused_and_resumed(guest: Visit, told: dict[str, Any]) -> None:
     job = guest.region("Job")
     job.get_by_role("button", name="Pause").click()

@@ -59,6 +59,7 @@ def test_a_field_that_the_service_refuses_is_marked_in_its_passage(guest: Visit,
     expect(page.get_by_label("Number")).to_have_attribute("aria-invalid", "true", timeout=PLANNED_MS)
 
 
+@pytest.mark.slow
 def test_a_plan_of_passages_fills_the_form_and_is_answered_by_it(guest: Visit, desk: Desk) -> None:
     state = {
         "kind": "joint",

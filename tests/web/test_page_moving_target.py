@@ -40,6 +40,7 @@ def test_the_form_asks_for_a_target_that_moves(guest: Visit, desk: Desk) -> None
     assert guest.complaints == []
 
 
+@pytest.mark.slow
 def test_a_plan_by_its_address_fills_the_form(guest: Visit, desk: Desk) -> None:
     id = posted(desk, {"release": BELT, "starts_not_before_s": 101.5})
     guest.page.goto(f"{desk.url}/#/plan/{id}")

@@ -78,6 +78,7 @@ def test_the_target_is_dragged(viewer: Visit) -> None:
     assert viewer.field("x [m]").input_value() != "1.2"
 
 
+@pytest.mark.slow
 def test_a_lost_connection_is_said_and_mended(guest: Visit) -> None:
     guest.context.set_offline(True)
     alert = guest.page.get_by_role("alert")
@@ -153,6 +154,7 @@ def test_a_report_keeps_nobody_out(desk: Desk, drawing_browser: Browser, plan_id
         assert "<title>Planned throw" in saved.value.path().read_text()
 
 
+@pytest.mark.slow
 def test_an_example_of_the_openapi_page_runs(desk: Desk, browser: Browser) -> None:
     with visit(browser, f"{desk.url}/docs") as guest:
         guest.page.get_by_text("List cells").click()
@@ -180,6 +182,7 @@ def test_a_map_lies_over_the_floor_and_a_click_plans_there(viewer: Visit) -> Non
     expect(shown.get_by_label("Colour")).to_have_count(0)
 
 
+@pytest.mark.slow
 def test_a_map_of_another_extent_goes_on(guest: Visit, http: httpx2.Client) -> None:
     """As `fling map` begins it, and its user ends it."""
     wanted = {"extent_m": [0.2, 2.2, -1.1, 0.9], "plane_z_m": 0.1, "resolution_m": 0.5, "robust": True}

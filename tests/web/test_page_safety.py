@@ -39,6 +39,7 @@ def test_seen_from_above_the_floor_is_dragged(viewer: Visit) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.slow
 def test_the_button_names_a_height_above_the_floor(guest: Visit) -> None:
     planned(guest)
     expect(guest.button("Throw")).to_have_text("Throw on ur5e-sim to (1.20, 0.30)")
@@ -117,6 +118,7 @@ def test_a_real_arm_asks_once_more(desk: Desk, browser: Browser) -> None:
         assert desk.store.open_execution("real") is None
 
 
+@pytest.mark.slow
 def test_a_simulation_elsewhere_is_no_simulation_to_be_trusted(desk: Desk, browser: Browser) -> None:
     with visit(browser, desk.url) as guest:
         guest.page.get_by_label("Cell", exact=True).select_option("far-away")
@@ -170,6 +172,7 @@ def test_a_stop_is_sent_until_it_gets_through(guest: Visit, desk: Desk, plan_id:
     )
 
 
+@pytest.mark.slow
 def test_a_dry_run_is_not_told_as_a_move(guest: Visit, desk: Desk, plan_id: str) -> None:
     desk.execution(plan_id, dry_run=True, metrics={"released": False, "missed_ticks": 0})
     row = guest.past("Dry run")
@@ -190,6 +193,7 @@ def test_a_stalled_executor_is_not_told_as_ended(guest: Visit, desk: Desk) -> No
     expect(guest.button("Throw on")).to_be_disabled()
 
 
+@pytest.mark.slow
 def test_a_fault_of_an_executor_that_reports_asks_for_no_new_one(guest: Visit, desk: Desk) -> None:
     desk.executor.fault = {"outcome": "executor_lost", "reason": "the executor failed", "at": 1.0}
     alert = guest.page.get_by_role("alert").filter(has_text="the executor failed")
@@ -197,6 +201,7 @@ def test_a_fault_of_an_executor_that_reports_asks_for_no_new_one(guest: Visit, d
     expect(alert).not_to_contain_text("start the executor")
 
 
+@pytest.mark.slow
 @pytest.mark.slow
 def test_a_machine_that_fell_silent_is_told_from_a_lost_link(guest: Visit, desk: Desk) -> None:
     planned(guest)

@@ -51,6 +51,7 @@ def coarse(store):
     return map_table(store.map(row.id), store.landing_cells(row.id))
 
 
+@pytest.mark.slow
 def test_xarray_opens_the_zarr_with_coordinates_units_and_reasons(table, tmp_path):
     pytest.importorskip("zarr", reason=EMPTY)
     xarray = pytest.importorskip("xarray", reason=EMPTY)

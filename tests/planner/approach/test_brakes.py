@@ -103,6 +103,7 @@ def felt_m_s2(here: Cell, motion: Trajectory, brakes: Brakes) -> np.ndarray:
     return np.linalg.norm(felt, axis=2).max(axis=1)
 
 
+@pytest.mark.slow
 def test_a_gentle_brake_keeps_the_grip() -> None:
     here, motion = weak_grip(20.0)
     of_motion = (here, motion.q, motion.qd, motion.qdd, motion.dt)

@@ -21,6 +21,7 @@ LIMITS = replace(
 joints = st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6).map(np.array)
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(st.lists(joints, min_size=2, max_size=4), st.sampled_from([0.002, 0.008]))
 @example([np.zeros(6), 1e-308 * np.eye(6)[5]], 0.002)
@@ -40,6 +41,7 @@ def test_it_rests_in_every_point_and_keeps_the_limits(points, dt):
         assert np.abs(motion.q[rests] - point).max(axis=1).min() < 1e-8
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(st.lists(joints, min_size=3, max_size=5), st.lists(st.floats(0.0, 1.0), min_size=5, max_size=5), st.booleans())
 def test_cut_corners_keep_the_limits_and_save_time(points, shares, slow):

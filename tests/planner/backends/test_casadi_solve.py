@@ -195,6 +195,7 @@ def solve_once(problem: ThrowProblem) -> Trajectory:
     return casadi_nlp.solve(problem, Seed(candidate, ruckig_otg.solve(problem, candidate).trajectory)).trajectory
 
 
+@pytest.mark.slow
 def test_another_process_gives_the_same_motion(cell: Cell) -> None:
     own = hashlib.sha256(solve_once(_problem(cell, TARGET)).q.tobytes()).hexdigest()
     command = [sys.executable, "-c", ANOTHER_PROCESS]

@@ -93,6 +93,7 @@ def _solved(asked: ThrowProblem) -> Trajectory:
     return casadi_nlp.solve(asked, Seed(first, guess)).trajectory
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", [(0.44, -0.666, 0.0), (-0.244, -1.055, 0.0)])
 def test_a_window_of_50_ms_is_held_between_the_knots_too(place: tuple[float, float, float]) -> None:
     """A landing beyond the tolerance in the first motion is a reason to aim closer."""

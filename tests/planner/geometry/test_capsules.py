@@ -128,6 +128,7 @@ def test_a_posture_with_the_tool_in_the_upper_arm_collides(name):
     assert body_model(cell).clearances(q[None]).self_collision[0] < 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "place", "with_window"), MET_BY_FLIGHT)
 def test_the_object_keeps_off_the_arm_itself(name, place, with_window):
     cell = shipped(name)

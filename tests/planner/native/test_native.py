@@ -258,6 +258,7 @@ def test_velocities_of_lowered_shares_are_exact(numpy_alone):
         np.testing.assert_allclose((J @ qd[..., None])[lowered, :, 0], v[lowered], rtol=0.0, atol=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["least_norms", "largest_shares", "lower_shares", "penalised_bounds"])
 def test_wider_instructions_change_no_bit(name, tmp_path_factory, monkeypatch):
     """Compares nothing on a processor that has them not."""

@@ -28,6 +28,7 @@ def _request(**orientation):
     return {"release": {"kind": "target", "position": [1.1, 0.3, 0.1], "orientation": asked}}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BODIES)
 def test_candidates_land_along_the_axis_and_on_the_target(name):
     here = _cell(name)

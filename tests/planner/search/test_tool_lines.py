@@ -102,6 +102,7 @@ def test_states_and_lines_are_passed_one_after_another() -> None:
     assert certify(problem, motion).valid
 
 
+@pytest.mark.slow
 def test_a_line_after_the_throw_and_one_before_it() -> None:
     throw = {"name": "throw", "state": {"kind": "target", "position": [1.2, 0.3, 0.0]}, "releases": True}
     for passages in ([bead(), throw], [throw, bead()]):
