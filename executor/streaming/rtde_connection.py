@@ -83,7 +83,7 @@ class RtdeConnection:
         plays: whether a program of ours is to play.
         delayed_s: time this thread waited for a processor between the last two readings [s].
         call_s: duration of the last command [s].
-        sent_at: monotonic time at which the last command began [s].
+        sent_at: monotonic time at which the last command of a motion began, at first that of arming the watchdog [s].
         watchdog_hz: lowest command rate accepted by the controller [Hz].
         writer: what switches outputs and keeps a program alive; None in a dry run.
         gripper: what this run tells its gripper through.
@@ -193,18 +193,20 @@ class RtdeConnection:
         self.watchdog_hz = self.job.watchdog_hz or chosen_hz
         if self.control is not None:
             self._check_answer("setWatchdog", self.control.setWatchdog(self.watchdog_hz))
+            self.sent_at = monotonic()
 
     def speed(self, qd: list[float]) -> None:
         """Sends joint speeds (6,) [rad/s] for the next tick."""
         state_checks.check_command(qd, self.job.qd_max)
         if self.control is not None:
-            self._command("speedJ", self.control.speedJ, qd, self.job.acceleration, self.job.dt)
+            self.sent_at = self._command("speedJ", self.control.speedJ, qd, self.job.acceleration, self.job.dt)
 
     def servo(self, q: list[float], limits: list[float]) -> None:
         """Sends joint positions (6,) [rad] for the next tick; `limits` as for `state_checks.check_command`."""
         state_checks.check_command(q, limits)
         if self.control is not None:
-            self._command("servoJ", self.control.servoJ, q, 0.0, 0.0, self.job.dt, SERVO_LOOKAHEAD_S, SERVO_GAIN)
+            call = self.control.servoJ
+            self.sent_at = self._command("servoJ", call, q, 0.0, 0.0, self.job.dt, SERVO_LOOKAHEAD_S, SERVO_GAIN)
 
     def output(self, kind: str, index: int, level: bool) -> None:
         """Sets a digital output."""
@@ -245,8 +247,12 @@ class RtdeConnection:
         """Says that this run ends in order: its connections do, too, where all has arrived."""
         self._sockets.close_in_order()
 
-    def _command(self, name: str, call: Callable[..., Any], *args: Any) -> None:
-        """Makes one real-time call and checks its answer and its duration; one that hangs is this process's end."""
+    def _command(self, name: str, call: Callable[..., Any], *args: Any) -> float:
+        """Makes one real-time call and checks its answer and its duration; one that hangs is this process's end.
+
+        Returns:
+            The monotonic time at which it began [s].
+        """
         self.memory.fields[IN_CALL] = 1.0
         slept = sleep_count()
         begin = monotonic()
@@ -260,10 +266,10 @@ class RtdeConnection:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
         self.call_s = spent = monotonic() - begin
         self.memory.fields[IN_CALL] = 0.0
-        self.sent_at = begin
         self._check_answer(name, answer)
         if spent > CALL_MAX_S and sleep_count() > slept and self._without_delay(spent) > CALL_MAX_S:
             raise StreamFault("link_lost", f"{name} took {spent * 1e3:.1f} ms")
+        return begin
 
     def _check_answer(self, name: str, answer: Any) -> None:
         if answer is not True:

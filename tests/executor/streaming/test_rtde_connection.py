@@ -1,0 +1,44 @@
+"""What a connection notes of its commands, over stand-ins for the library's interfaces."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from time import monotonic
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+
+from executor import shared_memory as shm
+from executor.realtime import RunDelay
+from executor.streaming.rtde_connection import RtdeConnection
+
+QD_MAX = [3.0] * 6
+
+
+@pytest.fixture
+def connection() -> Iterator[RtdeConnection]:
+    found = RtdeConnection.__new__(RtdeConnection)  # without a controller
+    found.job = cast(Any, SimpleNamespace(watchdog_hz=0.0, qd_max=QD_MAX, acceleration=40.0, dt=0.002))
+    found.memory = shm.SharedMemory.create(10)
+    found.control = cast(Any, SimpleNamespace(setWatchdog=lambda hz: True, speedJ=lambda *_: True))
+    found.writer = cast(Any, SimpleNamespace(set_output=lambda *_: True))
+    found._run_delay = RunDelay()
+    yield found
+    found.memory.close()
+
+
+def test_the_controllers_watchdog_counts_from_its_arming_and_from_each_motion_command(
+    connection: RtdeConnection,
+) -> None:
+    """By this a stop of the watchdog is told from a stop on the pendant, before the first command, too."""
+    assert connection.sent_at == math.inf
+    before = monotonic()
+    connection.arm_watchdog()
+    armed = connection.sent_at
+    assert before <= armed <= monotonic()
+    connection.output("tool_digital", 0, True)  # the watchdog does not hear it
+    assert connection.sent_at == armed
+    connection.speed([0.1] * 6)
+    assert armed < connection.sent_at <= monotonic()
