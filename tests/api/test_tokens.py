@@ -91,7 +91,7 @@ def test_without_a_token_or_with_a_wrong_one(guarded: RunningService, method: st
     for value in (None, b"Bearer wrong", "Bearer é".encode(), b"Basic eDp5", b"Bearer", b""):
         headers = {} if value is None else {b"Authorization": value}
         response = guarded.client.request(method, path, headers=headers)
-        problem_of(response, 401, "unauthenticated")
+        assert "FLING_TOKEN or --token" in problem_of(response, 401, "unauthenticated")["detail"]
         assert response.headers["www-authenticate"] == "Bearer"
 
 
