@@ -108,7 +108,7 @@ async def caller(request: Request, service: ServiceDep, credentials: Credentials
         request.state.is_allowed = lambda: True
         return LOCAL_CALLER
     if credentials is None:
-        raise _unauthenticated("a bearer token is needed")
+        raise _unauthenticated("no bearer token came with the request")
     found = service.tokens.find(credentials.credentials)
     if found is None or found.has_expired:
         await asyncio.sleep(service.wrong_tokens.delay_s(client_address(request.scope)))
@@ -118,7 +118,8 @@ async def caller(request: Request, service: ServiceDep, credentials: Credentials
     return found.caller
 
 
-def _unauthenticated(detail: str) -> ProblemDetails:
+def _unauthenticated(why: str) -> ProblemDetails:
+    detail = f"{why}; commands take one from FLING_TOKEN or --token, and 'fling token create' makes it"
     return ProblemDetails("unauthenticated", detail, headers={"WWW-Authenticate": "Bearer"})
 
 

@@ -6,6 +6,7 @@ import os
 from collections.abc import Mapping
 from ipaddress import ip_network
 from pathlib import Path
+from typing import Any
 
 from pydantic import Field, ValidationError, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
@@ -13,6 +14,7 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 from api.field_errors import reason
 from fling import this_machine
 from planner.cell_folder import default_cells_folder
+from planner.fields import shown
 from store import Retention
 
 
@@ -108,7 +110,7 @@ def parse_settings(**flags: object) -> ServiceSettings:
     try:
         return ServiceSettings(**given)  # type: ignore[arg-type]
     except ValidationError as error:
-        wrong = [f"{_source(found['loc'], given)}: {reason(found)}" for found in error.errors()]
+        wrong = [f"{_source(found['loc'], given)}: {_reason(found)}" for found in error.errors()]
         raise SettingsError("; ".join(wrong)) from error
 
 
@@ -131,6 +133,13 @@ def read_settings(**flags: object) -> ServiceSettings:
 
 def _given(flags: Mapping[str, object]) -> dict[str, object]:
     return {name: value for name, value in flags.items() if value is not None}
+
+
+def _reason(error: Mapping[str, Any]) -> str:
+    """Returns why a setting is refused; a switch is asked for in the words of the help."""
+    if error["type"] == "bool_parsing":
+        return f"must be on or off; it is {shown(error['input'])}"
+    return reason(error)
 
 
 def _source(location: tuple[int | str, ...], given: Mapping[str, object]) -> str:

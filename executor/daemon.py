@@ -140,7 +140,7 @@ class Daemon:
         reason = f"the executor was restarted{self._last_words()}"
         state = self.session.monitor.fresh()
         words = "" if state is None else safety_words(state.safety_bits)
-        return f"{reason}; the controller reports: {words}" if words else reason
+        return reason if not words or words in reason else f"{reason}; the controller reports: {words}"
 
     def _stop_controller(self) -> None:
         """Ends whatever program plays on the controller, by every way there is; without a controller nothing moves."""

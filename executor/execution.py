@@ -30,7 +30,7 @@ from executor.replacement import CannotJoin, Certifier, Motion, Question
 from executor.robot import RobotSession, RobotState
 from executor.stream_job import StreamJob
 from executor.stream_process import SpareStream
-from executor.streaming.state_checks import EMERGENCY_BITS, NORMAL
+from executor.streaming.state_checks import EMERGENCY_BITS, NORMAL, power_words, safety_words
 from executor.supervision import StreamRun
 from fling import tracing
 from learning import CellKnowledge, knowledge_of
@@ -378,7 +378,8 @@ class Execution:
         """Returns what became of the object in a run that was stopped; empty where the gripper stayed closed."""
         states = list(self.session.monitor.history)
         told = told_opening(self.problem.cell, ended)
-        first = object_words(self.problem, self.trajectory, states, ended.output_sent_s is not None, told)
+        was_told = ended.output_sent_s is not None
+        first = object_words(self.problem, self.trajectory, states, was_told, told, ended.stayed_closed)
         words = [first, *records.further_words(self.problem, self.trajectory, ended)]
         return "; ".join(filter(None, words))
 
@@ -416,12 +417,12 @@ class Execution:
         while monitor.stop_seen is None and not self._has_looked(began_at):
             time.sleep(POLL_S)
         stop = monitor.stop_seen
-        if stop is None:
+        if stop is None or (stop.safety_bits == NORMAL and ended.outcome == "power_off"):
             return ended.outcome, ended.reason
         if stop.safety_bits == NORMAL:
-            return "power_off", f"the arm has no power (robot mode {stop.robot_mode}): {ended.reason}"
+            return "power_off", f"{power_words(stop.robot_mode)}: {ended.reason}"
         kind = "emergency_stop" if stop.safety_bits & EMERGENCY_BITS else "protective_stop"
-        return kind, f"the controller stopped: {ended.reason}"
+        return kind, f"{safety_words(stop.safety_bits)}: {ended.reason}"
 
     def _has_looked(self, began_at: float) -> bool:
         """Returns whether the monitor has seen the controller long enough after a fault; gives up without it."""

@@ -42,6 +42,7 @@ def object_words(
     states: Sequence[RobotState],
     was_told: bool,
     told: Opening | None = None,
+    stayed_closed: bool = False,
 ) -> str:
     """Returns what became of the object, in words; empty where the gripper never opened.
 
@@ -50,6 +51,7 @@ def object_words(
         states: published since the run began, in order.
         was_told: whether the run told the gripper to open.
         told: when it did, for a gripper whose outputs do not show that; None: it is not known to have opened.
+        stayed_closed: whether the run ended because it was seen not to open, as its reason says.
     """
     cell = problem.cell
     opening = _opening(cell, states) if cell.gripper.link is None else told
@@ -59,7 +61,8 @@ def object_words(
         if not was_told:
             return ""
         if states and time.monotonic() - states[-1].seen_at < OUT_OF_SIGHT_S:
-            return "the gripper was told to open and stayed closed: the object is held"
+            why = "" if stayed_closed else "the gripper was told to open and stayed closed: "
+            return f"{why}the object is held"
         return "the gripper was told to open and cannot be seen any more: the object may have left"
     opened, closed = opening
     left = opened + cell.gripper.delay_s

@@ -45,8 +45,15 @@ def default_core(environment: Mapping[str, str]) -> int:
     """Returns the stream's processor: the one set in the environment, by default the highest available one.
 
     Interrupts and planner processes gather on the low ones.
+
+    Raises:
+        ValueError: it is none of this machine.
     """
-    return int(environment.get(CORE_VARIABLE) or max(os.sched_getaffinity(0)))
+    text = environment.get(CORE_VARIABLE) or str(max(os.sched_getaffinity(0)))
+    last = os.sysconf("SC_NPROCESSORS_CONF") - 1  # an isolated one, made for this, is in no process's own set
+    if text not in map(str, range(ANY_CORE, last + 1)):
+        raise ValueError(f"{CORE_VARIABLE} {text!r} is neither a processor of this machine, 0 to {last}, nor -1")
+    return int(text)
 
 
 def is_real_time() -> bool:

@@ -83,13 +83,22 @@ class ExecutorSettings:
             database_url=this_machine.database_url(environment),
             data=stop_socket.executor_folder(this_machine.executors_folder(environment), name),
             read_only=read_only,
-            watchdog_hz=float(hz) if (hz := environment.get("FLING_WATCHDOG_HZ")) else None,
-            dead_man_s=float(environment.get("FLING_DEAD_MAN_S") or 0.04),
+            watchdog_hz=_number(environment, "FLING_WATCHDOG_HZ") if environment.get("FLING_WATCHDOG_HZ") else None,
+            dead_man_s=_number(environment, "FLING_DEAD_MAN_S", "0.04"),
             core=realtime.default_core(environment),
             keep_awake=_switch(environment, "FLING_KEEP_AWAKE"),
-            approach_pace=float(environment.get("FLING_APPROACH_PACE") or 1.0),
+            approach_pace=_number(environment, "FLING_APPROACH_PACE", "1"),
             must_be_proven=_switch(environment, "FLING_VERIFY", "off"),
         )
+
+
+def _number(environment: Mapping[str, str], name: str, default: str = "") -> float:
+    """Returns the value of a variable that is a number."""
+    text = environment.get(name) or default
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f"{name} {text!r} is not a number") from None
 
 
 def _switch(environment: Mapping[str, str], name: str, default: str = "on") -> bool:

@@ -76,7 +76,10 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     """Returns the command-line options."""
     parser = argparse.ArgumentParser(prog="python -m simulator", description="A simulated UR controller.")
     add = parser.add_argument
-    core = scheduling.default_core(os.environ)
+    try:
+        core = scheduling.default_core(os.environ)
+    except ValueError as error:
+        parser.error(str(error))
     add("--cell", type=Path, required=True, help="cell file (TOML)")
     add("--host", help="address to listen on; the cell's link.host by default")
     add("--polyscope", help="version to present, or x for PolyScope X; the cell's sim.polyscope by default")

@@ -13,8 +13,16 @@ CORE_VARIABLE = "FLING_STREAM_CORE"  # names the processor of the executor's str
 
 
 def default_core(environment: Mapping[str, str]) -> int:
-    """Returns the processor of the executor's stream: the one set in the environment, or the highest available."""
-    return int(environment.get(CORE_VARIABLE) or max(os.sched_getaffinity(0)))
+    """Returns the processor of the executor's stream: the one set in the environment, or the highest available.
+
+    Raises:
+        ValueError: it is no number.
+    """
+    text = environment.get(CORE_VARIABLE) or str(max(os.sched_getaffinity(0)))
+    try:
+        return int(text)
+    except ValueError:
+        raise ValueError(f"{CORE_VARIABLE} {text!r} is not the number of a processor, or -1") from None
 
 
 def is_real_time() -> bool:

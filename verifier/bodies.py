@@ -161,8 +161,5 @@ def may_touch(patches: FlightPatches) -> Mask:
     """Returns which patches (m,) may hold an instant at which the body first touches what it is to land on."""
     releases = patches.releases
     assert isinstance(releases, BallReleases)
-    _, v = releases.states
-    gravity = releases.cell.surroundings.gravity_m_s2
-    rises = v[2].lower[patches.rows] > gravity * patches.s1 * UP
     is_above = lowest_in(patches) > releases.height_m  # not a number is neither: it may touch
-    return ~rises & ~is_above & releases.counts(patches, 0.0)
+    return ~patches.rises & ~is_above & releases.counts(patches, 0.0)

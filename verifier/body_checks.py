@@ -114,7 +114,6 @@ def _flown(
 def _above(cell: Cell) -> PatchRooms:
     """Returns how far a body is above the floor until it lands, and above what it lands on as it begins to fall."""
     floor = cell.surroundings.floor_z_m
-    gravity = cell.surroundings.gravity_m_s2
 
     def rooms(patches: FlightPatches) -> tuple[Array, Array]:
         body = patches.releases
@@ -123,10 +122,9 @@ def _above(cell: Cell) -> PatchRooms:
         on_floor = not body.is_in_air and body.height_m <= floor
         low = lowest_in(patches, of_body=True) - floor + LENGTH_M
         low = np.where(counts & ~(patches.falls & on_floor), low, np.inf)
-        rises = body.states[1][2].lower[patches.rows] > gravity * patches.s1 * UP
         first = np.where(patches.s0 == 0.0, body.lowest(patches.rows, patches.s0)[0], np.inf)
         apex = np.where(patches.falls, first, lowest_in(patches))
-        apex = np.where(rises, np.inf, apex - body.height_m + LENGTH_M)
+        apex = np.where(patches.rises, np.inf, apex - body.height_m + LENGTH_M)
         return np.array([low, apex]), np.full((2, len(low)), np.inf)
 
     return rooms

@@ -193,12 +193,12 @@ class FlightPatches:
 
     @property
     def falls(self) -> Mask:
-        """Whether the flights fall all along (m,): upward speeds only shrink."""
+        """Whether the flights fall all along (m,): upward speeds shrink by gravity at least, air only helps."""
         return self._rise.upper < self.releases.cell.surroundings.gravity_m_s2 * self.s0 * (1.0 - 1e-12)
 
     @property
     def rises(self) -> Mask:
-        """Whether the flights rise all along (m,), by the least that gravity alone leaves."""
+        """Whether the flights rise all along (m,): upward speeds shrink by no more than gravity and air can take."""
         return self._rise.lower > self.releases.slowing * self.s1 * (1.0 + 1e-12)
 
     def counts(self, ends_z: float) -> Mask:

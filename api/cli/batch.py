@@ -16,6 +16,7 @@ import click
 
 from api.cli.support.exit_status import INTERRUPTED, NotCompleted
 from api.cli.support.options import json_option, service_options
+from api.cli.support.summary import outcome_text
 
 if TYPE_CHECKING:
     from api.schemas import BatchRequest
@@ -277,4 +278,4 @@ def _report(document: dict[str, Any], as_json: bool) -> None:
 
 def _require_completed(document: dict[str, Any]) -> None:
     if document["outcome"] != "completed":
-        raise NotCompleted(f"batch {document['id']}: {document['outcome']} {document['reason'] or ''}".rstrip())
+        raise NotCompleted(f"batch {document['id']}: {outcome_text(document)}")

@@ -10,6 +10,7 @@ import click
 
 from api.cli.support.exit_status import NotCompleted
 from api.cli.support.options import calls_service, json_option
+from api.cli.support.summary import outcome_text
 
 if TYPE_CHECKING:
     from api.cli.support.client import ServiceClient
@@ -41,7 +42,7 @@ def job(file: Path, as_json: bool, client: ServiceClient) -> None:
         raise
     click.echo(json.dumps(document) if as_json else _summary(document))
     if document["outcome"] != "completed":
-        raise NotCompleted(f"job {id}: {document['outcome']} {document['reason'] or ''}".rstrip())
+        raise NotCompleted(f"job {id}: {outcome_text(document)}")
 
 
 def _read(file: Path) -> Any:

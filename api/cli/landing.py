@@ -122,8 +122,11 @@ def _report(position: tuple[float, ...], std_m: float, results: dict[str, float]
     Raises:
         click.UsageError: It is not one position, nor one result.
     """
-    if len(position) not in (0, 3) or len(results) + bool(position) > 1:
-        raise click.UsageError("give X Y Z, or one of --hit, --edge, --miss; nothing lists the reports")
+    if len(position) not in (0, 3):
+        raise click.UsageError(f"a place has three coordinates, X Y Z; {len(position)} were given")
+    given = [*(["X Y Z"] if position else []), *(f"--{name}" for name in results)]
+    if len(given) > 1:
+        raise click.UsageError(f"{' and '.join(given)} were given: a report is one of X Y Z, --hit, --edge, --miss")
     if position:
         return {"position": list(position), "std_m": std_m}
     return next(({"result": name, "radius_m": radius} for name, radius in results.items()), None)

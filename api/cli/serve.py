@@ -41,7 +41,7 @@ EXECUTOR_SETTINGS = """Settings of the environment, and their defaults:
 FLING_DATABASE_URL, FLING_CELLS: store and folder of cell files, as of `fling serve`
 
 FLING_DATA (`fling` in the user's data folder): undelivered results, latched fault, output of the streaming process
-(streaming.log)
+(streaming.log) and of the one that waits for the next execution (streaming-next.log)
 
 FLING_WATCHDOG_HZ (50, without real time 20): lowest command rate accepted by the controller, 10 to 50
 

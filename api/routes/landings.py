@@ -121,13 +121,23 @@ def _check_reportable(cell: Cell | None, row: ExecutionRow, id: str) -> None:
     Raises:
         ProblemDetails: It does.
     """
-    never_began = row.outcome == "refused" or (row.outcome == "aborted" and row.metrics is None)
-    if row.dry_run or never_began or row.state in NOT_THROWN_YET:
-        raise ProblemDetails("nothing-thrown", f"execution {row.id} is {row.outcome or row.state}: nothing was thrown")
-    if row.metrics is not None and not row.metrics.get("released"):
-        raise ProblemDetails("nothing-thrown", f"in execution {row.id} the gripper was not commanded to open")
+    if (why := _nothing_thrown(row)) is not None:
+        raise ProblemDetails("nothing-thrown", why)
     if id == "latest" and (cell is None or cell.link.kind != "sim"):
         raise ProblemDetails("forbidden", "on a real arm a landing is reported by the execution's own id, not 'latest'")
+
+
+def _nothing_thrown(row: ExecutionRow) -> str | None:
+    """Returns why an execution threw nothing; None where it did, or may have."""
+    if row.dry_run:
+        return f"execution {row.id} was a dry run, in which nothing moves"
+    if row.state in NOT_THROWN_YET:
+        return f"execution {row.id} is {row.state}: report its landing once it has thrown"
+    if row.outcome == "refused" or (row.outcome == "aborted" and row.metrics is None):
+        return f"execution {row.id} was {row.outcome}: {row.reason or 'nothing moved'}"
+    if row.metrics is not None and not row.metrics.get("released"):
+        return f"in execution {row.id} the gripper was not commanded to open"
+    return None
 
 
 def _cell_of(service: Service, row: ExecutionRow) -> Cell | None:

@@ -17,7 +17,41 @@ ORDINARY_BOUNDS = (0.040, 0.30)  # the same without real-time scheduling, which 
 LINK_SHARE = 0.05
 IN_A_ROW_MIN = 2  # [ticks] a CB3 arm sends one in 8 ms
 OWN_GAP_S = 0.010  # [s] between two readings: this process was suspended, and the timestamp's age is unknown
+# [s] after the newest state in which a suspension excuses that none was seen: a machine that suspends this process in
+# every reading would hide a silent link for ever. The slowest watchdog (10 Hz) has stopped the arm by then.
+EXCUSED_S = 0.1
 MEMORY_S = 0.2  # [s] over which lost ticks are forgotten
+
+
+class Silence:
+    """The time without a new state, from where this process was last suspended: before that, one may have come unseen.
+
+    Suspensions count so only if they begin within `EXCUSED_S` of the newest state.
+    """
+
+    def __init__(self, state_s: float, most_s: float) -> None:
+        """Begins to wait.
+
+        Args:
+            state_s: monotonic time at which the newest state was read [s].
+            most_s: longest accepted time without another one [s].
+        """
+        self.excused_until = state_s + EXCUSED_S
+        self.most_s = most_s
+        self.begin = self.polled = monotonic()
+
+    def look(self) -> None:
+        """Notes that the newest state is still the same.
+
+        Raises:
+            StreamFault: it has been for too long.
+        """
+        now = monotonic()
+        if now - self.polled > OWN_GAP_S and self.polled < self.excused_until:
+            self.begin = now
+        self.polled = now
+        if now - self.begin > self.most_s:
+            raise StreamFault("link_lost", f"no new state for {self.most_s * 1e3:.0f} ms")
 
 
 class ControllerClock:
@@ -51,15 +85,10 @@ class ControllerClock:
         rest = self.host_s + self.dt - EARLY_S - monotonic()
         if rest > 0.0:
             sleep(rest)
-        begin = polled = monotonic()
+        silence = Silence(self.host_s, STALE_S)
         while (stamp := self.connection.timestamp()) == self.stamp:
             sleep(POLL_S)
-            now = monotonic()
-            if now - polled > OWN_GAP_S:
-                begin = now
-            polled = now
-            if now - begin > STALE_S:
-                raise StreamFault("link_lost", f"no new state for {STALE_S * 1e3:.0f} ms")
+            silence.look()
         self.host_s = monotonic()
         self._count(stamp)
 

@@ -13,6 +13,7 @@ from time import monotonic, sleep
 
 from executor import shared_memory as shm
 from executor.stream_job import Row, StreamJob
+from executor.streaming.clock import Silence
 from executor.streaming.loop import Stream
 from executor.streaming.rtde_connection import ProgramState, RtdeConnection
 from executor.streaming.state_checks import PLAYING, StopRequests, StreamFault
@@ -24,7 +25,6 @@ START_S = 5.0  # [s] for the controller to compile and start a program
 WAITS_S = 1.0  # [s] without a new state, while nothing moves: a controller compiles a program meanwhile
 BEAT_S = 0.004  # [s] from one heartbeat to the next: ten within the dead-man time
 POLL_S = 2e-4  # [s] between two looks for a new state: it is watched, and nothing has to be sent at once
-OWN_GAP_S = 0.010  # [s] between two looks: this process was suspended, and the state's age is unknown
 KEEP_AHEAD_S = 0.010  # [s] before the gripper's command at which it is decided: a request has to get there
 
 
@@ -102,18 +102,13 @@ class ProgramClock:
         Raises:
             StreamFault: none came in time.
         """
-        begin = polled = monotonic()
+        silence = Silence(self.host_s, self.stale_s)
         while (stamp := self.connection.timestamp()) == self.stamp:
-            self._beat(polled)
+            self._beat(silence.polled)
             sleep(POLL_S)
-            now = monotonic()
-            if now - polled > OWN_GAP_S:
-                begin = now
-            polled = now
-            if now - begin > self.stale_s:
-                raise StreamFault("link_lost", f"no new state for {self.stale_s * 1e3:.0f} ms")
-        self._beat(polled)
-        self.host_s = polled
+            silence.look()
+        self._beat(silence.polled)
+        self.host_s = silence.polled
         self.stamp = stamp
 
     def _beat(self, now: float) -> None:

@@ -58,6 +58,11 @@ def safety_words(safety_bits: int) -> str:
     return ", ".join(words) or "safety state unknown"
 
 
+def power_words(robot_mode: int) -> str:
+    """Returns what `robot_mode` says of an arm without power, in words."""
+    return f"the arm has no power (robot mode {robot_mode})"
+
+
 def check_state(safety_bits: int, runtime_state: int, speed_scaling: float, robot_mode: int = ROBOT_RUNNING) -> None:
     """Checks for normal operation: no safety stop, power on, the program playing, full speed.
 
@@ -68,7 +73,7 @@ def check_state(safety_bits: int, runtime_state: int, speed_scaling: float, robo
         outcome = "emergency_stop" if safety_bits & EMERGENCY_BITS else "protective_stop"
         raise StreamFault(outcome, safety_words(safety_bits))
     if robot_mode < POWER_ON:
-        raise StreamFault("power_off", f"the arm has no power (robot mode {robot_mode})")
+        raise StreamFault("power_off", power_words(robot_mode))
     if runtime_state != PLAYING:
         raise StreamFault("aborted", f"the program on the controller is {PROGRAM_WORDS.get(runtime_state, 'unknown')}")
     if not abs(speed_scaling - 1.0) <= SCALING_TOLERANCE:  # also true for NaN

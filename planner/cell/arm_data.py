@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from planner.cell.fields import number, vector
+from planner.cell.fields import must_be, number, vector
 from planner.errors import CellError, IncompleteRobot, UnknownRobot
 from planner.fields import did_you_mean
 from planner.robots import ARM_NUMBERS, TURN_DEG, Robot, completed, published_number
@@ -58,7 +58,7 @@ def completed_arm(document: Mapping[str, Any]) -> Robot:
         return completed(name, numbers)
     except UnknownRobot as error:
         meant = did_you_mean(document["robot"], error.known)
-        raise CellError("robot", document["robot"], f"must be one of {', '.join(error.known)}{meant}") from error
+        raise must_be(f"one of {', '.join(error.known)}{meant}", "robot", document["robot"]) from error
     except IncompleteRobot as error:
         raise CellError("robot", name, f"is incomplete: {error.reason}") from error
 

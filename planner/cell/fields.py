@@ -59,7 +59,7 @@ def number(table: Mapping[str, Any], key: str, where: str, lower: float = -math.
     """Returns `table[key]` as a finite float inside [lower, upper].
 
     Raises:
-        CellError: the value is not a number, not finite, or out of bounds.
+        CellError: the value is missing, not a number, not finite, or out of bounds.
     """
     return _checked(table[key], where + key, lower, upper)
 
@@ -79,7 +79,7 @@ def vector(
     """
     value = table[key]
     if not isinstance(value, list | tuple) or len(value) != size:
-        raise CellError(where + key, value, f"must be a list of {size} numbers")
+        raise must_be(f"a list of {size} numbers", where + key, value)
     return read_only([_checked(entry, f"{where}{key}[{i}]", lower, upper) for i, entry in enumerate(value)])
 
 
@@ -135,8 +135,13 @@ def choice(table: Mapping[str, Any], key: str, where: str, allowed: Iterable[str
     """
     names = tuple(allowed)
     if table[key] not in names:
-        raise CellError(where + key, table[key], f"must be one of {', '.join(names)}{did_you_mean(table[key], names)}")
+        raise must_be(f"one of {', '.join(names)}{did_you_mean(table[key], names)}", where + key, table[key])
     return str(table[key])
+
+
+def must_be(what: str, field: str, value: object) -> CellError:
+    """Returns the refusal of a value that is not what it must be; None: the key is missing."""
+    return CellError(field, value, f"must be {what}" if value is not None else f"is missing: it must be {what}")
 
 
 def tables(value: object, field_name: str) -> list[Mapping[str, Any]]:
@@ -165,7 +170,7 @@ def exactly(entry: Mapping[str, Any], keys: tuple[str, ...], where: str) -> Mapp
 
 def _checked(value: object, field: str, lower: float, upper: float) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise CellError(field, value, "must be a number")
+        raise must_be("a number", field, value)
     if not abs(value) <= sys.float_info.max:
         raise CellError(field, value, "must be finite")
     if not lower <= value <= upper:

@@ -43,7 +43,7 @@ from planner.seeds import Candidate, candidates, near_candidates
 from planner.trajectory import Trajectory
 
 STATES = 24  # [-] joint states kept of a passage: a pose has eight branches, each with full turns and two accelerations
-MOTIONS = 200  # [-] motions certified before a search gives up: two along a way, with chosen accelerations and without
+MOTIONS = 200  # [-] motions looked at leg by leg, at most: two along a way, with chosen accelerations and without
 THROWN_FROM = 2  # [-] postures of the passage before that throws of their own are looked for from, besides the start
 THROWN_SHARE = 0.9  # [-] of the accelerations, in these throws: legs on ticks reach no state at the limit
 BESIDE = 6  # [-] of these of each neighbour a point is passed in postures nearby
@@ -79,15 +79,17 @@ def search_chain(search: PlanningSearch) -> None:
         search.note_end()
         return
     begun_s = time.perf_counter()
+    before = len(search.rejected)  # throws in turn
     legs = _legs(search)
     for _ in range(WAYS):
+        left = MOTIONS - (len(search.rejected) - before)
         way = legs.shortest()
-        if way is None or search.best is not None or len(search.rejected) == MOTIONS or search.out_of_time:
+        if way is None or search.best is not None or left == 0 or search.out_of_time:
             break
         search.step(1)
-        _try(search, legs, way)
+        _try(search, legs, way, left)
     search.note_end()
-    tried = len(search.certified) + len(search.rejected)
+    tried = len(search.certified) + len(search.rejected) - before
     search.log_attempt("ruckig", f"leg by leg: {len(search.certified)} of {tried} motions certified", begun_s)
     if throws and not only_throws and search.best is None and not search.out_of_time:
         _throw_last(search, throws)
@@ -113,15 +115,22 @@ def _throw_last(search: PlanningSearch, throws: int) -> None:
         search_in_turn(search, inner.best)
 
 
-def _try(search: PlanningSearch, legs: _Legs, way: list[int]) -> None:
+def _try(search: PlanningSearch, legs: _Legs, way: list[int], at_most: int) -> None:
     """Makes and certifies the motion along a way; what stands in its way is noted with its leg.
+
+    Args:
+        search, legs: updated in place.
+        way: to be tried.
+        at_most: motions that may be certified.
 
     Raises:
         Infeasible: the outputs contradict each other, which no other way mends.
     """
     sooner = _motion(_eased(legs, way), way)
-    if sooner is not None and search.certify("ruckig", Solution(sooner, "leg by leg, accelerations free")).is_valid:
-        return
+    if sooner is not None:
+        is_valid = search.certify("ruckig", Solution(sooner, "leg by leg, accelerations free")).is_valid
+        if is_valid or at_most == 1:
+            return
     motion = _motion(legs, way)
     if motion is None:
         return

@@ -114,10 +114,12 @@ def test_an_execution_that_threw_nothing_has_no_landing(service: RunningService,
     assert "not commanded to open" in problem_of(report(service, id, POSITION), 409, "nothing-thrown")["detail"]
     dry = queued(service, plan, dry_run=True)
     service.store.finish_execution(dry, "completed")
-    problem_of(report(service, dry, POSITION), 409, "nothing-thrown")
-    never_begun = queued(service, plan)
-    service.store.finish_execution(never_begun, "aborted", "the abort came before anything moved")
-    problem_of(report(service, never_begun, POSITION), 409, "nothing-thrown")
+    assert "a dry run" in problem_of(report(service, dry, POSITION), 409, "nothing-thrown")["detail"]
+    for outcome, reason in (("aborted", "the abort came before anything moved"), ("refused", "the arm is not at rest")):
+        never_begun = queued(service, plan)
+        service.store.finish_execution(never_begun, outcome, reason)
+        detail = problem_of(report(service, never_begun, POSITION), 409, "nothing-thrown")["detail"]
+        assert detail == f"execution {never_begun} was {outcome}: {reason}"
     problem_of(report(service, "nothing", POSITION), 404, "not-found")
 
 
@@ -162,8 +164,13 @@ def test_the_command_line_reports_and_lists(service: RunningService, thrown: str
         ([1.2, -0.3, 0.0], 0.005, None),
         (None, None, "miss"),
     ]
-    assert CliRunner().invoke(main, ["landing", thrown, "1.2", "0.3"]).exit_code == 64
-    assert CliRunner().invoke(main, ["landing", thrown, "1.2", "0.3", "0", "--hit", "0.1"]).exit_code == 64
+    for given, words in (
+        (["1.2", "0.3"], "three coordinates, X Y Z; 2 were given"),
+        (["1.2", "0.3", "0", "--hit", "0.1"], "X Y Z and --hit were given"),
+    ):
+        refused = CliRunner().invoke(main, ["landing", thrown, *given])
+        assert refused.exit_code == 64
+        assert words in refused.output
 
 
 def test_a_withdrawn_report_is_kept_and_counts_nowhere(service: RunningService, thrown: str):

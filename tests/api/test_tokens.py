@@ -91,7 +91,7 @@ def test_without_a_token_or_with_a_wrong_one(guarded: RunningService, method: st
     for value in (None, b"Bearer wrong", "Bearer é".encode(), b"Basic eDp5", b"Bearer", b""):
         headers = {} if value is None else {b"Authorization": value}
         response = guarded.client.request(method, path, headers=headers)
-        problem_of(response, 401, "unauthenticated")
+        assert "FLING_TOKEN or --token" in problem_of(response, 401, "unauthenticated")["detail"]
         assert response.headers["www-authenticate"] == "Bearer"
 
 
@@ -259,6 +259,7 @@ def test_tokens_on_the_command_line(tmp_path: Path):
     [
         ("FLING_PORT", "abc", "FLING_PORT: must be a whole number; it is 'abc'"),
         ("FLING_PORT", "70000", "FLING_PORT: must be at most 65535; it is '70000'"),
+        ("FLING_REQUEST_LOG", "maybe", "FLING_REQUEST_LOG: must be on or off; it is 'maybe'"),
         ("FLING_PLANNER_WORKERS", "0", "FLING_PLANNER_WORKERS: must be at least 1; it is '0'"),
         ("FLING_CELLS", "/nowhere", "FLING_CELLS = '/nowhere': there is no such folder"),
         (

@@ -58,6 +58,9 @@ def test_an_object_that_was_held_in_time_is_held(prepared: Prepared) -> None:
 def test_a_gripper_that_never_opened_is_told_only_where_it_should_have(prepared: Prepared) -> None:
     assert words(prepared, np.inf, was_told=False) == ""
     assert "stayed closed: the object is held" in words(prepared, np.inf)
+    states = published(prepared, np.inf, np.inf)
+    held = object_words(prepared.problem, prepared.trajectory, states, True, stayed_closed=True)
+    assert held == "the object is held"  # the reason of the run's end says the rest
     assert "may have left" in object_words(prepared.problem, prepared.trajectory, [], True)
     seen_long_ago = [replace(state, seen_at=state.seen_at - 5.0) for state in published(prepared, np.inf, np.inf)]
     assert "cannot be seen" in object_words(prepared.problem, prepared.trajectory, seen_long_ago, True)

@@ -48,6 +48,23 @@ def test_a_pace_that_is_no_approach_is_refused(pace: str) -> None:
         ExecutorSettings.from_environment({**HOME, "FLING_APPROACH_PACE": pace}, None, False)
 
 
+@pytest.mark.parametrize("name", ["WATCHDOG_HZ", "DEAD_MAN_S", "APPROACH_PACE", "STREAM_CORE"])
+def test_what_is_no_number_is_refused_by_its_name(name: str) -> None:
+    with pytest.raises(ValueError, match=f"FLING_{name} 'fast' is n"):
+        ExecutorSettings.from_environment({**HOME, f"FLING_{name}": "fast"}, None, False)
+
+
+def test_a_processor_that_is_not_there_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"STREAM_CORE '4096' is neither a processor of this machine, 0 to \d+"):
+        ExecutorSettings.from_environment({**HOME, "FLING_STREAM_CORE": "4096"}, None, False)
+
+
+@pytest.mark.parametrize("name", ["DEAD_MAN_S", "APPROACH_PACE"])
+def test_nought_is_no_default(name: str) -> None:
+    with pytest.raises(ValueError, match=f"FLING_{name} 0 is not within"):
+        ExecutorSettings.from_environment({**HOME, f"FLING_{name}": "0"}, None, False)
+
+
 def test_the_processor_may_be_left_to_sleep() -> None:
     assert not ExecutorSettings.from_environment({**HOME, "FLING_KEEP_AWAKE": "off"}, None, False).keep_awake
     with pytest.raises(ValueError, match="FLING_KEEP_AWAKE"):

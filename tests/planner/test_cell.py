@@ -316,7 +316,7 @@ def test_a_room_that_cannot_be_is_refused_by_its_field(entry, field, reason):
             "[0].name",
             "printable",
         ),
-        ('{ shape = "sphere", pose = { }, radius_m = 0.1 }', "[0].pose.position_m", "must be a list"),
+        ('{ shape = "sphere", pose = { }, radius_m = 0.1 }', "[0].pose.position_m", "is missing: it must be a list"),
         (f"{{ {POST}, size_m = [1, 1, 1] }}", "[0].size_m", "unknown key"),
         (f"{{ {POST.replace('0.05', '-0.05')} }}", "[0].radius_m", "must lie in"),
         (f"{{ {POST}, clearance_m = -1 }}", "[0].clearance_m", "must lie in"),

@@ -63,7 +63,7 @@ HTTP = TIMED + 'kind = "http"\nopen_url = "{}"\nclose_url = "http://h/c"\n'
         ('kind = "schunk"', "kind", "not supported"),
         ('kind = "claw"', "kind", "robotiq"),
         ("kind = 3", "kind", "robotiq"),
-        ('kind = "robotiq"', "model", "2f85"),
+        ('kind = "robotiq"', "model", "is missing: it must be one of 2f85, 2f140, hande"),
         ('kind = "robotiq"\nmodel = "rg2"', "model", "hande"),
         ('kind = "robotiq"\nmodel = "2f85"\ntransport = "modbus_tcp"', "transport", "tool_serial"),
         ('kind = "robotiq"\nmodel = "hande"\nopen_width_m = 0.06', "open_width_m", "0.05"),

@@ -9,14 +9,21 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from benchmarks.landing_orientation import OBJECTS, cell_with
 from planner.answer import plan_document
 from planner.cell import Cell, ThrownBody
+from planner.geometry import tool_state
 from planner.planning import SearchHints, plan
 from planner.request import problem_from_request
 from tests.verifier.test_spin import turned_at
 from verifier import NotAPlan, Status, verify
+from verifier.bodies import BallReleases, may_touch
+from verifier.body_checks import _above
+from verifier.drag import releases_of
+from verifier.flights import FlightPatches, release_pieces
+from verifier.plan_document import SampledMotion
 
 QUICK = SearchHints(offers_nearest=False)
 THROW = {"kind": "target", "position": [1.1, 0.3, 0.0]}
@@ -136,3 +143,35 @@ def test_what_nobody_can_ask_of_a_bodys_landing_is_refused(fields: dict[str, Any
     document["request"]["release"].update(fields)
     with pytest.raises(NotAPlan):
         verify(document, cell)
+
+
+def test_a_body_that_air_slows_may_touch_from_where_it_begins_to_fall():
+    """Sooner than gravity alone would end its rise; where that is, an integration tells."""
+    cell = cell_with({**OBJECTS["rod"], "mass_kg": 0.005})
+    thing = cell.object
+    drag = 1.204 * thing.drag_coefficient * np.pi * thing.drag_radius_m**2 / (2.0 * thing.mass_kg)
+    jacobian = np.column_stack([tool_state(cell, cell.home, each).v_WT for each in np.eye(6)])
+    qd = np.array(np.linalg.lstsq(jacobian, np.array([1.0, 0.0, 3.0]), rcond=None)[0], np.float64)
+    q = cell.home + np.outer([-0.002, 0.0, 0.002], qd)
+    motion = SampledMotion(500.0, q, np.tile(qd, (3, 1)), np.zeros((3, 6)), 1)
+    tool = tool_state(cell, cell.home, qd)
+
+    def rates(_: float, state: np.ndarray) -> np.ndarray:
+        v = state[3:]
+        return np.concatenate([v, -drag * np.linalg.norm(v) * v - np.array([0.0, 0.0, cell.surroundings.gravity_m_s2])])
+
+    def rise(_: float, state: np.ndarray) -> float:
+        return state[5]
+
+    state = np.concatenate([tool.p_WT, tool.v_WT])
+    flown = solve_ivp(rates, (0.0, 0.5), state, "DOP853", events=rise, rtol=1e-10, atol=1e-12)
+    apex_s = float(flown.t_events[0][0])
+    gravity_s = tool.v_WT[2] / cell.surroundings.gravity_m_s2
+    assert apex_s < gravity_s - 0.01
+    pieces = release_pieces(motion, 0.0)
+    body = BallReleases(cell, pieces, 1, releases_of(cell, pieces), height_m=float(flown.y_events[0][0][2]))
+    s0 = np.array([0.0, apex_s - 0.001, apex_s])
+    patches = FlightPatches(body, np.zeros(3, np.intp), s0, s0 + 0.002)
+    assert may_touch(patches).tolist() == [False, True, True]
+    apex = _above(cell)(patches)[0][1]
+    assert (apex[1:] < 0.0).all()  # its lower end is below the height of its centre there

@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from api.cli.support.progress import execute_plan, search_plan
-from api.cli.support.summary import ending_text
+from api.cli.support.summary import ending_text, outcome_text
 from planner.documents import read_text
 from planner.errors import quoted
 
@@ -87,7 +87,7 @@ def run_series(client: Any, load: LoadStep, settings: dict[str, Any]) -> dict[st
             load(client, plan["cell"])
         execution = execute_plan(client, plan, settings["mode"], progress=False, experiment_id=experiment["id"])
         is_completed = execution["outcome"] == "completed"
-        said = f"completed {execution['reason'] or ''}".rstrip() if is_completed else ending_text(execution)
+        said = outcome_text(execution) if is_completed else ending_text(execution)
         click.echo(f"{i + 1} of {count}: {said}  (execution {execution['id']})", err=True)
         if not is_completed:
             break

@@ -57,6 +57,11 @@ def landing_text(execution: dict[str, Any], observed: Sequence[dict[str, Any]] =
     return f"{text}\n{_landed_text(metrics.get('landed_on'))} at ({place}) m, {_length(error)} from where the plan said"
 
 
+def outcome_text(document: dict[str, Any]) -> str:
+    """Returns the outcome of an execution, a batch or a job, with its reason where it has one."""
+    return ": ".join(filter(None, [document["outcome"], document["reason"]]))
+
+
 def ending_text(execution: dict[str, Any]) -> str:
     """Returns outcome and reason of an execution that was not completed, and the hint that a busy machine asks for."""
     reason = execution["reason"] or "no reason was given"

@@ -102,7 +102,7 @@ def test_a_job_that_stopped_is_status_4_with_its_reason(url: str, tmp_path: Path
     done = run(str(file), "--url", url, "--json")
     assert done.exit_code == 4
     assert json.loads(done.stdout)["outcome"] == "stopped"
-    assert "nothing was gripped at pick 0" in done.stderr
+    assert "job j: stopped: nothing was gripped at pick 0" in done.stderr
 
 
 def test_a_file_that_is_no_toml_is_refused(tmp_path: Path):

@@ -7,7 +7,7 @@ from itertools import chain, repeat
 
 import pytest
 
-from executor.streaming.clock import ControllerClock, LostTicks
+from executor.streaming.clock import EXCUSED_S, OWN_GAP_S, STALE_S, ControllerClock, LostTicks
 from executor.streaming.rtde_connection import WATCHDOG_HZ, WATCHDOG_ORDINARY_HZ
 from executor.streaming.state_checks import StreamFault
 
@@ -43,6 +43,40 @@ def test_a_state_that_stays_the_same_is_a_lost_link() -> None:
     clock = ControllerClock(Stamps(10.0), DT)
     with pytest.raises(StreamFault, match="no new state"):
         clock.wait()
+
+
+class Time:
+    """A clock on which each sleep takes as long as it is told to, then as the last one."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, *sleeps_s: float) -> None:
+        self.now_s = 50.0
+        self._sleeps: Iterator[float] = chain(sleeps_s, repeat(sleeps_s[-1]))
+        monkeypatch.setattr("executor.streaming.clock.monotonic", lambda: self.now_s)
+        monkeypatch.setattr("executor.streaming.clock.sleep", self.sleep)
+
+    def sleep(self, _: float) -> None:
+        self.now_s += next(self._sleeps)
+        assert self.now_s < 60.0
+
+
+@pytest.mark.parametrize("late_s", [OWN_GAP_S + 1e-3, 0.03, 0.09])
+def test_a_process_that_is_suspended_in_every_reading_notices_a_silent_link(
+    monkeypatch: pytest.MonkeyPatch, late_s: float
+) -> None:
+    time = Time(monkeypatch, late_s)
+    clock = ControllerClock(Stamps(10.0), DT)
+    with pytest.raises(StreamFault, match="no new state"):
+        clock.wait()
+    assert EXCUSED_S < time.now_s - clock.host_s < EXCUSED_S + STALE_S + 2.0 * late_s
+
+
+def test_a_suspension_is_no_silence_of_the_link(monkeypatch: pytest.MonkeyPatch) -> None:
+    """After one, long or repeated, a state may take as long as ever: the thread that receives it was suspended, too."""
+    for sleeps_s in ((1e-3, 1.0, 0.0, 9e-3), (1e-3, 0.03, 0.03, 0.0, 9e-3)):
+        Time(monkeypatch, *sleeps_s)
+        clock = ControllerClock(Stamps(*[10.0] * (len(sleeps_s) + 2), 10.5), DT)
+        clock.wait()
+        assert clock.tick == 250
 
 
 def test_time_that_runs_backwards_is_a_lost_link() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -18,6 +19,7 @@ from planner.geometry import tool_state
 from planner.planning import Plan, plan
 from planner.request import problem_from_request, request_document
 from planner.rotations import matrix_to_rotation_vector
+from planner.search import PlanningSearch, chain, search_chain
 from planner.search.chain import _Legs
 from planner.trajectory import Trajectory
 from tests.planner.problems import cell
@@ -269,6 +271,18 @@ def test_a_refusal_names_the_leg_in_whose_way_something_stands() -> None:
         plan(problem_from_request(request, here))
     assert [each.constraint for each in refused.value.violations] == ["keep_out"]
     assert not refused.value.violations[0].proven
+
+
+@pytest.mark.parametrize("bound", [2, 3])
+def test_no_more_motions_are_looked_at_than_its_bound(bound: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two along a way: an odd bound is reached between them."""
+    here = cell().with_obstacles({"lower_m": [0.3, 0.106, 0.0], "upper_m": [0.8, 0.14, 0.8]})
+    request = {"passages": [{"name": "first", "state": over(0.5, -0.3)}, {"name": "last", "state": over(0.5, 0.0)}]}
+    search = PlanningSearch(problem_from_request(request, here), math.inf)
+    monkeypatch.setattr(chain, "MOTIONS", bound)
+    with pytest.raises(Infeasible):
+        search_chain(search)
+    assert len(search.rejected) == bound
 
 
 def test_a_refusal_names_the_leg_that_begins_where_no_leg_leads() -> None:
