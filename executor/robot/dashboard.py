@@ -10,6 +10,7 @@ import re
 import socket
 
 from executor.robot.operation import ActionRefused, ControlMode
+from executor.undelivered import close_in_order, discard_at_close
 from store import RobotAction
 
 PORT = 29999
@@ -37,18 +38,27 @@ class DashboardClient:
     def ask(self, line: str) -> str:
         """Returns the controller's answer to one command.
 
+        A command that is not answered in time is not sent again, and dropped where it has not arrived: the arm must not
+        get power once somebody was told that it did not.
+
         Raises:
             OSError: no connection, or no answer in time.
         """
         if self._socket is not None:
-            with contextlib.suppress(OSError):  # the connection broke since the last command: reopen it
+            with contextlib.suppress(ConnectionError):  # it has ended since the last command: reopen it
                 return self._exchange(self._socket, line)
             self.close()
-        try:
-            return self._exchange(self._connect(), line)
-        except OSError:
-            self.close()
-            raise
+        return self._exchange(self._connect(), line)
+
+    def stop(self) -> str:
+        """Ends whatever program plays, and asks once more over a new connection where this one is silent.
+
+        Raises:
+            OSError: no connection, or no answer in time.
+        """
+        with contextlib.suppress(OSError):
+            return self.ask("stop")
+        return self.ask("stop")
 
     def control_mode(self) -> ControlMode:
         """Returns who controls the robot; "unknown" before 5.6, which does not tell.
@@ -91,18 +101,28 @@ class DashboardClient:
     def close(self) -> None:
         """Closes the connection, if any."""
         if self._socket is not None:
+            close_in_order(self._socket, 0.0)
             self._socket.close()
             self._socket = None
 
     def _exchange(self, connection: socket.socket, line: str) -> str:
-        connection.sendall(line.encode() + b"\n")
-        return self._read_line(connection)
+        try:
+            connection.sendall(line.encode() + b"\n")
+            return self._read_line(connection)
+        except OSError:
+            self.close()
+            raise
 
     def _connect(self) -> socket.socket:
         connection = socket.create_connection((self.host, PORT), TIMEOUT_S)
         self._socket = connection
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._read_line(connection)  # the greeting
+        try:
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            discard_at_close(connection)
+            self._read_line(connection)  # the greeting
+        except OSError:
+            self.close()
+            raise
         return connection
 
     @staticmethod

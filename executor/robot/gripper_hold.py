@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 from executor.grippers import PROGRAM
 from executor.stream_job import StreamJob
+from executor.undelivered import close_in_order, discard_at_close
 from planner.grippers import SET_OUTPUT
 
 PORT = 30002
@@ -30,6 +31,7 @@ class GripperHold:
         with contextlib.suppress(OSError):
             self._socket = socket.create_connection((self.host, PORT), CONNECT_S)
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            discard_at_close(self._socket)
             self._socket.setblocking(False)
 
     def drain(self) -> None:
@@ -66,5 +68,6 @@ class GripperHold:
     def close(self) -> None:
         """Closes the connection, if any."""
         if self._socket is not None:
+            close_in_order(self._socket)
             self._socket.close()
             self._socket = None

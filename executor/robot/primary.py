@@ -14,6 +14,7 @@ import time
 
 from executor.grippers import PROGRAM as GRIPPER_PROGRAM
 from executor.robot.primary_packages import PORT, take_packages
+from executor.undelivered import close_in_order, discard_at_close
 from planner.controller_program import PROGRAM
 
 CONNECT_S = 0.5  # [s] a controller answers within milliseconds; without this interface a run goes on
@@ -47,6 +48,7 @@ class ProgramWatch:
         """Connects; without this interface no foreign program is noticed."""
         with contextlib.suppress(OSError):
             self._socket = socket.create_connection((self.host, PORT), CONNECT_S)
+            discard_at_close(self._socket)
             self._socket.setblocking(False)
 
     @property
@@ -66,6 +68,7 @@ class ProgramWatch:
     def close(self) -> None:
         """Closes the connection, if any."""
         if self._socket is not None:
+            close_in_order(self._socket)
             self._socket.close()
             self._socket = None
 
@@ -125,9 +128,17 @@ def stop_program(host: str) -> None:
     What the controller sends meanwhile is read: a connection closed over unread data is reset, and may lose the stop.
     """
     with contextlib.suppress(OSError), socket.create_connection((host, PORT), CONNECT_S) as connection:
+        discard_at_close(connection)
         connection.sendall(STOP)
-        end = time.monotonic() + TAKEN_S
-        while (left := end - time.monotonic()) > 0.0:
-            connection.settimeout(left)
-            if not connection.recv(65536):
-                return
+        with contextlib.suppress(OSError):
+            _read_for(connection, TAKEN_S)
+        close_in_order(connection)
+
+
+def _read_for(connection: socket.socket, duration_s: float) -> None:
+    """Discards what arrives for a while [s], or until the connection ends."""
+    end = time.monotonic() + duration_s
+    while (left := end - time.monotonic()) > 0.0:
+        connection.settimeout(left)
+        if not connection.recv(65536):
+            return

@@ -12,6 +12,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from executor.robot.operation import ActionRefused, ControlMode
+from executor.undelivered import close_in_order, discard_at_close
 from store import RobotAction
 
 PORTS = (80, 29980)  # the second one is the simulator's, where it may not listen on the first (docs/simulator.md)
@@ -82,8 +83,14 @@ class RobotApiClient:
     def close(self) -> None:
         """Closes the connection, if any."""
         if self._connection is not None:
-            self._connection.close()
+            self._hang_up(self._connection)
             self._connection = None
+
+    @staticmethod
+    def _hang_up(connection: HTTPConnection) -> None:
+        if connection.sock is not None:
+            close_in_order(connection.sock, 0.0)
+        connection.close()
 
     def _told(self, path: str, key: str) -> object:
         """Returns a field of an answer; None where this version has no such path."""
@@ -104,12 +111,12 @@ class RobotApiClient:
         try:
             return self._exchange(connection, method, path, document, timeout_s)
         except ConnectionError:
-            connection.close()
+            self._hang_up(connection)
             if not is_kept:
                 raise
             return self._exchange(connection, method, path, document, timeout_s)
-        except OSError:
-            connection.close()
+        except OSError:  # not in time: what has not arrived is dropped
+            self._hang_up(connection)
             raise
 
     def _exchange(
@@ -135,6 +142,9 @@ class RobotApiClient:
         if connection.sock is not None:
             connection.sock.settimeout(timeout_s)
         try:
+            if connection.sock is None:
+                connection.connect()
+                discard_at_close(connection.sock)
             connection.request(method, path, body, headers)
             answer = connection.getresponse()
             return answer.status, answer.headers, answer.read(ANSWER_BYTES)

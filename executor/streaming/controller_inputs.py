@@ -16,7 +16,6 @@ from executor.streaming.library_sockets import RTDE_PORT
 from planner.controller_program import HEARTBEAT, REQUEST
 
 CONNECT_S = 1.0  # [s] for every answer: a controller answers within milliseconds
-HEARD_HZ = 125.0  # [Hz] of the controller's packages; one each cycle of a CB3
 HEAD = struct.Struct(">HB")
 PROTOCOL = 2
 REQUEST_PROTOCOL = 86
@@ -33,8 +32,14 @@ REGISTER_VALUE = struct.Struct(">Bi")  # recipe, value
 class ControllerInputs:
     """An RTDE connection that owns every digital output, and the registers of a program that it keeps alive."""
 
-    def __init__(self, host: str, keeps_alive: bool = False) -> None:
+    def __init__(self, host: str, rate_hz: float, keeps_alive: bool = False) -> None:
         """Connects; with `keeps_alive` it asks for the registers `HEARTBEAT` and `REQUEST`, too.
+
+        Args:
+            host: the controller.
+            rate_hz: of its packages [Hz]: at its own rate a package that is lost on the way is soon followed by those
+                for which TCP sends it again.
+            keeps_alive: whether this run keeps a program alive.
 
         Raises:
             OSError: no connection, or no answer.
@@ -46,7 +51,7 @@ class ControllerInputs:
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             if self._answer(REQUEST_PROTOCOL, struct.pack(">H", PROTOCOL)) != b"\x01":
                 raise ValueError(f"the controller does not speak version {PROTOCOL} of RTDE")
-            self._answer(SETUP_OUTPUTS, struct.pack(">d", HEARD_HZ) + b"timestamp")
+            self._answer(SETUP_OUTPUTS, struct.pack(">d", rate_hz) + b"timestamp")
             self._outputs = {kind: self._recipe([f"{kind}_output_mask", f"{kind}_output"]) for kind in OUTPUTS}
             numbers = (HEARTBEAT, REQUEST) if keeps_alive else ()
             self._registers = {number: self._recipe([f"input_int_register_{number}"]) for number in numbers}
@@ -95,6 +100,8 @@ class ControllerInputs:
     def _recipe(self, names: Sequence[str]) -> int:
         """Returns the number under which the controller takes values of these variables."""
         answer = self._answer(SETUP_INPUTS, ",".join(names).encode())
+        if not answer:
+            raise ValueError(f"the controller does not answer for the inputs {', '.join(names)}")
         types = answer[1:].decode(errors="replace").split(",")
         refused = [f"{name} is {UNUSABLE[kind]}" for name, kind in zip(names, types, strict=False) if kind in UNUSABLE]
         if refused or len(types) != len(names):

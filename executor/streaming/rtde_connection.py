@@ -34,7 +34,7 @@ HANGS_S = 0.050
 CALL_MAX_S = 0.005  # [s] a real-time call takes 30 us, one that reconnects itself takes 160 ms (ur_rtde 1.6.5)
 WATCHDOG_HZ = 50.0  # [Hz] 20 ms, just above the 16 ms after which the loop itself gives up as late
 WATCHDOG_ORDINARY_HZ = 20.0  # [Hz] 50 ms, just above the 40 ms accepted without real-time scheduling
-SILENT_S = 0.032  # [s] of states, without one of the packages that come every 8 ms over the connection for outputs
+SILENT_S = 0.036  # [s] of states, without a package over the connection for outputs: five of a CB3, as of its states
 VARIABLES = [
     "timestamp",
     "actual_q",
@@ -112,7 +112,7 @@ class RtdeConnection:
             variables = VARIABLES + [f"output_int_register_{number}" for number in PROGRAM_OUTPUTS]
         try:
             self.receive = RTDEReceiveInterface(job.host, 1.0 / job.dt, variables)
-            self.writer = None if job.dry_run else ControllerInputs(job.host, self.in_controller)
+            self.writer = None if job.dry_run else ControllerInputs(job.host, 1.0 / job.dt, self.in_controller)
             streams = not (job.dry_run or self.in_controller)
             self.control = RTDEControlInterface(job.host, 1.0 / job.dt) if streams else None
         except (RuntimeError, ValueError, OSError) as error:

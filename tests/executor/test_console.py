@@ -17,7 +17,9 @@ from typing import Any
 
 import pytest
 
-from executor.robot import ActionRefused, Console, robot_api
+from executor.robot import ActionRefused, Console, dashboard, robot_api
+from executor.robot.dashboard import DashboardClient
+from tests.waiting import until
 
 HOSTS = (f"127.0.43.{number}" for number in count(1))
 PREFIX = "/universal-robots/robot-api"
@@ -197,3 +199,53 @@ def test_an_interface_that_went_away_is_looked_for_again(console: Console) -> No
     assert console.control_mode() is None
     with dashboard_of(DASHBOARD, host):
         assert console.act("power_on") == "dashboard"  # a person waits: at once
+
+
+@contextmanager
+def silent_dashboard() -> Iterator[tuple[str, list[str]]]:
+    """A dashboard that greets, takes lines and answers none; yields its address and the lines."""
+    host = next(HOSTS)
+    heard: list[str] = []
+
+    def talk(connection: socket.socket) -> None:
+        with connection, suppress(ConnectionError):
+            connection.sendall(b"Connected: Universal Robots Dashboard Server\n")
+            for line in connection.makefile("rb"):
+                heard.append(line.decode().strip())
+
+    def serve(listener: socket.socket) -> None:
+        with suppress(OSError):
+            while True:
+                threading.Thread(target=talk, args=(listener.accept()[0],), daemon=True).start()
+
+    with socket.create_server((host, 29999)) as listener:
+        threading.Thread(target=serve, args=(listener,), daemon=True).start()
+        yield host, heard
+        listener.shutdown(socket.SHUT_RDWR)
+
+
+def test_what_is_not_answered_in_time_is_not_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The arm must not get power once somebody was told that it did not; a stop may come twice."""
+    monkeypatch.setattr(dashboard, "TIMEOUT_S", 0.1)
+    with silent_dashboard() as (host, heard):
+        client = DashboardClient(host)
+        client.connect()
+        with pytest.raises(TimeoutError):
+            client.act("brake_release")
+        with pytest.raises(TimeoutError):
+            client.stop()
+        until(lambda: heard == ["brake release", "stop", "stop"])
+
+
+@pytest.mark.parametrize("client_of", [DashboardClient, robot_api.RobotApiClient])
+def test_what_has_not_arrived_is_dropped(monkeypatch: pytest.MonkeyPatch, client_of: Any) -> None:
+    """Its connections are reset as they close, unless all has been acknowledged."""
+    dropped: list[socket.socket] = []
+    module = dashboard if client_of is DashboardClient else robot_api
+    monkeypatch.setattr(module, "discard_at_close", dropped.append)
+    with dashboard_of(DASHBOARD) as host, robot_api_of(NEW, host):
+        client = client_of(host)
+        client.connect()
+        client.act("power_on")
+        assert len(dropped) == 1
+        client.close()

@@ -18,7 +18,7 @@ CHUNK = 65536
 WITHIN_S = 0.02
 
 
-class Pair:
+class UnreadPair:
     """A connection to a peer that reads nothing until it is asked to."""
 
     def __init__(self) -> None:
@@ -56,14 +56,14 @@ class Pair:
 
 
 @pytest.fixture
-def pair() -> Iterator[Pair]:
-    found = Pair()
+def pair() -> Iterator[UnreadPair]:
+    found = UnreadPair()
     yield found
     found.own.close()
     found.peer.close()
 
 
-def test_the_kernel_delivers_what_a_closed_socket_has_left(pair: Pair) -> None:
+def test_the_kernel_delivers_what_a_closed_socket_has_left(pair: UnreadPair) -> None:
     """What this module is for: without it a command arrives after its run."""
     pair.fill()
     assert undelivered(pair.own) > 0
@@ -71,7 +71,7 @@ def test_the_kernel_delivers_what_a_closed_socket_has_left(pair: Pair) -> None:
     assert pair.received() == (pair.sent, False)
 
 
-def test_what_has_not_arrived_is_dropped(pair: Pair) -> None:
+def test_what_has_not_arrived_is_dropped(pair: UnreadPair) -> None:
     discard_at_close(pair.own)
     pair.fill()
     assert not close_in_order(pair.own, WITHIN_S)
@@ -80,7 +80,7 @@ def test_what_has_not_arrived_is_dropped(pair: Pair) -> None:
     pair.assert_cut()
 
 
-def test_what_has_arrived_is_closed_in_order(pair: Pair) -> None:
+def test_what_has_arrived_is_closed_in_order(pair: UnreadPair) -> None:
     discard_at_close(pair.own)
     pair.own.sendall(b"last")
     assert close_in_order(pair.own, 10.0)
@@ -88,7 +88,7 @@ def test_what_has_arrived_is_closed_in_order(pair: Pair) -> None:
     assert pair.received() == (4, False)
 
 
-def test_a_killed_process_leaves_nothing(pair: Pair) -> None:
+def test_a_killed_process_leaves_nothing(pair: UnreadPair) -> None:
     """Its sockets are closed by the kernel, with the option that they had."""
     discard_at_close(pair.own)
     pair.fill()
@@ -101,12 +101,12 @@ def test_a_killed_process_leaves_nothing(pair: Pair) -> None:
     pair.assert_cut()
 
 
-def test_a_socket_that_is_gone_is_no_error(pair: Pair) -> None:
+def test_a_socket_that_is_gone_is_no_error(pair: UnreadPair) -> None:
     discard_at_close(pair.own)
     pair.own.close()
     assert not close_in_order(pair.own, WITHIN_S)
 
 
-def test_a_delayed_acknowledgement_is_waited_for(pair: Pair) -> None:
+def test_a_delayed_acknowledgement_is_waited_for(pair: UnreadPair) -> None:
     pair.own.sendall(b"x")
     until(lambda: undelivered(pair.own) == 0, within_s=10.0)
