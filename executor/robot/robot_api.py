@@ -87,6 +87,11 @@ class RobotApiClient:
             self._connection = None
 
     @staticmethod
+    def _dial(connection: HTTPConnection) -> None:
+        connection.connect()
+        discard_at_close(connection.sock)
+
+    @staticmethod
     def _hang_up(connection: HTTPConnection) -> None:
         if connection.sock is not None:
             close_in_order(connection.sock, 0.0)
@@ -143,8 +148,7 @@ class RobotApiClient:
             connection.sock.settimeout(timeout_s)
         try:
             if connection.sock is None:
-                connection.connect()
-                discard_at_close(connection.sock)
+                self._dial(connection)
             connection.request(method, path, body, headers)
             answer = connection.getresponse()
             return answer.status, answer.headers, answer.read(ANSWER_BYTES)
