@@ -44,7 +44,7 @@ def load_findings(
     yield prove("joint_torque", arm, _torque(loads, cell), cell.robot.joint_names)
     yield from _safety_findings(cell, parts, loads, arm)
     for each in held:
-        if (grip := each.cell.gripper.hold_acceleration_m_s2) is not None and demands.throws:
+        if (grip := each.cell.gripper.hold_acceleration_m_s2) is not None:
             of = "" if len(held) == 1 else f"{each.called}, "
             yield prove("grip_acceleration", arm, _grip(each, grip), [of + axis for axis in "xyz"[: len(grip)]])
 
