@@ -40,6 +40,11 @@ class Finding:
     at_s: float | None = None
     detail: str = ""
 
+    @property
+    def is_not_covered(self) -> bool:
+        """Whether it is of a check that is not made."""
+        return NOT_COVERED in self.detail
+
     def __str__(self) -> str:
         """Returns it in words."""
         at = "" if self.at_s is None else f" at {self.at_s:.4f} s"

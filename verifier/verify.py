@@ -12,7 +12,7 @@ from verifier.arm import ArmPieces
 from verifier.body_checks import body_findings
 from verifier.clearance_checks import clearance_findings
 from verifier.exit_checks import exit_findings
-from verifier.finding import NOT_COVERED, Finding, Status, not_covered
+from verifier.finding import Finding, Status, not_covered
 from verifier.flight_checks import flight_findings
 from verifier.held_objects import held_objects
 from verifier.joint_checks import joint_findings
@@ -48,14 +48,12 @@ class Verification:
     @property
     def reasons(self) -> list[str]:
         """What is not proven and why, in words: checks that are not covered for one reason in one line."""
-        lines: dict[str, list[str]] = {}
+        names: dict[str, dict[str, None]] = {}
         for finding in self.open:
-            line = finding.detail if finding.detail.startswith(NOT_COVERED) else str(finding)
-            lines.setdefault(line, []).append(finding.name)
-        return [
-            line if not line.startswith(NOT_COVERED) else f"{Status.NOT_PROVEN}: {', '.join(names)}: {line}"
-            for line, names in lines.items()
-        ]
+            if finding.is_not_covered:
+                names.setdefault(finding.detail, {})[finding.name] = None
+        missing = [f"{Status.NOT_PROVEN}: {', '.join(of)}: {detail}" for detail, of in names.items()]
+        return [*missing, *(str(each) for each in self.open if not each.is_not_covered)]
 
     @property
     def open(self) -> tuple[Finding, ...]:
