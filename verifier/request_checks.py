@@ -139,9 +139,9 @@ def _check_passages(passages: Sequence[Mapping[str, Any]], grippers: Sequence[st
         _check_times(each, where)
     if len({each["name"] for each in passages}) < len(passages):
         raise NotAPlan("passages: two have one name")
-    let_go = [each["releases"] for each in passages if each.get("releases")]
+    let_go = [each["releases"] for each in passages if each.get("releases") not in (None, False)]
     for gripper in let_go:
-        if gripper is not True and gripper not in grippers:
+        if gripper is not True and (gripper == "" or gripper not in grippers):
             raise NotAPlan(f"passages: {gripper!r} is no gripper of the cell")
     if len(set(let_go)) < len(let_go):
         raise NotAPlan("passages: two let the object of one gripper go")

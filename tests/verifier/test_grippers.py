@@ -13,6 +13,7 @@ import pinocchio as pin
 import pytest
 
 from audit.judge import arm_model
+from learning import cell_with_profile
 from planner.answer import plan_document
 from planner.cell import Box, Cell, shape_of
 from planner.geometry import tool_state
@@ -87,6 +88,22 @@ def test_one_gripper_alone_is_proven_beside_what_the_other_holds(first: bool | s
     own = {} if first is True else {"gripper": weak.gripper}
     loose = replace(here, grippers={**here.grippers, "left" if first is True else "": weak}, content="", **own)
     assert Status.VIOLATED in statuses(verify(document, loose), "grip_acceleration")
+
+
+@pytest.mark.slow
+def test_a_profile_teaches_the_own_gripper_alone() -> None:
+    here = cell_of_two()
+    profile = {
+        **{"id": "p1", "cell_sha256": here.sha256, "outputs": {}},
+        **{"lag_s": 0.03, "delay_s": 0.05, "jitter_s": 0.001, "speed_factor": 0.97, "drag_coefficient": 0.3},
+    }
+    learnt = cell_with_profile(here, profile)
+    document = plan_document(plan(problem_from_request(two_throws(), learnt), QUICK), two_throws(), "", "")
+    verdict = verify({**document, "profile": "p1"}, here, profile)
+    assert verdict.status is Status.PROVEN, verdict.reasons
+    faster = verify({**document, "profile": "p1"}, here, {**profile, "speed_factor": 0.98})
+    missed = {each.detail.split(":")[0] for each in faster.open if each.name == "landing"}
+    assert missed == {"first"}
 
 
 def peaks_with_what_is_held() -> np.ndarray:
@@ -282,6 +299,9 @@ def test_what_is_not_covered_is_told_in_one_line_for_each_reason() -> None:
     )
 
 
+JOINT = {"kind": "joint", "positions": [0.0] * 6, "velocities": [0.1] * 6}
+
+
 @pytest.mark.parametrize(
     "change",
     [
@@ -291,6 +311,7 @@ def test_what_is_not_covered_is_told_in_one_line_for_each_reason() -> None:
         lambda d: d["request"]["passages"][1].update(releases=1),
         lambda d: d["request"]["passages"][1].update(releases=["left"]),
         lambda d: d["request"]["passages"][1].update(releases=""),
+        lambda d: d["request"]["passages"].append({"name": "more", "state": JOINT, "releases": ""}),
     ],
 )
 def test_what_no_request_can_say_of_grippers_is_refused(change: Any) -> None:
