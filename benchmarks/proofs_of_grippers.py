@@ -6,6 +6,7 @@ state of the arm about its home throws that object.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -17,6 +18,7 @@ from planner.cell import Box, Cell, cell_of_keys
 from planner.certificate import (
     ArmSamples,
     MotionSamples,
+    landing_errors,
     momentum_sizes,
     power_sizes,
     stopping_distances,
@@ -42,7 +44,6 @@ OF_SAFETY = {
     "stopping_time_s": stopping_times,
     "stopping_distance_m": stopping_distances,
 }
-Change = Callable[[dict[str, Any], dict[str, Any]], None]  # of a document and a profile
 
 
 def two_throws_in(cell: Cell, rng: np.random.Generator) -> tuple[Cell, dict[str, Any]]:
@@ -114,41 +115,48 @@ def _target(seen: Cell, rng: np.random.Generator) -> dict[str, Any]:
     raise CellError("grippers", seen.name, "throws nothing about its home")
 
 
-def changes_of_several(document: Mapping[str, Any]) -> Iterator[tuple[str, Change]]:
-    """Yields faults of each release: its target a millimetre off, or itself a tick late."""
-    for number, asked in enumerate(document["request"]["passages"]):
-        if not asked.get("releases"):
-            continue
-        for axis in (0, 1):
-            yield f"{asked['name']}: target off along {'xy'[axis]}", _moved(number, axis)
-        yield f"{asked['name']}: a tick late", _late(number)
-
-
-def _moved(number: int, axis: int) -> Change:
-    def change(document: dict[str, Any], _: dict[str, Any]) -> None:
-        document["request"]["passages"][number]["state"]["position"][axis] += OFF_M
-
-    return change
-
-
-def _late(number: int) -> Change:
-    def change(document: dict[str, Any], _: dict[str, Any]) -> None:
-        told = document["passages"][number]
-        if document["release"]["index"] == told["index"]:
-            document["release"]["index"] += 1
-        told["index"] += 1
-        told["end_index"] += 1
-
-    return change
-
-
-def tighter_cells(document: Mapping[str, Any], cell: Cell) -> Iterator[tuple[str, Cell]]:
-    """Yields cells with a limit a thousandth inside what a plan needs, or with a box in a flight.
-
-    The hash stays the plan's.
-    """
+def faults_of_grippers(document: Mapping[str, Any], cell: Cell) -> Iterator[tuple[str, dict[str, Any], Cell]]:
+    """Yields what is wrong, and document and cell with that one fault; the hash stays the plan's."""
     problem, trajectory = plan_from_document(document, cell)
-    motions = [MotionSamples(part.problem, part.of(trajectory)) for part in problem.parts if part.problem.throws]
+    parts = [part for part in problem.parts if part.problem.throws]
+    for part in parts:
+        name = problem.passages[part.release].name
+        for axis in (0, 1):
+            yield f"{name}: target off along {'xy'[axis]}", _target_off(document, part.release, axis), cell
+        (off_m,) = landing_errors(part.problem, part.of(trajectory), np.array([trajectory.dt]))
+        if off_m > OFF_M:  # a throw may land where it would a tick later
+            yield f"{name}: a tick late", _late(document, part.release), cell
+    motions = [MotionSamples(part.problem, part.of(trajectory)) for part in parts]
+    for name, worse in _tighter_cells(document, cell, motions):
+        yield name, dict(document), worse
+
+
+def _copied(document: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns a copy that may be changed, all but its samples."""
+    copied = copy.deepcopy({key: value for key, value in document.items() if key != "trajectory"})
+    return {**copied, "trajectory": document["trajectory"]}
+
+
+def _target_off(document: Mapping[str, Any], number: int, axis: int) -> dict[str, Any]:
+    found = _copied(document)
+    found["request"]["passages"][number]["state"]["position"][axis] += OFF_M
+    return found
+
+
+def _late(document: Mapping[str, Any], number: int) -> dict[str, Any]:
+    found = _copied(document)
+    told = found["passages"][number]
+    if found["release"]["index"] == told["index"]:
+        found["release"]["index"] += 1
+    told["index"] += 1
+    told["end_index"] += 1
+    return found
+
+
+def _tighter_cells(
+    document: Mapping[str, Any], cell: Cell, motions: Sequence[MotionSamples]
+) -> Iterator[tuple[str, Cell]]:
+    """Yields cells with a limit a thousandth inside what a plan needs, or with a box in a flight."""
     for joint, peak in enumerate(_peaks(motions, lambda motion, arm: torque_sizes(motion, arm))):
         tau_max = np.array(cell.limits.tau_max)
         tau_max[joint] = peak * (1.0 - INSIDE)

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.proofs_of_grippers import changes_of_several, tighter_cells, two_throws_in
+from benchmarks.proofs_of_grippers import faults_of_grippers, two_throws_in
 from learning import cell_with_profile
 from planner.answer import aimed_problem, plan_document
 from planner.cell import Cell, ThrownBody
@@ -42,15 +42,16 @@ class ToldPlan:
 
     def faults(self) -> Iterator[tuple[str, ToldPlan]]:
         """Yields what is wrong, and the plan with that one fault."""
+        if self.cell.grippers:
+            for name, document, cell in faults_of_grippers(self.document, self.cell):
+                yield name, replace(self, document=document, cell=cell)
+            return
         for name, change in _changes(self.document, self.profile is not None):
             document = {key: copy.deepcopy(value) for key, value in self.document.items() if key != "trajectory"}
             profile = copy.deepcopy(self.profile)
             change(document, profile or {})
             document["trajectory"] = self.document["trajectory"]
             yield name, replace(self, document=document, profile=profile)
-        if self.cell.grippers:
-            for name, cell in tighter_cells(self.document, self.cell):
-                yield name, replace(self, cell=cell)
 
 
 def told_plans(kind: str, count: int, seed: int) -> Iterator[ToldPlan]:
@@ -115,9 +116,6 @@ def _released(document: Mapping[str, Any]) -> dict[str, Any]:
 
 def _changes(document: Mapping[str, Any], is_learnt: bool) -> Iterator[tuple[str, Change]]:
     """Yields faults that a plan can have."""
-    if sum(bool(each.get("releases")) for each in document["request"].get("passages") or ()) > 1:
-        yield from changes_of_several(document)
-        return
     release = _released(document)
     if release["kind"] != "target":
         return

@@ -242,7 +242,7 @@ def first_patches(releases: Releases, until_s: float) -> FlightPatches:
     return FlightPatches(releases, rows, np.tile(times[:-1], count), np.tile(times[1:], count))
 
 
-class Patches(Protocol):
+class DivisiblePatches(Protocol):
     """m patches of flights, of one object or of two."""
 
     @property
@@ -262,7 +262,7 @@ class Patches(Protocol):
 PatchRooms = Callable[[FlightPatches], tuple[Array, Array]]  # bounds on what is left of k limits in m patches (k, m)
 
 
-P = TypeVar("P", bound=Patches)
+P = TypeVar("P", bound=DivisiblePatches)
 
 
 def prove_patches(name: str, patches: P, rooms: Callable[[P], tuple[Array, Array]], items: list[str]) -> Finding:

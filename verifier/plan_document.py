@@ -141,17 +141,25 @@ def _demands(document: Mapping[str, Any], cell: Cell, is_learnt: bool) -> list[D
     asked = _stated(document["request"])
     asked["passages"] = [_stated(each) for each in asked.get("passages") or []]
     check_request(asked, gripper_names(cell))
-    limits = asked.get("limits") or {}
-    own = cell.limits
-    least = asked.get("singularity_distance_min")
-    is_base = asked.get("frame", "world") == "base"
     let_go = released_states(asked)
+    common = _of_motion(document, asked, cell)
     not_covered = _not_covered(asked, let_go)
     if document.get("profile") is not None and not is_learnt:
         what = f"profile {document['profile']}, whose numbers are not given"
         not_covered |= dict.fromkeys((*OF_FLIGHT, *OF_OBJECT), what)
-    X_WR = cell.X_WB if is_base else np.eye(4)
-    common = Demands(
+    common = replace(common, not_covered=not_covered)
+    found = _released(document, asked, cell, common, let_go)
+    is_own = all(each.gripper != OWN for each in let_go)
+    return [*found, common] if is_own and len(let_go) < max(len(common.passages), 1) else found
+
+
+def _of_motion(document: Mapping[str, Any], asked: Mapping[str, Any], cell: Cell) -> Demands:
+    """Returns what is demanded of the motion, whatever it lets go."""
+    limits = asked.get("limits") or {}
+    own = cell.limits
+    least = asked.get("singularity_distance_min")
+    X_WR = cell.X_WB if asked.get("frame", "world") == "base" else np.eye(4)
+    return Demands(
         start=_start(asked.get("start") or {}, cell),
         qd_max=_tighter(own.qd_max, limits.get("velocity")),
         qdd_max=_tighter(own.qdd_max, limits.get("acceleration")),
@@ -166,11 +174,7 @@ def _demands(document: Mapping[str, Any], cell: Cell, is_learnt: bool) -> list[D
         spread_s=0.0,
         passages=_passages(document, asked),
         end=asked.get("end") or {},
-        not_covered=not_covered,
     )
-    found = _released(document, asked, cell, common, let_go)
-    is_own = all(each.gripper != OWN for each in let_go)
-    return [*found, common] if is_own and len(let_go) < max(len(common.passages), 1) else found
 
 
 def _released(
@@ -197,29 +201,43 @@ def _released(
     found = []
     for each, aim in zip(let_go, aims, strict=True):
         off_s = 0.5 / cell.robot.sample_rate_hz if found else 0.0
-        throws = not is_at_rest(each.state)
-        gripper = seen_by(cell, each.gripper).gripper
         own_s = window_s + off_s if window_s > 0.0 else 0.0
-        jitter_s = JITTERS * gripper.jitter_s + off_s
-        not_covered = dict(common.not_covered)
-        if throws and aim is None and own_s > 0.0 and tolerance_m > 0.0:
-            not_covered["landing_window"] = "a window of a release that is not a target's"
-        told = None if each.number is None else common.passages[each.number]
-        found.append(
-            replace(
-                common,
-                throws=throws,
-                kind=each.state.get("kind", ""),
-                release=each.state,
-                aim=None if aim is None else replace(aim, window_s=own_s, tolerance_m=tolerance_m),
-                spread_s=max(own_s if tolerance_m > 0.0 else 0.0, jitter_s) if throws else 0.0,
-                not_covered=not_covered,
-                gripper=each.gripper,
-                passage="" if told is None else told.name,
-                released_at=None if told is None else told.index,
-            )
-        )
+        jitter_s = JITTERS * seen_by(cell, each.gripper).gripper.jitter_s + off_s
+        spread_s = max(own_s if tolerance_m > 0.0 else 0.0, jitter_s)
+        found.append(_of_release(common, each, aim, (own_s, tolerance_m), spread_s))
     return found
+
+
+def _of_release(
+    common: Demands, let_go: ReleasedState, aim: Aim | None, window: tuple[float, float], spread_s: float
+) -> Demands:
+    """Returns what is demanded of one release.
+
+    Args:
+        common: of its motion.
+        let_go: what the request has of it.
+        aim: of its target.
+        window: in which it may be [s], and the tolerance of its landing then [m].
+        spread_s: how early or late the gripper may open [s].
+    """
+    window_s, tolerance_m = window
+    throws = not is_at_rest(let_go.state)
+    not_covered = dict(common.not_covered)
+    if throws and aim is None and window_s > 0.0 and tolerance_m > 0.0:
+        not_covered["landing_window"] = "a window of a release that is not a target's"
+    told = None if let_go.number is None else common.passages[let_go.number]
+    return replace(
+        common,
+        throws=throws,
+        kind=let_go.state.get("kind", ""),
+        release=let_go.state,
+        aim=None if aim is None else replace(aim, window_s=window_s, tolerance_m=tolerance_m),
+        spread_s=spread_s if throws else 0.0,
+        not_covered=not_covered,
+        gripper=let_go.gripper,
+        passage="" if told is None else told.name,
+        released_at=None if told is None else told.index,
+    )
 
 
 def _window(asked: Mapping[str, Any], aim: Aim | None) -> tuple[float, float]:

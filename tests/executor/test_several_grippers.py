@@ -72,6 +72,7 @@ def test_a_program_of_the_controller_does_not_let_several_go(made: Plan) -> None
 def test_the_second_checker_proves_it(made: Plan) -> None:
     document = plan_document(made, {"cell": "two", **two_throws()}, "id", "now")
     prove_plan(orjson.dumps(document), made.problem.cell)
-    document["passages"][1]["index"] += 1
+    for key in ("index", "end_index"):
+        document["passages"][1][key] += 1
     with pytest.raises(ExecutionRefused, match=r"the plan is violated: .*landing.*second"):
         prove_plan(orjson.dumps(document), made.problem.cell)
