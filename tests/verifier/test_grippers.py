@@ -221,6 +221,25 @@ def test_a_release_that_is_a_tick_off_is_violated(number: int) -> None:
     assert [(each.status, each.detail.split(":")[0]) for each in missed] == [(Status.VIOLATED, told["name"])]
 
 
+def test_the_window_of_the_second_release_is_half_a_tick_longer() -> None:
+    """Of a tolerance between what it misses half a window late and half a tick later, without air."""
+    document, here = made()
+    _, _, _, released, _ = motion()
+    radius_m = here.grippers["left"].object.radius_m
+    t = np.arange(released[1] * 0.002, released[1] * 0.002 + 1.0, 1e-5)
+    missed = []
+    for late_s in (-0.006, -0.0055, -0.005, 0.005, 0.0055, 0.006):
+        path = flown(here, "left", released[1], late_s, t)
+        lands = path[np.nonzero(path[:, 2] < 0.0)[0][0]]
+        missed.append(float(np.linalg.norm(lands[:2] - np.array([1.1, -0.2]))))
+    longest, middle, asked = (max(missed[i], missed[-1 - i]) for i in range(3))
+    assert asked + 1e-4 < middle < longest - 1e-4 < radius_m
+    document = changed()
+    document["request"] |= {"release_window_s": 0.005, "landing_tolerance_m": middle}
+    found = [each for each in of_check(verify(document, here), "landing_window") if each.detail.startswith("second")]
+    assert [each.status for each in found] == [Status.VIOLATED]
+
+
 @pytest.mark.parametrize("number", [0, 1])
 def test_a_wall_in_a_flight_is_found(number: int) -> None:
     document, here = made()
