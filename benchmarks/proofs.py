@@ -4,8 +4,8 @@
 arms and kinds of release in cells with every limit, and those of the audit's problems, in turns. Of the first every
 limit is drawn inside what the plan needs: a thousandth of its peak, or a millimetre. The verifier has to refuse each.
 With `--chains` they are the audit's motions of passages, and what is wrong is a passage: a millimetre or a milliradian
-off, a hundredth too fast, or a tick late. With `--kind` they are of learnt cells, of bodies or at moving targets, see
-`benchmarks.proofs_of_kinds`.
+off, a hundredth too fast, or a tick late. With `--kind` they are of learnt cells, of bodies, at moving targets or of
+two grippers, see `benchmarks.proofs_of_kinds`.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ from verifier import Status, findings
 INSIDE = 1e-3  # [-] of a peak, or [m, rad], by which a limit is drawn inside it
 SLOW = 0.05  # [m/s, rad/s] of which a hundredth is more than twice what is allowed of a velocity
 QUICK = SearchHints(offers_nearest=False)  # the nearest request is most of a refusal's time
+KINDS = ("profile", "body", "moving", "grippers")
 ROWS = Path(__file__).parents[1] / "build" / "benchmarks" / "proofs.jsonl"
 
 
@@ -175,9 +176,9 @@ def row_of_told(told: ToldPlan) -> dict[str, Any]:
     seconds = time.process_time() - begin
     tried = 0
     accepted = []
-    for what, document, profile in told.faults():
+    for what, fault in told.faults():
         tried += 1
-        if all(each.status is Status.PROVEN for each in findings(document, told.cell, profile)):
+        if all(each.status is Status.PROVEN for each in findings(fault.document, fault.cell, fault.profile)):
             accepted.append(what)
     return {
         "task": told.name,
@@ -214,7 +215,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--cells", type=int, default=0, help="random cells of the audit's problems; 0: the named sets")
     parser.add_argument("--chains", action="store_true", help="motions of passages of the audit's problems")
-    parser.add_argument("--kind", choices=("profile", "body", "moving"), help="plans of learnt cells, bodies, targets")
+    parser.add_argument("--kind", choices=KINDS, help="plans of learnt cells, bodies, targets, grippers")
     parser.add_argument("--rows", type=Path, default=ROWS)
     parser.add_argument("--resume", action="store_true", help="continue an interrupted run")
     parser.add_argument("--tell", action="store_true", help="say what the rows so far say")

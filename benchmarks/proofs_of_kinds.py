@@ -1,20 +1,22 @@
-"""Certified plans of learnt cells, of bodies in flight and at moving targets, and faults in them: for the verifier.
+"""Certified plans of learnt cells, of bodies, at moving targets and of two grippers, and faults in them.
 
-`python -m benchmarks.proofs --kind profile|body|moving`. Cells and requests are the audit's. A profile is drawn: speed
-over the tool's, drag, jitter, and an aim up to 4 cm beside the target. Faults are a millimetre, a hundredth, or the
-time in which a target moves by a millimetre.
+`python -m benchmarks.proofs --kind profile|body|moving|grippers`. Cells and requests are the audit's. A profile is
+drawn: speed over the tool's, drag, jitter, and an aim up to 4 cm beside the target. Of two grippers places, balls,
+jitters and throws are drawn. Faults are a millimetre, a hundredth, the time in which a target moves by a millimetre, a
+tick, or a box in a flight.
 """
 
 from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count as numbers
 from typing import Any
 
 import numpy as np
 
+from benchmarks.proofs_of_grippers import faults_of_grippers, two_throws_in
 from learning import cell_with_profile
 from planner.answer import aimed_problem, plan_document
 from planner.cell import Cell, ThrownBody
@@ -38,26 +40,35 @@ class ToldPlan:
     cell: Cell
     profile: dict[str, Any] | None
 
-    def faults(self) -> Iterator[tuple[str, dict[str, Any], dict[str, Any] | None]]:
-        """Yields what is wrong, and document and profile with that one fault."""
+    def faults(self) -> Iterator[tuple[str, ToldPlan]]:
+        """Yields what is wrong, and the plan with that one fault."""
+        if self.cell.grippers:
+            for name, document, cell in faults_of_grippers(self.document, self.cell):
+                yield name, replace(self, document=document, cell=cell)
+            return
         for name, change in _changes(self.document, self.profile is not None):
             document = {key: copy.deepcopy(value) for key, value in self.document.items() if key != "trajectory"}
             profile = copy.deepcopy(self.profile)
             change(document, profile or {})
-            yield name, {**document, "trajectory": self.document["trajectory"]}, profile
+            document["trajectory"] = self.document["trajectory"]
+            yield name, replace(self, document=document, profile=profile)
 
 
 def told_plans(kind: str, count: int, seed: int) -> Iterator[ToldPlan]:
-    """Yields certified plans of a kind: profile, body or moving."""
+    """Yields certified plans of a kind: profile, body, moving or grippers."""
     from audit.problems import drawn_problem  # by foreign code, which need not be there
 
     found = 0
     for index in numbers():
         drawn = drawn_problem(seed, index)
-        if drawn.request is None or not _is_of(kind, drawn.kind, drawn.cell):
-            continue
         try:
-            told = _planned(f"{kind}/{seed}/{index}/{drawn.kind}", drawn.cell, drawn.request, kind == "profile", index)
+            if kind == "grippers":
+                cell, request = two_throws_in(drawn.cell, np.random.default_rng([seed, index, 4]))
+            elif drawn.request is not None and _is_of(kind, drawn.kind, drawn.cell):
+                cell, request = drawn.cell, drawn.request
+            else:
+                continue
+            told = _planned(f"{kind}/{seed}/{index}/{drawn.kind}", cell, request, kind == "profile", index)
         except PlannerError:
             continue
         yield told

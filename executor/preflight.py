@@ -133,7 +133,7 @@ def prove_plan(document: bytes, cell: Cell, profile: ProfileRow | None = None) -
     except NotAPlan as error:
         raise ExecutionRefused(f"the plan cannot be verified: {error}") from error
     if verdict.open:
-        why = "; ".join(map(str, verdict.open))
+        why = "; ".join(verdict.reasons)
         raise ExecutionRefused(f"FLING_VERIFY is on, and the plan is {verdict.status}: {why}")
 
 

@@ -158,9 +158,12 @@ class ArmPieces:
     @cached_property
     def R_WT(self) -> TaylorModel:
         """Axes of the tool in the world (3, 3, n)."""
+        return self.axes(self.cell.tool.X_FT[:3, :3])
+
+    def axes(self, R_FT: Array) -> TaylorModel:
+        """Returns axes (3, 3, n) in the world that are fixed in the flange."""
         R, _ = self.poses[JOINTS]
-        X = self.cell.tool.X_FT
-        columns = [turned(R, X[:3, k]) for k in range(3)]
+        columns = [turned(R, R_FT[:, k]) for k in range(3)]
         return TaylorModel(*(np.stack([getattr(m, name) for m in columns], axis=1) for name in TaylorModel.__slots__))
 
     def torques(self, masses: list[Mass]) -> TaylorModel:

@@ -65,10 +65,10 @@ class DragReleases(Releases):
 
     def at(self, rows: Index, s: Array) -> TaylorModel:
         """Returns places (3, m) [m] of flights of some pieces (m,), each at a time (m,) [s] after the release."""
-        return self._state(rows, s)[0]
+        return self.states_at(rows, s)[0]
 
-    def _state(self, rows: Index, s: Array) -> tuple[TaylorModel, TaylorModel]:
-        """Returns places and velocities (3, m)."""
+    def states_at(self, rows: Index, s: Array) -> tuple[TaylorModel, TaylorModel]:
+        """Returns places and velocities (3, m) [m, m/s] of flights, as `at`."""
         node = np.floor(s / STEP_S).astype(np.intp)
         nodes = self._nodes(int(node.max(initial=0)))
         x, w = (each[:, node, rows] for each in nodes)
@@ -121,7 +121,7 @@ class DragReleases(Releases):
         """
         rows = np.arange(len(self.pieces.tick))
         guess = self._guess(z)
-        x, w = self._state(rows, np.nan_to_num(guess))
+        x, w = self.states_at(rows, np.nan_to_num(guess))
         missed = x[2] - z
         first = -(missed * w[2].reciprocal())
         slowest = -w[2].upper

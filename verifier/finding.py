@@ -12,6 +12,7 @@ from verifier.arm import ArmPieces
 from verifier.elementary import Array
 
 HALVINGS = 7  # [-] of a tick: its parts are then 16 microseconds of 500 Hz, in which nothing moves by more than 0.1 mm
+NOT_COVERED = "not covered: "  # begin of the detail of a check that is not made
 PIECES_MAX = 4096  # [-] that are looked at again at once: what needs more is undecided almost everywhere
 
 
@@ -39,6 +40,11 @@ class Finding:
     at_s: float | None = None
     detail: str = ""
 
+    @property
+    def is_not_covered(self) -> bool:
+        """Whether it is of a check that is not made."""
+        return NOT_COVERED in self.detail
+
     def __str__(self) -> str:
         """Returns it in words."""
         at = "" if self.at_s is None else f" at {self.at_s:.4f} s"
@@ -50,7 +56,7 @@ Rooms = Callable[[ArmPieces], tuple[Array, Array]]  # lower and upper bounds on 
 
 def not_covered(name: str, what: str) -> Finding:
     """Returns that a check is not made, and of what."""
-    return Finding(name, Status.NOT_PROVEN, None, f"not covered: {what}")
+    return Finding(name, Status.NOT_PROVEN, None, NOT_COVERED + what)
 
 
 def judged(name: str, lower: float, upper: float, at_s: float | None, detail: str = "") -> Finding:

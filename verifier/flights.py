@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol, Self, TypeVar
 
 import numpy as np
 
@@ -110,6 +111,12 @@ class Releases:
         down = 0.5 * self.cell.surroundings.gravity_m_s2 * s * s
         x = p + v * s
         return stacked([x[0], x[1], (x[2] - down).widened(4.0 * ROUNDING * down)])
+
+    def states_at(self, rows: Index, s: Array) -> tuple[TaylorModel, TaylorModel]:
+        """Returns places and velocities (3, m) [m, m/s] of flights, as `at`."""
+        v = self.states[1][:, rows]
+        slower = self.cell.surroundings.gravity_m_s2 * s
+        return self.at(rows, s), stacked([v[0], v[1], (v[2] - slower).widened(2.0 * ROUNDING * slower)])
 
     def falls_to(self, z: float) -> TaylorModel:
         """Returns when (n,) the centre falls through a height [m], after the release [s]; NaN where it may not."""
@@ -235,10 +242,30 @@ def first_patches(releases: Releases, until_s: float) -> FlightPatches:
     return FlightPatches(releases, rows, np.tile(times[:-1], count), np.tile(times[1:], count))
 
 
+class DivisiblePatches(Protocol):
+    """m patches of flights, of one object or of two."""
+
+    @property
+    def middle_s(self) -> Array:
+        """Times (m,) in the motion of the middles [s]."""
+        ...
+
+    def chosen(self, which: Mask) -> Self:
+        """Returns some of the patches."""
+        ...
+
+    def halves(self, of_releases: bool) -> Self:
+        """Returns both halves of every patch in time, and of its releases too."""
+        ...
+
+
 PatchRooms = Callable[[FlightPatches], tuple[Array, Array]]  # bounds on what is left of k limits in m patches (k, m)
 
 
-def prove_patches(name: str, patches: FlightPatches, rooms: PatchRooms, items: list[str]) -> Finding:
+P = TypeVar("P", bound=DivisiblePatches)
+
+
+def prove_patches(name: str, patches: P, rooms: Callable[[P], tuple[Array, Array]], items: list[str]) -> Finding:
     """Returns whether nothing of k limits is exceeded in patches of flights; as `verifier.finding.prove`."""
     for turn in range(ROUNDS + 1):
         lower, upper = rooms(patches)

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planner.cell import Cell
-from verifier.arm import ArmPieces, empty_masses, object_mass
+from verifier.arm import JOINTS, ArmPieces, Mass, empty_masses, object_mass
 from verifier.capsules import capsules_of
-from verifier.elementary import Array
+from verifier.elementary import Array, Mask
 from verifier.finding import Finding, Rooms, prove
+from verifier.held_objects import TICK_SHARE, HeldObject, ToolLoad, possible_loads
 from verifier.joint_checks import SHARE
-from verifier.pieces import Pieces, all_pieces
+from verifier.motion_parts import MotionPart
+from verifier.pieces import all_pieces
 from verifier.plan_document import Demands, SampledMotion, is_at_rest
 from verifier.taylor import TaylorModel, dot
 
-TICK_SHARE = 1e-6  # [-] of a tick, 2 ns: a spread that is longer by it is not a tick longer
 SINGULARITY_WINDOW_S = 0.05  # [s] about the release. source: docs/conventions.md
 SINGULARITY_ALLOWED = 1e-7  # [-] of a distance to a singularity: rounding
 # source: docs/safety-limits.md: the largest ratios of measured stops to the model's
@@ -26,67 +26,58 @@ STOP_TIME = 1.85
 STOP_DISTANCE = 1.31
 
 
-class HeldObject:
-    """From when the object may have left and until when it may be held, in ticks; rounded outwards."""
-
-    def __init__(self, motion: SampledMotion, demands: Demands) -> None:
-        """Takes what a plan demands: the object leaves at the release, up to the spread early or late."""
-        last = len(motion.q) - 1
-        self.gone_from: float = math.inf
-        self.held_until: float = math.inf
-        if demands.throws and motion.release is not None:
-            ticks = math.ceil(demands.spread_s * motion.rate_hz - TICK_SHARE)
-            self.gone_from = max(motion.release - ticks, 0)
-            self.held_until = min(motion.release + ticks, last)
-
-    def may_be_held(self, pieces: Pieces) -> NDArray[np.bool_]:
-        """Returns in which pieces (n,) the object may be held."""
-        return pieces.tick + pieces.begin <= self.held_until
-
-    def may_be_gone(self, pieces: Pieces) -> NDArray[np.bool_]:
-        """Returns in which pieces (n,) it may be gone."""
-        return pieces.tick + pieces.end >= self.gone_from
-
-
-def load_findings(cell: Cell, motion: SampledMotion, demands: Demands, arm: ArmPieces) -> Iterator[Finding]:
+def load_findings(
+    cell: Cell, motion: SampledMotion, parts: Sequence[MotionPart], held: Sequence[HeldObject], arm: ArmPieces
+) -> Iterator[Finding]:
     """Returns the findings about speeds, loads and singularities."""
-    held = HeldObject(motion, demands)
+    demands = parts[0].demands
     safety = cell.safety
     fastest = cell.limits.tcp_speed_max
+    loads = possible_loads(held)
     if safety.tool_speed_m_s is not None:
         yield prove("tool_speed", arm, _speed(6, np.zeros((1, 3)), safety.tool_speed_m_s), ["flange"])
         fastest = min(fastest, safety.tool_speed_m_s)
-    yield prove("tcp_speed", arm, _speed(6, cell.tool.X_FT[None, :3, 3], fastest), ["tool centre point"])
+    names = [f"tool centre point{part.of}" for part in parts]
+    yield prove("tcp_speed", arm, _speed(6, np.array([part.p_FT for part in parts]), fastest), names)
     if spans := _at_speed(motion, demands):
         yield _singularity(cell, motion, demands, spans)
-    yield prove("joint_torque", arm, _torque(held, cell), cell.robot.joint_names)
-    yield from _safety_findings(cell, held, arm)
-    if (grip := cell.gripper.hold_acceleration_m_s2) is not None and demands.throws:
-        yield prove("grip_acceleration", arm, _grip(held, grip), ["x", "y", "z"][: len(grip)])
+    yield prove("joint_torque", arm, _torque(loads, cell), cell.robot.joint_names)
+    yield from _safety_findings(cell, parts, loads, arm)
+    for each in held:
+        if (grip := each.cell.gripper.hold_acceleration_m_s2) is not None:
+            of = "" if len(held) == 1 else f"{each.called}, "
+            yield prove("grip_acceleration", arm, _grip(each, grip), [of + axis for axis in "xyz"[: len(grip)]])
 
 
-def _safety_findings(cell: Cell, held: HeldObject, arm: ArmPieces) -> Iterator[Finding]:
+def _safety_findings(
+    cell: Cell, parts: Sequence[MotionPart], loads: Sequence[ToolLoad], arm: ArmPieces
+) -> Iterator[Finding]:
     """Returns the findings about the arm's own safety limits, but for the tool's speed."""
     safety = cell.safety
     elbow = next(c for c in capsules_of(cell) if c.name == "elbow")
+    names = [load.called for load in loads]
     if safety.elbow_speed_m_s is not None:
         yield prove("elbow_speed", arm, _speed(elbow.frame, elbow.ends, safety.elbow_speed_m_s), ["elbow"] * 2)
     if safety.momentum_kg_m_s is not None:
-        yield prove("momentum", arm, _momentum(held, safety.momentum_kg_m_s), ["held", "empty"])
+        yield prove("momentum", arm, _momentum(loads, safety.momentum_kg_m_s), names)
     if safety.power_w is not None:
-        yield prove("power", arm, _power(held, safety.power_w), ["held", "empty"])
+        yield prove("power", arm, _power(loads, safety.power_w), names)
+    stops = [
+        f"{joint}, {name}{what}" for name in names for what in ("", ", braking") for joint in cell.robot.joint_names
+    ]
     if safety.stopping_time_s is not None:
         inverse = STOP_TIME / (safety.stopping_time_s * (1.0 + SHARE))
-        yield prove("stopping_time", arm, _stop(held, lambda _: inverse), _stop_names(cell))
+        yield prove("stopping_time", arm, _stop(loads, lambda _: inverse), stops)
     if safety.stopping_distance_m is not None:
         half = 0.5 * STOP_DISTANCE / (safety.stopping_distance_m * (1.0 + SHARE))
-        points = [(6, cell.tool.X_FT[:3, 3]), (6, np.zeros(3)), *((elbow.frame, end) for end in elbow.ends)]
+        tools = [(6, part.p_FT) for part in parts]
+        points = [*tools, (6, np.zeros(3)), *((elbow.frame, end) for end in elbow.ends)]
 
         def inverse_time(arm: ArmPieces) -> Array:
             squares = [_square(arm.velocity(*point)).upper for point in points]
             return half * np.sqrt(np.max(squares, axis=0)) * (1.0 + 1e-12)
 
-        yield prove("stopping_distance", arm, _stop(held, inverse_time), _stop_names(cell))
+        yield prove("stopping_distance", arm, _stop(loads, inverse_time), stops)
 
 
 def _square(v: TaylorModel) -> TaylorModel:
@@ -104,7 +95,7 @@ def _speed(frame: int, places: Array, limit: float) -> Rooms:
     return rooms
 
 
-def _sizes(models: list[TaylorModel], applies: list[NDArray[np.bool_]], most: Array) -> tuple[Array, Array]:
+def _sizes(models: list[TaylorModel], applies: list[Mask], most: Array) -> tuple[Array, Array]:
     """Returns the rooms of absolute values (k, n) each, of those models that apply to a piece (n,)."""
     lower = [np.where(at, most - np.maximum(x.upper, -x.lower), np.inf) for x, at in zip(models, applies, strict=True)]
     upper = [
@@ -114,51 +105,60 @@ def _sizes(models: list[TaylorModel], applies: list[NDArray[np.bool_]], most: Ar
     return np.concatenate(lower), np.concatenate(upper)
 
 
-def _least(models: list[TaylorModel], applies: list[NDArray[np.bool_]], most: Array) -> tuple[Array, Array]:
+def _least(models: list[TaylorModel], applies: list[Mask], most: Array) -> tuple[Array, Array]:
     """Returns what `_sizes` does of each row, the least of the models."""
     lower, upper = _sizes(models, applies, most)
     shape = (len(models), -1, lower.shape[-1])
     return lower.reshape(shape).min(axis=0), upper.reshape(shape).min(axis=0)
 
 
-def _torque(held: HeldObject, cell: Cell) -> Rooms:
+def _torque(loads: Sequence[ToolLoad], cell: Cell) -> Rooms:
     most = cell.limits.tau_max[:, None] * (1.0 + SHARE)
 
     def rooms(arm: ArmPieces) -> tuple[Array, Array]:
-        empty, loaded = _torques(arm)
-        return _least([loaded, empty], [held.may_be_held(arm.pieces), held.may_be_gone(arm.pieces)], most)
+        return _least(_torques(arm, loads), [load.may_be(arm.pieces) for load in loads], most)
 
     return rooms
 
 
-def _torques(arm: ArmPieces) -> tuple[TaylorModel, TaylorModel]:
-    """Returns the torques without the object and with it (6, n)."""
+def _torques(arm: ArmPieces, loads: Sequence[ToolLoad]) -> list[TaylorModel]:
+    """Returns the torques with each load (6, n)."""
     if "_torques" not in arm.__dict__:
-        empty = arm.torques(empty_masses(arm.cell))
-        arm.__dict__["_torques"] = empty, empty + arm.torques([object_mass(arm.cell)])
+        arm.__dict__["_torques"] = _loaded(arm.cell, loads, arm.torques)
     return arm.__dict__["_torques"]
 
 
-def _momentum(held: HeldObject, limit: float) -> Rooms:
-    most = (limit * (1.0 + SHARE)) ** 2
+def _loaded(cell: Cell, loads: Sequence[ToolLoad], model_of: Callable[[list[Mass]], TaylorModel]) -> list[TaylorModel]:
+    """Returns what a function of masses, linear in them, is with each load: links and tool, and what is held."""
+    empty = model_of(empty_masses(cell))
+    objects = {each.name: each for load in loads for each in load.held}
+    more = {name: model_of([object_mass(each.cell)]) for name, each in objects.items()}
+    found = []
+    for load in loads:
+        whole = empty
+        for each in load.held:
+            whole = whole + more[each.name]
+        found.append(whole)
+    return found
+
+
+def _momentum(loads: Sequence[ToolLoad], limit: float) -> Rooms:
+    most = np.full((1, 1), (limit * (1.0 + SHARE)) ** 2)
 
     def rooms(arm: ArmPieces) -> tuple[Array, Array]:
-        empty = arm.momentum(empty_masses(arm.cell))
-        loaded = empty + arm.momentum([object_mass(arm.cell)])
-        applies = [held.may_be_held(arm.pieces), held.may_be_gone(arm.pieces)]
-        squares = [_square(loaded)[None], _square(empty)[None]]
-        return _sizes(squares, applies, np.full((1, 1), most))
+        squares = [_square(whole)[None] for whole in _loaded(arm.cell, loads, arm.momentum)]
+        return _sizes(squares, [load.may_be(arm.pieces) for load in loads], most)
 
     return rooms
 
 
-def _power(held: HeldObject, limit: float) -> Rooms:
+def _power(loads: Sequence[ToolLoad], limit: float) -> Rooms:
     most = np.full((1, 1), limit * (1.0 + SHARE))
 
     def rooms(arm: ArmPieces) -> tuple[Array, Array]:
         qd = arm.pieces.joints[1]
-        empty, loaded = (dot_joints(tau, qd)[None] for tau in _torques(arm))
-        return _sizes([loaded, empty], [held.may_be_held(arm.pieces), held.may_be_gone(arm.pieces)], most)
+        powers = [dot_joints(tau, qd)[None] for tau in _torques(arm, loads)]
+        return _sizes(powers, [load.may_be(arm.pieces) for load in loads], most)
 
     return rooms
 
@@ -172,29 +172,19 @@ def dot_joints(tau: TaylorModel, qd: TaylorModel) -> TaylorModel:
     return found
 
 
-def _stop_names(cell: Cell) -> list[str]:
-    return [
-        f"{joint}, {what}"
-        for what in ("held", "held, braking", "empty", "empty, braking")
-        for joint in cell.robot.joint_names
-    ]
-
-
-def _stop(held: HeldObject, inverse_time: Callable[[ArmPieces], Array | float]) -> Rooms:
+def _stop(loads: Sequence[ToolLoad], inverse_time: Callable[[ArmPieces], Array | float]) -> Rooms:
     """Returns what braking in a time T leaves of the rated torques: h and h - b / T, see docs/safety-limits.md."""
 
     def rooms(arm: ArmPieces) -> tuple[Array, Array]:
         most = arm.cell.robot.tau_max[:, None] * (1.0 + SHARE)
-        coasting = arm.at_no_acceleration()
         inverse = inverse_time(arm)
         models: list[TaylorModel] = []
-        applies: list[NDArray[np.bool_]] = []
-        empty, thing = empty_masses(arm.cell), [object_mass(arm.cell)]
-        h, b = coasting.torques(empty), arm.joint_momenta(empty)
-        loaded = h + coasting.torques(thing), b + arm.joint_momenta(thing)
-        for (drift, momenta), at in ((loaded, held.may_be_held), ((h, b), held.may_be_gone)):
-            models += [drift, drift - momenta * inverse]
-            applies += [at(arm.pieces)] * 2
+        applies: list[Mask] = []
+        drifts = _loaded(arm.cell, loads, arm.at_no_acceleration().torques)
+        momenta = _loaded(arm.cell, loads, arm.joint_momenta)
+        for load, drift, momentum in zip(loads, drifts, momenta, strict=True):
+            models += [drift, drift - momentum * inverse]
+            applies += [load.may_be(arm.pieces)] * 2
         return _sizes(models, applies, most)
 
     return rooms
@@ -202,14 +192,15 @@ def _stop(held: HeldObject, inverse_time: Callable[[ArmPieces], Array | float]) 
 
 def _grip(held: HeldObject, limit: Array) -> Rooms:
     """Returns what the grip has left while it may hold the object: |a - g|, or its components in the tool."""
+    X_FT = held.cell.tool.X_FT
 
     def rooms(arm: ArmPieces) -> tuple[Array, Array]:
         up = np.array([0.0, 0.0, arm.cell.surroundings.gravity_m_s2])[:, None]
-        felt = arm.a_WT + up
+        felt = arm.acceleration(JOINTS, X_FT[:3, 3]) + up
         at = held.may_be_held(arm.pieces)
         if len(limit) == 1:
             return _sizes([_square(felt)[None]], [at], (limit[:, None] * (1.0 + SHARE)) ** 2)
-        R = arm.R_WT
+        R = arm.axes(X_FT[:3, :3])
         along = R[0] * felt[0] + R[1] * felt[1] + R[2] * felt[2]
         return _sizes([along], [at], limit[:, None] * (1.0 + SHARE))
 

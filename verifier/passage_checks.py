@@ -7,7 +7,7 @@ orientation and both velocities. Where the line is comes from its ends to 1e-15,
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +17,8 @@ from planner.cell import Cell
 from verifier.arm import JOINTS, ArmPieces
 from verifier.elementary import ROUNDING, Array
 from verifier.finding import Finding, Rooms, Status, judged, prove
+from verifier.grippers import OWN, gripper_names, seen_by
+from verifier.motion_parts import MotionPart
 from verifier.passage_demands import ToldEdge, ToldPassage
 from verifier.pieces import all_pieces
 from verifier.plan_document import Demands, SampledMotion
@@ -34,19 +36,24 @@ EDGE_S = 1e-6  # [s] of an output's times: a controller switches on ticks of 2 m
 ITEMS = ("place", "orientation", "velocity", "angular velocity")
 
 
-def passage_findings(cell: Cell, motion: SampledMotion, demands: Demands) -> Iterator[Finding]:
-    """Returns the findings about passages; none where none are asked for."""
-    if not demands.passages or NAME in demands.not_covered:
+def passage_findings(cell: Cell, motion: SampledMotion, parts: Sequence[MotionPart]) -> Iterator[Finding]:
+    """Returns the findings about passages; none where none are asked for.
+
+    States and lines are the own gripper's; the end is that of the one that lets go first.
+    """
+    demands = parts[0].demands
+    if not demands.passages:
         return
+    own = seen_by(cell, OWN)
     yield from _in_order(motion, demands)
     for each in demands.passages:
         yield from _in_time(motion, each)
         if each.line is not None:
-            yield from _on_line(cell, motion, demands, each)
+            yield from _on_line(own, motion, demands, each)
         elif each.state is not None and not each.releases:  # that of a release has checks of its own
-            yield from state_findings(cell, motion, demands, each.state, each.index, (NAME, NAME), f"{each.name}: ")
+            yield from state_findings(own, motion, demands, each.state, each.index, (NAME, NAME), f"{each.name}: ")
     yield from _outputs(cell, motion, demands)
-    yield from _end(cell, motion, demands)
+    yield from _end(parts[0].cell, motion, demands)
 
 
 def _wrong(at_s: float | None, detail: str) -> Finding:
@@ -54,13 +61,17 @@ def _wrong(at_s: float | None, detail: str) -> Finding:
 
 
 def _in_order(motion: SampledMotion, demands: Demands) -> Iterator[Finding]:
-    """Returns the findings about passages that do not follow one another, or let go elsewhere than the plan does."""
+    """Returns the findings about passages that do not follow one another, or let go elsewhere than the plan does.
+
+    The plan's release is the first.
+    """
     ended = 0
+    first = next((each for each in demands.passages if each.releases), None)
     for each in demands.passages:
         at_s = each.index / motion.rate_hz
         if each.index <= ended:
             yield _wrong(at_s, f"{each.name}: begins no later than the one before ends")
-        if each.releases and each.index != motion.release:
+        if each is first and each.index != motion.release:
             yield _wrong(at_s, f"{each.name}: the object is let go elsewhere")
         if each.line is None and each.end_index != each.index:
             yield _wrong(at_s, f"{each.name}: a state that lasts")
@@ -176,14 +187,16 @@ def _outputs(cell: Cell, motion: SampledMotion, demands: Demands) -> Iterator[Fi
 def _not_free(cell: Cell, told: ToldPassage, edge: ToldEdge) -> Iterator[Finding]:
     """Returns the finding about an output that a passage cannot switch: there is none such, or a gripper listens."""
     kind, number = edge.line
-    gripper = cell.gripper
-    own = {(gripper.output, gripper.index)} if gripper.link is None else set()
-    if gripper.second is not None:
-        own.add((gripper.second.output, gripper.second.index))
+    own = set()
+    for gripper in (seen_by(cell, name).gripper for name in gripper_names(cell)):
+        if gripper.link is None:
+            own.add((gripper.output, gripper.index))
+        if gripper.second is not None:
+            own.add((gripper.second.output, gripper.second.index))
     if not 0 <= number < OUTPUTS.get(kind, 0):
         yield _wrong(edge.edge_s, f"{told.name}: there is no output {kind} {number}")
     elif edge.line in own:
-        yield _wrong(edge.edge_s, f"{told.name}: {kind} {number} is the gripper's own output")
+        yield _wrong(edge.edge_s, f"{told.name}: {kind} {number} is a gripper's own output")
 
 
 def _on_time(cell: Cell, motion: SampledMotion, demands: Demands, told: ToldPassage, edge: ToldEdge) -> Finding:

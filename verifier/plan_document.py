@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -12,14 +12,14 @@ import numpy as np
 from planner.cell import Cell
 from verifier.aims import JITTERS, Aim, read_aim
 from verifier.elementary import Array
+from verifier.grippers import OWN, gripper_names, seen_by
 from verifier.passage_demands import ToldPassage, told_passages
-from verifier.request_checks import WRONG_SHAPE, NotAPlan, check_request
+from verifier.request_checks import WRONG_SHAPE, NotAPlan, ReleasedState, check_request, released_states
 
 AT_REST = 1e-9  # [rad/s, m/s] a demanded state slower than this is a move that ends at rest; nobody throws as slowly
 
 
 OF_FLIGHT = ("flight_clearance", "landing", "landing_window", "landing_axis")  # checks of where the object goes
-OF_TOOL = ("passage", "release_position", "release_velocity")  # checks of the tool centre point's own states
 OF_OBJECT = (  # checks that depend on when the object may leave
     *("joint_torque", "momentum", "power", "stopping_time", "stopping_distance", "grip_acceleration"),
     *("floor", "keep_out", "self_collision", "opening_direction"),
@@ -45,7 +45,7 @@ class SampledMotion:
 
 @dataclass(frozen=True, eq=False)
 class Demands:
-    """What a request demands, in the world.
+    """What a request demands, in the world; of what is let go, what it demands of one gripper.
 
     Attributes:
         start: joint state (3, 6): positions, velocities, accelerations; None: the request does not say.
@@ -60,6 +60,9 @@ class Demands:
         passages: what is passed, in its order; none where a release alone is asked for.
         end: how a motion of passages ends, as the request has it; empty: anywhere.
         not_covered: what the request has that nobody verifies here, by check.
+        gripper: name of the gripper; empty: the cell's own.
+        passage: name of the passage at which it lets go; empty without one.
+        released_at: sample of that; None without one.
     """
 
     start: Array | None
@@ -77,6 +80,9 @@ class Demands:
     passages: tuple[ToldPassage, ...] = ()
     end: Mapping[str, Any] = field(default_factory=dict)
     not_covered: Mapping[str, str] = field(default_factory=dict)
+    gripper: str = OWN
+    passage: str = ""
+    released_at: int | None = None
 
     def place(self, p: Any) -> Array:
         """Returns a point (3,) of the request's frame in the world [m]."""
@@ -110,8 +116,10 @@ def read_motion(document: Mapping[str, Any]) -> SampledMotion:
     return SampledMotion(rate_hz, q, qd, qdd, index)
 
 
-def read_demands(document: Mapping[str, Any], cell: Cell, is_learnt: bool = False) -> Demands:
-    """Returns what the request of a plan's document demands.
+def read_demands(document: Mapping[str, Any], cell: Cell, is_learnt: bool = False) -> list[Demands]:
+    """Returns what the request of a plan's document demands, of each gripper that has a say in it.
+
+    These are those that let go, in their order; then the cell's own, if other passages alone are its.
 
     Args:
         document: the plan's.
@@ -129,54 +137,127 @@ def read_demands(document: Mapping[str, Any], cell: Cell, is_learnt: bool = Fals
         raise NotAPlan(f"request: {error!r}") from error
 
 
-def _demands(document: Mapping[str, Any], cell: Cell, is_learnt: bool) -> Demands:
+def _demands(document: Mapping[str, Any], cell: Cell, is_learnt: bool) -> list[Demands]:
     asked = _stated(document["request"])
     asked["passages"] = [_stated(each) for each in asked.get("passages") or []]
-    check_request(asked, _released(asked))
-    limits = asked.get("limits") or {}
-    release = _released(asked)
-    own = cell.limits
-    least = asked.get("singularity_distance_min")
-    is_base = asked.get("frame", "world") == "base"
-    throws = bool(release) and not is_at_rest(release)
-    aim = None
-    not_covered = _not_covered(asked, release, cell)
+    check_request(asked, gripper_names(cell))
+    let_go = released_states(asked)
+    common = _of_motion(document, asked, cell)
+    not_covered = _not_covered(asked, let_go)
     if document.get("profile") is not None and not is_learnt:
         what = f"profile {document['profile']}, whose numbers are not given"
         not_covered |= dict.fromkeys((*OF_FLIGHT, *OF_OBJECT), what)
-    X_WR = cell.X_WB if is_base else np.eye(4)
-    if release.get("kind") == "target":
-        aim = read_aim(document, asked, release, cell, X_WR)
-    window_s = aim.window_s if aim is not None else float(asked.get("release_window_s") or 0.0)
-    tolerance_m = aim.tolerance_m if aim is not None else float(asked.get("landing_tolerance_m") or 0.0)
-    if throws and aim is None and window_s > 0.0 and tolerance_m > 0.0:
-        not_covered["landing_window"] = "a window of a release that is not a target's"
+    common = replace(common, not_covered=not_covered)
+    found = _released(document, asked, cell, common, let_go)
+    is_own = all(each.gripper != OWN for each in let_go)
+    return [*found, common] if is_own and len(let_go) < max(len(common.passages), 1) else found
+
+
+def _of_motion(document: Mapping[str, Any], asked: Mapping[str, Any], cell: Cell) -> Demands:
+    """Returns what is demanded of the motion, whatever it lets go."""
+    limits = asked.get("limits") or {}
+    own = cell.limits
+    least = asked.get("singularity_distance_min")
+    X_WR = cell.X_WB if asked.get("frame", "world") == "base" else np.eye(4)
     return Demands(
         start=_start(asked.get("start") or {}, cell),
         qd_max=_tighter(own.qd_max, limits.get("velocity")),
         qdd_max=_tighter(own.qdd_max, limits.get("acceleration")),
         jerk_max=_tighter(own.jerk_max, limits.get("jerk")),
         singularity_distance_min=max(own.singularity_distance_min, float(least or 0.0)),
-        throws=throws,
-        kind=release.get("kind", ""),
-        release=release,
+        throws=False,
+        kind="",
+        release={},
         R_WR=X_WR[:3, :3],
         p_WR=X_WR[:3, 3],
-        aim=aim,
-        spread_s=max(window_s if tolerance_m > 0.0 else 0.0, JITTERS * cell.gripper.jitter_s) if throws else 0.0,
+        aim=None,
+        spread_s=0.0,
         passages=_passages(document, asked),
         end=asked.get("end") or {},
-        not_covered=not_covered,
     )
 
 
-def _not_covered(asked: Mapping[str, Any], release: Mapping[str, Any], cell: Cell) -> dict[str, str]:
+def _released(
+    document: Mapping[str, Any],
+    asked: Mapping[str, Any],
+    cell: Cell,
+    common: Demands,
+    let_go: Sequence[ReleasedState],
+) -> list[Demands]:
+    """Returns what is demanded of each release. Window and tolerance are the longest and the tightest of all.
+
+    The tick grid is laid through the command of the first: those of others are off by up to half a tick.
+    """
+    X_WR = np.eye(4)
+    X_WR[:3, :3], X_WR[:3, 3] = common.R_WR, common.p_WR
+    aims: list[Aim | None] = []
+    for each in let_go:
+        told = document if not aims else {**document, "aim": None}  # of several objects the first is aimed
+        is_target = each.state.get("kind") == "target"
+        aims.append(read_aim(told, asked, each.state, seen_by(cell, each.gripper), X_WR) if is_target else None)
+    windows = [_window(asked, aim) for aim in aims]
+    window_s = max((one_s for one_s, _ in windows), default=0.0)
+    tolerance_m = min((one_m for _, one_m in windows if one_m > 0.0), default=0.0)
+    found = []
+    for each, aim in zip(let_go, aims, strict=True):
+        off_s = 0.5 / cell.robot.sample_rate_hz if found else 0.0
+        own_s = window_s + off_s if window_s > 0.0 else 0.0
+        jitter_s = JITTERS * seen_by(cell, each.gripper).gripper.jitter_s + off_s
+        spread_s = max(own_s if tolerance_m > 0.0 else 0.0, jitter_s)
+        found.append(_of_release(common, each, aim, (own_s, tolerance_m), spread_s))
+    return found
+
+
+def _of_release(
+    common: Demands, let_go: ReleasedState, aim: Aim | None, window: tuple[float, float], spread_s: float
+) -> Demands:
+    """Returns what is demanded of one release.
+
+    Args:
+        common: of its motion.
+        let_go: what the request has of it.
+        aim: of its target.
+        window: in which it may be [s], and the tolerance of its landing then [m].
+        spread_s: how early or late the gripper may open [s].
+    """
+    window_s, tolerance_m = window
+    throws = not is_at_rest(let_go.state)
+    not_covered = dict(common.not_covered)
+    if throws and aim is None and window_s > 0.0 and tolerance_m > 0.0:
+        not_covered["landing_window"] = "a window of a release that is not a target's"
+    told = None if let_go.number is None else common.passages[let_go.number]
+    return replace(
+        common,
+        throws=throws,
+        kind=let_go.state.get("kind", ""),
+        release=let_go.state,
+        aim=None if aim is None else replace(aim, window_s=window_s, tolerance_m=tolerance_m),
+        spread_s=spread_s if throws else 0.0,
+        not_covered=not_covered,
+        gripper=let_go.gripper,
+        passage="" if told is None else told.name,
+        released_at=None if told is None else told.index,
+    )
+
+
+def _window(asked: Mapping[str, Any], aim: Aim | None) -> tuple[float, float]:
+    """Returns release window [s] and landing tolerance [m] that are asked for, or that a target has without."""
+    if aim is not None:
+        return aim.window_s, aim.tolerance_m
+    return float(asked.get("release_window_s") or 0.0), float(asked.get("landing_tolerance_m") or 0.0)
+
+
+def _not_covered(asked: Mapping[str, Any], let_go: Sequence[ReleasedState]) -> dict[str, str]:
     """Returns what nobody verifies here, by check; of these no plan is proven."""
     found: dict[str, str] = {}
     if asked.get("min_hit_probability") and asked.get("release_window_s") is None:
         found["landing_window"] = "a window that the odds decide"
-    if cell.grippers:
-        found |= dict.fromkeys((*OF_FLIGHT, *OF_OBJECT, *OF_TOOL), "a tool with several grippers")
+    if all(each.gripper == OWN for each in let_go):
+        return found
+    if any(each.state.get("opening") is not None for each in let_go):
+        found |= dict.fromkeys((*OF_FLIGHT, "keep_out"), "a bin beside objects of several grippers")
+    if any(any(each.state.get("velocity") or []) for each in let_go[1:] if each.state["kind"] == "target"):
+        found |= dict.fromkeys(OF_FLIGHT, "a target that moves, of an object that leaves after another one")
     return found
 
 
@@ -188,14 +269,6 @@ def _stated(table: Mapping[str, Any]) -> dict[str, Any]:
 def _passages(document: Mapping[str, Any], asked: Mapping[str, Any]) -> tuple[ToldPassage, ...]:
     """Returns the passages of a plan; none where a release alone is asked for."""
     return told_passages(asked["passages"], document.get("passages") or [], len(document["trajectory"]["positions"]))
-
-
-def _released(asked: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Returns the release that a request asks for, among its passages too; empty without one."""
-    passages = asked.get("passages") or []
-    if not passages:
-        return asked.get("release") or {}
-    return next((each["state"] for each in passages if each.get("releases") and "state" in each), {})
 
 
 def is_at_rest(release: Mapping[str, Any]) -> bool:

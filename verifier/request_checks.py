@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 WRONG_SHAPE = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError)
 GREATEST = 1e300  # a number of a request; JSON knows integers that no float can be
@@ -28,8 +28,31 @@ class NotAPlan(ValueError):
     """A document is no plan of this cell; the message says why."""
 
 
-def check_request(asked: Mapping[str, Any], release: Mapping[str, Any]) -> None:
+class ReleasedState(NamedTuple):
+    """A state at which an object leaves: the gripper's name, the passage's number, None without passages, the state."""
+
+    gripper: str
+    number: int | None
+    state: Mapping[str, Any]
+
+
+def released_states(asked: Mapping[str, Any]) -> list[ReleasedState]:
+    """Returns the states at which objects leave, in their order; of a passage `releases` is true, or a name."""
+    if not asked["passages"]:
+        return [ReleasedState("", None, asked.get("release") or {})] if asked.get("release") else []
+    return [
+        ReleasedState("" if each["releases"] is True else each["releases"], number, each["state"])
+        for number, each in enumerate(asked["passages"])
+        if each.get("releases") and "state" in each
+    ]
+
+
+def check_request(asked: Mapping[str, Any], grippers: Sequence[str]) -> None:
     """Refuses what a checked request cannot say: a number that is none would switch a check off.
+
+    Args:
+        asked: the request.
+        grippers: names of those that the cell has.
 
     Raises:
         NotAPlan: with the field.
@@ -42,11 +65,11 @@ def check_request(asked: Mapping[str, Any], release: Mapping[str, Any]) -> None:
     if asked.get("frame", "world") not in ("world", "base"):
         raise NotAPlan(f"request.frame: {asked['frame']!r}")
     _check_numbers(asked, "request")
-    _check_numbers(release, "release")
     _check_limits(asked.get("limits") or {})
-    if release:
-        _check_release(release)
-    _check_passages(asked["passages"])
+    _check_passages(asked["passages"], grippers)
+    for each in released_states(asked):
+        _check_numbers(each.state, "release")
+        _check_release(each.state)
     _check_end(asked)
 
 
@@ -107,7 +130,7 @@ def _check_orientation(asked: Any) -> None:
         raise NotAPlan(f"release.orientation.tolerance_rad: {tolerance!r}")
 
 
-def _check_passages(passages: Sequence[Mapping[str, Any]]) -> None:
+def _check_passages(passages: Sequence[Mapping[str, Any]], grippers: Sequence[str]) -> None:
     for number, each in enumerate(passages):
         where = f"passages[{number}]"
         if not isinstance(each["name"], str) or ("state" in each) == ("line" in each):
@@ -116,8 +139,12 @@ def _check_passages(passages: Sequence[Mapping[str, Any]]) -> None:
         _check_times(each, where)
     if len({each["name"] for each in passages}) < len(passages):
         raise NotAPlan("passages: two have one name")
-    if sum(each.get("releases") is True for each in passages) > 1:
-        raise NotAPlan("passages: two let the object go")
+    let_go = [each["releases"] for each in passages if each.get("releases") not in (None, False)]
+    for gripper in let_go:
+        if gripper is not True and (gripper == "" or gripper not in grippers):
+            raise NotAPlan(f"passages: {gripper!r} is no gripper of the cell")
+    if len(set(let_go)) < len(let_go):
+        raise NotAPlan("passages: two let the object of one gripper go")
 
 
 def _check_state_or_line(each: Mapping[str, Any], where: str) -> None:

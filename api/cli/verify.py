@@ -64,8 +64,8 @@ def _text(verdict: Verification) -> str:
     checks = len({finding.name for finding in verdict.findings})
     left = len({finding.name for finding in verdict.open})
     counts = f"{left} of {checks} checks" if left else f"{checks} checks"
-    aside = dict.fromkeys(each.detail for each in verdict.findings if each.detail.startswith("aimed"))
-    return "\n".join([*map(str, verdict.open), *aside, f"{verdict.status}: {counts}"])
+    aside = dict.fromkeys(each.detail for each in verdict.findings if each.detail.endswith("m beside the target"))
+    return "\n".join([*verdict.reasons, *aside, f"{verdict.status}: {counts}"])
 
 
 def _document(verdict: Verification) -> str:

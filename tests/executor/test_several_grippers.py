@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import orjson
 import pytest
 
+from executor.preflight import ExecutionRefused, prove_plan
 from executor.preparation import prepare_job
 from executor.settings import ExecutorSettings
 from executor.stream_job import StreamJob
@@ -16,7 +18,6 @@ from planner.controller_program import NoProgram
 from planner.planning import Plan, plan
 from planner.request import problem_from_request
 from tests.planner.two_grippers import cell_of_two, two_throws
-from verifier import Status, verify
 
 
 @pytest.fixture(scope="module")
@@ -69,8 +70,10 @@ def test_a_program_of_the_controller_does_not_let_several_go(made: Plan) -> None
         prepared(made, "script")
 
 
-def test_the_second_checker_never_proves_it(made: Plan) -> None:
+def test_the_second_checker_proves_it(made: Plan) -> None:
     document = plan_document(made, {"cell": "two", **two_throws()}, "id", "now")
-    verdict = verify(document, made.problem.cell)
-    assert verdict.status is not Status.PROVEN
-    assert {"joint_torque", "flight_clearance", "landing", "passage"} <= {each.name for each in verdict.open}
+    prove_plan(orjson.dumps(document), made.problem.cell)
+    for key in ("index", "end_index"):
+        document["passages"][1][key] += 1
+    with pytest.raises(ExecutionRefused, match=r"the plan is violated: .*landing.*second"):
+        prove_plan(orjson.dumps(document), made.problem.cell)

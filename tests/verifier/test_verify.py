@@ -19,7 +19,7 @@ from planner.certificate import certify
 from planner.certificate.flight.flights import Flights
 from planner.errors import InvalidProblem
 from planner.planning import plan
-from planner.problem import Opening, TargetRelease, ThrowProblem
+from planner.problem import JointRelease, Opening, TargetRelease, ThrowProblem
 from planner.trajectory import Trajectory
 from tests.planner import problems
 from verifier import NotAPlan, Status, verify
@@ -57,6 +57,18 @@ def test_every_check_of_the_certificate_is_made():
     certified = {check.name for check in certify(problem, trajectory).checks}
     proven = {finding.name for finding in verify(*document_of(problem, trajectory)).findings}
     assert certified <= proven
+
+
+@pytest.mark.parametrize(("holds_m_s2", "status"), [(9.5, Status.VIOLATED), (100.0, Status.PROVEN)])
+def test_what_is_not_let_go_is_held_to_the_end(holds_m_s2: float, status: Status):
+    """At rest a grip has to withstand 9.81 m/s^2."""
+    problem = problems.joint_problem(backend="ruckig")
+    assert isinstance(problem.release, JointRelease)
+    move = replace(problem, release=replace(problem.release, qd=np.zeros(6)))
+    document, cell = document_of(move, plan(move).trajectory)
+    gripper = replace(cell.gripper, hold_acceleration_m_s2=np.array([holds_m_s2]))
+    verdict = verify(document, replace(cell, gripper=gripper, content=""))
+    assert [each.status for each in verdict.findings if each.name == "grip_acceleration"] == [status]
 
 
 @pytest.mark.parametrize("turn", TRIED)
