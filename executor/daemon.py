@@ -148,7 +148,7 @@ class Daemon:
         stop_program(host)
         dashboard = DashboardClient(host)
         with contextlib.suppress(OSError):  # PolyScope X has none
-            dashboard.stop()
+            dashboard.ask("stop")
         dashboard.close()
 
     def _last_words(self) -> str:

@@ -379,7 +379,8 @@ class Execution:
         states = list(self.session.monitor.history)
         told = told_opening(self.problem.cell, ended)
         was_told = ended.output_sent_s is not None
-        first = object_words(self.problem, self.trajectory, states, was_told, told, ended.stayed_closed)
+        is_said = ended.stayed_closed and ended.outcome == "not_released"
+        first = object_words(self.problem, self.trajectory, states, was_told, told, is_said)
         words = [first, *records.further_words(self.problem, self.trajectory, ended)]
         return "; ".join(filter(None, words))
 

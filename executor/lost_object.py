@@ -51,7 +51,7 @@ def object_words(
         states: published since the run began, in order.
         was_told: whether the run told the gripper to open.
         told: when it did, for a gripper whose outputs do not show that; None: it is not known to have opened.
-        stayed_closed: whether the run ended because it was seen not to open, as its reason says.
+        stayed_closed: whether the run's reason says that it was seen not to open.
     """
     cell = problem.cell
     opening = _opening(cell, states) if cell.gripper.link is None else told

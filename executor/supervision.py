@@ -244,7 +244,7 @@ class StreamRun:
                 self._hold_object()
                 self.programs.stop()
                 with contextlib.suppress(OSError):  # it has none, or the controller's own watchdog is left, and armed
-                    self.dashboard.stop()
+                    self.dashboard.ask("stop")
             child.reap()
             self._end_switching(bool(failure))
         self.dashboard.close()

@@ -23,6 +23,7 @@ ACTIONS: dict[RobotAction, tuple[str, str]] = {  # action -> command, and how th
     "unlock_protective_stop": ("unlock protective stop", "Protective stop releasing"),
     "power_off": ("power off", "Powering off"),
 }
+QUESTION = "robotmode"  # any that changes nothing
 SERIAL_NUMBER = re.compile(r"[A-Za-z0-9]+")  # anything else is a complaint about the command
 
 
@@ -36,29 +37,15 @@ class DashboardClient:
         self._socket: socket.socket | None = None
 
     def ask(self, line: str) -> str:
-        """Returns the controller's answer to one command.
-
-        A command that is not answered in time is not sent again, and dropped where it has not arrived: the arm must not
-        get power once somebody was told that it did not.
+        """Returns the controller's answer to a question or a stop, which may come twice.
 
         Raises:
             OSError: no connection, or no answer in time.
         """
         if self._socket is not None:
-            with contextlib.suppress(ConnectionError):  # it has ended since the last command: reopen it
+            with contextlib.suppress(OSError):  # it has ended since the last command, or fell silent: reopen it
                 return self._exchange(self._socket, line)
-            self.close()
         return self._exchange(self._connect(), line)
-
-    def stop(self) -> str:
-        """Ends whatever program plays, and asks once more over a new connection where this one is silent.
-
-        Raises:
-            OSError: no connection, or no answer in time.
-        """
-        with contextlib.suppress(OSError):
-            return self.ask("stop")
-        return self.ask("stop")
 
     def control_mode(self) -> ControlMode:
         """Returns who controls the robot; "unknown" before 5.6, which does not tell.
@@ -78,14 +65,18 @@ class DashboardClient:
         return answer if SERIAL_NUMBER.fullmatch(answer) else None
 
     def act(self, action: RobotAction) -> None:
-        """Operates the robot.
+        """Operates the robot: the command is sent once, and dropped where it has not arrived.
+
+        The arm must not get power once somebody was told that it did not.
 
         Raises:
             OSError: no answer in time.
             ActionRefused: the controller refuses it.
         """
         command, obeyed = ACTIONS[action]
-        answer = self.ask(command)
+        self.ask(QUESTION)  # over a connection that lives
+        assert self._socket is not None
+        answer = self._exchange(self._socket, command)
         if not answer.startswith(obeyed):
             raise ActionRefused(f"the dashboard refuses it: {answer}")
 

@@ -69,13 +69,14 @@ class RobotApiClient:
         return found if isinstance(found, str) else None
 
     def act(self, action: RobotAction) -> None:
-        """Operates the robot.
+        """Operates the robot: the action is sent once, and dropped where it has not arrived.
 
         Raises:
             OSError: no answer in time.
             ActionRefused: the controller refuses it.
         """
-        status, answer = self._ask("PUT", "/robotstate/v1/state", {"action": action.upper()}, ACTION_TIMEOUT_S)
+        self.control_mode()  # over a connection that lives
+        status, answer = self._send_once("PUT", "/robotstate/v1/state", {"action": action.upper()}, ACTION_TIMEOUT_S)
         if not 200 <= status < 300:
             words = [str(answer[key]) for key in ("message", "details", "detail") if answer.get(key)]
             raise ActionRefused(f"the Robot API refuses it ({status}): {'; '.join(words) or 'no reason given'}")
@@ -104,23 +105,27 @@ class RobotApiClient:
             raise ConnectionError(f"the Robot API answers {status} to {path}")
         return answer.get(key)
 
-    def _ask(
+    def _ask(self, method: str, path: str) -> tuple[int, dict[str, Any]]:
+        """Returns status and document of an answer; asks once more where a kept connection has ended meanwhile."""
+        is_kept = self._connection is not None and self._connection.sock is not None
+        try:
+            return self._send_once(method, path)
+        except ConnectionError:
+            if not is_kept:
+                raise
+        return self._send_once(method, path)
+
+    def _send_once(
         self, method: str, path: str, document: dict[str, str] | None = None, timeout_s: float = TIMEOUT_S
     ) -> tuple[int, dict[str, Any]]:
-        """Returns status and document of an answer; asks once more where a kept connection has ended meanwhile."""
+        """Returns status and document of an answer; where there is none, what has not arrived is dropped."""
         if self._connection is None:
             self.connect()
         connection = self._connection
         assert connection is not None
-        is_kept = connection.sock is not None
         try:
             return self._exchange(connection, method, path, document, timeout_s)
-        except ConnectionError:
-            self._hang_up(connection)
-            if not is_kept:
-                raise
-            return self._exchange(connection, method, path, document, timeout_s)
-        except OSError:  # not in time: what has not arrived is dropped
+        except OSError:
             self._hang_up(connection)
             raise
 

@@ -23,6 +23,7 @@ from executor.robot.console import Console
 from executor.robot.kinematics_client import KinematicsInfo, KinematicsReader
 from executor.settings import ExecutorSettings
 from executor.streaming.state_checks import NORMAL, OUTPUT_SHIFT, POWER_ON
+from executor.undelivered import discard_at_close
 from executor.worker import Worker
 from planner.cell import Cell
 from planner.controller_program import SwitchRow
@@ -283,6 +284,7 @@ def set_outputs(host: str, levels: Sequence[SwitchRow]) -> list[SwitchRow]:
     end = time.monotonic() + SET_WITHIN_S
     while levels and time.monotonic() < end:
         with suppress(OSError, ValueError), socket.create_connection((host, PORT), SET_WITHIN_S) as connection:
+            discard_at_close(connection)  # what is told as not switched must not switch later
             if _writes_outputs(connection, levels, end):
                 return []
         time.sleep(SET_AGAIN_S)  # the connection of a process that has just ended may still own the outputs

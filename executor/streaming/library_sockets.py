@@ -46,11 +46,13 @@ class LibrarySockets:
         except OSError:
             return True
 
-    def close_in_order(self) -> None:
-        """Has every RTDE socket end in order with this process, unless it has something left that is dropped."""
+    def close_in_order(self) -> bool:
+        """Has what was sent over every RTDE socket arrive before this process ends; returns whether all has."""
+        arrived = True
         for descriptor in self._inodes:
             with suppress(OSError), socket.socket(fileno=os.dup(descriptor)) as copy:
-                close_in_order(copy)
+                arrived = close_in_order(copy) and arrived
+        return arrived
 
 
 def _tcp_sockets() -> Iterator[tuple[int, socket.socket]]:

@@ -244,8 +244,13 @@ class RtdeConnection:
             self.read()
 
     def part(self) -> None:
-        """Says that this run ends in order: its connections do, too, where all has arrived."""
-        self._sockets.close_in_order()
+        """Ends the connections, once all that was sent has arrived.
+
+        Raises:
+            StreamFault: it has not, and is dropped.
+        """
+        if not self._sockets.close_in_order():
+            raise StreamFault("link_lost", "the last commands of the run have not arrived at the controller")
 
     def _command(self, name: str, call: Callable[..., Any], *args: Any) -> float:
         """Makes one real-time call and checks its answer and its duration; one that hangs is this process's end.

@@ -46,6 +46,7 @@ class RobotApi(ThreadingHTTPServer):
         self.asked: list[tuple[str, Any]] = []
         self.connections: list[socket.socket] = []
         self.verdict: tuple[int, Any] = (200, {"message": "ok"})
+        self.is_json = True
 
 
 class ApiHandler(BaseHTTPRequestHandler):
@@ -76,7 +77,8 @@ class ApiHandler(BaseHTTPRequestHandler):
         self._answer(*self.api.verdict)
 
     def _answer(self, status: int, document: Any, location: str = "") -> None:
-        body = json.dumps(document).encode()
+        is_html = self.command == "PUT" and not self.api.is_json
+        body = b"<html>" if is_html else json.dumps(document).encode()
         self.send_response(status)
         self.send_header("Content-Length", str(len(body)))
         if location:
@@ -202,8 +204,8 @@ def test_an_interface_that_went_away_is_looked_for_again(console: Console) -> No
 
 
 @contextmanager
-def silent_dashboard() -> Iterator[tuple[str, list[str]]]:
-    """A dashboard that greets, takes lines and answers none; yields its address and the lines."""
+def dull_dashboard(hangs_up: bool) -> Iterator[tuple[str, list[str]]]:
+    """A dashboard that answers one question and nothing else, or hangs up instead; yields its address and the lines."""
     host = next(HOSTS)
     heard: list[str] = []
 
@@ -212,6 +214,10 @@ def silent_dashboard() -> Iterator[tuple[str, list[str]]]:
             connection.sendall(b"Connected: Universal Robots Dashboard Server\n")
             for line in connection.makefile("rb"):
                 heard.append(line.decode().strip())
+                if heard[-1] == dashboard.QUESTION:
+                    connection.sendall(b"Robotmode: RUNNING\n")
+                elif hangs_up:
+                    connection.shutdown(socket.SHUT_RDWR)
 
     def serve(listener: socket.socket) -> None:
         with suppress(OSError):
@@ -224,17 +230,37 @@ def silent_dashboard() -> Iterator[tuple[str, list[str]]]:
         listener.shutdown(socket.SHUT_RDWR)
 
 
-def test_what_is_not_answered_in_time_is_not_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The arm must not get power once somebody was told that it did not; a stop may come twice."""
-    monkeypatch.setattr(dashboard, "TIMEOUT_S", 0.1)
-    with silent_dashboard() as (host, heard):
+@pytest.mark.parametrize("hangs_up", [False, True])
+def test_an_action_is_sent_once(monkeypatch: pytest.MonkeyPatch, hangs_up: bool) -> None:
+    """The arm must not get power once somebody was told that it did not."""
+    monkeypatch.setattr(dashboard, "TIMEOUT_S", 0.2)
+    with dull_dashboard(hangs_up) as (host, heard):
+        client = DashboardClient(host)
+        client.connect()
+        with pytest.raises(OSError, match=r"timed out|closed"):
+            client.act("brake_release")
+        until(lambda: heard == [dashboard.QUESTION, "brake release"])
+
+
+def test_a_stop_is_asked_for_again_where_a_kept_connection_is_silent(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dashboard, "TIMEOUT_S", 0.2)
+    with dull_dashboard(hangs_up=False) as (host, heard):
         client = DashboardClient(host)
         client.connect()
         with pytest.raises(TimeoutError):
-            client.act("brake_release")
-        with pytest.raises(TimeoutError):
-            client.stop()
-        until(lambda: heard == ["brake release", "stop", "stop"])
+            client.ask("stop")
+        until(lambda: heard == ["stop", "stop"])
+
+
+@pytest.mark.parametrize("verdict", [(502, "no gateway"), (200, "")])
+def test_an_action_of_the_robot_api_is_sent_once(console: Console, verdict: tuple[int, str]) -> None:
+    with robot_api_of(NEW) as (console.host, server):
+        console.control_mode()
+        server.verdict = verdict
+        server.is_json = False
+        with pytest.raises(ActionRefused, match="no JSON"):
+            console.act("unlock_protective_stop")
+        assert len(server.asked) == 1
 
 
 @pytest.mark.parametrize("client_of", [DashboardClient, robot_api.RobotApiClient])
