@@ -61,6 +61,7 @@ GRIPPER: dict[str, Any] = {
     "grip_input": None,
 }
 
+OBJECTS_APART_M = 0.001  # [m] between two held objects: what touches the thrown one is no obstacle until it is clear
 FURTHER_MAX = 3  # [-] grippers of a tool besides the cell's own
 NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}")
 HOLDS = ("delay_s", "jitter_s", "opening_direction", "opening_cone_rad", "hold_acceleration_m_s2")
@@ -106,10 +107,10 @@ def further_grippers(
         taken.append(line)
     for (one, first), (other, second) in combinations(found.items(), 2):
         apart_m = float(np.linalg.norm(first.X_FT[:3, 3] - second.X_FT[:3, 3]))
-        least_m = first.object.radius_m + second.object.radius_m
+        least_m = first.object.radius_m + second.object.radius_m + OBJECTS_APART_M
         if apart_m < least_m:
-            what = f"is {apart_m:.3f} m from the tool centre point of {one or '[gripper]'!r}"
-            reason = f"{what}: their objects, {least_m:.3f} m across both radii, would be in each other"
+            what = f"is {apart_m:.4f} m from the tool centre point of {one or '[gripper]'!r}"
+            reason = f"{what}: with their objects' radii and {1e3 * OBJECTS_APART_M:.0f} mm between, {least_m:.4f} m at least"
             raise CellError(f"grippers.{other}.tcp_position_m", second.X_FT[:3, 3].tolist(), reason)
     return found
 

@@ -332,10 +332,13 @@ def test_what_no_passage_lets_go_of_is_held_as_firmly_as_its_gripper_can(here: C
     assert check.value == pytest.approx(np.linalg.norm(felt[5:-5], axis=1).max(), rel=0.05)
 
 
-def test_objects_in_each_other_are_refused() -> None:
-    near = LEFT.replace("[0.0, -0.06, 0.17]", "[0.0, 0.055, 0.17]")
-    with pytest.raises(CellError, match=r"their objects, .* m across both radii, would be in each other"):
+@pytest.mark.parametrize("apart_m", [0.005, 0.0459])
+def test_objects_in_each_other_or_touching_are_refused(apart_m: float) -> None:
+    """Beside one that it touches, the thrown object would be judged once it is clear of it only."""
+    near = LEFT.replace("[0.0, -0.06, 0.17]", f"[0.0, {0.06 - apart_m}, 0.17]")
+    with pytest.raises(CellError, match=r"with their objects' radii and 1 mm between, 0.0460 m at least"):
         cell_of_two(near)
+    cell_of_two(LEFT.replace("[0.0, -0.06, 0.17]", "[0.0, 0.0139, 0.17]"))
 
 
 @pytest.mark.slow
