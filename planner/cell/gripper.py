@@ -110,7 +110,8 @@ def further_grippers(
         least_m = first.object.radius_m + second.object.radius_m + OBJECTS_APART_M
         if apart_m < least_m:
             what = f"is {apart_m:.4f} m from the tool centre point of {one or '[gripper]'!r}"
-            reason = f"{what}: with their objects' radii and {1e3 * OBJECTS_APART_M:.0f} mm between, {least_m:.4f} m at least"
+            gap = f"{1e3 * OBJECTS_APART_M:.0f} mm between"
+            reason = f"{what}: with their objects' radii and {gap}, {least_m:.4f} m at least"
             raise CellError(f"grippers.{other}.tcp_position_m", second.X_FT[:3, 3].tolist(), reason)
     return found
 
