@@ -318,6 +318,27 @@ def test_what_is_not_covered_is_told_in_one_line_for_each_reason() -> None:
     )
 
 
+@pytest.mark.parametrize(("side", "status"), [(1.0, Status.VIOLATED), (-1.0, Status.PROVEN)])
+def test_a_flight_into_a_ball_that_is_held_a_tenth_of_a_millimetre_beside_it_is_violated(side: float, status: Status):
+    """The second ball where the first one is after 30 ms, as the tool sees it, or on the other side."""
+    document = changed()
+    for table in (document, document["request"]):
+        del table["passages"][1:]
+    _, here = made()
+    q, qd, _, released, dt = motion()
+    own = here.seen_from("")
+    later = released[0] + 15
+    path = flown(here, "", released[0], 0.0, np.array([later * dt]))
+    X_WT, _ = tool_state(own, q[later], qd[later])
+    moved_F = own.tool.X_FT[:3, :3] @ X_WT[:3, :3].T @ (path[0] - X_WT[:3, 3])
+    away_m = own.object.radius_m + here.grippers["left"].object.radius_m + 1e-4
+    p_F = own.tool.X_FT[:3, 3] + side * away_m * moved_F / np.linalg.norm(moved_F)
+    verdict = judged(
+        document, cell_of_two(LEFT.replace("[0.0, -0.06, 0.17]", str([round(x, 9) for x in p_F.tolist()])))
+    )
+    assert {each.status for each in verdict.open if each.name == "flight_clearance"} == {status} - {Status.PROVEN}
+
+
 JOINT = {"kind": "joint", "positions": [0.0] * 6, "velocities": [0.1] * 6}
 
 
