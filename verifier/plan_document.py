@@ -14,10 +14,7 @@ from verifier.aims import JITTERS, Aim, read_aim
 from verifier.elementary import Array
 from verifier.grippers import OWN, gripper_names, seen_by
 from verifier.passage_demands import ToldPassage, told_passages
-from verifier.request_checks import WRONG_SHAPE, NotAPlan, ReleasedState, check_request, released_states
-
-AT_REST = 1e-9  # [rad/s, m/s] a demanded state slower than this is a move that ends at rest; nobody throws as slowly
-
+from verifier.request_checks import WRONG_SHAPE, NotAPlan, ReleasedState, check_request, is_at_rest, released_states
 
 OF_FLIGHT = ("flight_clearance", "landing", "landing_window", "landing_axis")  # checks of where the object goes
 OF_OBJECT = (  # checks that depend on when the object may leave
@@ -269,17 +266,6 @@ def _stated(table: Mapping[str, Any]) -> dict[str, Any]:
 def _passages(document: Mapping[str, Any], asked: Mapping[str, Any]) -> tuple[ToldPassage, ...]:
     """Returns the passages of a plan; none where a release alone is asked for."""
     return told_passages(asked["passages"], document.get("passages") or [], len(document["trajectory"]["positions"]))
-
-
-def is_at_rest(release: Mapping[str, Any]) -> bool:
-    """Returns whether a release demands a state at rest, so that nothing is thrown."""
-    speeds = {
-        "joint": lambda: release["velocities"],
-        "pose": lambda: [*release["twist"]["linear"], *release["twist"]["angular"]],
-        "point": lambda: release["velocity"],
-        "target": lambda: [math.inf],
-    }
-    return max(abs(float(speed)) for speed in speeds[release["kind"]]()) < AT_REST
 
 
 def _start(given: Mapping[str, Any], cell: Cell) -> Array | None:

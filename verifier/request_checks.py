@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 WRONG_SHAPE = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError)
+AT_REST = 1e-9  # [rad/s, m/s] a demanded state slower than this is a move that ends at rest; nobody throws as slowly
 GREATEST = 1e300  # a number of a request; JSON knows integers that no float can be
 # Numbers of a request, and of its release, that are not below 0, and those above it.
 NOT_NEGATIVE = ("release_window_s", "landing_tolerance_m", "singularity_distance_min", "min_horizontal_distance_m")
@@ -45,6 +46,17 @@ def released_states(asked: Mapping[str, Any]) -> list[ReleasedState]:
         for number, each in enumerate(asked["passages"])
         if each.get("releases") and "state" in each
     ]
+
+
+def is_at_rest(release: Mapping[str, Any]) -> bool:
+    """Returns whether a release demands a state at rest, so that nothing is thrown."""
+    speeds = {
+        "joint": lambda: release["velocities"],
+        "pose": lambda: [*release["twist"]["linear"], *release["twist"]["angular"]],
+        "point": lambda: release["velocity"],
+        "target": lambda: [math.inf],
+    }
+    return max(abs(float(speed)) for speed in speeds[release["kind"]]()) < AT_REST
 
 
 def check_request(asked: Mapping[str, Any], grippers: Sequence[str]) -> None:
@@ -156,6 +168,8 @@ def _check_state_or_line(each: Mapping[str, Any], where: str) -> None:
     kind = "line" if "line" in each else each["state"]["kind"]
     if (kind == "line" and each.get("releases")) or (kind == "target" and not each.get("releases")):
         raise NotAPlan(f"{where}.releases: of a {kind}")
+    if each.get("releases") and is_at_rest(each["state"]):
+        raise NotAPlan(f"{where}.state: is at rest, and lets an object go")
 
 
 def _check_times(passage: Mapping[str, Any], where: str) -> None:

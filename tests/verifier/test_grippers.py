@@ -351,6 +351,7 @@ JOINT = {"kind": "joint", "positions": [0.0] * 6, "velocities": [0.1] * 6}
         lambda d: d["request"]["passages"][1].update(releases=1),
         lambda d: d["request"]["passages"][1].update(releases=["left"]),
         lambda d: d["request"]["passages"][1].update(releases=""),
+        lambda d: d["request"]["passages"][1].update(state=JOINT | {"velocities": [0.0] * 6}),
         lambda d: d["request"]["passages"].append({"name": "more", "state": JOINT, "releases": ""}),
     ],
 )
