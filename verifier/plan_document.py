@@ -21,6 +21,8 @@ OF_OBJECT = (  # checks that depend on when the object may leave
     *("joint_torque", "momentum", "power", "stopping_time", "stopping_distance", "grip_acceleration"),
     *("floor", "keep_out", "self_collision", "opening_direction"),
 )
+OF_SEVERAL = ("releases_apart", "flights_apart")  # checks of several objects, when and where they go
+COMMAND_TIME = "command_time"  # of a passage's outputs, which no check of the certificate is named for
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,6 +146,10 @@ def _demands(document: Mapping[str, Any], cell: Cell, is_learnt: bool) -> list[D
     if document.get("profile") is not None and not is_learnt:
         what = f"profile {document['profile']}, whose numbers are not given"
         not_covered |= dict.fromkeys((*OF_FLIGHT, *OF_OBJECT), what)
+        if len(let_go) > 1:
+            not_covered |= dict.fromkeys(OF_SEVERAL, what)
+        if any(each.get("outputs") for each in asked["passages"]):
+            not_covered[COMMAND_TIME] = what
     common = replace(common, not_covered=not_covered)
     found = _released(document, asked, cell, common, let_go)
     is_own = all(each.gripper != OWN for each in let_go)

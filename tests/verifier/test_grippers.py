@@ -301,6 +301,15 @@ def test_what_a_gripper_holds_keeps_clear_of_solids_as_long_as_it_is_held(at: in
     assert status is Status.PROVEN or found[0].detail.startswith("object of left, grain")
 
 
+def test_releases_that_only_the_numbers_of_a_profile_tell_apart_are_not_violated_without_them() -> None:
+    document, _ = made()
+    scatters = cell_of_two(LEFT.replace("jitter_s = 0.0005", "jitter_s = 0.1"))
+    assert Status.VIOLATED in statuses(judged(document, scatters), "releases_apart")
+    verdict = judged({**document, "profile": "ball"}, scatters)
+    assert {each.status for each in verdict.open} == {Status.NOT_PROVEN}
+    assert {"releases_apart", "flights_apart"} <= {each.name for each in verdict.open if each.is_not_covered}
+
+
 def test_what_is_not_covered_is_told_in_one_line_for_each_reason() -> None:
     _, here = made()
     document = changed()
