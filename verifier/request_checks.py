@@ -12,6 +12,7 @@ GREATEST = 1e300  # a number of a request; JSON knows integers that no float can
 # Numbers of a request, and of its release, that are not below 0, and those above it.
 NOT_NEGATIVE = ("release_window_s", "landing_tolerance_m", "singularity_distance_min", "min_horizontal_distance_m")
 POSITIVE = ("max_release_speed_m_s", "time_limit_s")
+ELEVATIONS = ("min_elevation_rad", "max_elevation_rad")  # of a target's release
 VECTORS = {  # lengths of what each kind of release states
     "joint": {"positions": 6, "velocities": 6},
     "point": {"position": 3, "velocity": 3},
@@ -91,7 +92,7 @@ def check_vector(value: Any, length: int, where: str) -> None:
     Raises:
         NotAPlan: with its name.
     """
-    if not isinstance(value, list) or len(value) != length or not all(_is_finite(each) for each in value):
+    if not isinstance(value, list | tuple) or len(value) != length or not all(_is_finite(each) for each in value):
         raise NotAPlan(f"{where}: {value!r}")
 
 
@@ -122,15 +123,23 @@ def _check_release(release: Mapping[str, Any]) -> None:
         vectors = [release["twist"]["linear"], release["twist"]["angular"]]
         if not all(len(vector) == 3 and all(map(is_number, vector)) for vector in vectors):
             raise NotAPlan("release: its twist is none")
-    if release.get("velocity") is not None and release["kind"] == "target":
-        check_vector(list(release["velocity"]), 3, "release.velocity")
-    if release.get("orientation") is not None and release["kind"] == "target":
-        _check_orientation(release["orientation"])
+    if release["kind"] == "target":
+        _check_target(release)
     opening = release.get("opening")
     if opening is not None and not (
         is_number(opening["radius_m"]) and opening["radius_m"] > 0.0 and opening["rim_height_m"] >= 0.0
     ):
         raise NotAPlan(f"release.opening: {opening!r}")
+
+
+def _check_target(target: Mapping[str, Any]) -> None:
+    for name in (name for name in ("velocity", "release_position") if target.get(name) is not None):
+        check_vector(target[name], 3, f"release.{name}")
+    for name in (name for name in ELEVATIONS if target.get(name) is not None):
+        if not _is_finite(target[name]):
+            raise NotAPlan(f"release.{name}: {target[name]!r}")
+    if target.get("orientation") is not None:
+        _check_orientation(target["orientation"])
 
 
 def _check_orientation(asked: Any) -> None:
