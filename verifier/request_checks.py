@@ -11,6 +11,7 @@ AT_REST = 1e-9  # [rad/s, m/s] a demanded state slower than this is a move that 
 GREATEST = 1e300  # a number of a request; JSON knows integers that no float can be
 # Numbers of a request, and of its release, that are not below 0, and those above it.
 NOT_NEGATIVE = ("release_window_s", "landing_tolerance_m", "singularity_distance_min", "min_horizontal_distance_m")
+WINDOW_MAX_S = 0.2  # [s] longest release window of a request. source: the API's schema, POST /plans
 POSITIVE = ("max_release_speed_m_s", "time_limit_s")
 ELEVATIONS = ("min_elevation_rad", "max_elevation_rad")  # of a target's release
 VECTORS = {  # lengths of what each kind of release states
@@ -106,6 +107,8 @@ def _check_numbers(table: Mapping[str, Any], where: str) -> None:
         value = table[name]
         if not is_number(value) or value < 0.0 or (name in POSITIVE and value == 0.0):
             raise NotAPlan(f"{where}.{name}: {value!r}")
+    if (table.get("release_window_s") or 0.0) > WINDOW_MAX_S:
+        raise NotAPlan(f"{where}.release_window_s: {table['release_window_s']!r} is above {WINDOW_MAX_S}")
 
 
 def _check_limits(limits: Mapping[str, Any]) -> None:

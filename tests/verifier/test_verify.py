@@ -157,6 +157,7 @@ def test_a_throw_beside_the_vertical_that_was_asked_for_is_violated(name: str, l
         {"request": {"landing_tolerance_m": -1.0}},
         {"request": {"release_window_s": -0.1}},
         {"request": {"release_window_s": float("inf")}},
+        {"request": {"release_window_s": 0.201}},
         {"request": {"limits": {"velocity": "3"}}},
         {"request": {"release": {**THROW, "max_release_speed_m_s": -5.0}}},
         {"request": {"release": {**THROW, "min_elevation_rad": float("nan")}}},
