@@ -78,6 +78,9 @@ def check_request(asked: Mapping[str, Any], grippers: Sequence[str]) -> None:
         raise NotAPlan("request: states neither a release nor passages, or both")
     if asked.get("frame", "world") not in ("world", "base"):
         raise NotAPlan(f"request.frame: {asked['frame']!r}")
+    for name in (name for name in ("start", "limits") if name in asked):
+        if not isinstance(asked[name], Mapping):
+            raise NotAPlan(f"request.{name}: {asked[name]!r} is no mapping")
     _check_numbers(asked, "request")
     _check_limits(asked.get("limits") or {})
     _check_passages(asked["passages"], grippers)
