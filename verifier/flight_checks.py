@@ -24,6 +24,7 @@ from verifier.flights import (
     prove_patches,
     release_pieces,
 )
+from verifier.grippers import HeldBall
 from verifier.landing_place import LEVEL_M, LandingPlace, LandingTop, landing_place
 from verifier.pieces import all_pieces
 from verifier.plan_document import Demands, SampledMotion
@@ -204,18 +205,22 @@ def wall_rooms(cell: Cell, aim: Aim, is_until_inside: bool = True) -> PatchRooms
 def _arm_findings(
     cell: Cell, motion: SampledMotion, releases: Releases, place: LandingPlace, lasts_s: float
 ) -> Iterator[Finding]:
-    """Returns the findings about the arm, which moves on: one a capsule."""
-    capsules = capsules_of(cell)
+    """Returns the findings about the arm, which moves on: one a capsule.
+
+    Of a ball that another gripper holds nothing is gripped: however near it is, the flight is judged from its begin.
+    """
+    capsules = capsules_of(cell)[:-1]
+    hand = len(capsules) - sum(isinstance(each, HeldBall) for each in cell.tool.capsules)
     whole = ArmPieces(cell, all_pieces(motion))
     after = ArmAfter(cell, releases)
     clearance = cell.surroundings.flight_clearance_m
-    for capsule in capsules[:-1]:
-        grips = capsule.frame in GRIPPED_FRAMES and _gap_at_release(cell, motion, capsule) < clearance
-        required = 0.0 if grips else clearance
+    for number, capsule in enumerate(capsules):
+        is_near = capsule.frame in GRIPPED_FRAMES and _gap_at_release(cell, motion, capsule) < clearance
+        required = 0.0 if is_near else clearance
         if capsule.frame == 0:
             required = beside_base(cell, place, capsule, clearance)
         thick = capsule.radius_m + cell.object.radius_m + required - LENGTH_M
-        watch = CapsuleWatch((capsule, thick, grips), place, accelerations(whole, capsule))
+        watch = CapsuleWatch((capsule, thick, is_near and number < hand), place, accelerations(whole, capsule))
         yield from watch.findings(NAME, [after], lasts_s)
 
 

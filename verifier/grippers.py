@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 from planner.cell import Cell, MountedGripper, ToolCapsule
@@ -10,6 +10,11 @@ from verifier.elementary import Array
 
 CELLS_KEPT = 32  # cells seen from their grippers: pairs of capsules are kept by cells
 OWN = ""  # name of the cell's own gripper
+
+
+@dataclass(frozen=True, eq=False)
+class HeldBall(ToolCapsule):
+    """The ball that another gripper holds, as a part of the tool's shape; these come last."""
 
 
 def gripper_names(cell: Cell) -> tuple[str, ...]:
@@ -42,6 +47,6 @@ def _mounted(cell: Cell) -> dict[str, MountedGripper]:
     return {**cell.grippers, cell.mounted: MountedGripper(cell.gripper, cell.tool.X_FT, cell.object)}
 
 
-def _ball(of: MountedGripper) -> ToolCapsule:
+def _ball(of: MountedGripper) -> HeldBall:
     centre: Array = of.X_FT[:3, 3]
-    return ToolCapsule(centre, centre, of.object.radius_m)
+    return HeldBall(centre, centre, of.object.radius_m)

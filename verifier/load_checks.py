@@ -16,7 +16,8 @@ from verifier.held_objects import TICK_SHARE, HeldObject, ToolLoad, possible_loa
 from verifier.joint_checks import SHARE
 from verifier.motion_parts import MotionPart
 from verifier.pieces import all_pieces
-from verifier.plan_document import Demands, SampledMotion, is_at_rest
+from verifier.plan_document import Demands, SampledMotion
+from verifier.request_checks import is_at_rest
 from verifier.taylor import TaylorModel, dot
 
 SINGULARITY_WINDOW_S = 0.05  # [s] about the release. source: docs/conventions.md

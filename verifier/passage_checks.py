@@ -21,7 +21,7 @@ from verifier.grippers import OWN, gripper_names, seen_by
 from verifier.motion_parts import MotionPart
 from verifier.passage_demands import ToldEdge, ToldPassage
 from verifier.pieces import all_pieces
-from verifier.plan_document import Demands, SampledMotion
+from verifier.plan_document import COMMAND_TIME, Demands, SampledMotion
 from verifier.release_checks import orientation, state_findings
 from verifier.taylor import TaylorModel, dot
 
@@ -212,7 +212,9 @@ def _on_time(cell: Cell, motion: SampledMotion, demands: Demands, told: ToldPass
     named = (each.delay_s for each in cell.outputs.values() if (each.output, each.index) == edge.line)
     early_s = next(named, 0.0) + cell.timing.lag_s
     edge_s = told.index / motion.rate_hz + after_s
-    off = max(abs(edge.edge_s - edge_s), abs(edge.command_s - (edge_s - early_s)))
+    off = abs(edge.edge_s - edge_s)
+    if COMMAND_TIME not in demands.not_covered:
+        off = max(off, abs(edge.command_s - (edge_s - early_s)))
     return judged(NAME, EDGE_S - off, EDGE_S - off, edge.edge_s, f"{told.name}: time of {edge.line[0]} {edge.line[1]}")
 
 

@@ -14,16 +14,15 @@ from verifier.aims import JITTERS, Aim, read_aim
 from verifier.elementary import Array
 from verifier.grippers import OWN, gripper_names, seen_by
 from verifier.passage_demands import ToldPassage, told_passages
-from verifier.request_checks import WRONG_SHAPE, NotAPlan, ReleasedState, check_request, released_states
-
-AT_REST = 1e-9  # [rad/s, m/s] a demanded state slower than this is a move that ends at rest; nobody throws as slowly
-
+from verifier.request_checks import WRONG_SHAPE, NotAPlan, ReleasedState, check_request, is_at_rest, released_states
 
 OF_FLIGHT = ("flight_clearance", "landing", "landing_window", "landing_axis")  # checks of where the object goes
 OF_OBJECT = (  # checks that depend on when the object may leave
     *("joint_torque", "momentum", "power", "stopping_time", "stopping_distance", "grip_acceleration"),
     *("floor", "keep_out", "self_collision", "opening_direction"),
 )
+OF_SEVERAL = ("releases_apart", "flights_apart")  # checks of several objects, when and where they go
+COMMAND_TIME = "command_time"  # of a passage's outputs, which no check of the certificate is named for
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,6 +146,10 @@ def _demands(document: Mapping[str, Any], cell: Cell, is_learnt: bool) -> list[D
     if document.get("profile") is not None and not is_learnt:
         what = f"profile {document['profile']}, whose numbers are not given"
         not_covered |= dict.fromkeys((*OF_FLIGHT, *OF_OBJECT), what)
+        if len(let_go) > 1:
+            not_covered |= dict.fromkeys(OF_SEVERAL, what)
+        if any(each.get("outputs") for each in asked["passages"]):
+            not_covered[COMMAND_TIME] = what
     common = replace(common, not_covered=not_covered)
     found = _released(document, asked, cell, common, let_go)
     is_own = all(each.gripper != OWN for each in let_go)
@@ -269,17 +272,6 @@ def _stated(table: Mapping[str, Any]) -> dict[str, Any]:
 def _passages(document: Mapping[str, Any], asked: Mapping[str, Any]) -> tuple[ToldPassage, ...]:
     """Returns the passages of a plan; none where a release alone is asked for."""
     return told_passages(asked["passages"], document.get("passages") or [], len(document["trajectory"]["positions"]))
-
-
-def is_at_rest(release: Mapping[str, Any]) -> bool:
-    """Returns whether a release demands a state at rest, so that nothing is thrown."""
-    speeds = {
-        "joint": lambda: release["velocities"],
-        "pose": lambda: [*release["twist"]["linear"], *release["twist"]["angular"]],
-        "point": lambda: release["velocity"],
-        "target": lambda: [math.inf],
-    }
-    return max(abs(float(speed)) for speed in speeds[release["kind"]]()) < AT_REST
 
 
 def _start(given: Mapping[str, Any], cell: Cell) -> Array | None:

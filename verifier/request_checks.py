@@ -7,10 +7,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 WRONG_SHAPE = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError)
+AT_REST = 1e-9  # [rad/s, m/s] a demanded state slower than this is a move that ends at rest; nobody throws as slowly
 GREATEST = 1e300  # a number of a request; JSON knows integers that no float can be
 # Numbers of a request, and of its release, that are not below 0, and those above it.
 NOT_NEGATIVE = ("release_window_s", "landing_tolerance_m", "singularity_distance_min", "min_horizontal_distance_m")
+WINDOW_MAX_S = 0.2  # [s] longest release window of a request. source: the API's schema, POST /plans
 POSITIVE = ("max_release_speed_m_s", "time_limit_s")
+ELEVATIONS = ("min_elevation_rad", "max_elevation_rad")  # of a target's release
 VECTORS = {  # lengths of what each kind of release states
     "joint": {"positions": 6, "velocities": 6},
     "point": {"position": 3, "velocity": 3},
@@ -47,6 +50,17 @@ def released_states(asked: Mapping[str, Any]) -> list[ReleasedState]:
     ]
 
 
+def is_at_rest(release: Mapping[str, Any]) -> bool:
+    """Returns whether a release demands a state at rest, so that nothing is thrown."""
+    speeds = {
+        "joint": lambda: release["velocities"],
+        "pose": lambda: [*release["twist"]["linear"], *release["twist"]["angular"]],
+        "point": lambda: release["velocity"],
+        "target": lambda: [math.inf],
+    }
+    return max(abs(float(speed)) for speed in speeds[release["kind"]]()) < AT_REST
+
+
 def check_request(asked: Mapping[str, Any], grippers: Sequence[str]) -> None:
     """Refuses what a checked request cannot say: a number that is none would switch a check off.
 
@@ -64,6 +78,9 @@ def check_request(asked: Mapping[str, Any], grippers: Sequence[str]) -> None:
         raise NotAPlan("request: states neither a release nor passages, or both")
     if asked.get("frame", "world") not in ("world", "base"):
         raise NotAPlan(f"request.frame: {asked['frame']!r}")
+    for name in (name for name in ("start", "limits") if name in asked):
+        if not isinstance(asked[name], Mapping):
+            raise NotAPlan(f"request.{name}: {asked[name]!r} is no mapping")
     _check_numbers(asked, "request")
     _check_limits(asked.get("limits") or {})
     _check_passages(asked["passages"], grippers)
@@ -79,7 +96,7 @@ def check_vector(value: Any, length: int, where: str) -> None:
     Raises:
         NotAPlan: with its name.
     """
-    if not isinstance(value, list) or len(value) != length or not all(_is_finite(each) for each in value):
+    if not isinstance(value, list | tuple) or len(value) != length or not all(_is_finite(each) for each in value):
         raise NotAPlan(f"{where}: {value!r}")
 
 
@@ -93,6 +110,8 @@ def _check_numbers(table: Mapping[str, Any], where: str) -> None:
         value = table[name]
         if not is_number(value) or value < 0.0 or (name in POSITIVE and value == 0.0):
             raise NotAPlan(f"{where}.{name}: {value!r}")
+    if (table.get("release_window_s") or 0.0) > WINDOW_MAX_S:
+        raise NotAPlan(f"{where}.release_window_s: {table['release_window_s']!r} is above {WINDOW_MAX_S}")
 
 
 def _check_limits(limits: Mapping[str, Any]) -> None:
@@ -110,15 +129,23 @@ def _check_release(release: Mapping[str, Any]) -> None:
         vectors = [release["twist"]["linear"], release["twist"]["angular"]]
         if not all(len(vector) == 3 and all(map(is_number, vector)) for vector in vectors):
             raise NotAPlan("release: its twist is none")
-    if release.get("velocity") is not None and release["kind"] == "target":
-        check_vector(list(release["velocity"]), 3, "release.velocity")
-    if release.get("orientation") is not None and release["kind"] == "target":
-        _check_orientation(release["orientation"])
+    if release["kind"] == "target":
+        _check_target(release)
     opening = release.get("opening")
     if opening is not None and not (
         is_number(opening["radius_m"]) and opening["radius_m"] > 0.0 and opening["rim_height_m"] >= 0.0
     ):
         raise NotAPlan(f"release.opening: {opening!r}")
+
+
+def _check_target(target: Mapping[str, Any]) -> None:
+    for name in (name for name in ("velocity", "release_position") if target.get(name) is not None):
+        check_vector(target[name], 3, f"release.{name}")
+    for name in (name for name in ELEVATIONS if target.get(name) is not None):
+        if not _is_finite(target[name]):
+            raise NotAPlan(f"release.{name}: {target[name]!r}")
+    if target.get("orientation") is not None:
+        _check_orientation(target["orientation"])
 
 
 def _check_orientation(asked: Any) -> None:
@@ -156,6 +183,8 @@ def _check_state_or_line(each: Mapping[str, Any], where: str) -> None:
     kind = "line" if "line" in each else each["state"]["kind"]
     if (kind == "line" and each.get("releases")) or (kind == "target" and not each.get("releases")):
         raise NotAPlan(f"{where}.releases: of a {kind}")
+    if each.get("releases") and is_at_rest(each["state"]):
+        raise NotAPlan(f"{where}.state: is at rest, and lets an object go")
 
 
 def _check_times(passage: Mapping[str, Any], where: str) -> None:

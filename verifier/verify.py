@@ -77,6 +77,8 @@ def findings(document: Mapping[str, Any], cell: Cell, profile: Mapping[str, Any]
     Raises:
         NotAPlan: the document is none, or that of another cell or profile.
     """
+    if not isinstance(document, Mapping):
+        raise NotAPlan(f"document: a {type(document).__name__}, no mapping")
     if document.get("cell_sha256") != cell.sha256:
         raise NotAPlan("cell_sha256: the plan is of another cell file")
     cell = learnt_cell(document, cell, profile)

@@ -301,6 +301,19 @@ def test_what_a_gripper_holds_keeps_clear_of_solids_as_long_as_it_is_held(at: in
     assert status is Status.PROVEN or found[0].detail.startswith("object of left, grain")
 
 
+def test_releases_that_only_the_numbers_of_a_profile_tell_apart_are_not_violated_without_them() -> None:
+    document, _ = made()
+    scatters = cell_of_two(LEFT.replace("jitter_s = 0.0005", "jitter_s = 0.1"))
+    both = judged(document, scatters)
+    assert Status.VIOLATED in statuses(both, "releases_apart")
+    assert {each.detail for each in of_check(both, "flights_apart")} == {
+        "first and second: may be let go in any order"  # and so many pairs of releases are not looked at
+    }
+    verdict = judged({**document, "profile": "ball"}, scatters)
+    assert {each.status for each in verdict.open} == {Status.NOT_PROVEN}
+    assert {"releases_apart", "flights_apart"} <= {each.name for each in verdict.open if each.is_not_covered}
+
+
 def test_what_is_not_covered_is_told_in_one_line_for_each_reason() -> None:
     _, here = made()
     document = changed()
@@ -318,6 +331,27 @@ def test_what_is_not_covered_is_told_in_one_line_for_each_reason() -> None:
     )
 
 
+@pytest.mark.parametrize(("side", "status"), [(1.0, Status.VIOLATED), (-1.0, Status.PROVEN)])
+def test_a_flight_into_a_ball_that_is_held_a_tenth_of_a_millimetre_beside_it_is_violated(side: float, status: Status):
+    """The second ball where the first one is after 30 ms, as the tool sees it, or on the other side."""
+    document = changed()
+    for table in (document, document["request"]):
+        del table["passages"][1:]
+    _, here = made()
+    q, qd, _, released, dt = motion()
+    own = here.seen_from("")
+    later = released[0] + 15
+    path = flown(here, "", released[0], 0.0, np.array([later * dt]))
+    X_WT, _ = tool_state(own, q[later], qd[later])
+    moved_F = own.tool.X_FT[:3, :3] @ X_WT[:3, :3].T @ (path[0] - X_WT[:3, 3])
+    away_m = own.object.radius_m + here.grippers["left"].object.radius_m + 1e-4
+    p_F = own.tool.X_FT[:3, 3] + side * away_m * moved_F / np.linalg.norm(moved_F)
+    verdict = judged(
+        document, cell_of_two(LEFT.replace("[0.0, -0.06, 0.17]", str([round(x, 9) for x in p_F.tolist()])))
+    )
+    assert {each.status for each in verdict.open if each.name == "flight_clearance"} == {status} - {Status.PROVEN}
+
+
 JOINT = {"kind": "joint", "positions": [0.0] * 6, "velocities": [0.1] * 6}
 
 
@@ -330,6 +364,7 @@ JOINT = {"kind": "joint", "positions": [0.0] * 6, "velocities": [0.1] * 6}
         lambda d: d["request"]["passages"][1].update(releases=1),
         lambda d: d["request"]["passages"][1].update(releases=["left"]),
         lambda d: d["request"]["passages"][1].update(releases=""),
+        lambda d: d["request"]["passages"][1].update(state=JOINT | {"velocities": [0.0] * 6}),
         lambda d: d["request"]["passages"].append({"name": "more", "state": JOINT, "releases": ""}),
     ],
 )

@@ -208,6 +208,20 @@ def test_a_fault_in_a_passage_is_violated(fault: Callable[[dict[str, Any]], None
     assert "passage" in {each.name for each in found}, list(map(str, found))
 
 
+@pytest.mark.parametrize(
+    ("fault", "status"), [(commanded_a_tick_late, Status.NOT_PROVEN), (edge_a_tick_late, Status.VIOLATED)]
+)
+def test_when_an_output_is_commanded_is_open_without_the_profile_alone(
+    fault: Callable[[dict[str, Any]], None], status: Status
+):
+    document, cell = document_of(*planned("passed"))
+    document = {**copy.deepcopy(document), "profile": "learnt"}
+    fault(document)
+    found = list(findings(document, cell))
+    assert {each.status for each in found if each.name == "passage"} == {Status.PROVEN} | {status} - {Status.NOT_PROVEN}
+    assert [each.status for each in found if each.name == "command_time"] == [Status.NOT_PROVEN]
+
+
 @pytest.mark.parametrize(("off_m", "open_checks"), [(0.95e-5, []), (1.01e-5, ["passage"])])
 def test_a_line_off_by_its_tolerance_and_a_hundredth_is_not_proven(off_m: float, open_checks: list[str]):
     problem, trajectory = planned("passed")

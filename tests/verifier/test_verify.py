@@ -157,12 +157,23 @@ def test_a_throw_beside_the_vertical_that_was_asked_for_is_violated(name: str, l
         {"request": {"landing_tolerance_m": -1.0}},
         {"request": {"release_window_s": -0.1}},
         {"request": {"release_window_s": float("inf")}},
+        {"request": {"release_window_s": 0.201}},
         {"request": {"limits": {"velocity": "3"}}},
+        {"request": {"limits": []}},
+        {"request": {"limits": False}},
+        {"request": {"start": []}},
+        {"request": {"start": False}},
+        {"request": {"start": ""}},
         {"request": {"release": {**THROW, "max_release_speed_m_s": -5.0}}},
         {"request": {"release": {**THROW, "min_elevation_rad": float("nan")}}},
         {"request": {"release": {**THROW, "opening": {}}}},
         {"request": {"release": {**THROW, "opening": {"radius_m": -0.12, "rim_height_m": 0.1}}}},
         {"request": {"release": {**THROW, "position": []}}},
+        {"request": {"release": {**THROW, "release_position": [1.0]}}},
+        {"request": {"release": {**THROW, "release_position": [0.4, "0", 0.5]}}},
+        {"request": {"release": {**THROW, "min_elevation_rad": "0"}}},
+        {"request": {"release": {**THROW, "max_elevation_rad": {}}}},
+        {"request": {"release": {**THROW, "max_elevation_rad": True}}},
         {"sample_rate_hz": float("inf")},
     ],
 )
@@ -173,6 +184,12 @@ def test_what_no_request_can_say_switches_no_check_off(changes: dict[str, Any]):
     document.update(changes)
     with pytest.raises(NotAPlan):
         verify(document, cell)
+
+
+@pytest.mark.parametrize("document", [None, [], "plan", 1.0])
+def test_what_is_no_mapping_is_no_plan(document: Any):
+    with pytest.raises(NotAPlan, match="no mapping"):
+        verify(document, problems.cell())
 
 
 def test_a_release_between_two_samples_is_no_release():
