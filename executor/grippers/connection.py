@@ -12,7 +12,6 @@ import statistics
 import time
 
 from executor.grippers.drivers import driver_of
-from executor.logs import log as log_line
 from executor.undelivered import close_in_order, discard_at_close
 from planner.grippers import GripperLink
 
@@ -74,9 +73,8 @@ class GripperConnection:
             return False
 
     def close(self) -> None:
-        """Closes the connection; a command that has not arrived by then is dropped, and the log says so."""
-        if not close_in_order(self._socket):
-            log_line(f"what was last sent to {self._where} has not arrived, and is dropped")
+        """Closes the connection; a command that has not arrived by then is dropped."""
+        close_in_order(self._socket)
         with contextlib.suppress(OSError):
             self._socket.close()
 

@@ -109,7 +109,7 @@ def test_a_gripper_that_reports_no_motion_is_not_released(robotiq: Rig) -> None:
     robotiq.recover()
     robotiq.acknowledge()
     assert row.outcome == "not_released", row.reason
-    assert "stayed closed: the object is held" in row.reason
+    assert "did not change when it was told to open; the object is held" in row.reason
     assert robotiq.state()["gripper_holds"] is not None
 
 
