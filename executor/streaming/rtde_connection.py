@@ -34,6 +34,8 @@ HANGS_S = 0.050
 CALL_MAX_S = 0.005  # [s] a real-time call takes 30 us, one that reconnects itself takes 160 ms (ur_rtde 1.6.5)
 WATCHDOG_HZ = 50.0  # [Hz] 20 ms, just above the 16 ms after which the loop itself gives up as late
 WATCHDOG_ORDINARY_HZ = 20.0  # [Hz] 50 ms, just above the 40 ms accepted without real-time scheduling
+SHOWN_S = 0.040  # [s] for a state to arrive that is as new as one that has arrived over another connection
+SHOWN_POLL_S = 5e-4
 SILENT_S = 0.036  # [s] of states, without a package over the connection for outputs: five of a CB3, as of its states
 VARIABLES = [
     "timestamp",
@@ -125,6 +127,17 @@ class RtdeConnection:
             raise StreamFault("refused", reason)
         self.gripper = gripper_port(self)
         self.read()
+        self._await_program()
+
+    def _await_program(self) -> None:
+        """Waits until the states show the program that the control interface has seen start, over another connection.
+
+        Where they do not soon, it has been stopped since: `check` says so.
+        """
+        end = monotonic() + SHOWN_S
+        while self.plays and self.runtime_state != state_checks.PLAYING and monotonic() < end:
+            sleep(SHOWN_POLL_S)
+            self.read()
 
     def timestamp(self) -> float:
         """Returns the newest controller time [s]."""
@@ -192,8 +205,9 @@ class RtdeConnection:
         chosen_hz = WATCHDOG_HZ if self.memory.fields[REALTIME] else WATCHDOG_ORDINARY_HZ
         self.watchdog_hz = self.job.watchdog_hz or chosen_hz
         if self.control is not None:
+            begin = monotonic()
             self._check_answer("setWatchdog", self.control.setWatchdog(self.watchdog_hz))
-            self.sent_at = monotonic()
+            self.sent_at = begin
 
     def speed(self, qd: list[float]) -> None:
         """Sends joint speeds (6,) [rad/s] for the next tick."""

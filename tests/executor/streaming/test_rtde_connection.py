@@ -13,8 +13,10 @@ import pytest
 from executor import shared_memory as shm
 from executor.realtime import RunDelay
 from executor.streaming.rtde_connection import RtdeConnection
+from executor.streaming.state_checks import PLAYING
 
 QD_MAX = [3.0] * 6
+STOPPED = 1
 
 
 @pytest.fixture
@@ -42,3 +44,27 @@ def test_the_controllers_watchdog_counts_from_its_arming_and_from_each_motion_co
     assert connection.sent_at == armed
     connection.speed([0.1] * 6)
     assert armed < connection.sent_at <= monotonic()
+
+
+class LaterStates:
+    """A receive interface whose states are behind those of the control interface by some readings."""
+
+    def __init__(self, behind: int) -> None:
+        self.behind = behind
+
+    def getRuntimeState(self) -> int:
+        self.behind -= 1
+        return STOPPED if self.behind > 0 else PLAYING
+
+
+@pytest.mark.parametrize(("behind", "state"), [(1, PLAYING), (5, PLAYING), (10**6, STOPPED)])
+def test_a_program_that_has_started_is_waited_for_in_the_states(
+    connection: RtdeConnection, monkeypatch: pytest.MonkeyPatch, behind: int, state: int
+) -> None:
+    """Both connections tell of one cycle, but not at one instant: a run was ended for a program that played."""
+    receive = LaterStates(behind)
+    connection.plays = True
+    monkeypatch.setattr(connection, "read", lambda: setattr(connection, "runtime_state", receive.getRuntimeState()))
+    connection.read()
+    connection._await_program()
+    assert connection.runtime_state == state
