@@ -26,6 +26,7 @@ from planner.request import problem_from_request
 from planner.trajectory import Trajectory
 from store import ExecutionRow, PlanRow, Store, new_id, plan_sha256, split_plan
 from tests.processes import children_with
+from tests.waiting import until
 
 ROOT = Path(__file__).parents[2]
 NUMBERS = count()
@@ -366,10 +367,7 @@ class Rig:
     @staticmethod
     def until(condition: Callable[[], object], within_s: float = READY_WITHIN_S, period: float = 0.01) -> None:
         """Waits for a condition, long enough for a busy machine."""
-        deadline = time.monotonic() + within_s
-        while not condition():
-            assert time.monotonic() < deadline, "waited too long"
-            time.sleep(period)
+        until(condition, within_s, period)
 
 
 def _await_ready(process: subprocess.Popen[bytes]) -> None:
