@@ -54,6 +54,7 @@ class Daemon:
         self._store_paused_until = 0.0
         self.spare = SpareStream(session.settings.data)
         self._is_recovered = False
+        self._has_ended_program = False
         self._operate_at = 0.0
         self._answered: tuple[str, bool, str] = ("", False, "")  # the newest request to operate the robot
         self.watch = CellWatch(session.cell, session.settings.cell_path)
@@ -128,7 +129,8 @@ class Daemon:
             return
         reason = self._restart_words()
         claimed = [row for row in left if row.cell == self.cell and row.claimed_at]
-        if claimed:
+        if claimed and not self._has_ended_program:  # once: later a person may run a program
+            self._has_ended_program = True
             self._latch("executor_lost", "the executor was lost during an execution", claimed[0].id)
             self._stop_controller()
             self.heartbeat.report()

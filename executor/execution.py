@@ -242,7 +242,7 @@ class Execution:
                 raise CannotJoin(f"{TICK_PASSED} while the plan was certified: the execution does not wait any more")
             raise CannotJoin(f"{late}: it would have begun at {begins_s:.3f} s")
         if self.session.cell.link.kind == "sim":
-            self._announce()
+            self._announce_again()
         return begins_s
 
     def _connect_gripper(self) -> None:
@@ -314,6 +314,13 @@ class Execution:
             self.throw = records.expect_throw(self.session.cell.link.host, problem)
         except ValueError as error:
             raise ExecutionRefused(f"the simulated controller refuses the throw: {error}") from error
+
+    def _announce_again(self) -> None:
+        """Announces the throw of a plan that the run goes by already, whether or not its landing will be seen."""
+        try:
+            self._announce()
+        except (ExecutionRefused, OSError) as error:
+            self.note(f"the landing of the new throw is not seen: {error}")
 
     def abort(self) -> None:
         """Requests the brake, where anything runs."""

@@ -31,7 +31,7 @@ Vector = NDArray[np.float64]
 PERIOD_S = 1.0 / RATE_HZ  # [s] between two states: when an output changed is not known better
 OUT_OF_SIGHT_S = 0.5  # [s] without a state the controller cannot be seen
 DOUBT_STD = 3.0  # [-] standard deviations of the gripper's delay within which it is open whether the object left
-
+UNSEEN = "the gripper was told to open and cannot be seen any more: the object may have left"
 
 Opening = tuple[float, float | None]  # controller's times at which the gripper was opened, and closed again [s]
 
@@ -63,7 +63,9 @@ def object_words(
         if states and time.monotonic() - states[-1].seen_at < OUT_OF_SIGHT_S:
             why = "" if stayed_closed else "the gripper was told to open and stayed closed: "
             return f"{why}the object is held"
-        return "the gripper was told to open and cannot be seen any more: the object may have left"
+        return UNSEEN
+    if not states:
+        return UNSEEN
     opened, closed = opening
     left = opened + cell.gripper.delay_s
     doubt = DOUBT_STD * cell.gripper.jitter_s + PERIOD_S

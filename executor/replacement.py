@@ -40,6 +40,7 @@ Vector = NDArray[np.float64]
 
 SAME = 1e-9  # [rad, rad/s] by which rows of one motion may differ: rounding of plan times
 ROUNDING = 1e-6  # [ticks] of a plan time in floating point
+ANSWER_S = 10.0  # [s] for a certificate: it takes some tenths of a second, and most motions are over by then
 UNITS = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s^2"}
 
 
@@ -180,22 +181,27 @@ class Certifier:
         if self._pool is None:
             raise CannotJoin("this executor has no process that certifies")
         try:
-            found = self._pool.submit(answer, question).result()
+            found = self._pool.submit(answer, question).result(ANSWER_S)
         except BrokenProcessPool:
             self._pool = None
             raise CannotJoin("the certifying process ended; it is started with the next execution") from None
+        except TimeoutError:
+            self.stop()
+            late = f"the certifying process has not answered within {ANSWER_S:.0f} s"
+            raise CannotJoin(f"{late}; it is started anew with the next execution") from None
         if isinstance(found, str):
             raise CannotJoin(found)
         return found
 
     def stop(self) -> None:
-        """Ends it at once: this process would wait at its end for one that is still loading, or certifying."""
-        if self._pool is None:
+        """Ends it at once: this process would wait at its end for one that is still loading, certifying, or frozen."""
+        pool = self._pool
+        if pool is None:
             return
-        self._pool.shutdown(wait=False, cancel_futures=True)
         self._pool = None
+        pool.shutdown(wait=False, cancel_futures=True)
         for child in self._children:
-            child.terminate()
+            child.kill()
 
 
 def joined(running: Motion, job: StreamJob, new: Motion, present: int) -> Motion:

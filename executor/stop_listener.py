@@ -48,7 +48,7 @@ class StopListener(Worker):
                     for number, _ in waiting.poll(1e3 * POLL_S):
                         if number == listener.fileno():
                             _accept(listener, clients, waiting)
-                        else:
+                        elif number in clients:  # one that has just made room for another is gone
                             waiting.unregister(number)
                             self._serve(clients.pop(number))
             finally:

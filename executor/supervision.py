@@ -241,10 +241,8 @@ class StreamRun:
         if child is not None:
             if failure:
                 child.kill()  # first: a call that hangs in the library may resume and upload the program again
-                self._hold_object()
-                self.programs.stop()
-                with contextlib.suppress(OSError):  # it has none, or the controller's own watchdog is left, and armed
-                    self.dashboard.ask("stop")
+                if not self.job.dry_run:  # which has started nothing
+                    self._stop_controller()
             child.reap()
             self._end_switching(bool(failure))
         self.dashboard.close()
@@ -252,11 +250,26 @@ class StreamRun:
         if self.gripper is not None:
             self.gripper.close()
 
+    def _stop_controller(self) -> None:
+        """Ends the controller's program, and closes the gripper where it may still hold the object."""
+        if self.job.program:
+            self.programs.stop()  # first: a program that plays on opens the gripper by itself
+            self._hold_object()
+        else:
+            self._hold_object()
+            self.programs.stop()
+        with contextlib.suppress(OSError):  # it has none, or the controller's own watchdog is left, and armed
+            self.dashboard.ask("stop")
+
     def _hold_object(self) -> None:
-        """Closes the gripper again while it still holds the object: the arm stops, and would drop it."""
+        """Closes the gripper again while it still holds the object: the arm stops, and would drop it.
+
+        A program in the controller may have opened it since the newest state.
+        """
         job = self.job
         row = self.latest_row()
-        if row is None or np.isnan(self.memory.fields[shm.OUTPUT_SENT_S]):
+        may_be_open = not np.isnan(self.memory.fields[shm.OUTPUT_SENT_S]) or (job.program and job.output_row >= 0)
+        if row is None or not may_be_open:
             return
         clock = _clock_s(row)
         if clock >= job.first_clock_s + job.release_row * job.dt:

@@ -18,6 +18,7 @@ from planner.grippers import GripperLink
 CONNECT_S = 1.0  # [s] a gripper on the controller's network answers within milliseconds
 ANSWER_S = 1.0  # [s] longest wait for an answer before a run
 LATE_S = 0.05  # [s] a gripper that usually answers later cannot be watched through a launch, which takes some 200 ms
+HOLD_CONNECT_S = 0.02  # [s] on the controller's network it takes a millisecond; the arm has to be stopped, too
 SAMPLES = 5  # answers that are timed
 READ_MAX = 65536  # [bytes]
 
@@ -45,9 +46,10 @@ class GripperConnection:
         """
         self.driver = driver_of(link)
         host = link.host or controller
+        self._peer = (host, link.port)
         self._where = f"the gripper at {host}:{link.port}"
         try:
-            self._socket = socket.create_connection((host, link.port), CONNECT_S)
+            self._socket = socket.create_connection(self._peer, CONNECT_S)
         except OSError as error:
             raise GripperUnavailable(f"{self._where} does not answer: {error}") from error
         try:
@@ -65,12 +67,33 @@ class GripperConnection:
         return self._socket.fileno()
 
     def hold(self) -> bool:
-        """Tells the gripper to close, without waiting; returns whether that was sent."""
+        """Tells the gripper to close; returns whether that was sent.
+
+        Without waiting, but for a gripper that closes connections by itself: if it has closed this one, another is
+        opened, as the streaming process has done.
+        """
         request = self.driver.tell(False)
         try:
+            if self._is_closed():
+                if not self.driver.reconnects:
+                    return False
+                self._socket.close()
+                self._socket = socket.create_connection(self._peer, HOLD_CONNECT_S)
+                discard_at_close(self._socket)
             return self._socket.send(request) == len(request)
         except OSError:
             return False
+
+    def _is_closed(self) -> bool:
+        """Returns whether the gripper has closed the connection."""
+        try:
+            while self._socket.recv(READ_MAX):
+                pass
+        except BlockingIOError:
+            return False
+        except OSError:
+            return True
+        return True
 
     def close(self) -> None:
         """Closes the connection; a command that has not arrived by then is dropped."""

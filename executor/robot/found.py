@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from executor.robot.console import Console
 from executor.robot.kinematics_client import KinematicsInfo, read_kinematics
 from executor.robot.operation import ControlMode
-from executor.robot.session import PORT, TIMEOUT_S, RobotState, RtdeReceiver
+from executor.robot.session import TIMEOUT_S, RobotState, RtdeReceiver
+from executor.rtde_packages import RTDE_PORT
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ def find_robot(host: str) -> FoundRobot:
     polyscope = None
     state = None
     kinematics = None
-    with suppress(OSError, ValueError), socket.create_connection((host, PORT), TIMEOUT_S) as connection:
+    with suppress(OSError, ValueError), socket.create_connection((host, RTDE_PORT), TIMEOUT_S) as connection:
         receiver = RtdeReceiver(connection)
         state = receiver.receive()
         polyscope = ".".join(map(str, receiver.version))

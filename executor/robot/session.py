@@ -3,7 +3,7 @@
 The live state comes from an RTDE receiver in plain Python, independent of ur_rtde. It subscribes to outputs, and
 at most keeps one input that no program reads: it can never move the arm, and cannot hang the daemon as ur_rtde can.
 `set_outputs` writes digital outputs over a connection of its own, whatever state the arm is in.
-Wire format: Universal Robots, RTDE guide; big-endian, package = size (2), type (1), body.
+Names and types of the variables: Universal Robots, RTDE guide.
 """
 
 from __future__ import annotations
@@ -21,6 +21,15 @@ from typing import Any
 
 from executor.robot.console import Console
 from executor.robot.kinematics_client import KinematicsInfo, KinematicsReader
+from executor.rtde_packages import (
+    CONTROLLER_VERSION,
+    DATA,
+    IN_USE,
+    NOT_FOUND,
+    RTDE_PORT,
+    RtdePackages,
+    package,
+)
 from executor.settings import ExecutorSettings
 from executor.streaming.state_checks import NORMAL, OUTPUT_SHIFT, POWER_ON
 from executor.undelivered import discard_at_close
@@ -28,20 +37,11 @@ from executor.worker import Worker
 from planner.cell import Cell
 from planner.controller_program import SwitchRow
 
-PORT = 30004
 TIMEOUT_S = 1.0  # [s] without a package the connection is lost
 RETRY_S = 0.5  # [s] between two attempts to connect
 RATE_HZ = 125.0  # [Hz] of the states, the rate of a CB3: where an object left is read from them
 HISTORY = 500  # states kept: four seconds, in which a motion stops and its object lands
 FRESH_S = 0.25  # [s] age at which a state is out of date
-VERSION = 86
-CONTROLLER_VERSION = 118
-SETUP_OUTPUTS = 79
-SETUP_INPUTS = 73
-START = 83
-DATA = 85
-NOT_FOUND = "NOT_FOUND"
-IN_USE = "IN_USE"
 OWNER_INPUT = "input_bit_register_127"  # the last of those for RTDE clients (64 to 127); source: RTDE guide, inputs
 SET_WITHIN_S = 0.5  # [s] for outputs to take their levels, delays of the outputs included
 SET_AGAIN_S = 0.005  # [s] between two attempts
@@ -129,7 +129,7 @@ class Monitor(Worker):
         """Receives states until the end, over a new connection after each failure."""
         while not self.ended.is_set():
             try:
-                with socket.create_connection((self.host, PORT), TIMEOUT_S) as connection:
+                with socket.create_connection((self.host, RTDE_PORT), TIMEOUT_S) as connection:
                     receiver = RtdeReceiver(connection, inputs=[OWNER_INPUT] if self._owns else [])
                     self.owned = receiver.owned
                     self.version = receiver.version
@@ -177,17 +177,12 @@ class RtdeReceiver:
             OSError: the connection is lost.
             ValueError: this is no RTDE, or not that of an arm.
         """
-        self.socket = connection
-        self.rate_hz = rate_hz
-        self.buffer = b""
-        self._send(VERSION, struct.pack(">H", 2))
-        self._await(VERSION)
-        self._send(CONTROLLER_VERSION, b"")
-        self.version = self._controller_version(self._await(CONTROLLER_VERSION))
-        self.names = self._set_up([*OUTPUTS])
+        self._socket = connection
+        self._packages = RtdePackages(connection)
+        self.version = self._controller_version(self._packages.ask(CONTROLLER_VERSION))
+        self._set_up([*OUTPUTS], rate_hz)
         self.owned = self._claim(inputs) if inputs else None
-        self._send(START, b"")
-        self._await(START)
+        self._packages.start()
 
     def receive(self) -> RobotState:
         """Returns the next state.
@@ -196,9 +191,9 @@ class RtdeReceiver:
             OSError: the connection is lost.
             ValueError: this is no state.
         """
-        body = self._await(DATA)
+        body = self._packages.receive(DATA)
         seen_at = time.monotonic()
-        fields = dict(zip(self.names, self._unpack(body), strict=True))
+        fields = dict(zip(self._fields, self._unpack(body), strict=True))
         fields["speed"] *= fields.pop("slider")
         return RobotState(seen_at, **fields)
 
@@ -208,19 +203,19 @@ class RtdeReceiver:
             raise ValueError("the controller does not tell its version")
         return CONTROLLER_VERSION_BODY.unpack_from(body)
 
-    def _set_up(self, names: list[str]) -> list[str]:
-        self._send(SETUP_OUTPUTS, struct.pack(">d", self.rate_hz) + ",".join(names).encode())
-        types = self._types(SETUP_OUTPUTS, names)
+    def _set_up(self, names: list[str], rate_hz: float) -> None:
+        types = self._packages.set_up_outputs(names, rate_hz).types
         known = [name for name, kind in zip(names, types, strict=True) if kind != NOT_FOUND]
         if missing := set(OUTPUTS) - set(known) - OPTIONAL:
             raise ValueError(f"the controller does not publish {', '.join(sorted(missing))}")
         if known != names:
-            return self._set_up(known)
+            self._set_up(known, rate_hz)
+            return
         if unknown := set(types) - FORMATS.keys():
             raise ValueError(f"the controller publishes types that RTDE does not have: {', '.join(sorted(unknown))}")
-        self.widths = [6 if kind.startswith("VECTOR6") else 1 for kind in types]
-        self.struct = struct.Struct(">B" + "".join(FORMATS[kind] for kind in types))
-        return [OUTPUTS[name] for name in names]
+        self._widths = [6 if kind.startswith("VECTOR6") else 1 for kind in types]
+        self._struct = struct.Struct(">B" + "".join(FORMATS[kind] for kind in types))
+        self._fields = [OUTPUTS[name] for name in names]
 
     def write(self, values: bytes) -> None:
         """Sends the values of the inputs.
@@ -228,52 +223,23 @@ class RtdeReceiver:
         Raises:
             OSError: the connection is lost.
         """
-        self._send(DATA, self._recipe + values)
+        self._socket.sendall(package(DATA, bytes([self._recipe]) + values))
 
     def _claim(self, inputs: Sequence[str]) -> bool | None:
         """Asks for inputs; returns whether they are this connection's now."""
-        self._send(SETUP_INPUTS, ",".join(inputs).encode())
-        types = self._types(SETUP_INPUTS, inputs)
+        self._recipe, types = self._packages.set_up_inputs(inputs)
         return None if NOT_FOUND in types else IN_USE not in types
 
-    def _types(self, package: int, names: Sequence[str]) -> list[str]:
-        """Returns the types that a controller answers to a set-up, one for each name."""
-        answer = self._await(package)
-        self._recipe = answer[:1]  # the set of variables last set up: of inputs, where there are some
-        types = answer[1:].decode().split(",")
-        if len(types) != len(names):
-            raise ValueError(f"the controller answers {len(types)} types to {len(names)} names")
-        return types
-
     def _unpack(self, body: bytes) -> list[Any]:
-        if len(body) != self.struct.size:
-            raise ValueError(f"the controller sent a state of {len(body)} bytes, not {self.struct.size}")
-        flat = self.struct.unpack(body)[1:]
+        if len(body) != self._struct.size:
+            raise ValueError(f"the controller sent a state of {len(body)} bytes, not {self._struct.size}")
+        flat = self._struct.unpack(body)[1:]
         values = []
         at = 0
-        for width in self.widths:
+        for width in self._widths:
             values.append(flat[at] if width == 1 else flat[at : at + width])
             at += width
         return values
-
-    def _send(self, kind: int, body: bytes) -> None:
-        self.socket.sendall(struct.pack(">HB", 3 + len(body), kind) + body)
-
-    def _await(self, kind: int) -> bytes:
-        """Returns the body of the next package of this kind, skipping others."""
-        while True:
-            while len(self.buffer) < 3 or len(self.buffer) < struct.unpack_from(">H", self.buffer)[0]:
-                received = self.socket.recv(65536)
-                if not received:
-                    raise ConnectionError("the controller closed the connection")
-                self.buffer += received
-            size, found = struct.unpack_from(">HB", self.buffer)
-            body = self.buffer[3:size]
-            self.buffer = self.buffer[size:]
-            if size < 3:
-                raise ValueError("the controller sent a package shorter than its header")
-            if found == kind:
-                return body
 
 
 def set_outputs(host: str, levels: Sequence[SwitchRow]) -> list[SwitchRow]:
@@ -283,7 +249,7 @@ def set_outputs(host: str, levels: Sequence[SwitchRow]) -> list[SwitchRow]:
     """
     end = time.monotonic() + SET_WITHIN_S
     while levels and time.monotonic() < end:
-        with suppress(OSError, ValueError), socket.create_connection((host, PORT), SET_WITHIN_S) as connection:
+        with suppress(OSError, ValueError), socket.create_connection((host, RTDE_PORT), SET_WITHIN_S) as connection:
             discard_at_close(connection)  # what is told as not switched must not switch later
             if _writes_outputs(connection, levels, end):
                 return []
@@ -319,7 +285,7 @@ def receive_timestamps(host: str, rate_hz: float, duration_s: float) -> list[tup
         OSError: no connection, or it was lost.
         ValueError: the controller does not speak RTDE.
     """
-    with socket.create_connection((host, PORT), TIMEOUT_S) as connection:
+    with socket.create_connection((host, RTDE_PORT), TIMEOUT_S) as connection:
         receiver = RtdeReceiver(connection, rate_hz)
         found = []
         end = time.monotonic() + duration_s

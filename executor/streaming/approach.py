@@ -88,10 +88,10 @@ def approach(connection: RtdeConnection, requests: StopRequests) -> tuple[str, s
     if job.approach is None:
         return None
     verdict = stream_of(connection, job.approach_job(), requests, recorded=False, settle_s=SETTLE_S).run()
-    if verdict[0] != "completed":
-        return verdict
     if job.mode == "servoj":
         connection.end_speeds()
+    if verdict[0] != "completed":
+        return verdict
     off = _distance(connection.q, job.q[0])
     return ("aborted", f"the approach ended {off:.3f} rad off the start") if off > START_RAD else None
 

@@ -8,9 +8,8 @@ import stat
 from collections.abc import Iterator
 from contextlib import suppress
 
+from executor.rtde_packages import RTDE_PORT
 from executor.undelivered import close_in_order, discard_at_close
-
-RTDE_PORT = 30004  # source: Universal Robots, RTDE guide
 
 
 class LibrarySockets:

@@ -303,8 +303,8 @@ class Stream:
             return
         if self._keeps(row, command) or row < job.output_row:
             return
+        self._note_opening(row)  # before it is told: where this process ends between the two, the daemon closes it
         self.connection.gripper.tell(True)
-        self._note_opening(row)
 
     def _switch_outputs(self, row: int) -> None:
         """Switches what the plan switches with a row.

@@ -206,7 +206,7 @@ class RtdeConnection:
         self.watchdog_hz = self.job.watchdog_hz or chosen_hz
         if self.control is not None:
             begin = monotonic()
-            self._check_answer("setWatchdog", self.control.setWatchdog(self.watchdog_hz))
+            self._check_answer("setWatchdog", _called("setWatchdog", self.control.setWatchdog, self.watchdog_hz))
             self.sent_at = begin
 
     def speed(self, qd: list[float]) -> None:
@@ -236,7 +236,7 @@ class RtdeConnection:
     def end_speeds(self) -> None:
         """Ends a stream of speeds at rest, so that another kind of motion may follow."""
         if self.control is not None:
-            self._check_answer("speedStop", self.control.speedStop(STOP_DECELERATION))
+            self._check_answer("speedStop", _called("speedStop", self.control.speedStop, STOP_DECELERATION))
 
     def stop(self) -> None:
         """Ends the stream at rest, and the program with it: the only way to disarm the watchdog."""
@@ -244,10 +244,10 @@ class RtdeConnection:
             return
         if self.control is not None:
             if self.job.mode == "servoj":
-                self.control.servoStop()
+                _called("servoStop", self.control.servoStop)
             else:
-                self.control.speedStop(STOP_DECELERATION)
-            self.control.stopScript()
+                _called("speedStop", self.control.speedStop, STOP_DECELERATION)
+            _called("stopScript", self.control.stopScript)
         self.wait_for_rest()
 
     def wait_for_rest(self) -> None:
@@ -278,9 +278,7 @@ class RtdeConnection:
         if self.control is not None:
             signal.setitimer(signal.ITIMER_REAL, HANGS_S)
         try:
-            answer = call(*args)
-        except (RuntimeError, OSError) as error:
-            raise StreamFault("link_lost", f"{name}: {error}") from error
+            answer = _called(name, call, *args)
         finally:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
         self.call_s = spent = monotonic() - begin
@@ -299,3 +297,15 @@ class RtdeConnection:
     def _without_delay(self, spent: float) -> float:
         """Returns a duration that ends now, less the time this thread waited for a processor [s]."""
         return spent - (self._run_delay.total_s() - self._delay_s)
+
+
+def _called(name: str, call: Callable[..., Any], *args: Any) -> Any:
+    """Returns the answer of a call.
+
+    Raises:
+        StreamFault: the connection failed meanwhile.
+    """
+    try:
+        return call(*args)
+    except (RuntimeError, OSError) as error:
+        raise StreamFault("link_lost", f"{name}: {error}") from error

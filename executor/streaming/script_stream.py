@@ -150,6 +150,8 @@ class ScriptStream(Stream):
         early = self._start()
         if early is not None:
             return early
+        self._check()  # the first state that shows a row may show the program's end, too
+        self._switch_outputs(self.clock.tick)
         verdict = super().run()
         self.connection.plays = False  # it ends by itself, at rest
         self.connection.wait_for_rest()
@@ -164,6 +166,7 @@ class ScriptStream(Stream):
                 upload.go_on()
                 self._look()
                 if (early := self.requests.pending()) is not None:
+                    connection.beat(0, self.job.run + controller_program.BRAKE)  # it may start yet, and ends at once
                     return early
                 if monotonic() > end:
                     raise StreamFault("refused", "the controller did not start the program that was sent to it")
@@ -171,17 +174,24 @@ class ScriptStream(Stream):
         self.clock.stale_s = self.job.dead_man_s
         self.clock.silent_s = 0.0
         self.clock.request = self.job.run + controller_program.GO
-        while self.clock.program.row < 0:  # it may move by now: a request to stop is for the run, which waits for rest
-            self._look()
+        # It may move by now: a request to stop is for the run, which waits for rest.
+        while self.clock.program.row < 0 and not self.clock.program.end:
+            self._read()
+            if not self.clock.program.end:
+                self.connection.check()
         self.clock.first = self.clock.stamp - self.clock.tick * self.job.dt
         self._note_first(self.clock.first)
         return None
 
     def _look(self) -> None:
         """Waits for a state, and checks it."""
+        self._read()
+        self.connection.check()
+
+    def _read(self) -> None:
+        """Waits for a state."""
         self.clock.wait()
         self.connection.read()
-        self.connection.check()
 
     def _ask(self, request: int) -> None:
         self.clock.request = self.job.run + request

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import time
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -80,3 +81,13 @@ def test_an_object_that_slips_out_lands_from_where_the_input_went_low(prepared: 
     x, y, _ = (float(number) for number in re.search(r"\(([-\d.]+), ([-\d.]+), ([-\d.]+)\)", text).groups())
     assert (x, y) == pytest.approx((1.2, 0.3), abs=0.08)  # let go where the plan does, known to a state
     assert object_words(prepared.problem, prepared.trajectory, states, was_told=False) == ""
+
+
+def test_without_a_state_nobody_knows(prepared: Prepared) -> None:
+    """A gripper on a network was told to open, and the controller published nothing meanwhile."""
+    link: Any = "a gripper on a network"
+    cell = replace(prepared.cell, gripper=replace(prepared.cell.gripper, link=link))
+    problem = replace(prepared.problem, cell=cell)
+    for closed in (None, AT_ZERO_S + 1.01):
+        text = object_words(problem, prepared.trajectory, [], True, (AT_ZERO_S + 1.0, closed))
+        assert "cannot be seen any more: the object may have left" in text

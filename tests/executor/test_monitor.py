@@ -10,8 +10,10 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
+from executor import rtde_packages
 from executor.robot import session
 from executor.robot.session import FORMATS, OWNER_INPUT, Monitor
+from executor.rtde_packages import RTDE_PORT
 from executor.worker import Worker
 from tests.waiting import until
 
@@ -32,7 +34,7 @@ class FakeReceiver:
         self.answer: Callable[[list[str]], bytes] = lambda names: b"\x01" + ",".join(types(names)).encode()
         self.claim = b"\x01BOOL"
         self.set_ups = 0
-        self.server = socket.create_server((HOST, session.PORT))
+        self.server = socket.create_server((HOST, RTDE_PORT))
         self.thread = threading.Thread(target=self._serve, daemon=True)
         self.thread.start()
 
@@ -54,20 +56,20 @@ class FakeReceiver:
             return
 
     def _reply(self, connection: socket.socket, kind: int, body: bytes) -> None:
-        if kind == session.SETUP_OUTPUTS:
+        if kind == rtde_packages.SETUP_OUTPUTS:
             self.set_ups += 1
             names = body[8:].decode().split(",")
             self._send(connection, kind, self.answer(names))
             self.state = struct.pack(">B" + "".join(FORMATS[t] for t in types(names)), *self._zeros(names))
-        elif kind == session.SETUP_INPUTS:
+        elif kind == rtde_packages.SETUP_INPUTS:
             assert body.decode() == OWNER_INPUT
             self._send(connection, kind, self.claim)
-        elif kind == session.CONTROLLER_VERSION:
+        elif kind == rtde_packages.CONTROLLER_VERSION:
             self._send(connection, kind, struct.pack(">4I", 10, 14, 0, 7))
         else:
             self._send(connection, kind, b"\x01")
-        while kind == session.START:
-            self._send(connection, session.DATA, self.state)
+        while kind == rtde_packages.START:
+            self._send(connection, rtde_packages.DATA, self.state)
             time.sleep(0.02)
 
     def _zeros(self, names: list[str]) -> list[float]:
@@ -143,7 +145,7 @@ def test_an_input_that_another_has_is_asked_for_again(
     controller.claim = b"\x01BOOL"
     until(lambda: monitor.owned)
     controller.claim = b"\x00NOT_FOUND"  # of a controller that is too old
-    with socket.create_connection((HOST, session.PORT)) as connection:
+    with socket.create_connection((HOST, RTDE_PORT)) as connection:
         assert session.RtdeReceiver(connection, inputs=[session.OWNER_INPUT]).owned is None
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from executor import daemon
 from executor.daemon import Daemon
 from executor.records import ExecutionResult, Journal
 from executor.robot import ActionRefused, RobotSession
@@ -264,3 +265,24 @@ def test_its_own_process_that_waits_is_no_orphan(
     daemon.recover()
     assert children_with(STREAM_MODULE) == []
     assert "of an earlier executor" not in "".join(capfd.readouterr())
+
+
+def test_a_lost_execution_ends_the_controllers_program_once(
+    store: Store, start: Callable[[], Daemon], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The database can be read and not written for a while, as on a full disk: a person may run a program meanwhile."""
+    id = run_and_lose_an_execution(store, start())
+    second = start()
+    stopped: list[str] = []
+    monkeypatch.setattr(daemon, "stop_program", stopped.append)
+    with monkeypatch.context() as patch:
+        patch.setattr(store, "close_open_executions", lose)
+        for _ in range(3):
+            second._store_paused_until = 0.0
+            second.recover()
+        assert store.execution(id).outcome is None
+    assert second.journal.fault()["execution_id"] == id
+    second._store_paused_until = 0.0
+    second.recover()
+    assert store.execution(id).outcome == "executor_lost"
+    assert len(stopped) == 1

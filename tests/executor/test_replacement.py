@@ -8,10 +8,12 @@ import time
 from dataclasses import replace
 from functools import cache
 from multiprocessing import active_children
+from multiprocessing.process import BaseProcess
 
 import numpy as np
 import pytest
 
+from executor import replacement
 from executor import shared_memory as shm
 from executor.preparation import prepare_job
 from executor.replacement import CannotJoin, Certifier, Motion, joined, joined_job, joins_row
@@ -235,17 +237,37 @@ def test_an_offer_does_not_overwrite_the_one_before() -> None:
     memory.close()
 
 
-def test_a_certifier_ends_without_being_loaded() -> None:
-    """The daemon ends when it is told to, not when its helper has read its modules."""
+def started_certifier() -> tuple[Certifier, BaseProcess]:
     others = active_children()
     certifier = Certifier()
     certifier.start()
     (child,) = (each for each in active_children() if each not in others)
-    certifier.stop()
+    return certifier, child
+
+
+def await_killed(child: BaseProcess) -> None:
     deadline = time.monotonic() + ENDED_S
     while child.exitcode is None and time.monotonic() < deadline:  # the pool's thread may be reaping it meanwhile
         time.sleep(0.01)
-    assert child.exitcode == -signal.SIGTERM
+    assert child.exitcode == -signal.SIGKILL
+
+
+def test_a_certifier_ends_without_being_loaded() -> None:
+    """The daemon ends when it is told to, not when its helper has read its modules."""
+    certifier, child = started_certifier()
+    certifier.stop()
+    await_killed(child)
+
+
+def test_a_certifier_that_does_not_answer_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    certifier, child = started_certifier()
+    os.kill(child.pid, signal.SIGSTOP)
+    monkeypatch.setattr(replacement, "ANSWER_S", 0.05)
+    with pytest.raises(CannotJoin, match="has not answered within"):
+        certifier.ask(None)
+    await_killed(child)
+    with pytest.raises(CannotJoin, match="no process that certifies"):
+        certifier.ask(None)
 
 
 def test_the_motion_before_a_second_replacement_is_the_whole_of_the_first() -> None:

@@ -6,14 +6,35 @@ import socket
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from select import poll
 
 import pytest
 
+from executor import stop_listener
 from executor.execution import Execution
 from executor.stop_listener import CLIENTS_MAX, StopListener
 from fling import stop_socket
 from store import ExecutionRow, new_id
 from tests.waiting import until
+
+
+class Waiting:
+    """`select.poll`, which cannot be a base class; it knows how many it looks at."""
+
+    def __init__(self) -> None:
+        self.numbers: set[int] = set()
+        self._poll = poll()
+
+    def register(self, what: int | socket.socket, events: int) -> None:
+        self.numbers.add(what if isinstance(what, int) else what.fileno())
+        self._poll.register(what, events)
+
+    def unregister(self, what: int | socket.socket) -> None:
+        self.numbers.discard(what if isinstance(what, int) else what.fileno())
+        self._poll.unregister(what)
+
+    def poll(self, timeout_ms: float) -> list[tuple[int, int]]:
+        return self._poll.poll(timeout_ms)
 
 
 class StoppedRun:
@@ -118,3 +139,35 @@ def test_clients_that_say_nothing_keep_nobody_waiting(data: Path, listener: Stop
     assert stop_socket.stop_newest(data, "me") is not None
     for client in silent:
         client.close()
+
+
+def test_one_that_hangs_up_as_it_makes_room_for_another_ends_nothing(
+    data: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The listener was suspended meanwhile, and sees both in one look."""
+    looks = [threading.Event(), threading.Event()]
+
+    class LateLooks(Waiting):
+        def poll(self, timeout_ms: float) -> list[tuple[int, int]]:
+            if len(self.numbers) > CLIENTS_MAX:  # all have connected
+                looks[0].set()
+                looks[1].wait(60.0)
+            return super().poll(timeout_ms)
+
+    monkeypatch.setattr(stop_listener.select, "poll", LateLooks)
+    found = listening(data, "a")
+    found.execution = execution("a")
+    clients = []
+    with stop_socket._short_path(found.folder) as path:
+        for number in range(CLIENTS_MAX + 1):
+            if number == CLIENTS_MAX:
+                assert looks[0].wait(60.0)
+                clients[0].close()
+            clients.append(socket.socket(socket.AF_UNIX, stop_socket.KIND))
+            clients[-1].connect(path)
+    looks[1].set()
+    assert stop_socket.stop_newest(data, "me") is not None
+    assert found.complaint() == ""
+    for client in clients:
+        client.close()
+    found.stop()

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import socket
 import sys
 import threading
+import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from executor import shared_memory as shm
+from executor.stream_job import StreamJob
 from executor.stream_process import SpareStream
 from executor.supervision import StreamRun
 from tests.executor.conftest import Prepared
@@ -101,3 +106,79 @@ def test_a_stream_that_cannot_be_started_leaves_none_either(
     assert run.result is not None
     assert "starting the streaming process" in run.result.reason
     assert [link for link in descriptors() if "memfd" in link] == before
+
+
+class Asked:
+    """Ways to stop a controller and to hold an object; notes what is asked of them."""
+
+    def __init__(self) -> None:
+        self.asked: list[str] = []
+
+    def hold(self, job: StreamJob) -> bool:
+        self.asked.append("hold")
+        return True
+
+    def end_blowing(self, job: StreamJob) -> bool:
+        self.asked.append("end blowing")
+        return True
+
+    def stop(self) -> None:
+        self.asked.append("stop program")
+
+    def ask(self, line: str) -> str:
+        self.asked.append(line)
+        return ""
+
+    def kill(self) -> None:
+        pass
+
+    def reap(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+
+def run_at(job: StreamJob, row: int, tmp_path: Path) -> tuple[StreamRun, list[str]]:
+    """Returns a run whose process has failed after its row, and what is asked of the controller from then on."""
+    run = StreamRun(job, SpareStream(tmp_path), keep_awake=False)
+    ways: Any = Asked()
+    run.outputs = run.programs = run.dashboard = run._child = ways
+    clock_s = job.first_clock_s + (row - job.lag_ticks) * job.dt
+    told = {"clock_s": clock_s, "host_s": time.monotonic()}
+    run.memory.add_row([told.get(name, 0.0) for name in shm.SCALARS] + [0.0] * (shm.ROW.size // 8 - len(shm.SCALARS)))
+    return run, ways.asked
+
+
+def test_a_dry_run_leaves_the_controller_alone(prepared: Prepared, tmp_path: Path) -> None:
+    """Whatever a person moves with it meanwhile."""
+    job = replace(prepared.job, dry_run=True)
+    run, asked = run_at(job, job.output_row + 1, tmp_path)
+    run.memory.fields[shm.OUTPUT_SENT_S] = 0.1
+    run._make_safe("fault")
+    assert asked == []
+
+
+def test_an_object_is_held_until_its_release_only(prepared: Prepared, tmp_path: Path) -> None:
+    job = prepared.job
+    for row, told, done in (
+        (job.output_row - 20, False, ["stop program", "stop"]),
+        (job.output_row, True, ["hold", "stop program", "stop"]),
+        (job.release_row + math.ceil(job.lag_ticks) + 50, True, ["end blowing", "stop program", "stop"]),
+    ):
+        run, asked = run_at(job, row, tmp_path)
+        if told:
+            run.memory.fields[shm.OUTPUT_SENT_S] = 0.1
+        run._make_safe("fault")
+        assert asked == done
+
+
+def test_what_a_program_in_the_controller_has_opened_unseen_is_closed(prepared: Prepared, tmp_path: Path) -> None:
+    """It plays on until it is stopped, and opens the gripper after the newest state."""
+    job = replace(prepared.job, program="def fling(): end")
+    run, asked = run_at(job, job.output_row - 2, tmp_path)
+    run._make_safe("fault")
+    assert asked == ["stop program", "hold", "stop"]
+    run, asked = run_at(replace(job, output_row=-1), 50, tmp_path)  # which throws nothing
+    run._make_safe("fault")
+    assert asked == ["stop program", "stop"]

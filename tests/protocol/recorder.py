@@ -10,7 +10,8 @@ from itertools import pairwise
 
 from executor.preflight import gripper_is_open
 from executor.robot import RobotState
-from executor.robot.session import PORT, RtdeReceiver
+from executor.robot.session import RtdeReceiver
+from executor.rtde_packages import RTDE_PORT
 from executor.streaming.state_checks import PLAYING
 from tests.protocol.traces import ANSWERS, CONTROLLER, RecordedAct, RecordedTrace
 from tests.system.rig import Rig
@@ -32,7 +33,7 @@ class ProtocolRecorder:
         self._over = threading.Event()
 
     def __enter__(self) -> ProtocolRecorder:
-        self._socket = socket.create_connection((self.rig.host, PORT), 5.0)
+        self._socket = socket.create_connection((self.rig.host, RTDE_PORT), 5.0)
         self._receiver = RtdeReceiver(self._socket, RATE_HZ)
         self._released = len(self.rig.world()["releases"])
         self._thread = threading.Thread(target=self._receive, daemon=True)

@@ -201,6 +201,24 @@ def test_the_daemon_holds_the_object_over_the_same_connection(twin: TwinOnWire) 
 
 
 @pytest.mark.parametrize("twin", TABLES, indirect=True)
+def test_what_the_daemon_tells_over_a_closed_connection_arrives_or_is_not_sent(twin: TwinOnWire) -> None:
+    """A server of HTTP closes what is idle; the daemon's own end of it is not the one that the stream opened anew."""
+    connection = GripperConnection(twin.link, twin.host)
+    port = SocketPort(twin.job(os.dup(connection.fileno())))
+    port.tell(True)
+    until(lambda: twin.gripper.open, port.cycle)
+    port.close()
+    for each, _ in [*twin.network.connections.values()]:
+        each.open = False
+    select.select([connection.fileno()], [], [], 60.0)
+    until(connection._is_closed)
+    assert connection.hold() is (twin.link.kind == "http")
+    if twin.link.kind == "http":
+        until(lambda: not twin.gripper.open)
+    connection.close()
+
+
+@pytest.mark.parametrize("twin", TABLES, indirect=True)
 def test_one_that_is_not_there_is_unavailable(twin: TwinOnWire) -> None:
     twin.close()
     with pytest.raises(GripperUnavailable, match="does not answer"):

@@ -153,3 +153,14 @@ def test_a_grip_that_nobody_can_see_is_not_judged(prepared: Prepared) -> None:
     arm.job = replace(arm.job, grip_input=None)
     assert take_object(arm, NOBODY) is None
     assert arm.memory.fields[shm.GRIP] == shm.GRIP_UNSEEN
+
+
+def test_an_approach_of_speeds_that_is_ended_early_ends_its_stream_before_another_kind(prepared: Prepared) -> None:
+    """A stop of servoing beside a stream of speeds is an error of the controller's program."""
+    arm = arm_away(prepared, 0.02)
+    arm.job = replace(arm.job, mode="servoj")
+    ended = []
+    arm.end_speeds = lambda: ended.append(arm.tick)
+    stopped = SimpleNamespace(pending=lambda: ("aborted", "abort requested") if arm.tick > 20 else None)
+    assert approach(arm, stopped) == ("aborted", "abort requested")
+    assert len(ended) == 1

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 
+from executor import shared_memory as shm
+from executor.streaming import gripper_port
 from executor.streaming.gripper_port import OutputPort
 from planner.grippers import SecondOutput
 from tests.executor.conftest import Prepared
@@ -25,12 +28,13 @@ class SwitchedOutputs(SimpleNamespace):
         self.told.append((index, level))
 
     def read(self) -> None:
-        self.stamp += self.job.dt
+        self.stamp += self.job.dt if self.sends else 0.0
 
 
 def port_of(prepared: Prepared, **changes: object) -> tuple[OutputPort, SwitchedOutputs]:
     job = replace(prepared.job, **changes)
-    controller = SwitchedOutputs(job=job, outputs=0, stamp=1.0, told=[])
+    memory = SimpleNamespace(fields=defaultdict(float))
+    controller = SwitchedOutputs(job=job, outputs=0, stamp=1.0, told=[], sends=True, memory=memory)
     return OutputPort(controller), controller
 
 
@@ -73,3 +77,27 @@ def test_a_vacuum_that_comes_back_ends_the_blowing(prepared: Prepared) -> None:
     assert controller.outputs == 1 << 4
     port.finish()
     assert controller.stamp == 1.0
+
+
+def test_a_long_blowing_is_no_silence_and_a_silent_controller_is(
+    prepared: Prepared, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The daemon ends a run in which nothing happens for five seconds; a cell's blowing may last ten."""
+    port, controller = port_of(prepared, output="standard_digital", output_index=4, output_level=False, second=BLOWS)
+    port.tell(True)
+    now = 100.0
+    pulses = []
+
+    def slept(s: float) -> None:
+        nonlocal now
+        now += s
+        pulses.append(controller.memory.fields[shm.PULSE])
+        controller.sends = len(pulses) < 10
+        if len(pulses) > 40:
+            raise InterruptedError  # ended by the daemon
+
+    monkeypatch.setattr(gripper_port, "sleep", slept)
+    monkeypatch.setattr(gripper_port, "monotonic", lambda: now)
+    with pytest.raises(InterruptedError):
+        port.finish()
+    assert pulses[3] < pulses[6] < pulses[10] == pulses[40]

@@ -14,6 +14,7 @@ from executor import shared_memory as shm
 from executor.preparation import expected_landing, prepare_job
 from executor.streaming.gripper_port import OutputPort
 from executor.streaming.loop import Stream
+from executor.streaming.state_checks import StreamFault
 from learning import prior_knowledge
 from learning.streamed_arm import StreamedArm
 from planner.approach import Approach
@@ -212,3 +213,25 @@ def test_a_job_without_a_tolerance_lets_go_whatever_the_arm_does(prepared: Prepa
     stream = Stream(arm, prepared.job, SimpleNamespace(pending=lambda: None))
     assert stream.run()[0] == "completed"
     assert arm.opened
+
+
+class CutArm(OffArm):
+    """An arm whose connection ends with the package that opens the gripper."""
+
+    def output(self, kind: str, index: int, level: bool) -> None:
+        super().output(kind, index, level)
+        raise StreamFault("link_lost", "the digital output took 6.0 ms")
+
+
+def test_the_command_to_open_is_noted_before_it_is_sent(robust):
+    """Where the process ends between the two, the daemon knows that the gripper may be open, and closes it."""
+    problem, trajectory = robust
+    how = ("speedj", False, settings(problem.cell.name), None)
+    job = prepare_job(problem, trajectory, Approach(trajectory.q[0]), *how)
+    arm = CutArm(job, problem.cell.timing.lag_s, np.ones(6))
+    arm.memory.fields[shm.OUTPUT_SENT_S] = math.nan
+    stream = Stream(arm, job, SimpleNamespace(pending=lambda: None))
+    with pytest.raises(StreamFault):
+        stream.run()
+    assert arm.opened
+    assert arm.memory.fields[shm.OUTPUT_SENT_S] > 0.0

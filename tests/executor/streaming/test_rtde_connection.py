@@ -13,7 +13,7 @@ import pytest
 from executor import shared_memory as shm
 from executor.realtime import RunDelay
 from executor.streaming.rtde_connection import RtdeConnection
-from executor.streaming.state_checks import PLAYING
+from executor.streaming.state_checks import PLAYING, StreamFault
 
 QD_MAX = [3.0] * 6
 STOPPED = 1
@@ -68,3 +68,25 @@ def test_a_program_that_has_started_is_waited_for_in_the_states(
     connection.read()
     connection._await_program()
     assert connection.runtime_state == state
+
+
+def gone(*_: object) -> None:
+    raise RuntimeError("Timeout connecting to UR dashboard server.")
+
+
+@pytest.mark.parametrize("name", ["setWatchdog", "speedStop", "servoStop", "stopScript"])
+def test_a_call_that_fails_is_a_lost_link(connection: RtdeConnection, name: str) -> None:
+    """The library raises where it cannot connect again; the arm may be at rest after a throw by then."""
+    control = {"setWatchdog": lambda hz: True, "speedStop": lambda a: True, "servoStop": lambda: True}
+    connection.control = cast(Any, SimpleNamespace(**{**control, "stopScript": lambda: None, name: gone}))
+    connection.job.dry_run = False
+    connection.job.mode = "servoj" if name == "servoStop" else "speedj"
+    connection.qd = [0.0] * 6
+
+    def arm_and_stop() -> None:
+        connection.arm_watchdog()
+        connection.stop()
+
+    with pytest.raises(StreamFault, match=f"{name}: Timeout") as fault:
+        arm_and_stop()
+    assert fault.value.outcome == "link_lost"

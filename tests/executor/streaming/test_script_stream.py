@@ -18,7 +18,7 @@ from executor.streaming.rtde_connection import PROGRAM_OUTPUTS, ProgramState
 from executor.streaming.script_stream import ScriptStream
 from executor.streaming.state_checks import StreamFault, check_state
 from planner.approach import Approach
-from planner.controller_program import BRAKED, END, GO, HEARTBEAT, OFF_COURSE, REQUEST
+from planner.controller_program import BRAKED, END, GO, HEARTBEAT, OFF_COURSE, REQUEST, UNHEARD
 from simulator.interfaces import InputValues
 from tests.executor.conftest import Prepared, prepare, settings
 from tests.simulator.conftest import Driven
@@ -117,3 +117,32 @@ def test_a_program_off_its_course_is_told_by_its_cause(stream: ScriptStream, fra
         stream.run()
     assert driven.out_int(END) == OFF_COURSE
     assert raised.value.outcome == outcome
+
+
+@pytest.mark.parametrize("cycles", [50, 51, 55, 60])
+def test_a_program_that_ended_before_its_first_row_was_seen_was_stopped(stream: ScriptStream, cycles: int) -> None:
+    """This process was suspended from the request to go on: the first state that shows a row shows the end, too."""
+    driven = controller_of(stream)
+    beat = driven.beat
+
+    def beat_and_sleep(number: int, request: int) -> None:
+        beat(number, request)
+        if request == stream.job.run + GO and driven.out_int(END) == 0:
+            driven.cycle(cycles)
+
+    driven.beat = beat_and_sleep
+    with pytest.raises(StreamFault) as raised:
+        stream.run()
+    assert driven.out_int(END) == UNHEARD
+    assert raised.value.outcome in ("late", "link_lost")
+    assert "the program stopped the arm" in raised.value.reason
+
+
+def test_an_abort_before_the_program_starts_ends_it_when_it_does(stream: ScriptStream) -> None:
+    requests: Any = stream.requests
+    requests.pending = lambda: ("aborted", "abort requested")
+    assert stream.run() == ("aborted", "abort requested")
+    driven = controller_of(stream)
+    driven.cycle(100)
+    assert not driven.controller.runner.playing
+    assert not any(driven.arm.qd)
