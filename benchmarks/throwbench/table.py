@@ -27,8 +27,8 @@ COLUMNS = (
     "10 ms early / late mm",
     "broken rules",
 )
-NOTE = """Shares are of all problems. *Release over best*: release time over the soonest valid one of this run, median of the
-entry's valid answers. *10 ms early / late*: median distance from the target of the same motion released 10 ms off.
+NOTE = """Shares are of all problems. *Release over best*: its time over the soonest valid one of this run, median of
+its valid answers. *10 ms early / late*: median distance from the target of the same motion released 10 ms off.
 *Processor*: of each answer, refusals among them. Rules are counted once an answer. The JSON file beside this page has
 the numbers by set; [Entries](../throwbench.md#entries) says what each was given."""
 
