@@ -14,7 +14,7 @@ import numpy as np
 from planner.arrays import Array
 
 GAIN_STD = 0.02  # [-] prior of a gain about 1; source: a real UR5's peaks are 0.99 to 1.04 of the command
-# [rad/s] prior scatter at the release; source: 0.020 to 0.027 rad/s rms on a real UR5 (docs/learning.md)
+# [rad/s] prior scatter at the release; source: 0.020 to 0.027 rad/s rms on a real UR5
 SCATTER_RAD_S = 0.022
 SCATTER_SHAPE = 2.0  # [-] of the inverse gamma: the least for which the variance has a mean
 

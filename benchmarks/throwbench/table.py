@@ -27,11 +27,10 @@ COLUMNS = (
     "10 ms early / late mm",
     "broken rules",
 )
-NOTE = """Shares are of all problems. *Release over best*: the release time over the soonest valid one of any entry in
-this run, median of the entry's valid answers. *10 ms early / late*: median distance from the target of the same motion
-released 10 ms off. *Processor*: what the entry's process used for each answer, refusals among them. Rules are counted
-once an answer. The JSON file beside this page has every number by set; [Entries](../throwbench.md#entries) says what
-each was given."""
+NOTE = """Shares are of all problems. *Release over best*: its time over the soonest valid one of this run, median of
+its valid answers. *10 ms early / late*: median distance from the target of the same motion released 10 ms off.
+*Processor*: of each answer, refusals among them. Rules are counted once an answer. The JSON file beside this page has
+the numbers by set; [Entries](../throwbench.md#entries) says what each was given."""
 
 
 def summary(rows: Sequence[ThrowRow], best: dict[str, float]) -> dict[str, Any]:

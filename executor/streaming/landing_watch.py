@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from executor.stream_job import ExpectedLanding, Row, StreamJob
 
 JOINTS = range(6)
-CORRELATED_S = 0.02  # [s] within which errors of an arm's speed go together; source: a real UR5 (docs/learning.md)
+CORRELATED_S = 0.02  # [s] within which errors of an arm's speed go together; source: a real UR5
 GAIN_STD = 0.05  # [-] prior of a gain error: twice what real arms show, so that it hardly draws the fit
 LATENESS_STD_S = 0.03  # [s] prior of the lateness: an arm whose lag nobody measured
 ASSUMED_FROM_S = -0.01
