@@ -18,7 +18,7 @@ from store import ExecutionRow, new_id
 from tests.waiting import until
 
 
-class Waiting:
+class CountedPoll:
     """`select.poll`, which cannot be a base class; it knows how many it looks at."""
 
     def __init__(self) -> None:
@@ -147,7 +147,7 @@ def test_one_that_hangs_up_as_it_makes_room_for_another_ends_nothing(
     """The listener was suspended meanwhile, and sees both in one look."""
     looks = [threading.Event(), threading.Event()]
 
-    class LateLooks(Waiting):
+    class LateLooks(CountedPoll):
         def poll(self, timeout_ms: float) -> list[tuple[int, int]]:
             if len(self.numbers) > CLIENTS_MAX:  # all have connected
                 looks[0].set()
