@@ -9,8 +9,8 @@ from api.cell_repository import CellRepository, UnknownCell
 from api.http import invalid_field
 from api.schemas import BatchRequest, iso_time
 from jobs.batches import BatchRequests, BatchSpecification, CellUse
-from planner.errors import ERRORS_MAX, FieldError, InvalidProblem
-from planner.request import read_request, tracked_targets
+from planner.errors import ERRORS_MAX, CellError, FieldError, InvalidProblem
+from planner.request import read_request, target_moves, tracked_targets
 from store import BatchRow, Store
 
 
@@ -27,17 +27,18 @@ def batch_specification(
         size_max: greatest number of requests.
 
     Raises:
-        ProblemDetails: The size, or a cell that is not there.
+        ProblemDetails: The size, or a cell that is not there or whose file is refused, `requests[7].cell`.
         InvalidProblem: A request is wrong, `requests[7].release…`; an axis of the grid, or its size.
-        CellError: The file of a cell is refused.
     """
     requests = _requests(body, size_max)
     uses = {}
     for name in requests.cells(default_cell):
         try:
             source, _ = cells.required(name)
-        except UnknownCell as error:
-            raise invalid_field("cell", str(error)) from None
+        except (UnknownCell, CellError) as error:
+            number = next(k for k, each in enumerate(requests) if (each.get("cell") or default_cell) == name)
+            refused = "the cell file is refused: " if isinstance(error, CellError) else ""
+            raise invalid_field(f"requests[{number}].cell", f"{refused}{error}") from error
         version = store.note_cell_version(
             name, source.sha256, source.text, source.calibration, "service", source.meshes
         )
@@ -101,9 +102,13 @@ def _read(document: Any, path: str) -> dict[str, Any]:
         InvalidProblem: every refused field with its reason.
     """
     request = read_request(document, path)
-    if "current" in request.get("start", {}):
-        raise InvalidProblem([FieldError(f"{path}.start.current", "a batch is planned later: give positions")])
+    for key in ("current", "execution"):
+        if key in request.get("start", {}):
+            raise InvalidProblem([FieldError(f"{path}.start.{key}", "a batch is planned later: give positions")])
     if tracked := tracked_targets(request):
         reason = "a batch is planned later, when a tracked target is elsewhere"
         raise InvalidProblem([FieldError(f"{path}.{each}.position", reason) for each in tracked])
+    if target_moves(request) and "starts_not_before_s" not in request:
+        reason = "is missing: a batch is planned later, and its target moves by the controller's clock"
+        raise InvalidProblem([FieldError(f"{path}.starts_not_before_s", reason)])
     return request

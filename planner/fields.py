@@ -115,9 +115,14 @@ class Choice:
 
 @dataclass(frozen=True)
 class Text:
-    """A text of at most so many characters."""
+    """A text of so many characters.
+
+    Attributes:
+        most, least: number of characters.
+    """
 
     most: int
+    least: int = 0
 
     def read(self, value: Any, path: str, errors: list[FieldError]) -> str | None:
         """Returns the text."""
@@ -126,6 +131,9 @@ class Text:
             return None
         if len(value) > self.most:
             errors.append(FieldError(path, f"has {len(value)} characters; it may have at most {self.most}"))
+            return None
+        if len(value) < self.least:
+            errors.append(FieldError(path, "must not be empty"))
             return None
         return value
 

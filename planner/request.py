@@ -134,7 +134,7 @@ PLAN_REQUEST = Record(
     "PlanRequest",
     "A throw, or any move that must pass a state at speed.",
     {
-        "cell": Field(Text(CELL_NAME_MAX), "Name of the cell; absent: the service's default cell."),
+        "cell": Field(Text(CELL_NAME_MAX, least=1), "Name of the cell; absent: the service's default cell."),
         "start": Field(START, "Start of the launch; absent: the cell's home."),
         "release": Field(
             Kinds({name: kind.record for name, kind in KINDS.items()}),
@@ -276,6 +276,14 @@ def states_of(request: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
         if each.get("state") is not None:
             found[f"passages[{i}].state"] = each["state"]
     return found
+
+
+def target_moves(request: Mapping[str, Any]) -> bool:
+    """Returns whether a request asks for a throw at a target that moves, or may, as it is tracked."""
+    if tracked_targets(request):
+        return True
+    asked = [state for state in states_of(request).values() if "observed_at_s" in state]
+    return any("uncertainty" in state or any(state["velocity"]) for state in asked)
 
 
 def with_states(request: Mapping[str, Any], states: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:

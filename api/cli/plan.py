@@ -89,7 +89,7 @@ def _job(document: Any, odds: float | None, cells: Path | None, cell: str | None
     if odds is not None:
         asked["min_hit_probability"] = odds
     settings = parse_settings()
-    name = asked.get("cell") or cell or settings.default_cell
+    name = asked.get("cell", settings.default_cell if cell is None else cell)
     try:
         source, _ = CellRepository(cells or settings.cells).required(name)
     except UnknownCell as error:

@@ -66,7 +66,7 @@ from planner.cell import Cell
 from planner.errors import CellError, InvalidProblem, PlannerError
 from planner.problem import UNCERTAIN_DEVIATIONS
 from planner.progress import Observer
-from planner.request import states_of, tracked_targets, with_states
+from planner.request import target_moves, tracked_targets, with_states
 from planner.tracking import TargetTrack
 from store import ExecutionRow, IdempotencyKey, KeyTaken, PlanRow, ProfileRow, UnknownRow, new_id
 
@@ -354,14 +354,6 @@ def _profile(service: Service, cell: str, cell_sha256: str, id: str | None) -> P
     if row is None or (row.cell, row.cell_sha256) != (cell, cell_sha256):
         raise ProblemDetails("not-found", f"cell {cell!r}, as its file is now, has no profile {id!r}")
     return row
-
-
-def target_moves(body: Mapping[str, Any]) -> bool:
-    """Returns whether a request asks for a throw at a target that moves, or may, as it is tracked."""
-    if tracked_targets(body):
-        return True
-    asked = [state for state in states_of(body).values() if "observed_at_s" in state]
-    return any("uncertainty" in state or any(state["velocity"]) for state in asked)
 
 
 def _with_tracked_target(service: Service, request: dict[str, Any]) -> dict[str, Any]:

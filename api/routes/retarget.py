@@ -19,7 +19,7 @@ from api.http import (
     translate,
 )
 from api.routes.cells import CellName
-from api.routes.executions import join_plan, reason_not_executable
+from api.routes.executions import UNGUARDED, join_plan, reason_not_executable
 from api.routes.plans import (
     POST_PROBLEMS,
     SEARCH_PROBLEMS,
@@ -27,11 +27,10 @@ from api.routes.plans import (
     WithTrajectory,
     running_state,
     stored_plan,
-    target_moves,
 )
 from api.schemas import RETARGET_EXAMPLES, PlanAnswer, RetargetRequestBody
 from planner.errors import FieldError, InvalidProblem
-from planner.request import states_of, tracked_targets
+from planner.request import states_of, target_moves, tracked_targets
 from store import TICK_PASSED, AuditLine, ExecutionRow, PlanRow
 
 router = APIRouter(route_class=StrictJsonRoute, tags=["executions"])
@@ -69,6 +68,8 @@ async def retarget_motion(
     status = await run_in_threadpool(service.store.cell_status, name)
     reason = reason_not_executable(service, caller, cell, status)
     if reason is not None:
+        if reason == UNGUARDED:
+            raise ProblemDetails("forbidden", reason)
         raise ProblemDetails("robot-not-ready", reason, cell=name, fault=None if status is None else status.fault)
     if target_moves(body):
         tracked = [f"{path}.position.target" for path in tracked_targets(body)]

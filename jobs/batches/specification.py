@@ -60,11 +60,12 @@ class BatchRequests:
         return (self[number] for number in range(self._count))
 
     def __getitem__(self, number: int) -> Mapping[str, Any]:
-        """Returns one request, without fields that are null."""
+        """Returns one request, without fields that are null; what is no mapping as it is, for its reader to refuse."""
         if not 0 <= number < self._count:
             raise IndexError(number)
         if self.requests is not None:
-            return _without_null(self.requests[number])
+            request: Any = self.requests[number]
+            return _without_null(request) if isinstance(request, Mapping) else request
         return _without_null(request_at(self.template or {}, self._axes, number))
 
     def parameters(self, number: int) -> dict[str, float | str]:

@@ -62,7 +62,7 @@ JOB_REQUEST = Record(
     "JobRequest",
     "Picks and throws one after another.",
     {
-        "cell": Field(Text(64), "Name of the cell; absent: the service's default cell."),
+        "cell": Field(Text(64, least=1), "Name of the cell; absent: the service's default cell."),
         "picks": required(
             ListOr(RecordList(PICK, 1, PICKS_MAX), PICK_GRID), "What to pick, in this order: a list, or a grid."
         ),

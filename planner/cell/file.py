@@ -212,7 +212,8 @@ def _cell(document: dict[str, Any], source: CellSource) -> Cell:
     tool = _tool(document["tool"], p_TO, source.meshes)
     controller = _link(document["link"])
     gripper = gripper_of(document["gripper"], controller)
-    outputs = outputs_of(document["outputs"], document["timing"]["lag_s"], gripper.grip_input)
+    lag_s = number(document["timing"], "lag_s", "timing.", 0.0, 0.5)
+    outputs = outputs_of(document["outputs"], lag_s, gripper.grip_input)
     lines = [(each.output, each.index) for each in outputs.values()]
     own = MountedGripper(gripper, tool.X_FT, thing)
     grippers = further_grippers(document["grippers"], own, controller, lines)
@@ -236,7 +237,7 @@ def _cell(document: dict[str, Any], source: CellSource) -> Cell:
         grippers=grippers,
         carried=carried,
         safety=safety,
-        timing=Timing(number(document["timing"], "lag_s", "timing.", 0.0, 0.5)),
+        timing=Timing(lag_s),
         link=controller,
         sim=_sim(document["sim"], arm),
         outputs=outputs,
@@ -359,7 +360,8 @@ def checked_polyscope(polyscope: Any, arm: Robot) -> str:
 
 
 def _sim(table: dict[str, Any], arm: Robot) -> Sim:
-    table["polyscope"] = table["polyscope"] or POLYSCOPE[arm.generation]
+    if table["polyscope"] is None:
+        table["polyscope"] = POLYSCOPE[arm.generation]
     return Sim(
         polyscope=checked_polyscope(table["polyscope"], arm),
         lag_s=number(table, "lag_s", "sim.", 0.0, 0.5),

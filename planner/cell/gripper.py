@@ -61,6 +61,7 @@ GRIPPER: dict[str, Any] = {
     "grip_input": None,
 }
 
+DIRECTION_MAX = 1e6  # of an entry of a direction, whose length does not matter; beyond, it is no longer finite
 OBJECTS_APART_M = 0.001  # [m] between two held objects: what touches the thrown one is no obstacle until it is clear
 FURTHER_MAX = 3  # [-] grippers of a tool besides the cell's own
 NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}")
@@ -345,7 +346,7 @@ def _direction(table: Mapping[str, Any], key: str) -> Array | None:
     """Returns a direction (3,) as a unit vector; None where it is absent."""
     if table[key] is None:
         return None
-    direction = vector(table, key, WHERE, 3)
+    direction = vector(table, key, WHERE, 3, -DIRECTION_MAX, DIRECTION_MAX)
     length = float(np.linalg.norm(direction))
     if length < 1e-9:
         raise CellError(WHERE + key, direction.tolist(), "must not be zero")

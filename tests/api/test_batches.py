@@ -143,7 +143,23 @@ TARGET = {"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}}
             "requests[1].release.velocities[0]",
             "must be a number",
         ),
-        ({"requests": [REQUEST, {**REQUEST, "cell": "nowhere"}]}, "cell", "no cell 'nowhere'"),
+        ({"requests": [REQUEST, {**REQUEST, "cell": "nowhere"}]}, "requests[1].cell", "no cell 'nowhere'"),
+        ({"requests": [REQUEST, {**REQUEST, "cell": ""}]}, "requests[1].cell", "must not be empty"),
+        ({"template": TARGET, "grid": {"cell": {"values": ["ur5e-sim", "no"]}}}, "requests[1].cell", "no cell 'no'"),
+        *[
+            ({"requests": [REQUEST, other]}, "requests[1]", "must be a JSON object")
+            for other in (5, None, "x", [], True)
+        ],
+        (
+            {"requests": [{**REQUEST, "start": {"execution": "latest", "at_s": 0.1}}]},
+            "requests[0].start.execution",
+            "positions",
+        ),
+        (
+            {"requests": [{"release": {**TARGET["release"], "velocity": [0.1, 0.0, 0.0], "observed_at_s": 0.0}}]},
+            "requests[0].starts_not_before_s",
+            "is missing",
+        ),
         ({"requests": [REQUEST, {**REQUEST, "start": {"current": True}}]}, "requests[1].start.current", "positions"),
         (
             {"template": TARGET, "grid": {"release.position[1]": {"values": [0.1, "left"]}}},

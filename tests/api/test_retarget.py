@@ -191,3 +191,8 @@ def test_a_target_that_moves_starts_some_time_after_it_is_asked_for(service: Run
     earliest_s = made.json()["request"]["starts_not_before_s"]
     assert 702.2 <= earliest_s < 702.3 + time.time() - begun_s + 2.0
     assert made.json()["starts_at_s"] >= earliest_s
+
+
+def test_without_tokens_no_real_arm_is_moved(service: RunningService) -> None:
+    answer = service.client.post("/cells/real/retarget", json={"release": JOINT})
+    assert "without tokens" in problem_of(answer, 403, "forbidden")["detail"]

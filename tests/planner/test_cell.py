@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -347,6 +348,7 @@ def test_every_fault_of_a_shape_is_named_at_once():
     text = f"{LEAST}[surroundings]\nkeep_out = [{', '.join(entries)}]\n[timing]\nlag_s = 9\n"
     where = "surroundings.keep_out"
     assert [fault.field for fault in mended_cell(CellSource("c", text.encode()))[0]] == [
+        "timing.lag_s",
         f"{where}[0].shape",
         f"{where}[1].name",
         f"{where}[1].colour",
@@ -355,7 +357,6 @@ def test_every_fault_of_a_shape_is_named_at_once():
         f"{where}[2].clearance_m",
         f"{where}[2].pose.position_m",
         f"{where}[2].size_m[1]",
-        "timing.lag_s",
     ]
 
 
@@ -598,3 +599,58 @@ def test_a_tool_without_a_shape_is_given_one():
     shipped = load_cell(CELLS / "ur5e-sim.toml")
     assert not shipped.tool.is_assumed
     assert replace(shipped, tool=replace(shipped.tool, capsules=())).tool.is_assumed
+
+
+WRONG = ("", "0.02", [], {}, [1, 2], -1, math.nan, math.inf, 1e308, True, None, [[0, 0, 0]], {"a": 1})
+WHOLE = {
+    "timing": {"lag_s": 0.02},
+    "outputs": {"glue": {"output": "standard_digital", "index": 1, "delay_s": 0.006, "sense_input": 2}},
+    "gripper": {"delay_s": 0.04, "opening_direction": [0.0, 0.0, 1.0], "opening_cone_rad": 0.3, "grip_input": 3},
+    "sim": {"polyscope": "5.11", "seed": 3},
+    "surroundings": {"keep_out": [{"name": "box", "lower_m": [0.6, 0.5, 0.0], "upper_m": [0.8, 0.7, 0.2]}]},
+    "safety": {"tool_speed_m_s": 3.0},
+    "limits": {"joint_velocity_rad_s": 2.0},
+    "tool": {"mass_kg": 1.0, "tcp_position_m": [0.0, 0.0, 0.15]},
+    "object": {"mass_kg": 0.05},
+    "home_rad": [0.0, -1.5, 1.5, -1.5, -1.5, 0.0],
+}
+
+
+def with_wrong(value, wrong):
+    """Yields (path, value) with one entry of nested keys and lists replaced, for each entry."""
+    yield "", wrong
+    if not isinstance(value, dict | list):
+        return
+    for key, entry in value.items() if isinstance(value, dict) else enumerate(value):
+        for path, changed in with_wrong(entry, wrong):
+            copy = value.copy()
+            copy[key] = changed
+            yield f"{key}.{path}", copy
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("wrong", WRONG, ids=repr)
+def test_a_wrong_value_at_any_key_is_refused_by_its_own_name_or_read(wrong):
+    """Never another exception: one such file would keep the service from starting."""
+    cell_of_keys({"robot": "ur5e", "link": {"kind": "sim"}, **WHOLE})
+    for path, keys in with_wrong(WHOLE, wrong):
+        if not isinstance(keys, dict):
+            continue
+        refused = refused_field({"robot": "ur5e", "link": {"kind": "sim"}, **keys})
+        if path.startswith(("timing.lag_s", "sim.polyscope")) and wrong is not None:
+            assert refused == path.removesuffix(".")
+
+
+def refused_field(keys):
+    """Returns the field by which keys of a cell are refused; None where they are read."""
+    try:
+        cell_of_keys(keys)
+    except CellError as refusal:
+        return refusal.field
+    return None
+
+
+def test_a_direction_whose_length_overflows_is_refused():
+    gripper = {"opening_direction": [0.0, 0.0, 1e308], "opening_cone_rad": 0.3}
+    with pytest.raises(CellError, match=r"opening_direction\[2\]"):
+        cell_of_keys({"robot": "ur5e", "link": {"kind": "sim"}, "gripper": gripper})
