@@ -18,9 +18,8 @@ from planner.cell import CONTACT_M
 from planner.certificate.clearance import moving_heights, pair_gaps, shape_gaps
 from planner.certificate.flight import Flights, flights_of
 from planner.certificate.grip import felt_sizes
-from planner.certificate.safety_limits import momentum_sizes, power_sizes
+from planner.certificate.safety_limits import WATCHED
 from planner.certificate.samples import ArmSamples, MotionSamples, ticks_around
-from planner.certificate.stopping import stopping_distances, stopping_times
 from planner.certificate.tool import SINGULARITY_WINDOW_S
 from planner.certificate.torque import torque_sizes
 from planner.dynamics import tool_points
@@ -146,23 +145,13 @@ def _speeds(shown: ShownMotion) -> list[Curve]:
         Series(tool, arm.tool_speed, None, shown.motion.tool_speed_max),
         Series(flange, arm.flange_speed, None, safety.tool_speed_m_s),
     )
-    return [
-        Curve("tcp_speed", "m/s", shown.t, points),
-        shown.of_one("elbow_speed", "m/s", arm.elbow_speed, upper=safety.elbow_speed_m_s),
-    ]
+    return [Curve("tcp_speed", "m/s", shown.t, points)]
 
 
-def _loads(shown: ShownMotion) -> list[Curve]:
+def _watched(shown: ShownMotion) -> list[Curve]:
     motion = shown.motion
-    arm = shown.arm
-    safety = shown.problem.cell.safety
-    times = stopping_times(motion, arm)
-    distances = stopping_distances(motion, arm)
     return [
-        shown.of_one("momentum", "kg m/s", momentum_sizes(motion, arm), upper=safety.momentum_kg_m_s),
-        shown.of_one("power", "W", power_sizes(motion, arm), upper=safety.power_w),
-        shown.of_one("stopping_time", "s", times, upper=safety.stopping_time_s),
-        shown.of_one("stopping_distance", "m", distances, upper=safety.stopping_distance_m),
+        shown.of_one(each.name, each.unit, each.sizes(motion, shown.arm), upper=each.limit(motion)) for each in WATCHED
     ]
 
 
@@ -244,7 +233,7 @@ def _least_gaps(flights: Flights, t: Array) -> Array:
 CURVES: tuple[Callable[[ShownMotion], list[Curve]], ...] = (
     _joints,
     _speeds,
-    _loads,
+    _watched,
     _clearances,
     _singularities,
     _grip,
