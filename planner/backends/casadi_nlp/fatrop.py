@@ -23,8 +23,8 @@ import numpy as np
 
 from planner.arrays import Array, Index
 from planner.backends.casadi_nlp.functions import KINDS
-from planner.backends.casadi_nlp.layout import COST, SHARED, StageLayout, Vector
-from planner.backends.casadi_nlp.symbols import FORMULAS
+from planner.backends.casadi_nlp.layout import SHARED, StageLayout, Vector
+from planner.backends.casadi_nlp.symbols import COST, FORMULAS
 from planner.backends.casadi_nlp.transcription import ALL_SHARED, RowIndex, row_index
 from planner.native import OPTIMISER
 
@@ -177,7 +177,7 @@ class Launch:
             knots.start,
             knots.stop,
             self._offsets[name],
-            COST.size if name == "cost" else 0,
+            FORMULAS[name].layout.size if name == "cost" else 0,
         )
 
     def _sparsity(self, function: str) -> int:
@@ -205,16 +205,18 @@ def _own_rows(index: RowIndex) -> list[range]:
 
 
 def _parameter_offsets(index: RowIndex) -> tuple[dict[str, int], Index]:
-    """Returns where the parameters of each block begin, and the position of each of them in the problem's."""
+    """Returns where the parameters of each block begin, and the position of each of them in the problem's.
+
+    Those of the cost are there for each stage: what all stages share, and the stage's own.
+    """
     offsets: dict[str, int] = {}
     positions = [np.zeros(0, np.intp)]
+    every = np.arange(ALL_SHARED.size)
+    costs = ALL_SHARED.size + np.arange(COST.size * index.stages.stages).reshape(-1, COST.size)
     for name in index.blocks:
         offsets[name] = sum(map(len, positions))
-        if name == "cost":
-            positions.append(ALL_SHARED.size + np.arange(COST.size * index.stages.stages))
-        else:
-            every = np.arange(ALL_SHARED.size)
-            positions += [every[ALL_SHARED.slices[piece]] for piece in SHARED if piece in FORMULAS[name].parameters]
+        shared = [every[ALL_SHARED.slices[piece]] for piece in SHARED if piece in FORMULAS[name].parameters]
+        positions += [each for own in costs for each in (*shared, own)] if name == "cost" else shared
     return offsets, np.concatenate(positions)
 
 

@@ -39,9 +39,9 @@ from planner.backends.casadi_nlp.parameters import (
     variable_scales,
 )
 from planner.backends.casadi_nlp.release_rows import aim_from, release_parameters, window_stages
-from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, FORMULAS, LEAVING_ROWS
+from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, FORMULAS, LEAVING_ROWS, cost_parameters
 from planner.backends.casadi_nlp.transcription import RowIndex, row_index
-from planner.backends.casadi_nlp.tuning import BRAKE_STAGES, BRAKE_WEIGHT, JERK_WEIGHT, LAUNCH_STAGES, STEP_WEIGHT
+from planner.backends.casadi_nlp.tuning import BRAKE_STAGES, LAUNCH_STAGES
 from planner.cell import Limits
 from planner.kinematics import SINGULARITIES, signed_singularity_distances
 from planner.problem import ThrowProblem
@@ -221,9 +221,10 @@ class Instance:
         free = np.full(index.variables - index.core, np.inf)
         lower = np.append(lower, -free)
         upper = np.append(upper, free)
+        costs = cost_parameters(self.stages, self.steps / self.scales[STEP], self.fixed_times is not None)
         exact = {
             "x0": self.with_object(self.initial / self.scales),
-            "p": np.concatenate([*self.shared_parameters.values(), self._costs()]),
+            "p": np.concatenate([*self.shared_parameters.values(), costs]),
             "lbx": lower,
             "ubx": upper,
             "lbg": bounds.g[0],
@@ -293,18 +294,6 @@ class Instance:
     def _given(self) -> list[Vector]:
         """Returns the joint positions (6,) that the problem fixes [rad]."""
         return [self.problem.start, self.candidate.q] if self.problem.fixes_joints else [self.problem.start]
-
-    def _costs(self) -> Vector:
-        """Returns the `COST` parameters of every stage; with fixed times only jerk and steps have a cost."""
-        n = len(self.steps)
-        time = np.where(np.arange(n) < self.stages.launch, 1.0, BRAKE_WEIGHT)
-        weights = {
-            "time": time if self.fixed_times is None else np.zeros(n),
-            "jerk": np.full(n, JERK_WEIGHT / n / 6),
-            "step": np.full(n, STEP_WEIGHT / n),
-            "initial_step": self.steps / self.scales[STEP],
-        }
-        return np.stack([weights[name] for name in layout.COST.sizes]).T.ravel()
 
 
 def _brake_times(duration_s: float, stages: StageLayout, problem: ThrowProblem) -> Vector:
