@@ -22,6 +22,7 @@ from planner.certificate.bounds import (
 from planner.certificate.certificate import ROUNDING, Check, NotChecked, at_most
 from planner.certificate.loads import watched_levers
 from planner.certificate.samples import ArmSamples, MotionSamples
+from planner.certificate.shown import Curve, ShownMotion
 from planner.certificate.stopping import (
     Worst,
     stopping_distances,
@@ -121,3 +122,11 @@ WATCHED = (
     WatchedQuantity("stopping_time_s", stopping_times, worst_stopping_time),
     WatchedQuantity("stopping_distance_m", stopping_distances, worst_stopping_distance),
 )
+
+
+def curves(shown: ShownMotion) -> list[Curve]:
+    """Returns the curves of all of them."""
+    motion = shown.motion
+    return [
+        shown.of_one(each.name, each.unit, each.sizes(motion, shown.arm), upper=each.limit(motion)) for each in WATCHED
+    ]

@@ -39,7 +39,7 @@ from planner.backends.casadi_nlp.parameters import (
     variable_scales,
 )
 from planner.backends.casadi_nlp.release_rows import aim_from, release_parameters, window_stages
-from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, FORMULAS, LEAVING_ROWS, cost_parameters
+from planner.backends.casadi_nlp.symbols import FORMULAS, cost_parameters
 from planner.backends.casadi_nlp.transcription import RowIndex, row_index
 from planner.backends.casadi_nlp.tuning import BRAKE_STAGES, LAUNCH_STAGES
 from planner.cell import Limits
@@ -50,6 +50,7 @@ from planner.timing import CubicGuess, grid_limits
 
 Arguments = dict[str, Vector]
 
+NOT_NEGATIVE = np.zeros(1), np.full(1, np.inf)  # bounds of every row of a group
 CLEARANCES = ("clearance", "keep_out", "rooms")  # of `LAZY_GROUPS`: distances from the arm, surroundings and shapes
 
 
@@ -237,9 +238,9 @@ class Instance:
         margins = self.margins
         bounds = Bounds(self.row_index, self.scales[QD])
         bounds.limit_joints(self.limits, margins.position_rad, self._given())
-        for group, limits in self._group_limits().items():
-            bounds.limit_group(group, *limits)
+        limits = self._group_limits()
         for group in self.stages.groups:
+            bounds.limit_group(group, *limits.get(group, NOT_NEGATIVE))
             if group in CLEARANCES:
                 bounds.ease_beside_given(group, self._given_clearances(group))
         bounds.free_flights_after_release(self.stages.window > 0)
@@ -267,19 +268,15 @@ class Instance:
         return np.array([distances[name] for name in ("elbow", "wrist", "shoulder")])
 
     def _group_limits(self) -> dict[str, tuple[Vector, Vector]]:
-        """Returns the lower and upper bounds of every lazy group's rows."""
+        """Returns the lower and upper bounds of the lazy groups whose rows are not just kept from being negative."""
         margins = self.margins
         inf = np.inf
         torque = np.full(6, margins.torque)
-        limits = {"effort": (np.append(-torque, -inf), np.append(torque, margins.tcp_speed**2))}
-        if "grip" in self.stages.groups:
-            axes = np.full(3, margins.grip)
-            limits["grip"] = np.append(-axes, -inf), np.append(axes, margins.grip**2)
-        counts = {"flight": FLIGHT_ROWS.size, "leaving": LEAVING_ROWS.size, "clearance": 3}
-        for group, count in (*counts.items(), ("keep_out", 1), ("rooms", 1), ("standing", 1), ("passing", 1)):
-            if group in self.stages.groups:
-                limits[group] = np.zeros(count), np.full(count, inf)
-        return limits
+        grip = np.full(3, margins.grip)
+        return {
+            "effort": (np.append(-torque, -inf), np.append(torque, margins.tcp_speed**2)),
+            "grip": (np.append(-grip, -inf), np.append(grip, margins.grip**2)),
+        }
 
     def _given_clearances(self, group: str) -> Vector:
         """Returns the rows (k, n) of a group of clearances at the k fixed joint positions, the start first [m].
