@@ -28,7 +28,7 @@ from planner.backends.casadi_nlp.symbols import COST, FORMULAS
 from planner.backends.casadi_nlp.transcription import ALL_SHARED, RowIndex, row_index
 from planner.native import OPTIMISER
 
-ROWS_MAX = 64  # [-] of a block, as in launch.c
+ROWS_MAX = 64  # [-] of a block, and parameters that each stage has of its own, as in launch.c
 SOLVED = 0
 LATE = -2
 OUT_OF_TIME = -3  # status of a call, as in launch.c
@@ -162,8 +162,9 @@ class Launch:
         knots = self.index.knots[name]
         index = self.index
         following = index.following(name)
-        if block.n > ROWS_MAX:
-            raise ValueError(f"{name} has {block.n} rows; there is room for {ROWS_MAX}")
+        each = FORMULAS[name].layout.size if name == "cost" else 0
+        if max(block.n, each) > ROWS_MAX:
+            raise ValueError(f"{name} has {block.n} rows, {each} parameters a stage; there is room for {ROWS_MAX}")
         positions = [index.rows[name, k] for k in knots] if name != "cost" else []
         return _Block(
             *(ctypes.cast(self._library[f"{block.name}_{kind}_lanes"], ctypes.c_void_p) for kind in KINDS),
@@ -177,7 +178,7 @@ class Launch:
             knots.start,
             knots.stop,
             self._offsets[name],
-            FORMULAS[name].layout.size if name == "cost" else 0,
+            each,
         )
 
     def _sparsity(self, function: str) -> int:
