@@ -20,7 +20,7 @@ from planner.calibration import DhTable, ImplausibleChain, calibrated, transform
 from planner.cell import Cell
 from planner.certificate import Examination
 from planner.errors import PlannerError
-from planner.grippers import CALLS
+from planner.grippers import KINDS
 from planner.kinematics import ChainDifference, chain_difference
 from planner.passages import OutputSwitch, output_edges
 from planner.problem import ThrowProblem
@@ -298,8 +298,8 @@ def kinematics_warnings(cell: Cell, info: KinematicsInfo | None) -> list[str]:
 
 def gripper_warnings(cell: Cell) -> list[str]:
     """Returns the warning that somebody's own code opens the gripper, with what that does to the timing."""
-    kind = cell.gripper.kind
-    return [f"gripper: {CALLS[kind]}"] if kind in CALLS else []
+    call = KINDS[cell.gripper.kind].call
+    return [f"gripper: {call}"] if call else []
 
 
 def told_models(cell: Cell, info: KinematicsInfo) -> tuple[str, ...]:

@@ -14,7 +14,6 @@ SET_OUTPUT = {  # functions of URScript; source: Universal Robots, URScript manu
     "standard_digital": "set_standard_digital_out",
     "configurable_digital": "set_configurable_digital_out",
 }
-WIRED = ("digital", "vacuum")  # kinds that digital outputs of the controller switch
 # [s] the URCap's socket passes on what the gripper's registers say, which change at 100 Hz; on the bus itself 5 ms must
 # pass between two commands; source: Robotiq, instruction manual of 2F-85 and 2F-140, Modbus RTU
 QUANTUM_S = {"socket": 0.010, "tool_serial": 0.005}
@@ -54,31 +53,64 @@ MODELS = {
     "rg6": GripperModel("onrobot", 0.160, COMPUTE_BOX, 65),
     "vg10": GripperModel("onrobot", 0.0, COMPUTE_BOX, 65),
 }
+
+
+@dataclass(frozen=True)
+class GripperKind:
+    """A kind of gripper.
+
+    Attributes:
+        keys: of a cell file beyond those that all kinds have.
+        close_s: time to close before anything moves, unless the cell file says otherwise [s].
+        is_wired: whether digital outputs of the controller switch it, so that it has no link.
+        untimed: what its own part of the timing depends on, where nothing is published of that; empty where it is.
+        call: what it does to the timing of a release that it runs somebody's own code; empty where it does not.
+    """
+
+    keys: tuple[str, ...]
+    close_s: float
+    is_wired: bool = False
+    untimed: str = ""
+    call: str = ""
+
+
+# [s] source: Robotiq, data sheet of the 2F-85: 150 mm/s, with which half of its stroke takes 0.28 s; a call takes
+# longer, by as much as nobody knows
+WIRED_CLOSE_S = 0.3
+CALL_CLOSE_S = 1.0
+REPORTED_CLOSE_S = 3.0  # longest: one that reports that it is closed is not waited for any longer
 OF_BUS = ("model", "transport", "host", "port", "slave_id", "open_width_m")
-KINDS: dict[str, tuple[str, ...]] = {  # of each kind the keys of a cell file beyond those that all have
-    "digital": ("close_output", "close_index"),
-    "vacuum": ("blow_off_output", "blow_off_index", "blow_off_s"),
-    "robotiq": OF_BUS,
-    "onrobot": OF_BUS,
-    "script": ("open_script", "close_script"),
-    "http": ("open_url", "close_url"),
+KINDS = {
+    "digital": GripperKind(("close_output", "close_index"), WIRED_CLOSE_S, is_wired=True),
+    "vacuum": GripperKind(("blow_off_output", "blow_off_index", "blow_off_s"), WIRED_CLOSE_S, is_wired=True),
+    "robotiq": GripperKind(OF_BUS, REPORTED_CLOSE_S),
+    "onrobot": GripperKind(
+        OF_BUS, REPORTED_CLOSE_S, untimed="the compute box passes a command on when its own bus is free"
+    ),
+    "script": GripperKind(
+        ("open_script", "close_script"),
+        CALL_CLOSE_S,
+        untimed="the controller compiles the snippet, and runs it in one of its next cycles",
+        call=(
+            "the snippet starts milliseconds after its command, at another delay each time, and what it waits for "
+            "comes on top; nothing tells whether the gripper opened. It must not move the arm"
+        ),
+    ),
+    "http": GripperKind(
+        ("open_url", "close_url"),
+        CALL_CLOSE_S,
+        untimed="the call crosses a network and a server",
+        call=(
+            "each call takes as long as network and server do, and one that is answered only once the gripper is open "
+            "is taken for one that does not open; nothing else tells what the gripper did"
+        ),
+    ),
 }
 NOT_SUPPORTED = {
     "schunk": (
         'is not supported: Fling knows no protocol of these grippers. One with digital inputs is a "digital", and a '
         'driver of its own can be called by "http" or "script"'
     )
-}
-REPORTING = ("robotiq", "onrobot")  # kinds that tell what they do, and whether they hold an object
-# [s] for a gripper to close before anything moves, unless the cell file says otherwise. source: Robotiq, data sheet of
-# the 2F-85: 150 mm/s, with which half of its stroke takes 0.28 s; a call takes longer, by as much as nobody knows
-WIRED_CLOSE_S = 0.3
-CALL_CLOSE_S = 1.0
-REPORTED_CLOSE_S = 3.0  # longest: one that reports that it is closed is not waited for any longer
-UNTIMED = {  # kinds of whose timing nothing is published: what their own part of it depends on
-    "onrobot": "the compute box passes a command on when its own bus is free",
-    "script": "the controller compiles the snippet, and runs it in one of its next cycles",
-    "http": "the call crosses a network and a server",
 }
 
 
@@ -96,18 +128,6 @@ class SecondOutput:
     index: int
     open_level: bool
     lasts_s: float | None
-
-
-CALLS = {  # kinds that run somebody's own code: what that does to the timing of a release
-    "script": (
-        "the snippet starts milliseconds after its command, at another delay each time, and what it waits for comes "
-        "on top; nothing tells whether the gripper opened. It must not move the arm"
-    ),
-    "http": (
-        "each call takes as long as network and server do, and one that is answered only once the gripper is open is "
-        "taken for one that does not open; nothing else tells what the gripper did"
-    ),
-}
 
 
 @dataclass(frozen=True, kw_only=True)

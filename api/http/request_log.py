@@ -29,12 +29,17 @@ ACTIONS = {  # what is audited, by route; acts that succeed are audited by the s
     "/cells/{name}/robot": "robot",
     "/cells/{name}/retarget": "replace",
     "/cells/{name}/targets": "target",
+    "/cells/{name}/targets/{id}": "forget-target",
     "/cells/{name}/profiles": "profile",
     "/cells/{name}/profiles/revert": "revert",
     "/profiles/{id}/adopt": "adopt",
     "/experiments": "experiment",
     "/batches": "batch",
     "/batches/{id}/cancel": "cancel-batch",
+    "/jobs": "job",
+    "/jobs/{id}/pause": "pause-job",
+    "/jobs/{id}/resume": "resume-job",
+    "/jobs/{id}/cancel": "cancel-job",
 }
 
 
@@ -73,7 +78,7 @@ class RequestRecord:
     def refused_act(self) -> AuditLine | None:
         """Returns the line of the audit trail for an act that was refused or failed; None for everything else."""
         action = ACTIONS.get(self.route or "")
-        if self.method != "POST" or action is None or self.status < 400:
+        if self.method not in ("POST", "DELETE") or action is None or self.status < 400:
             return None
         outcome = self.problem or str(self.status)
         return AuditLine(self.token or "unknown", action, self.client, self.id, self.path, outcome, self.detail)

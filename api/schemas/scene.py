@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, create_model
 
 from api.schemas.requests import Joints, Vector3
+from planner.cell import SAFETY_LIMITS
 
 Row = Annotated[list[float], Field(min_length=4, max_length=4)]
 Transform = Annotated[list[Row], Field(min_length=4, max_length=4)]
@@ -36,15 +37,13 @@ class CellLimits(BaseModel):
     singularity_distance_min: float = Field(description="[-]")
 
 
-class SafetyLimitsAnswer(BaseModel):
-    """The arm's own safety limits; null: not limited."""
+SAFETY_FIELDS: dict[str, Any] = {
+    key: (float | None, Field(description=f"[{limit.unit}]")) for key, limit in SAFETY_LIMITS.items()
+}
 
-    tool_speed_m_s: float | None = Field(description="[m/s]")
-    elbow_speed_m_s: float | None = Field(description="[m/s]")
-    momentum_kg_m_s: float | None = Field(description="[kg m/s]")
-    power_w: float | None = Field(description="[W]")
-    stopping_time_s: float | None = Field(description="[s]")
-    stopping_distance_m: float | None = Field(description="[m]")
+
+class SafetyLimitsAnswer(create_model("SafetyFields", **SAFETY_FIELDS)):
+    """The arm's own safety limits; null: not limited."""
 
 
 class BoxAnswer(BaseModel):

@@ -9,6 +9,7 @@ from planner.cell.faults import mended_cell
 from planner.cell.fields import choice, merge_defaults, number, vector
 from planner.cell.file import DEFAULTS, NAME_PATTERN, cell_of, checked_polyscope, load_cell, parse_cell
 from planner.cell.keep_out import is_reserved, tool_shapes
+from planner.cell.limits import SAFETY_LIMITS, STANDING_RAD, Limits, Safety
 from planner.cell.meshes import (
     CELL_M,
     MESH_BYTES,
@@ -25,14 +26,11 @@ from planner.cell.meshes import (
 from planner.cell.model import (
     CONTACT_M,
     FARTHEST_M,
-    STANDING_RAD,
     AllowedContact,
     Cell,
     DigitalOutput,
     Gripper,
-    Limits,
     MountedGripper,
-    Safety,
     Surroundings,
     ToolCapsule,
 )
@@ -48,6 +46,7 @@ __all__ = [
     "MESH_BYTES",
     "MESH_KINDS",
     "NAME_PATTERN",
+    "SAFETY_LIMITS",
     "STANDING_RAD",
     "Box",
     "Cell",

@@ -18,7 +18,8 @@ FAULTS_MAX = 100  # a file with more of them is no cell file
 # Of required keys, so that the others can be read.
 STAND_IN = {"robot": "ur5e", "link.kind": "sim", "arm_data.source": "a stand-in"}
 OF_ARM = ("limits.joint_", "home_rad", "sim.polyscope", "kinematics.")  # not judged without knowing the arm
-OF_KIND = tuple(f"gripper.{key}" for keys in KINDS.values() for key in keys)  # nor these without the gripper's kind
+# Nor these without the gripper's kind.
+OF_KIND = tuple(f"gripper.{key}" for kind in KINDS.values() for key in kind.keys)
 ENTRY = {  # of tools and shapes, which have no defaults
     "from_m": [0.0, 0.0, 0.0],
     "to_m": [0.0, 0.0, 0.0],

@@ -19,13 +19,10 @@ from planner.calibration import CalibrationFile, parse_calibration
 from planner.cell.arm_data import ARM_DATA, completed_arm
 from planner.cell.fields import (
     TablesByName,
-    beyond_arm,
     choice,
     exactly,
     merge_defaults,
     number,
-    optional,
-    per_joint,
     placement,
     tables,
     vector,
@@ -40,14 +37,13 @@ from planner.cell.gripper import (
     outputs_of,
 )
 from planner.cell.keep_out import contacts, keep_in_shapes, keep_out_shapes, tool_shapes
+from planner.cell.limits import LIMITS, SAFETY_LIMITS, limits_of, safety_of
 from planner.cell.model import (
     FARTHEST_M,
     FLIGHT_CLEARANCE_MIN_M,
     Cell,
     ControllerAddress,
-    Limits,
     MountedGripper,
-    Safety,
     Sim,
     Surroundings,
     Timing,
@@ -80,16 +76,7 @@ DEFAULTS: dict[str, Any] = {
         "capsules": [],
         "shapes": [],
     },
-    "limits": {
-        "joint_position_lower_rad": None,
-        "joint_position_upper_rad": None,
-        "joint_velocity_rad_s": None,
-        "joint_acceleration_rad_s2": 15.0,
-        "joint_jerk_rad_s3": 500.0,
-        "joint_torque_fraction": 0.9,
-        "tcp_speed_m_s": 4.0,
-        "singularity_distance_min": 0.05,
-    },
+    "limits": LIMITS,
     "surroundings": {
         "floor_z_m": 0.0,
         "clearance_m": 0.02,
@@ -103,14 +90,7 @@ DEFAULTS: dict[str, Any] = {
     "gripper": GRIPPER,
     "grippers": TablesByName(FURTHER_GRIPPER),
     "outputs": TablesByName(OUTPUT),
-    "safety": {
-        "tool_speed_m_s": None,
-        "elbow_speed_m_s": None,
-        "momentum_kg_m_s": None,
-        "power_w": None,
-        "stopping_time_s": None,
-        "stopping_distance_m": None,
-    },
+    "safety": dict.fromkeys(SAFETY_LIMITS),
     "timing": {"lag_s": 0.0},
     "link": {"kind": None, "host": "127.0.0.1", "serial": None},
     "sim": {
@@ -125,17 +105,7 @@ DEFAULTS: dict[str, Any] = {
 
 POLYSCOPE = {"CB3": "3.15", "e-Series": "5.11.1"}  # default versions of the simulated controller
 POLYSCOPE_X = "10.14.0"  # chosen: what a simulated controller presents that is asked for "x"
-JERK_MAX = 1e5  # [rad/s^3] far above any arm; catches typing errors
 GRAVITY_RANGE = 1.0, 30.0  # [m/s^2] from below the Moon's, 1.62: without any, no flight comes down
-SPEED_MAX = 20.0  # [m/s] far above any arm; catches typing errors
-SAFETY_MAX = {  # far above what a pendant takes; catches typing errors
-    "tool_speed_m_s": SPEED_MAX,
-    "elbow_speed_m_s": SPEED_MAX,
-    "momentum_kg_m_s": 1e3,
-    "power_w": 1e4,
-    "stopping_time_s": 10.0,
-    "stopping_distance_m": 10.0,
-}
 TOOL_RADIUS_MIN_M = 1e-3  # [m] a thinner tool is a line, and nothing is that thin
 
 
@@ -199,8 +169,8 @@ def cell_of_document(given: Mapping[str, Any], source: CellSource, published: bo
 
 def _cell(document: dict[str, Any], source: CellSource) -> Cell:
     (calibration, arm) = _robot(document, source.calibration)
-    safety = _safety(document["safety"])
-    limits = _limits(document["limits"], arm)
+    safety = safety_of(document["safety"])
+    limits = limits_of(document["limits"], arm)
     if safety.tool_speed_m_s is not None:
         limits = replace(limits, tcp_speed_max=min(limits.tcp_speed_max, safety.tool_speed_m_s))
     home = vector(document, "home_rad", "", 6)
@@ -279,37 +249,6 @@ def _tool(table: Mapping[str, Any], p_TO: Array, meshes: bytes | None) -> Tool:
     return Tool(read_only(X_FT @ pose(p_TO, np.eye(3))), mass_kg, tuple(capsules), p_FH=X_FT[:3, 3])
 
 
-def _limits(table: dict[str, Any], arm: Robot) -> Limits:
-    own = {
-        "joint_position_lower_rad": arm.q_lower,
-        "joint_position_upper_rad": arm.q_upper,
-        "joint_velocity_rad_s": arm.qd_max,
-    }
-    for key, values in own.items():
-        table[key] = values.tolist() if table[key] is None else table[key]
-    where = "limits."
-    lower = vector(table, "joint_position_lower_rad", where, 6)
-    upper = vector(table, "joint_position_upper_rad", where, 6)
-    for i in range(6):
-        if lower[i] < arm.q_lower[i]:
-            raise beyond_arm(f"{where}joint_position_lower_rad[{i}]", float(lower[i]), arm.q_lower[i])
-        if upper[i] > arm.q_upper[i]:
-            raise beyond_arm(f"{where}joint_position_upper_rad[{i}]", float(upper[i]), arm.q_upper[i])
-        if lower[i] >= upper[i]:
-            raise CellError(f"{where}joint_position_lower_rad[{i}]", float(lower[i]), "must be below the upper limit")
-    fraction = number(table, "joint_torque_fraction", where, 0.01, 1.0)
-    return Limits(
-        q_lower=lower,
-        q_upper=upper,
-        qd_max=per_joint(table, "joint_velocity_rad_s", where, arm.qd_max),
-        qdd_max=per_joint(table, "joint_acceleration_rad_s2", where, arm.qdd_max),
-        jerk_max=per_joint(table, "joint_jerk_rad_s3", where, np.full(6, JERK_MAX)),
-        tau_max=read_only(fraction * arm.tau_max),
-        tcp_speed_max=number(table, "tcp_speed_m_s", where, 1e-3, SPEED_MAX),
-        singularity_distance_min=number(table, "singularity_distance_min", where, 0.0, 1.0),
-    )
-
-
 def _surroundings(table: dict[str, Any], base: Array, meshes: bytes | None, arm: Robot, tool: Tool) -> Surroundings:
     where = "surroundings."
     clearance_m = number(table, "clearance_m", where, 0.0, 1.0)
@@ -326,10 +265,6 @@ def _surroundings(table: dict[str, Any], base: Array, meshes: bytes | None, arm:
         keep_out=keep_out,
         may_touch=contacts(table, arm, max(1, len(tool.capsules)), bodies),
     )
-
-
-def _safety(table: Mapping[str, Any]) -> Safety:
-    return Safety(**{key: optional(table, key, "safety.", most) for key, most in SAFETY_MAX.items()})
 
 
 def _link(table: Mapping[str, Any]) -> ControllerAddress:

@@ -17,18 +17,12 @@ from planner.cell.model import ControllerAddress, DigitalOutput, Gripper, Mounte
 from planner.cell.thrown_object import OBJECT, ThrownBody, object_of
 from planner.errors import CellError
 from planner.grippers import (
-    CALL_CLOSE_S,
     INPUT_LINES,
     KINDS,
     MODELS,
     NOT_SUPPORTED,
     OUTPUTS,
     PORTS,
-    REPORTED_CLOSE_S,
-    REPORTING,
-    UNTIMED,
-    WIRED,
-    WIRED_CLOSE_S,
     GripperLink,
     SecondOutput,
 )
@@ -51,7 +45,7 @@ GRIPPER: dict[str, Any] = {
     "output": "tool_digital",
     "index": 0,
     "open_level": None,
-    **{key: None for keys in KINDS.values() for key in keys},  # None means that a key is absent
+    **{key: None for kind in KINDS.values() for key in kind.keys},  # None means that a key is absent
     "delay_s": 0.040,
     "jitter_s": 0.0,
     "opening_direction": None,
@@ -162,8 +156,8 @@ def gripper_of(table: dict[str, Any], controller: ControllerAddress) -> Gripper:
         raise CellError("gripper.open_level", table["open_level"], "must be true or false")
     output, index = _line(table, "output", "index")
     if table["close_s"] is None:
-        table["close_s"] = _usual_close_s(kind)
-    link = None if kind in WIRED else _link(table, kind, controller)
+        table["close_s"] = KINDS[kind].close_s
+    link = None if KINDS[kind].is_wired else _link(table, kind, controller)
     quantum_s = 0.0 if link is None else link.quantum_s
     return Gripper(
         output,
@@ -218,18 +212,11 @@ def _kind(table: Mapping[str, Any]) -> str:
     if isinstance(kind, str) and kind in NOT_SUPPORTED:
         raise CellError("gripper.kind", kind, NOT_SUPPORTED[kind])
     kind = choice(table, "kind", WHERE, KINDS)
-    for key in (key for keys in KINDS.values() for key in keys if key not in KINDS[kind]):
+    for key in (key for other in KINDS.values() for key in other.keys if key not in KINDS[kind].keys):
         if table[key] is not None:
-            of = " or ".join(f'"{other}"' for other, keys in KINDS.items() if key in keys)
+            of = " or ".join(f'"{name}"' for name, other in KINDS.items() if key in other.keys)
             raise CellError(WHERE + key, table[key], f'is a key of kind {of}, and the kind is "{kind}"')
     return kind
-
-
-def _usual_close_s(kind: str) -> float:
-    """Returns for how long a gripper of a kind is given to close where the cell file does not say so [s]."""
-    if kind in REPORTING:
-        return REPORTED_CLOSE_S
-    return WIRED_CLOSE_S if kind in WIRED else CALL_CLOSE_S
 
 
 def _line(table: Mapping[str, Any], output: str, index: str, where: str = WHERE) -> tuple[str, int]:
@@ -247,9 +234,9 @@ def _whole(table: Mapping[str, Any], key: str, lower: int, upper: int, where: st
 
 def _second(table: Mapping[str, Any], kind: str, first: tuple[str, int]) -> SecondOutput | None:
     """Returns the output that closes the gripper, or that blows the object off; None without one."""
-    if kind not in WIRED:
+    if not KINDS[kind].is_wired:
         return None
-    keys = KINDS[kind]
+    keys = KINDS[kind].keys
     missing = [key for key in keys if table[key] is None]
     if len(missing) == len(keys):
         return None
@@ -267,8 +254,8 @@ def _second(table: Mapping[str, Any], kind: str, first: tuple[str, int]) -> Seco
 def _jitter(table: Mapping[str, Any], kind: str) -> float:
     """Returns the stated standard deviation [s]; of a kind that nobody has timed it has to be stated."""
     jitter_s = number(table, "jitter_s", WHERE, 0.0, 0.5)
-    if jitter_s == 0.0 and kind in UNTIMED:
-        why = f'must be stated for kind "{kind}": {UNTIMED[kind]}. `fling calibrate gripper` measures it'
+    if jitter_s == 0.0 and KINDS[kind].untimed:
+        why = f'must be stated for kind "{kind}": {KINDS[kind].untimed}. `fling calibrate gripper` measures it'
         raise CellError("gripper.jitter_s", jitter_s, why)
     return jitter_s
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 
 from planner.arrays import Array, Index, read_only
 from planner.calibration import CalibrationFile
 from planner.cell.content import content_sha256
+from planner.cell.limits import Limits, Safety
 from planner.cell.shapes import ROW, Solid
 from planner.cell.thrown_object import ThrownBody, ThrownObject
 from planner.errors import CellError
@@ -22,10 +23,8 @@ from planner.robots import Robot, capsule_rows
 FARTHEST_M = 100.0
 CONTACT_M = 1e-6  # [m] rounding: so deep in it, a point still stands on a box or on the floor
 PAYLOAD_ROUNDING = 1e-9  # [-] of the sum of two masses
-LIMIT_ROUNDING = 1e-9  # [-] of a limit that was written as text with twelve digits
 FLIGHT_CLEARANCE_MIN_M = 0.001  # [m] least flight clearance: meshes, calibration and flight are no better than that
 CELLS_KEPT = 32  # cells as one of several grippers sees them: caches know cells by identity
-STANDING_RAD = 1e-3  # [rad] by which an arm may stand beyond its range; its controller lets it no farther, and back
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,69 +59,6 @@ class Tool:
     def end_F(self) -> Array:
         """Where the hand ends (3,) in the flange frame [m]: its mass is half way there."""
         return self.X_FT[:3, 3] if self.p_FH is None else self.p_FH
-
-
-class LimitBeyondArm(NamedTuple):
-    """A limit of one joint that the arm itself does not have: its attribute of `Limits`, the joint, and both values."""
-
-    attribute: str
-    joint: int
-    value: float
-    own: float
-
-
-@dataclass(frozen=True, eq=False)
-class Limits:
-    """Bounds on the motion.
-
-    Attributes:
-        q_lower, q_upper: joint positions (6,) [rad].
-        qd_max: joint velocities (6,) [rad/s].
-        qdd_max: joint accelerations (6,) [rad/s^2].
-        jerk_max: joint jerks (6,) [rad/s^3].
-        tau_max: joint torques (6,) [N m].
-        tcp_speed_max: speed of the tool centre point [m/s], the arm's own tool speed limit included.
-        singularity_distance_min: distance to each singularity [-].
-    """
-
-    q_lower: Array
-    q_upper: Array
-    qd_max: Array
-    qdd_max: Array
-    jerk_max: Array
-    tau_max: Array
-    tcp_speed_max: float
-    singularity_distance_min: float
-
-    def within(self, arm: Robot) -> Limits:
-        """Returns these limits, no wider than what is published of the arm's model; see `STANDING_RAD`."""
-        own = arm.published
-        return replace(
-            self,
-            q_lower=np.maximum(self.q_lower, own.q_lower - STANDING_RAD),
-            q_upper=np.minimum(self.q_upper, own.q_upper + STANDING_RAD),
-            qd_max=np.minimum(self.qd_max, own.qd_max),
-            qdd_max=np.minimum(self.qdd_max, own.qdd_max),
-            tau_max=np.minimum(self.tau_max, own.tau_max),
-        )
-
-    def beyond(self, arm: Robot, standing_rad: float = 0.0) -> list[LimitBeyondArm]:
-        """Returns every limit that is wider than what is published of the arm's model, or is no number.
-
-        Args:
-            arm: of that model.
-            standing_rad: by which a range may be wider than the arm's [rad].
-        """
-        own = arm.published
-        found = []
-        for name in ("q_lower", "q_upper", "qd_max", "qdd_max", "tau_max"):
-            value = getattr(self, name)
-            bound = getattr(own, name)
-            slack = (standing_rad if name.startswith("q_") else 0.0) + LIMIT_ROUNDING * np.abs(bound)
-            is_kept = value >= bound - slack if name == "q_lower" else value <= bound + slack
-            joints = np.flatnonzero(~is_kept).tolist()
-            found += [LimitBeyondArm(name, joint, float(value[joint]), float(bound[joint])) for joint in joints]
-        return found
 
 
 @dataclass(frozen=True)
@@ -308,26 +244,6 @@ class CarriedObject:
     p_F: Array
     mass_kg: float
     radius_m: float
-
-
-@dataclass(frozen=True)
-class Safety:
-    """The arm's own safety limits, as its pendant shows them; None: not limited.
-
-    Attributes:
-        tool_speed_m_s, elbow_speed_m_s: speeds [m/s].
-        momentum_kg_m_s: [kg m/s].
-        power_w: [W].
-        stopping_time_s: [s].
-        stopping_distance_m: [m].
-    """
-
-    tool_speed_m_s: float | None = None
-    elbow_speed_m_s: float | None = None
-    momentum_kg_m_s: float | None = None
-    power_w: float | None = None
-    stopping_time_s: float | None = None
-    stopping_distance_m: float | None = None
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from planner.certificate.bounds import Rates, curvature_bound, point_bound, slop
 from planner.certificate.certificate import Certificate, Check
 from planner.certificate.checks import Examination, certify
 from planner.certificate.clearance import moving_heights, shape_gaps
-from planner.certificate.curves import Curve, Series, motion_curves
+from planner.certificate.curves import motion_curves
 from planner.certificate.grip import felt_sizes
 from planner.certificate.joints import START_TOLERANCE
 from planner.certificate.release import (
@@ -20,6 +20,7 @@ from planner.certificate.release import (
 )
 from planner.certificate.safety_limits import momentum_sizes, power_sizes
 from planner.certificate.samples import ArmSamples, MotionSamples, ticks_around_release
+from planner.certificate.shown import Curve, Series
 from planner.certificate.stopping import stopping_distances, stopping_times
 from planner.certificate.tool import SINGULARITY_WINDOW_S
 from planner.certificate.torque import torque_sizes

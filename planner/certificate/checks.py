@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
 
-from planner.certificate import clearance, grip, joints, passages, release, safety_limits, stopping, tool, torque
+from planner.certificate import clearance, grip, joints, passages, release, safety_limits, tool, torque
 from planner.certificate.certificate import Certificate, Check, NotChecked
 from planner.certificate.flight import flight_clearance
 from planner.certificate.samples import MotionSamples
@@ -47,11 +47,7 @@ MOTION_CHECKS: tuple[CheckFunction, ...] = (
     tool.singularity_distance,
     torque.joint_torque,
     torque.payload,
-    safety_limits.elbow_speed,
-    safety_limits.linear_momentum,
-    safety_limits.power,
-    stopping.stopping_time,
-    stopping.stopping_distance,
+    *(quantity.check for quantity in safety_limits.WATCHED),
     release.landing_window,
     release.release_position,
     release.release_velocity,

@@ -15,6 +15,7 @@ from planner.certificate.bounds import (
 )
 from planner.certificate.certificate import Check, NotChecked, at_least
 from planner.certificate.samples import ArmSamples, MotionSamples
+from planner.certificate.shown import Curve, Series, ShownMotion
 from planner.geometry import SELF_CLEARANCE_M, pair_distances, shape_distances
 
 FAR_M = 1e3  # [m] distance reported for an object that has been released, and for what may touch
@@ -230,3 +231,26 @@ def pair_gaps(motion: MotionSamples, t: Array, ends: Array) -> Array:
 
 def _distance_check(name: str, proof: Proof, required: float, detail: str) -> Check:
     return at_least(name, proof.value, required, "m", proof.at_s, detail).provided(proof.proven)
+
+
+def curves(shown: ShownMotion) -> list[Curve]:
+    """Returns the curves of the least distances from floor and arm, and of those from each shape."""
+    motion = shown.motion
+    t = shown.t
+    ends = shown.ends
+    around = motion.body.cell.surroundings  # with the bin of the request
+    found = [shown.of_one("floor", "m", moving_heights(motion, t, ends).min(axis=0), lower=around.clearance_m)]
+    if len(motion.body.pairs):
+        found.append(
+            shown.of_one("self_collision", "m", pair_gaps(motion, t, ends).min(axis=0), lower=SELF_CLEARANCE_M)
+        )
+    if around.keep_out:
+        gaps = shape_gaps(motion, t, ends).min(axis=1)
+        required = (around.clearance_m + around.further_clearances).tolist()
+        rows = zip(around.keep_out_names, gaps, required, strict=True)
+        found.append(Curve("keep_out", "m", t, tuple(Series(*row) for row in rows)))
+    if around.keep_in:
+        inside = motion.body.wall_distances(ends)
+        rows = zip(around.keep_in_names, inside, around.keep_in_clearances.tolist(), strict=True)
+        found.append(Curve("keep_in", "m", t, tuple(Series(*row) for row in rows)))
+    return found

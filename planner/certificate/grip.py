@@ -15,6 +15,7 @@ from planner.certificate.certificate import Check, NotChecked, at_most
 from planner.certificate.exits import Exits
 from planner.certificate.flight import flights_of
 from planner.certificate.samples import ArmSamples, MotionSamples
+from planner.certificate.shown import Curve, Series, ShownMotion
 from planner.kinematics import dot
 
 
@@ -82,3 +83,17 @@ def opening_direction(motion: MotionSamples) -> Check | NotChecked | None:
         angle = exits.bound(angle)
     detail = "between the opening direction and the object's way out"
     return at_most(name, angle, gripper.opening_cone_rad, "rad", at_s, detail).provided(proven)
+
+
+def curves(shown: ShownMotion) -> list[Curve]:
+    """Returns the curve of what the grip feels while the object may be held."""
+    if not shown.problem.holds_object:
+        return []
+    limit = shown.problem.cell.gripper.hold_acceleration_m_s2
+    until = shown.motion.held_until_s
+    axes = limit is not None and len(limit) == 3
+    felt = np.where(shown.t > until, np.nan, np.atleast_2d(felt_sizes(shown.arm, axes)))
+    limits = [None] if limit is None else limit.tolist()
+    names = "xyz" if axes else ("grip_acceleration",)
+    series = tuple(Series(n, v, None, upper) for n, v, upper in zip(names, felt, limits, strict=True))
+    return [Curve("grip_acceleration", "m/s^2", shown.t, series)]

@@ -9,6 +9,7 @@ import numpy as np
 from planner.arrays import Array
 from planner.certificate.certificate import Check, at_most
 from planner.certificate.samples import MotionSamples
+from planner.certificate.shown import Curve, ShownMotion
 from planner.native import loops
 from planner.trajectory import Trajectory
 
@@ -87,6 +88,23 @@ def sample_rate(motion: MotionSamples) -> Check | None:
     off = abs(motion.trajectory.sample_rate_hz - motion.problem.cell.robot.sample_rate_hz)
     check = at_most("continuity", off, 0.0, "Hz", None, "sample rate against the controller's")
     return None if check.ok else check
+
+
+def curves(shown: ShownMotion) -> list[Curve]:
+    """Returns the curves of positions, velocities, accelerations and jerks."""
+    limits = shown.motion.limits
+    trajectory = shown.trajectory
+    rows = shown.rows
+    jerk = np.append(trajectory.jerk, np.zeros((1, trajectory.q.shape[1])), axis=0)[rows]  # at rest after the end
+    speed = limits.qd_max
+    bend = limits.qdd_max
+    jolt = limits.jerk_max
+    return [
+        shown.of_joints("joint_position", "rad", trajectory.q[rows], limits.q_lower, limits.q_upper),
+        shown.of_joints("joint_velocity", "rad/s", trajectory.qd[rows], -speed, speed),
+        shown.of_joints("joint_acceleration", "rad/s^2", trajectory.qdd[rows], -bend, bend),
+        shown.of_joints("joint_jerk", "rad/s^3", jerk, -jolt, jolt, holds_until_next=True),
+    ]
 
 
 def _largest(name: str, motion: MotionSamples, row: int, limit: Array, unit: str) -> Check:

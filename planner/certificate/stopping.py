@@ -17,7 +17,7 @@ import numpy as np
 
 from planner.arrays import Array
 from planner.certificate.bounds import Proof, curvature_bound, point_bound
-from planner.certificate.certificate import ROUNDING, Check, NotChecked, at_most
+from planner.certificate.certificate import ROUNDING
 from planner.certificate.loads import watched_levers
 from planner.certificate.samples import ArmSamples, MotionSamples
 
@@ -26,34 +26,29 @@ from planner.certificate.samples import ArmSamples, MotionSamples
 # shoulder and elbow from 183 deg/s, stretched out, with the largest payload; compared in the tests
 MEASURED_TIME = 1.85
 MEASURED_DISTANCE = 1.31
+Worst = tuple[float, float, bool]  # the most found, or a bound on it; its time [s]; whether the limit is proven
 MORE_SHARES = (0.002, 0.01, 0.05, 0.2)  # [-] of the limit, beyond the worst stop found, that are tried for a bound
 
 
-def stopping_time(motion: MotionSamples) -> Check | NotChecked:
-    """Checks the time that a stop takes from any state of the motion."""
-    limit = motion.problem.cell.safety.stopping_time_s
-    if limit is None:
-        return NotChecked("stopping_time")
+def worst_stopping_time(motion: MotionSamples, limit_s: float) -> Worst:
+    """Returns the longest time that a stop takes from any state of the motion, against a limit."""
 
     def prove(longest_s: float) -> Proof:
         rate = MEASURED_TIME / longest_s
         bending = rate * motion.load_bounds.joint_momentum[2]
         return _prove(motion, lambda arm: np.full(len(arm.t), rate), bending)
 
-    return _check("stopping_time", "s", motion, lambda arm: stopping_times(motion, arm), prove, limit)
+    return _worst(motion, lambda arm: stopping_times(motion, arm), prove, limit_s)
 
 
-def stopping_distance(motion: MotionSamples) -> Check | NotChecked:
-    """Checks how far tool centre point, flange and elbow travel in a stop from any state of the motion.
+def worst_stopping_distance(motion: MotionSamples, limit_m: float) -> Worst:
+    """Returns how far tool centre point, flange and elbow travel in a stop from any state, against a limit.
 
     v T/2 <= D where braking in T = 2 D / v needs no more than the rated torques. Between two instants s apart the speed
     v is at most c s^2/8 above its chord, c = sup |p'''|; |h - b v / (2 D)|, convex in v, exceeds its values there by at
     most (|h''| + (2 A |b'| + V |b''| + c |b|) / (2 D)) s^2/8, with V and A bounds on the points' speed and
     acceleration. What it needs at v = 0, the torque |h|, must be there too.
     """
-    limit = motion.problem.cell.safety.stopping_distance_m
-    if limit is None:
-        return NotChecked("stopping_distance")
     b, b1, b2 = motion.load_bounds.joint_momentum
     v, a, c = _point_bounds(motion)
     v = v + c * np.diff(motion.at_knots.t) ** 2 / 8.0
@@ -62,7 +57,7 @@ def stopping_distance(motion: MotionSamples) -> Check | NotChecked:
         half = 0.5 * MEASURED_DISTANCE / farthest_m
         return _prove(motion, lambda arm: half * arm.watched_speed, half * (2.0 * a * b1 + v * b2 + c * b))
 
-    return _check("stopping_distance", "m", motion, lambda arm: stopping_distances(motion, arm), prove, limit)
+    return _worst(motion, lambda arm: stopping_distances(motion, arm), prove, limit_m)
 
 
 def stopping_times(motion: MotionSamples, arm: ArmSamples) -> Array:
@@ -129,32 +124,26 @@ def _least_time(h: Array, b: Array, tau: Array) -> Array:
     return times.max(axis=0)
 
 
-def _check(
-    name: str,
-    unit: str,
-    motion: MotionSamples,
-    value: Callable[[ArmSamples], Array],
-    prove: Callable[[float], Proof],
-    limit: float,
-) -> Check:
-    """Returns the check that no stop takes more than `limit`.
+def _worst(
+    motion: MotionSamples, value: Callable[[ArmSamples], Array], prove: Callable[[float], Proof], limit: float
+) -> Worst:
+    """Returns the most that a stop takes, against `limit`.
 
     Args:
-        name, unit: of the check.
         motion: the motion.
         value: function of the arm that returns what stops take (k,).
         prove: function of a limit that returns the proof of it.
         limit: the limit.
     """
     proof = prove(limit)
-    worst, at_s = _worst(motion, value, proof)
+    worst, at_s = _worst_found(motion, value, proof)
     if proof.proven and motion.is_told:
         tried = (worst + share * limit for share in MORE_SHARES)
         worst = next((more for more in tried if more < limit and prove(more).proven), limit)
-    return at_most(name, worst, limit, unit, at_s).provided(proof.proven)
+    return worst, at_s, proof.proven
 
 
-def _worst(motion: MotionSamples, value: Callable[[ArmSamples], Array], proof: Proof) -> tuple[float, float]:
+def _worst_found(motion: MotionSamples, value: Callable[[ArmSamples], Array], proof: Proof) -> tuple[float, float]:
     """Returns the largest value at the knots and where the proof found least room, and its time [s]."""
     arms = [motion.at_knots]
     if not np.any(motion.at_knots.t == proof.at_s):

@@ -11,6 +11,7 @@ from planner.certificate.bounds import Rates, curvature_bound, joint_rates, poin
 from planner.certificate.certificate import ROUNDING, Check, NotChecked, at_least, at_most
 from planner.certificate.loads import watched_levers
 from planner.certificate.samples import ArmSamples, MotionSamples, ticks_around
+from planner.certificate.shown import Curve, Series, ShownMotion
 from planner.dynamics import WatchedPoint, tool_points
 from planner.kinematics import SINGULARITIES, signed_singularity_distances
 from planner.robots import Robot
@@ -102,3 +103,28 @@ def _singularity_curvature(robot: Robot, rates: Rates) -> Array:
     speed, acceleration = rates.sums[:2, 1:4] - rates.sums[:2, :1]  # of upper arm, forearm, wrist in the arm's plane
     shoulder = np.abs([robot.a[1], robot.a[2], robot.d[4]]) / length @ (speed**2 + acceleration)
     return np.concatenate([sines, shoulder[None]])
+
+
+def speed_curves(shown: ShownMotion) -> list[Curve]:
+    """Returns the curve of the speeds of tool centre point and flange."""
+    arm = shown.arm
+    safety = shown.problem.cell.safety
+    tool, flange = (point.name for point in tool_points(shown.problem.cell))
+    points = (
+        Series(tool, arm.tool_speed, None, shown.motion.tool_speed_max),
+        Series(flange, arm.flange_speed, None, safety.tool_speed_m_s),
+    )
+    return [Curve("tcp_speed", "m/s", shown.t, points)]
+
+
+def singularity_curves(shown: ShownMotion) -> list[Curve]:
+    """Returns the curve of the distances to singularities."""
+    problem = shown.problem
+    distances = np.abs(signed_singularity_distances(problem.cell.robot, shown.trajectory.q[shown.rows]))
+    required = None if problem.ends_at_rest else problem.limits.singularity_distance_min
+    series = tuple(Series(name, d, required) for name, d in zip(SINGULARITIES, distances.T, strict=True))
+    passed = shown.trajectory.passed
+    first, _ = ticks_around(shown.trajectory, passed[0], SINGULARITY_WINDOW_S)
+    _, last = ticks_around(shown.trajectory, passed[-1], SINGULARITY_WINDOW_S)
+    span = (float(shown.trajectory.t[first]), float(shown.trajectory.t[last]))
+    return [Curve("singularity_distance", "1", shown.t, series, limited=None if problem.ends_at_rest else span)]

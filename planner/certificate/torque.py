@@ -8,6 +8,7 @@ from planner.arrays import Array
 from planner.certificate.bounds import kinked_bound
 from planner.certificate.certificate import Check, NotChecked, at_most
 from planner.certificate.samples import ArmSamples, MotionSamples
+from planner.certificate.shown import Curve, ShownMotion
 
 
 def joint_torque(motion: MotionSamples) -> Check:
@@ -38,3 +39,10 @@ def payload(motion: MotionSamples) -> NotChecked | None:
 def torque_sizes(motion: MotionSamples, arm: ArmSamples) -> Array:
     """Returns the sizes of the joint torques (6, k) [N m]; the larger one where the object may be held or gone."""
     return motion.worse_of(arm.t, np.abs(arm.loaded_torques.whole), np.abs(arm.torques.whole[0]))
+
+
+def curves(shown: ShownMotion) -> list[Curve]:
+    """Returns the curve of the torques."""
+    limit = shown.motion.limits.tau_max
+    sizes = torque_sizes(shown.motion, shown.arm)
+    return [shown.of_joints("joint_torque", "N m", sizes.T, 0.0 * limit, limit)]

@@ -12,6 +12,11 @@ HEAD_MAX = 65536  # [bytes] a longer head is no call
 END = b"\r\n\r\n"
 
 
+def twin(link: GripperLink, gripper: SimulatedGripper) -> ConnectionHandler:
+    """Returns the server that the calls reach."""
+    return HttpTwin(link, gripper)
+
+
 class HttpTwin(ConnectionHandler):
     """Answers 200 to a POST of the two addresses, 404 or 405 to anything else, and keeps the connection."""
 

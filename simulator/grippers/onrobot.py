@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from simulator.grippers.modbus import RegisterMap
+from planner.grippers import GripperLink
+from simulator.grippers.modbus import ModbusServer, RegisterMap, TcpFraming
+from simulator.interfaces import ConnectionHandler
 from simulator.physics import SimulatedGripper
 
 CONTROL_LAST = 2  # RG: force, width [1/10 mm], control; VG10: channels A and B, limit of the current
@@ -16,6 +18,12 @@ GRIPPED_M = 1e-4  # [m] wider than asked for, fingers hold something
 CHANNELS = (258, 259)
 MODE_GRIP = 1  # of VG10, in the upper byte
 VACUUM = 600  # [1/1000] that it reaches on a smooth object
+
+
+def twin(link: GripperLink, gripper: SimulatedGripper) -> ConnectionHandler:
+    """Returns the compute box."""
+    registers = FingerRegisters(gripper) if link.stroke_m > 0.0 else VacuumRegisters(gripper)
+    return ModbusServer(TcpFraming(), registers, link.slave_id)
 
 
 class FingerRegisters(RegisterMap):

@@ -1,17 +1,15 @@
-"""The ports at which a cell's gripper is reached; adding a twin is a module and a line here."""
+"""The ports at which a cell's gripper is reached.
+
+The module that is named after a kind has its function `twin`: adding one is a module.
+"""
 
 from __future__ import annotations
 
 import socket
-from collections.abc import Callable
+from importlib import import_module
 
 from planner.cell import Gripper
-from planner.grippers import GripperLink
-from simulator.grippers.http import HttpTwin
-from simulator.grippers.modbus import ModbusServer, RtuFraming, TcpFraming
-from simulator.grippers.onrobot import FingerRegisters, VacuumRegisters
-from simulator.grippers.robotiq import RobotiqRegisters, RobotiqServer, RobotiqState
-from simulator.interfaces import ConnectionHandler, ServicePort
+from simulator.interfaces import ServicePort
 from simulator.physics import SimulatedGripper
 
 PORT_NAME = "gripper"
@@ -28,28 +26,8 @@ def gripper_ports(gripper: Gripper, simulated: SimulatedGripper, host: str) -> l
     link = gripper.link
     if link is None or link.kind == "script" or not _is_here(link.host, host):
         return []
-    return [ServicePort(PORT_NAME, link.port, TWINS[link.kind, link.transport](link, simulated))]
-
-
-def _onrobot(link: GripperLink, simulated: SimulatedGripper) -> ConnectionHandler:
-    registers = FingerRegisters(simulated) if link.stroke_m > 0.0 else VacuumRegisters(simulated)
-    return ModbusServer(TcpFraming(), registers, link.slave_id)
-
-
-def _robotiq_socket(link: GripperLink, simulated: SimulatedGripper) -> ConnectionHandler:
-    return RobotiqServer(RobotiqState(simulated))
-
-
-def _robotiq_serial(link: GripperLink, simulated: SimulatedGripper) -> ConnectionHandler:
-    return ModbusServer(RtuFraming(), RobotiqRegisters(RobotiqState(simulated)), link.slave_id)
-
-
-TWINS: dict[tuple[str, str], Callable[[GripperLink, SimulatedGripper], ConnectionHandler]] = {  # by kind and transport
-    ("robotiq", "socket"): _robotiq_socket,
-    ("robotiq", "tool_serial"): _robotiq_serial,
-    ("onrobot", "modbus_tcp"): _onrobot,
-    ("http", ""): HttpTwin,
-}
+    of_kind = import_module(f"simulator.grippers.{link.kind}")
+    return [ServicePort(PORT_NAME, link.port, of_kind.twin(link, simulated))]
 
 
 def _is_here(address: str, host: str) -> bool:

@@ -5,7 +5,8 @@ Source: Robotiq, instruction manuals, "Control"; of the text protocol: what publ
 
 from __future__ import annotations
 
-from simulator.grippers.modbus import RegisterMap
+from planner.grippers import GripperLink
+from simulator.grippers.modbus import ModbusServer, RegisterMap, RtuFraming
 from simulator.interfaces import Connection, ConnectionHandler
 from simulator.physics import SimulatedGripper
 
@@ -21,6 +22,14 @@ NOT_ACTIVATED = 7  # FLT: "the activation bit must be set prior to action"
 AWAY_M = 1e-4  # [m] from the request, at which the fingers have not arrived
 OUTPUTS_AT = 1000
 INPUTS_AT = 2000
+
+
+def twin(link: GripperLink, gripper: SimulatedGripper) -> ConnectionHandler:
+    """Returns the URCap's socket, or the tool's serial line with the gripper at its end."""
+    state = RobotiqState(gripper)
+    if link.transport == "socket":
+        return RobotiqServer(state)
+    return ModbusServer(RtuFraming(), RobotiqRegisters(state), link.slave_id)
 
 
 class RobotiqState:

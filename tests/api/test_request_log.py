@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import logging
+from typing import get_args
 
 import orjson
 import pytest
+from fastapi.routing import APIRoute
 
+from api.dependencies import OperateCaller
+from api.http.request_log import ACTIONS
 from api.logs import JsonFormatter, configure_logs
+from api.routes import ROUTERS
 from api.server import server_config
 from store import StoreUnavailable
 from tests.api.conftest import REQUEST, FakeExecutor, RunningService
@@ -70,6 +75,14 @@ def test_a_refused_act_is_audited_with_its_reason(service: RunningService, execu
     assert line["reason"] == problem["detail"]
     problem_of(service.client.post("/executions/nobody/abort"), 404, "not-found")
     assert service.store.audit_lines(1)[0]["outcome"] == "not-found"
+
+
+def test_refusals_of_every_act_are_audited():
+    """But for observations of a target: there are 30 of them a second."""
+    operates = get_args(OperateCaller)[1].dependency
+    routes = [route for router in ROUTERS for route in router.routes if isinstance(route, APIRoute)]
+    acts = {route.path for route in routes if any(each.call is operates for each in route.dependant.dependencies)}
+    assert acts - ACTIONS.keys() == {"/cells/{name}/targets/{id}/observations"}
 
 
 def test_an_act_without_a_right_to_it_is_audited(guarded: RunningService, tokens):  # noqa: F811

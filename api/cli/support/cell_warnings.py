@@ -12,9 +12,10 @@ LAG_S = 0.002  # [s] by which a simulated arm may be later than its cell says: a
 
 def _called_gripper(cell: Cell) -> list[str]:
     """Returns a warning of a gripper whose timing depends on somebody's code."""
-    from planner.grippers import CALLS
+    from planner.grippers import KINDS
 
-    return [f"gripper.kind is {cell.gripper.kind!r}: {CALLS[cell.gripper.kind]}"] if cell.gripper.kind in CALLS else []
+    call = KINDS[cell.gripper.kind].call
+    return [f"gripper.kind is {cell.gripper.kind!r}: {call}"] if call else []
 
 
 def warnings_of(cell: Cell) -> list[str]:

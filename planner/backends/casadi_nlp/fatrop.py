@@ -23,12 +23,12 @@ import numpy as np
 
 from planner.arrays import Array, Index
 from planner.backends.casadi_nlp.functions import KINDS
-from planner.backends.casadi_nlp.layout import COST, SHARED, StageLayout, Vector
-from planner.backends.casadi_nlp.symbols import FORMULAS
+from planner.backends.casadi_nlp.layout import SHARED, StageLayout, Vector
+from planner.backends.casadi_nlp.symbols import COST, FORMULAS
 from planner.backends.casadi_nlp.transcription import ALL_SHARED, RowIndex, row_index
 from planner.native import OPTIMISER
 
-ROWS_MAX = 64  # [-] of a block, as in launch.c
+ROWS_MAX = 64  # [-] of a block, and parameters that each stage has of its own, as in launch.c
 SOLVED = 0
 LATE = -2
 OUT_OF_TIME = -3  # status of a call, as in launch.c
@@ -162,8 +162,9 @@ class Launch:
         knots = self.index.knots[name]
         index = self.index
         following = index.following(name)
-        if block.n > ROWS_MAX:
-            raise ValueError(f"{name} has {block.n} rows; there is room for {ROWS_MAX}")
+        each = FORMULAS[name].layout.size if name == "cost" else 0
+        if max(block.n, each) > ROWS_MAX:
+            raise ValueError(f"{name} has {block.n} rows, {each} parameters a stage; there is room for {ROWS_MAX}")
         positions = [index.rows[name, k] for k in knots] if name != "cost" else []
         return _Block(
             *(ctypes.cast(self._library[f"{block.name}_{kind}_lanes"], ctypes.c_void_p) for kind in KINDS),
@@ -177,7 +178,7 @@ class Launch:
             knots.start,
             knots.stop,
             self._offsets[name],
-            COST.size if name == "cost" else 0,
+            each,
         )
 
     def _sparsity(self, function: str) -> int:
@@ -205,16 +206,18 @@ def _own_rows(index: RowIndex) -> list[range]:
 
 
 def _parameter_offsets(index: RowIndex) -> tuple[dict[str, int], Index]:
-    """Returns where the parameters of each block begin, and the position of each of them in the problem's."""
+    """Returns where the parameters of each block begin, and the position of each of them in the problem's.
+
+    Those of the cost are there for each stage: what all stages share, and the stage's own.
+    """
     offsets: dict[str, int] = {}
     positions = [np.zeros(0, np.intp)]
+    every = np.arange(ALL_SHARED.size)
+    costs = ALL_SHARED.size + np.arange(COST.size * index.stages.stages).reshape(-1, COST.size)
     for name in index.blocks:
         offsets[name] = sum(map(len, positions))
-        if name == "cost":
-            positions.append(ALL_SHARED.size + np.arange(COST.size * index.stages.stages))
-        else:
-            every = np.arange(ALL_SHARED.size)
-            positions += [every[ALL_SHARED.slices[piece]] for piece in SHARED if piece in FORMULAS[name].parameters]
+        shared = [every[ALL_SHARED.slices[piece]] for piece in SHARED if piece in FORMULAS[name].parameters]
+        positions += [each for own in costs for each in (*shared, own)] if name == "cost" else shared
     return offsets, np.concatenate(positions)
 
 

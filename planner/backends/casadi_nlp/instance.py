@@ -39,9 +39,9 @@ from planner.backends.casadi_nlp.parameters import (
     variable_scales,
 )
 from planner.backends.casadi_nlp.release_rows import aim_from, release_parameters, window_stages
-from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, FORMULAS, LEAVING_ROWS
+from planner.backends.casadi_nlp.symbols import FORMULAS, cost_parameters
 from planner.backends.casadi_nlp.transcription import RowIndex, row_index
-from planner.backends.casadi_nlp.tuning import BRAKE_STAGES, BRAKE_WEIGHT, JERK_WEIGHT, LAUNCH_STAGES, STEP_WEIGHT
+from planner.backends.casadi_nlp.tuning import BRAKE_STAGES, LAUNCH_STAGES
 from planner.cell import Limits
 from planner.kinematics import SINGULARITIES, signed_singularity_distances
 from planner.problem import ThrowProblem
@@ -50,6 +50,7 @@ from planner.timing import CubicGuess, grid_limits
 
 Arguments = dict[str, Vector]
 
+NOT_NEGATIVE = np.zeros(1), np.full(1, np.inf)  # bounds of every row of a group
 CLEARANCES = ("clearance", "keep_out", "rooms")  # of `LAZY_GROUPS`: distances from the arm, surroundings and shapes
 
 
@@ -221,9 +222,10 @@ class Instance:
         free = np.full(index.variables - index.core, np.inf)
         lower = np.append(lower, -free)
         upper = np.append(upper, free)
+        costs = cost_parameters(self.stages, self.steps / self.scales[STEP], self.fixed_times is not None)
         exact = {
             "x0": self.with_object(self.initial / self.scales),
-            "p": np.concatenate([*self.shared_parameters.values(), self._costs()]),
+            "p": np.concatenate([*self.shared_parameters.values(), costs]),
             "lbx": lower,
             "ubx": upper,
             "lbg": bounds.g[0],
@@ -236,9 +238,9 @@ class Instance:
         margins = self.margins
         bounds = Bounds(self.row_index, self.scales[QD])
         bounds.limit_joints(self.limits, margins.position_rad, self._given())
-        for group, limits in self._group_limits().items():
-            bounds.limit_group(group, *limits)
+        limits = self._group_limits()
         for group in self.stages.groups:
+            bounds.limit_group(group, *limits.get(group, NOT_NEGATIVE))
             if group in CLEARANCES:
                 bounds.ease_beside_given(group, self._given_clearances(group))
         bounds.free_flights_after_release(self.stages.window > 0)
@@ -266,19 +268,15 @@ class Instance:
         return np.array([distances[name] for name in ("elbow", "wrist", "shoulder")])
 
     def _group_limits(self) -> dict[str, tuple[Vector, Vector]]:
-        """Returns the lower and upper bounds of every lazy group's rows."""
+        """Returns the lower and upper bounds of the lazy groups whose rows are not just kept from being negative."""
         margins = self.margins
         inf = np.inf
         torque = np.full(6, margins.torque)
-        limits = {"effort": (np.append(-torque, -inf), np.append(torque, margins.tcp_speed**2))}
-        if "grip" in self.stages.groups:
-            axes = np.full(3, margins.grip)
-            limits["grip"] = np.append(-axes, -inf), np.append(axes, margins.grip**2)
-        counts = {"flight": FLIGHT_ROWS.size, "leaving": LEAVING_ROWS.size, "clearance": 3}
-        for group, count in (*counts.items(), ("keep_out", 1), ("rooms", 1), ("standing", 1), ("passing", 1)):
-            if group in self.stages.groups:
-                limits[group] = np.zeros(count), np.full(count, inf)
-        return limits
+        grip = np.full(3, margins.grip)
+        return {
+            "effort": (np.append(-torque, -inf), np.append(torque, margins.tcp_speed**2)),
+            "grip": (np.append(-grip, -inf), np.append(grip, margins.grip**2)),
+        }
 
     def _given_clearances(self, group: str) -> Vector:
         """Returns the rows (k, n) of a group of clearances at the k fixed joint positions, the start first [m].
@@ -293,18 +291,6 @@ class Instance:
     def _given(self) -> list[Vector]:
         """Returns the joint positions (6,) that the problem fixes [rad]."""
         return [self.problem.start, self.candidate.q] if self.problem.fixes_joints else [self.problem.start]
-
-    def _costs(self) -> Vector:
-        """Returns the `COST` parameters of every stage; with fixed times only jerk and steps have a cost."""
-        n = len(self.steps)
-        time = np.where(np.arange(n) < self.stages.launch, 1.0, BRAKE_WEIGHT)
-        weights = {
-            "time": time if self.fixed_times is None else np.zeros(n),
-            "jerk": np.full(n, JERK_WEIGHT / n / 6),
-            "step": np.full(n, STEP_WEIGHT / n),
-            "initial_step": self.steps / self.scales[STEP],
-        }
-        return np.stack([weights[name] for name in layout.COST.sizes]).T.ravel()
 
 
 def _brake_times(duration_s: float, stages: StageLayout, problem: ThrowProblem) -> Vector:

@@ -191,7 +191,6 @@ SHARED = {
     "standing": STANDING,
     "rooms": ROOMS,
 }  # parameters shared by all stages, in this order
-COST = VectorLayout({"time": 1, "jerk": 1, "step": 1, "initial_step": 1})  # parameters of each stage's cost
 ABSENT_RADIUS = -1.0e3  # [m] radius of an absent capsule: never near anything
 FAR = 1.0e3  # [m] distance added where a pair cannot meet
 ABSENT_SHAPE = 1.0e3  # [m] coordinates of an absent keep-out shape

@@ -18,6 +18,7 @@ from planner.backends.casadi_nlp.tuning import (
     ROOM_M,
     USABLE,
 )
+from planner.cell import SAFETY_LIMITS
 
 SPARE_M = 0.001  # [m], [rad] beyond `OVER` times what is missing
 SPARE_SHARE = 0.01  # [-] of a limit beyond what is missing
@@ -47,7 +48,7 @@ GROUPS = {
     "passing": ("passing_m",),
 }
 # Checks that no rows bound: the power of limit over value by which the tool has to be slower at the worst time.
-SLOWED = {"stopping_time": 1.0, "stopping_distance": 0.5, "elbow_speed": 1.0, "momentum": 1.0, "power": 1.0}
+SLOWED = {limit.check: 1.0 / limit.growth for limit in SAFETY_LIMITS.values()}
 LINKS = ARM_CAPSULES.keys() - {"base"}  # of block "passing"
 STANDING = {"foot", "base"}  # of block "standing"
 

@@ -9,12 +9,15 @@ import socket
 import struct
 import time
 from collections.abc import Iterator
+from importlib import import_module
 
 import pytest
 
 from executor import shared_memory as shm
 from executor.grippers import GripperConnection, GripperUnavailable
+from executor.grippers.drivers import DRIVERS
 from executor.streaming.gripper_port import SocketPort
+from planner.grippers import KINDS, MODELS
 from tests.gripper_twins import TwinOnWire, until
 
 ONROBOT = 'kind = "onrobot"\njitter_s = 0.003\nport = 5020\nmodel = '
@@ -47,6 +50,15 @@ def port(twin: TwinOnWire) -> Iterator[SocketPort]:
     until(lambda: made.is_open() is False, made.cycle)
     yield made
     made.close()
+
+
+def test_every_kind_but_those_of_outputs_has_a_driver_and_a_twin() -> None:
+    linked = {name for name, kind in KINDS.items() if not kind.is_wired}
+    reached = {(model.kind, transport) for model in MODELS.values() for transport in model.transports}
+    assert set(DRIVERS) == reached | {(name, "") for name in linked if KINDS[name].call}
+    assert {kind for kind, _ in DRIVERS} == linked
+    for name in linked - {"script"}:  # the simulated controller itself runs that
+        assert callable(import_module(f"simulator.grippers.{name}").twin)
 
 
 @pytest.mark.parametrize("twin", TABLES, indirect=True)

@@ -9,8 +9,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from planner.backends.casadi_nlp.layout import COST, N_THROWN, NU, NX, NZ, StageLayout, Vector
-from planner.backends.casadi_nlp.symbols import FORMULAS
+from planner.backends.casadi_nlp.layout import N_THROWN, NU, NX, NZ, StageLayout, Vector
+from planner.backends.casadi_nlp.symbols import COST, FORMULAS
 from planner.backends.casadi_nlp.transcription import ALL_SHARED, Indices, RowIndex, row_index
 
 MX = Any

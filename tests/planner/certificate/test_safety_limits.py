@@ -1,6 +1,6 @@
 """The arm's own safety limits: Pinocchio's momentum, power and braking torques, and stops that UR has published."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pinocchio as pin
@@ -8,10 +8,11 @@ import pytest
 
 from audit.judge.published_arms import pinocchio_arm
 from planner.backends import ruckig_otg
-from planner.cell import Safety
+from planner.cell import SAFETY_LIMITS, Safety
 from planner.certificate import certify
 from planner.certificate.bounds import joint_rates, point_bound
 from planner.certificate.loads import load_bounds, loads_of
+from planner.certificate.safety_limits import WATCHED
 from planner.certificate.samples import MotionSamples
 from planner.certificate.stopping import MEASURED_DISTANCE, MEASURED_TIME, _least_time
 from planner.dynamics import Payload, joint_torques
@@ -24,6 +25,12 @@ from tests.planner.problems import cell, joint_problem, random_state
 
 NAMES = ("elbow_speed", "momentum", "power", "stopping_time", "stopping_distance")
 FIELDS = ("elbow_speed_m_s", "momentum_kg_m_s", "power_w", "stopping_time_s", "stopping_distance_m")
+
+
+def test_every_safety_limit_has_a_check():
+    assert [each.name for each in fields(Safety)] == list(SAFETY_LIMITS)
+    watched = {quantity.key: quantity.name for quantity in WATCHED}
+    assert watched | {"tool_speed_m_s": "tcp_speed"} == {key: limit.check for key, limit in SAFETY_LIMITS.items()}
 
 
 def model_of(here, with_object):

@@ -14,8 +14,9 @@ from typing import Any
 import casadi as ca
 
 from planner.backends.casadi_nlp import layout
-from planner.backends.casadi_nlp.layout import COST, SHARED, VectorLayout
+from planner.backends.casadi_nlp.layout import SHARED, VectorLayout
 from planner.backends.casadi_nlp.symbols import arm, distances
+from planner.backends.casadi_nlp.symbols.cost import COST, cost
 from planner.backends.casadi_nlp.symbols.passing import (
     GUARD,
     Given,
@@ -112,13 +113,6 @@ def motion(z: SX, given: Given, terms: Terms) -> SX:
     middle_velocity = (s.qd + s.qdd * step / 2) / c["qd"]
     following = ca.vertcat(end.q, end.qd / c["qd"], end.qdd / c["qdd"], z[layout.TIME] + z[layout.STEP])
     return ca.vertcat(following, middle_velocity, state_after(z, c, 0.5).q)
-
-
-def cost(z: SX, given: Given, terms: Terms) -> SX:
-    """One row: weighted time, squared jerk, and the step's relative deviation from its initial guess."""
-    c = given["cost"]
-    step = z[layout.STEP]
-    return c["time"] * step + c["jerk"] * ca.sumsqr(z[layout.JERK]) + c["step"] * (step / c["initial_step"] - 1) ** 2
 
 
 def effort(s: StageState, given: Given, terms: Terms) -> SX:
