@@ -46,7 +46,9 @@ def test_the_running_throw_goes_over_to_a_target_nearby(left: Trajectory, target
     assert certificate.valid
     assert certificate.check("join").ok
     assert found.trajectory.release_time_s < left.release_time_s + LATER_S
-    assert certify(found.way_home.problem, found.way_home.trajectory).valid
+    way = found.way_home
+    assert way.problem is not None and way.trajectory is not None
+    assert certify(way.problem, way.trajectory).valid
 
 
 def test_the_same_running_throw_has_the_same_answer_wherever_it_is_planned(left: Trajectory):
