@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from planner.answer import Plan
+from planner.approach import Approach
 from planner.certificate import certify, release_flight
 from planner.errors import TIME_LIMIT, Infeasible, InvalidProblem, SolverFailed, Violation, nothing_found
 from planner.passages import first_release
@@ -16,16 +18,19 @@ from planner.progress import SILENT, ProgressMeter
 from planner.refusal import nearest_problem, of_candidates, refuse_impossible
 from planner.request import request_document
 from planner.search import (
+    CertifiedSolution,
     PlanningSearch,
     best_with_way_home,
     certified_brake,
     load_libraries,
+    optimise_running,
     search_after_brake,
     search_candidates,
     search_chain,
     search_with_stop,
 )
 from planner.seeds import Candidate, NoCandidates, ReleaseState, candidates, neighbour_candidates
+from planner.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
@@ -37,11 +42,14 @@ class SearchHints:
             search from candidates of its own.
         offers_nearest: whether a refusal carries a feasible request near it, the larger part of most refusals' time.
         meter: tells an observer of the progress, in all searches that it is given to.
+        running: what is left, from the problem's start on, of a throw that the plan is to replace. At a target it is
+            tried first, and ends the search where it comes to a certified motion.
     """
 
     releases: tuple[ReleaseState, ...] = ()
     offers_nearest: bool = True
     meter: ProgressMeter = SILENT
+    running: Trajectory | None = None
 
 
 ORDINARY = SearchHints()
@@ -51,6 +59,7 @@ FIRST_LANDING_S = 0.8
 LANDING_STEP_S = 0.5
 LANDINGS_MAX = 12
 SPARE_S = 0.05  # [s] for a motion that takes a little longer to where the target is then
+MOVED_BY = ("auto", "casadi")  # back ends with the optimiser, which moves a running throw
 NEAREST_ATTEMPT = "nearest"
 NEAREST_CUT_SHORT = "time_limit_s passed before every nearer request was tried"
 NO_RELEASE_STATE = "no release state was found"
@@ -157,15 +166,10 @@ def _search(problem: ThrowProblem, hints: SearchHints) -> Plan:
     hints.meter.begin("search")
     try:
         refuse_impossible(problem)
-        if problem.is_chain:
-            search_chain(search)
-        else:
-            found = _candidates(search, hints.releases)
-            search_candidates(search, found)
-            search.note_end()
-            if search.best is None and problem.backend == "auto" and not hints.releases:
-                _fall_back(search, found)
-        best, way_home = best_with_way_home(search)
+        moved = _moved(search, hints.running)
+        if moved is None:
+            _search_anew(search, hints.releases)
+        best, way_home = moved or best_with_way_home(search)
     except (Infeasible, SolverFailed) as refusal:
         _tell_of_passage(refusal, problem)
         _tell_of_brake(refusal, problem)
@@ -185,6 +189,37 @@ def _search(problem: ThrowProblem, hints: SearchHints) -> Plan:
         way_home=way_home,
         was_cut_short=search.was_cut_short,
     )
+
+
+def _moved(search: PlanningSearch, running: Trajectory | None) -> tuple[CertifiedSolution, Approach] | None:
+    """Returns a running throw moved to a search's target, with its way home; None where that is not certified."""
+    problem = search.problem
+    if running is None or problem.is_chain or problem.target is None or problem.backend not in MOVED_BY:
+        return None
+    optimise_running(search, running)
+    if search.best is None:
+        return None
+    with suppress(Infeasible, SolverFailed):
+        return best_with_way_home(search)
+    return None
+
+
+def _search_anew(search: PlanningSearch, releases: Sequence[ReleaseState]) -> None:
+    """Searches for the best certified motion, from other plans' release states alone where some are given.
+
+    Raises:
+        Infeasible: there are no candidates; or of several passages as `search_chain` does.
+        SolverFailed: the deadline passed before one was found.
+    """
+    problem = search.problem
+    if problem.is_chain:
+        search_chain(search)
+        return
+    found = _candidates(search, releases)
+    search_candidates(search, found)
+    search.note_end()
+    if search.best is None and problem.backend == "auto" and not releases:
+        _fall_back(search, found)
 
 
 def _fall_back(search: PlanningSearch, found: Sequence[Candidate]) -> None:

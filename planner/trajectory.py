@@ -91,6 +91,11 @@ class Trajectory:
         arrays = [each[: end + 1] for each in (self.q, self.qd, self.qdd)]
         return Trajectory(self.sample_rate_hz, *arrays, release_index=self.release_index)
 
+    def since(self, begin: int) -> Trajectory:
+        """Returns the motion from a sample on, not after its release; without passages of its own."""
+        arrays = [each[begin:] for each in (self.q, self.qd, self.qdd)]
+        return Trajectory(self.sample_rate_hz, *arrays, release_index=self.release_index - begin)
+
     def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """Returns exact q, qd, qdd (..., n) at times `t` (...,) [s]; times outside [0, duration] are clipped to it."""
         t = np.asarray(t, float)

@@ -47,6 +47,7 @@ from api.http import (
 )
 from api.plan_events import plan_events
 from api.planning import ClientGone, PlanningEnded, PlanningQueueFull
+from api.running_motion import RunningMotion, running_motion
 from api.scene import plan_curves
 from api.schemas import (
     PLAN_EXAMPLES,
@@ -68,7 +69,7 @@ from planner.problem import UNCERTAIN_DEVIATIONS
 from planner.progress import Observer
 from planner.request import target_moves, tracked_targets, with_states
 from planner.tracking import TargetTrack
-from store import ExecutionRow, IdempotencyKey, KeyTaken, PlanRow, ProfileRow, UnknownRow, new_id
+from store import IdempotencyKey, KeyTaken, PlanRow, ProfileRow, UnknownRow, new_id
 
 router = APIRouter(route_class=StrictJsonRoute, tags=["plans"])
 
@@ -329,17 +330,20 @@ def _planning_job(asked: PlanOrder, is_stored: bool) -> PlanningJob:
     source, _ = service.cells.required(name)
     request = _with_tracked_target(service, {**asked.body, "cell": name})
     start = asked.body.get("start", {})
+    running = None
     if "current" in start:
         request["start"] = {"positions": current_positions(service, name)}
     elif "execution" in start:
-        request["start"] = _state_in_execution(service, name, start["execution"], start["at_s"])
+        id, motion = _motion_of_execution(service, name, start["execution"], start["at_s"])
+        request["start"] = {**motion.state, "execution": id, "at_s": start["at_s"]}
+        running = motion.throw
     if target_moves(request) and "starts_not_before_s" not in asked.body:
         request["starts_not_before_s"] = controller_time_s(service, name) + START_IN_S
     version = service.note_cell_version(source)
     row = _profile(service, name, source.sha256, asked.profile_id)
     profile = None if row is None else (row.id, row.document)
     plan_id = new_id() if is_stored else None
-    return PlanningJob(plan_id, time.time(), source, request, profile, asked.request_id, version)
+    return PlanningJob(plan_id, time.time(), source, request, profile, asked.request_id, version, running=running)
 
 
 def _profile(service: Service, cell: str, cell_sha256: str, id: str | None) -> ProfileRow | None:
@@ -435,8 +439,8 @@ def current_positions(service: Service, cell: str) -> list[float]:
     return [float(q) for q in positions]
 
 
-def _state_in_execution(service: Service, cell: str, id: str, at_s: float) -> dict[str, Any]:
-    """Returns the start on an execution's motion at a time: with the state that it has on the nearest tick.
+def _motion_of_execution(service: Service, cell: str, id: str, at_s: float) -> tuple[str, RunningMotion]:
+    """Returns the id of an execution, and its motion from the tick nearest to a time [s] on.
 
     Raises:
         ProblemDetails: There is no such execution, it has ended or is another cell's, or its motion ends before.
@@ -445,27 +449,10 @@ def _state_in_execution(service: Service, cell: str, id: str, at_s: float) -> di
     if row.state == "finished" or row.cell != cell:
         what = "has ended" if row.state == "finished" else f"is of cell {row.cell!r}"
         raise invalid_field("start.execution", f"{row.id} {what}: no motion can begin on it")
-    state = running_state(service, row, at_s)
-    if state is None:
+    motion = running_motion(service, row, at_s)
+    if motion is None:
         raise invalid_field("start.at_s", f"{at_s:g} s is after the end of the motion")
-    return {**state, "execution": row.id, "at_s": at_s}
-
-
-def running_state(service: Service, row: ExecutionRow, at_s: float) -> dict[str, Any] | None:
-    """Returns positions, velocities and accelerations of an execution's motion at a time [s]; None beyond it."""
-    begins_s = 0.0
-    plan_id = row.plan_id
-    for each in row.joined:
-        if each["joins_s"] <= at_s:
-            begins_s = each["joins_s"]
-            plan_id = each["plan_id"]
-    plan = service.store.plan(plan_id)
-    assert plan is not None  # retention keeps the plans of executions
-    motion = orjson.loads(plan.trajectory)
-    tick = round((at_s - begins_s) * orjson.loads(plan.summary)["sample_rate_hz"])
-    if not 0 <= tick < len(motion["positions"]):
-        return None
-    return {name: motion[name][tick] for name in ("positions", "velocities", "accelerations")}
+    return row.id, motion
 
 
 def _store_plan(service: Service, planned: PlanRecord, key: IdempotencyKey | None) -> str:

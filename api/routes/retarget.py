@@ -25,9 +25,9 @@ from api.routes.plans import (
     SEARCH_PROBLEMS,
     PlanOrder,
     WithTrajectory,
-    running_state,
     stored_plan,
 )
+from api.running_motion import running_motion
 from api.schemas import RETARGET_EXAMPLES, PlanAnswer, RetargetRequestBody
 from planner.errors import FieldError, InvalidProblem
 from planner.request import states_of, target_moves, tracked_targets
@@ -108,7 +108,7 @@ class _Retarget:
         service = self.asked.service
         row, now_s = await run_in_threadpool(_running, service, self.cell)
         at_s = now_s + lead_s
-        if await run_in_threadpool(running_state, service, row, at_s) is None:
+        if await run_in_threadpool(running_motion, service, row, at_s) is None:
             service.leads.shorten(self.cell)
             what = f"the earliest tick that can be reached is {lead_s:.2f} s ahead, at {at_s:.2f} s of the motion"
             raise ProblemDetails("cannot-join", f"{what}, which ends before")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 
@@ -16,29 +17,28 @@ from planner.errors import SolverFailed
 from planner.geometry import tool_state
 from planner.problem import ThrowProblem
 from planner.search.record import PlanningSearch
-from planner.seeds import Candidate, Seed
+from planner.seeds import Candidate, InitialGuess, Seed
 from planner.trajectory import Trajectory
 
 ROUNDS = 4  # [-] solves from one initial guess, each after failed checks of the one before
 
 
-def optimise(search: PlanningSearch, candidate: Candidate) -> bool:
+def optimise(search: PlanningSearch, candidate: Candidate, guess: InitialGuess | None = None) -> bool:
     """Optimises from a candidate; returns whether a motion is certified, or known to be no sooner than the best.
 
-    The initial guess is Ruckig's soonest motion; where Ruckig refuses the candidate, it is left to the optimiser. After
-    failed checks it is solved again from there with wider margins.
+    After failed checks it is solved again from there with wider margins.
 
     Args:
         search: updated in place.
         candidate: of its problem.
+        guess: the initial guess. None: Ruckig's soonest motion; where Ruckig refuses the candidate, the optimiser's.
     """
     problem = search.problem
     search.step(1)
     begun_s = time.perf_counter() + _load(search)
-    try:
-        guess = ruckig_otg.initial_guess(problem, candidate)
-    except SolverFailed:
-        guess = None
+    if guess is None:
+        with suppress(SolverFailed):
+            guess = ruckig_otg.initial_guess(problem, candidate)
     seed = Seed(candidate, guess)
     options = _first_options(search)
     is_settled = False
@@ -67,6 +67,19 @@ def optimise(search: PlanningSearch, candidate: Candidate) -> bool:
         options = replace(options, margins=wider, groups=options.groups | solution.held)
     search.log_attempt("casadi", f"{candidate.label}: {result}", begun_s)
     return is_settled
+
+
+def optimise_running(search: PlanningSearch, running: Trajectory) -> None:
+    """Optimises from what is left of a motion, which was to release at another target: moved to this one.
+
+    Its release state is the candidate, and its samples are the initial guess.
+
+    Args:
+        search: of a target, from the first sample of the motion; updated in place.
+        running: the motion.
+    """
+    k = running.release_index
+    optimise(search, Candidate(running.q[k], running.qd[k], 0.0, "running motion"), running)
 
 
 def _load(search: PlanningSearch) -> float:

@@ -6,12 +6,14 @@ import threading
 import time
 from typing import Any
 
+import numpy as np
 import pytest
 
 from api.field_errors import named_as_sent
 from api.http import invalid_field
 from api.leads import FIRST_S, KEPT, Leads
 from api.routes import plans, retarget
+from api.running_motion import RunningMotion
 from planner.errors import FieldError
 from store import TICK_PASSED
 from tests.api.conftest import JOINT, FakeExecutor, RunningService
@@ -70,6 +72,44 @@ def test_it_is_planned_on_the_motion_and_joined(service: RunningService, executo
     assert answer["plan_id"] == made["id"]
 
 
+def test_a_throw_is_moved_to_the_new_target(service: RunningService, executor: FakeExecutor):
+    release = {"kind": "target", "position": [1.2, 0.3, 0.0]}
+    thrown = service.plan(release=release, backend="auto")
+    id = streaming(service, thrown["id"])
+    start = {"execution": id, "at_s": 0.4 * thrown["release_time_s"]}
+    moved = {**release, "position": [1.22, 0.28, 0.0]}
+    made = service.plan(release=moved, start=start, backend="auto")
+    assert [each["result"] for each in made["solver"]["attempts"]] == ["running motion: certified"]
+    again = service.plan(release=moved, start=start, backend="auto")
+    assert again["trajectory"] == made["trajectory"]
+    later = {**start, "at_s": 1.01 * thrown["release_time_s"]}  # the object is gone
+    late = service.plan(release=moved, start=later, backend="auto")
+    assert not any("running motion" in each["result"] for each in late["solver"]["attempts"])
+
+
+@pytest.mark.parametrize(
+    ("tick", "passages", "is_thrown"),
+    [(0, None, True), (5, None, True), (6, None, False), (2, (3, 6), False), (3, (3, 6), True), (3, (6, 8), False)],
+)
+def test_a_throw_is_to_come_where_nothing_else_is_to_be_passed(tick: int, passages: Any, is_thrown: bool):
+    rows = np.arange(10.0)[:, None] + np.zeros(6)
+    motion = {name: rows.tolist() for name in ("positions", "velocities", "accelerations")}
+    told = {} if passages is None else {"passages": [{"index": index} for index in passages]}
+    found = RunningMotion({"release": {"index": 6}, "sample_rate_hz": 500.0, **told}, motion, tick)
+    assert found.state["velocities"] == rows[tick].tolist()
+    left = found.throw
+    assert (left is not None) == is_thrown
+    if left is not None:
+        assert left.release_index == 6 - tick
+        assert np.array_equal(left.q, rows[tick:])
+
+
+def test_a_motion_that_lets_nothing_go_is_no_throw():
+    motion = {name: [[0.0] * 6] * 10 for name in ("positions", "velocities", "accelerations")}
+    summary = {"release": None, "sample_rate_hz": 500.0, "passages": [{"index": 6}]}
+    assert RunningMotion(summary, motion, 2).throw is None
+
+
 def test_a_tick_that_has_passed_is_tried_once_more(service: RunningService, executor: FakeExecutor, plan, soon):
     id = streaming(service, plan["id"])
     response = called(FakeRun(service, id, f"{TICK_PASSED}: 0.1 s ago", ""))
@@ -114,7 +154,7 @@ def test_a_start_that_cannot_be_is_no_field_of_the_body(service, executor: FakeE
     def ended(*_: Any) -> Any:
         raise invalid_field("start.execution", f"{id} has ended: no motion can begin on it")
 
-    monkeypatch.setattr(plans, "_state_in_execution", ended)
+    monkeypatch.setattr(plans, "_motion_of_execution", ended)
     answer = problem_of(called(FakeRun(service, id)), 409, "cannot-join")
     assert answer["detail"] == f"{id} has ended: no motion can begin on it"
 

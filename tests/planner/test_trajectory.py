@@ -50,6 +50,15 @@ def test_join_keeps_the_release_once():
     assert trajectory.duration_s == pytest.approx(0.03)
 
 
+def test_what_is_left_of_a_motion_is_the_same_motion_later():
+    _, _, arrays = random_motion()
+    whole = Trajectory(500.0, *arrays, release_index=30)
+    left = whole.since(12)
+    assert left.release_index == 18
+    t = np.linspace(0.0, left.duration_s, 7)
+    np.testing.assert_allclose(left.at(t), whole.at(t + 0.024), atol=1e-9)
+
+
 def test_samples_are_read_only_and_must_fit():
     _, _, (q, qd, qdd) = random_motion()
     trajectory = Trajectory(500.0, q, qd, qdd, release_index=3)
