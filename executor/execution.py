@@ -320,6 +320,7 @@ class Execution:
         try:
             self._announce()
         except (ExecutionRefused, OSError) as error:
+            self.throw = None
             self.note(f"the landing of the new throw is not seen: {error}")
 
     def abort(self) -> None:
@@ -449,7 +450,7 @@ class Execution:
         return self._landing_of(self.problem, self.trajectory)
 
     def _landing_of(self, problem: ThrowProblem, trajectory: Trajectory) -> records.Landing | None:
-        if self.session.cell.link.kind != "sim" or self.row.dry_run:
+        if self.session.cell.link.kind != "sim" or self.row.dry_run or self.throw is None:
             return None
         flight = release_flight(problem, trajectory)
         duration = 0.0 if flight is None else flight.time_of_flight_s

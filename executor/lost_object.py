@@ -64,13 +64,13 @@ def object_words(
             why = "" if stayed_closed else "the gripper was told to open and stayed closed: "
             return f"{why}the object is held"
         return UNSEEN
-    if not states:
-        return UNSEEN
     opened, closed = opening
     left = opened + cell.gripper.delay_s
     doubt = DOUBT_STD * cell.gripper.jitter_s + PERIOD_S
     if closed is not None and closed < left - doubt:
         return f"the gripper was closed again {1e3 * (closed - opened):.0f} ms after it opened: the object is held"
+    if not states or states[-1].timestamp_s < opened - OUT_OF_SIGHT_S:
+        return UNSEEN
     word = "left" if closed is None or closed > left + doubt else "may have left"
     return f"the object {word} the gripper {_landing(problem, trajectory, states, left)}"
 

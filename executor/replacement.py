@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import math
 import os
+import threading
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import CancelledError, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from multiprocessing import active_children, get_context
@@ -40,7 +41,8 @@ Vector = NDArray[np.float64]
 
 SAME = 1e-9  # [rad, rad/s] by which rows of one motion may differ: rounding of plan times
 ROUNDING = 1e-6  # [ticks] of a plan time in floating point
-ANSWER_S = 10.0  # [s] for a certificate: it takes some tenths of a second, and most motions are over by then
+CERTIFIER_ENDED = "the certifying process ended; it is started with the next execution"
+ANSWER_S = 3.0  # [s] for a certificate: it takes some tenths of a second, a second where it has to be proven
 UNITS = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s^2"}
 
 
@@ -159,18 +161,20 @@ class Certifier:
     """The process that answers questions, started beforehand: it takes a second to load."""
 
     def __init__(self) -> None:
+        self._lock = threading.Lock()  # the thread that asks outlives its run where an answer is late
         self._pool: ProcessPoolExecutor | None = None
         self._children: list[BaseProcess] = []
 
     def start(self) -> None:
         """Starts it where it does not run, from a thread that lives as long as it is to."""
-        if self._pool is not None:
-            return
-        context = get_context("spawn")
-        self._pool = ProcessPoolExecutor(1, context, realtime.terminate_with_parent, (os.getpid(),))
-        others = active_children()
-        self._pool.submit(loaded)  # which starts its process
-        self._children = [child for child in active_children() if child not in others]
+        with self._lock:
+            if self._pool is not None:
+                return
+            context = get_context("spawn")
+            self._pool = ProcessPoolExecutor(1, context, realtime.terminate_with_parent, (os.getpid(),))
+            others = active_children()
+            self._pool.submit(loaded)  # which starts its process
+            self._children = [child for child in active_children() if child not in others]
 
     def ask(self, question: Question) -> Replacement:
         """Returns what replaces the running motion.
@@ -178,15 +182,20 @@ class Certifier:
         Raises:
             CannotJoin: nothing does.
         """
-        if self._pool is None:
+        pool = self._pool
+        if pool is None:
             raise CannotJoin("this executor has no process that certifies")
         try:
-            found = self._pool.submit(answer, question).result(ANSWER_S)
-        except BrokenProcessPool:
-            self._pool = None
-            raise CannotJoin("the certifying process ended; it is started with the next execution") from None
+            asked = pool.submit(answer, question)
+        except RuntimeError:  # it was ended meanwhile
+            raise CannotJoin(CERTIFIER_ENDED) from None
+        try:
+            found = asked.result(ANSWER_S)
+        except (BrokenProcessPool, CancelledError):
+            self._end(pool)
+            raise CannotJoin(CERTIFIER_ENDED) from None
         except TimeoutError:
-            self.stop()
+            self._end(pool)
             late = f"the certifying process has not answered within {ANSWER_S:.0f} s"
             raise CannotJoin(f"{late}; it is started anew with the next execution") from None
         if isinstance(found, str):
@@ -195,12 +204,19 @@ class Certifier:
 
     def stop(self) -> None:
         """Ends it at once: this process would wait at its end for one that is still loading, certifying, or frozen."""
-        pool = self._pool
-        if pool is None:
-            return
-        self._pool = None
+        if self._pool is not None:
+            self._end(self._pool)
+
+    def _end(self, pool: ProcessPoolExecutor) -> None:
+        """Ends the process of a pool, unless another one has taken its place."""
+        with self._lock:
+            if pool is not self._pool:
+                return
+            children = self._children
+            self._pool = None
+            self._children = []
         pool.shutdown(wait=False, cancel_futures=True)
-        for child in self._children:
+        for child in children:
             child.kill()
 
 

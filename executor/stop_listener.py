@@ -47,7 +47,7 @@ class StopListener(Worker):
                 while not self.ended.is_set():
                     for number, _ in waiting.poll(1e3 * POLL_S):
                         if number == listener.fileno():
-                            _accept(listener, clients, waiting)
+                            self._accept(listener, clients, waiting)
                         elif number in clients:  # one that has just made room for another is gone
                             waiting.unregister(number)
                             self._serve(clients.pop(number))
@@ -55,6 +55,17 @@ class StopListener(Worker):
                 for client in clients.values():
                     client.close()
                 (self.folder / stop_socket.NAME).unlink(missing_ok=True)
+
+    def _accept(self, listener: socket.socket, clients: dict[int, socket.socket], waiting: select.poll) -> None:
+        """Accepts a client; one too many takes the place of the oldest, which is answered if it has just spoken."""
+        client, _ = listener.accept()
+        client.setblocking(False)
+        if len(clients) >= CLIENTS_MAX:
+            oldest = next(iter(clients))
+            waiting.unregister(oldest)
+            self._serve(clients.pop(oldest))
+        clients[client.fileno()] = client
+        waiting.register(client, select.POLLIN)
 
     def _serve(self, client: socket.socket) -> None:
         """Answers one message, and closes the connection; what is no message has no answer."""
@@ -81,15 +92,3 @@ class StopListener(Worker):
     def _asked_at(self, execution: Execution) -> float | None:
         asked = execution.row.id in self._asked
         return time.time() if asked else execution.row.abort_requested_at
-
-
-def _accept(listener: socket.socket, clients: dict[int, socket.socket], waiting: select.poll) -> None:
-    """Accepts a client; one too many takes the place of the one that has been silent longest."""
-    client, _ = listener.accept()
-    client.setblocking(False)
-    if len(clients) >= CLIENTS_MAX:
-        oldest = next(iter(clients))
-        waiting.unregister(oldest)
-        clients.pop(oldest).close()
-    clients[client.fileno()] = client
-    waiting.register(client, select.POLLIN)

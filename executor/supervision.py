@@ -252,17 +252,17 @@ class StreamRun:
 
     def _stop_controller(self) -> None:
         """Ends the controller's program, and closes the gripper where it may still hold the object."""
-        if self.job.program:
-            self.programs.stop()  # first: a program that plays on opens the gripper by itself
-            self._hold_object()
-        else:
-            self._hold_object()
-            self.programs.stop()
+        was_held = self._hold_object()
+        self.programs.stop()
+        if was_held and self.job.program:
+            self.outputs.hold(self.job)  # once more: the program may have opened it before it was stopped
         with contextlib.suppress(OSError):  # it has none, or the controller's own watchdog is left, and armed
             self.dashboard.ask("stop")
 
-    def _hold_object(self) -> None:
+    def _hold_object(self) -> bool:
         """Closes the gripper again while it still holds the object: the arm stops, and would drop it.
+
+        Returns whether an output was told to.
 
         A program in the controller may have opened it since the newest state.
         """
@@ -270,15 +270,15 @@ class StreamRun:
         row = self.latest_row()
         may_be_open = not np.isnan(self.memory.fields[shm.OUTPUT_SENT_S]) or (job.program and job.output_row >= 0)
         if row is None or not may_be_open:
-            return
-        clock = _clock_s(row)
-        if clock >= job.first_clock_s + job.release_row * job.dt:
+            return False
+        if _clock_s(row) >= job.first_clock_s + job.release_row * job.dt:
             self.outputs.end_blowing(job)
-            return
+            return False
         if self.gripper is None:
-            self.outputs.hold(job)
-        elif self.gripper.hold():
-            self.held_at_s = clock
+            return self.outputs.hold(job)
+        if self.gripper.hold():
+            self.held_at_s = _clock_s(row)
+        return False
 
     def _end_switching(self, stopped: bool) -> None:
         """Gives outputs that were switched their last levels, after a stop that was no orderly brake.

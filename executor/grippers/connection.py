@@ -46,15 +46,15 @@ class GripperConnection:
         """
         self.driver = driver_of(link)
         host = link.host or controller
-        self._peer = (host, link.port)
         self._where = f"the gripper at {host}:{link.port}"
         try:
-            self._socket = socket.create_connection(self._peer, CONNECT_S)
+            self._socket = socket.create_connection((host, link.port), CONNECT_S)
         except OSError as error:
             raise GripperUnavailable(f"{self._where} does not answer: {error}") from error
         try:
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             discard_at_close(self._socket)
+            self._peer = self._socket.getpeername()[:2]  # a number: looking up a name again may take seconds
             self._check()
             self._socket.setblocking(False)
         except (OSError, GripperUnavailable) as error:

@@ -88,6 +88,11 @@ def test_without_a_state_nobody_knows(prepared: Prepared) -> None:
     link: Any = "a gripper on a network"
     cell = replace(prepared.cell, gripper=replace(prepared.cell.gripper, link=link))
     problem = replace(prepared.problem, cell=cell)
-    for closed in (None, AT_ZERO_S + 1.01):
-        text = object_words(problem, prepared.trajectory, [], True, (AT_ZERO_S + 1.0, closed))
+    opened = AT_ZERO_S + prepared.trajectory.release_time_s
+    long_ago = [each for each in published(prepared, 9.0, 9.0) if each.timestamp_s < opened - 0.6]
+    assert not long_ago or long_ago[-1].timestamp_s > AT_ZERO_S
+    for states in ([], long_ago):
+        text = object_words(problem, prepared.trajectory, states, True, (opened, None))
         assert "cannot be seen any more: the object may have left" in text
+        text = object_words(problem, prepared.trajectory, states, True, (opened, opened + 0.001))
+        assert "the object is held" in text

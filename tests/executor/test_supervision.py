@@ -178,7 +178,7 @@ def test_what_a_program_in_the_controller_has_opened_unseen_is_closed(prepared: 
     job = replace(prepared.job, program="def fling(): end")
     run, asked = run_at(job, job.output_row - 2, tmp_path)
     run._make_safe("fault")
-    assert asked == ["stop program", "hold", "stop"]
+    assert asked == ["hold", "stop program", "hold", "stop"]
     run, asked = run_at(replace(job, output_row=-1), 50, tmp_path)  # which throws nothing
     run._make_safe("fault")
     assert asked == ["stop program", "stop"]
