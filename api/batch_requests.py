@@ -36,9 +36,10 @@ def batch_specification(
         try:
             source, _ = cells.required(name)
         except (UnknownCell, CellError) as error:
-            number = next(k for k, each in enumerate(requests) if (each.get("cell") or default_cell) == name)
+            named = next((k for k, each in enumerate(requests) if each.get("cell") == name), None)
+            field = "cell" if named is None else f"requests[{named}].cell"  # of a request that names none: the default
             refused = "the cell file is refused: " if isinstance(error, CellError) else ""
-            raise invalid_field(f"requests[{number}].cell", f"{refused}{error}") from error
+            raise invalid_field(field, f"{refused}{error}") from error
         version = store.note_cell_version(
             name, source.sha256, source.text, source.calibration, "service", source.meshes
         )
@@ -102,8 +103,9 @@ def _read(document: Any, path: str) -> dict[str, Any]:
         InvalidProblem: every refused field with its reason.
     """
     request = read_request(document, path)
+    start = request.get("start", {})
     for key in ("current", "execution"):
-        if key in request.get("start", {}):
+        if key in start and "positions" not in start:
             raise InvalidProblem([FieldError(f"{path}.start.{key}", "a batch is planned later: give positions")])
     if tracked := tracked_targets(request):
         reason = "a batch is planned later, when a tracked target is elsewhere"

@@ -19,6 +19,7 @@ from store import AuditLine, new_id
 
 ID_HEADER = "X-Request-ID"
 ID_PATTERN = re.compile(r"[A-Za-z0-9._:+/=-]{1,128}")  # others are not echoed: they end up in logs
+NOT_ALLOWED = 405  # the path has no such method: nobody asked for its act
 ACTIONS = {  # what is audited, by route; acts that succeed are audited by the store, with the act
     "/execute": "execute",
     "/executions/{id}/abort": "abort",
@@ -78,7 +79,7 @@ class RequestRecord:
     def refused_act(self) -> AuditLine | None:
         """Returns the line of the audit trail for an act that was refused or failed; None for everything else."""
         action = ACTIONS.get(self.route or "")
-        if self.method not in ("POST", "DELETE") or action is None or self.status < 400:
+        if self.method not in ("POST", "DELETE") or action is None or self.status < 400 or self.status == NOT_ALLOWED:
             return None
         outcome = self.problem or str(self.status)
         return AuditLine(self.token or "unknown", action, self.client, self.id, self.path, outcome, self.detail)

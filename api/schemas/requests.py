@@ -62,8 +62,8 @@ def _type_of_words(shape: Shape) -> Any:
     match shape:
         case Choice(values):
             return Literal[tuple(values)]
-        case Text(most):
-            return Annotated[str, Field(max_length=most)]
+        case Text(most, least):
+            return Annotated[str, Field(min_length=least or None, max_length=most)]
         case Yes():
             return Literal[True]
         case YesOr(most):

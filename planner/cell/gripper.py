@@ -202,7 +202,7 @@ def outputs_of(
                 raise CellError(f"{where}sense_input", sense, "is wired to another output already")
             if sense == grip_input:
                 raise CellError("gripper.grip_input", sense, f"is wired to an output already ({where}sense_input)")
-        delay_s = number(table, "delay_s", where, -lag_s, OUTPUT_DELAY_MAX_S)
+        delay_s = number(table, "delay_s", where, 0.0 - lag_s, OUTPUT_DELAY_MAX_S)
         found[name] = DigitalOutput(*line, delay_s, number(table, "jitter_s", where, 0.0, OUTPUT_JITTER_MAX_S), sense)
     return found
 

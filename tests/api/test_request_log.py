@@ -93,6 +93,14 @@ def test_an_act_without_a_right_to_it_is_audited(guarded: RunningService, tokens
         assert (line["who"], line["action"], line["outcome"]) == (who, "execute", outcome)
 
 
+def test_a_method_that_a_path_does_not_have_is_no_act(service: RunningService):
+    before = service.store.audit_lines(9)
+    for path in ("/execute", "/jobs", "/batches"):
+        problem_of(service.client.delete(path), 405, "method-not-allowed")
+    problem_of(service.client.post("/cells/ur5e-sim/targets/bin"), 405, "method-not-allowed")
+    assert service.store.audit_lines(9) == before
+
+
 def test_an_act_and_its_audit_line_are_stored_together_or_not_at_all(
     service: RunningService, executor: FakeExecutor, plan, monkeypatch: pytest.MonkeyPatch
 ):

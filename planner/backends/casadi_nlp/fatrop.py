@@ -216,7 +216,7 @@ def _parameter_offsets(index: RowIndex) -> tuple[dict[str, int], Index]:
     costs = ALL_SHARED.size + np.arange(COST.size * index.stages.stages).reshape(-1, COST.size)
     for name in index.blocks:
         offsets[name] = sum(map(len, positions))
-        shared = [every[ALL_SHARED.slices[piece]] for piece in SHARED if piece in FORMULAS[name].parameters]
+        shared = [every[ALL_SHARED.slices[piece]] for piece in FORMULAS[name].parameters if piece in SHARED]
         positions += [each for own in costs for each in (*shared, own)] if name == "cost" else shared
     return offsets, np.concatenate(positions)
 

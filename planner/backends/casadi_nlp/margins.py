@@ -48,7 +48,7 @@ GROUPS = {
     "passing": ("passing_m",),
 }
 # Checks that no rows bound: the power of limit over value by which the tool has to be slower at the worst time.
-SLOWED = {limit.check: 1.0 / limit.growth for limit in SAFETY_LIMITS.values()}
+SLOWED = {limit.check: 1.0 / limit.growth for limit in SAFETY_LIMITS.values() if limit.check not in SHARES}
 LINKS = ARM_CAPSULES.keys() - {"base"}  # of block "passing"
 STANDING = {"foot", "base"}  # of block "standing"
 
