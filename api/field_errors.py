@@ -28,8 +28,7 @@ def refused_fields(errors: Sequence[Error], model: type[BaseModel] | None = None
     for error in errors:
         if len(found) == ERRORS_MAX:
             break
-        if not _is_other_branch(error):
-            found.setdefault(field_path(_place(error)), reason(error, model))
+        found.setdefault(field_path(_place(error)), reason(error, model))
     return [{"field": field, "reason": text} for field, text in found.items()]
 
 
@@ -99,15 +98,9 @@ def field_path(location: Sequence[str | int]) -> str:
     for part in location[1:] if location[:1] == ("body",) else location:
         if isinstance(part, int):
             path += f"[{part}]"
-        elif "[" not in part or not path:  # otherwise it names a branch of a union
+        else:
             path += f".{short_name(part)}" if path else short_name(part)
     return path or "body"
-
-
-def _is_other_branch(error: Error) -> bool:
-    """Returns whether an error is about the branch of a union of number and list that was not meant."""
-    last = error["loc"][-1] if error["loc"] else ""
-    return error["type"] == "list_type" and "[" in str(last) and not isinstance(error.get("input"), list)
 
 
 def _unknown(location: Sequence[str | int], model: type[BaseModel] | None) -> str:

@@ -13,7 +13,7 @@ from importlib.util import find_spec
 from executor.calibration_import import ImportFailed, import_calibration
 from executor.calibration_import import report as import_report
 from executor.daemon import Daemon
-from executor.doctor import DURATION_S, examine, grade_lag, known_timing, report
+from executor.doctor import DURATION_S, examine, grade_lag, known_timing, report, report_document
 from executor.logs import configure_logs, log
 from executor.ownership import CellTaken
 from executor.preflight import closest_models
@@ -39,7 +39,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--doctor", action="store_true", help="check this machine's timing and the link, then exit")
     parser.add_argument("--kinematics", action="store_true", help="import the controller's kinematics, then exit")
     parser.add_argument("--find", metavar="HOST", help="print what the controller there tells of itself, then exit")
-    parser.add_argument("--json", action="store_true", help="print the import as JSON")
+    parser.add_argument("--json", action="store_true", help="print the import, or what the doctor found, as JSON")
     options = parser.parse_args(arguments)
     if options.find is not None:
         return run_search(options.find)
@@ -55,7 +55,7 @@ def main(arguments: list[str] | None = None) -> int:
             return run_import(settings, options.json)
         cell = load_cell(settings.cell_path)
         if options.doctor:
-            return run_doctor(cell, settings.database_url)
+            return run_doctor(cell, settings.database_url, options.json)
         if find_spec("rtde_control") is None and not settings.read_only:
             raise ValueError(NO_CLIENT)
         journal = Journal(settings.data)
@@ -87,13 +87,13 @@ def serve(daemon: Daemon, ended: threading.Event) -> int:
     return 1
 
 
-def run_doctor(cell: Cell, database_url: str) -> int:
+def run_doctor(cell: Cell, database_url: str, as_json: bool) -> int:
     """Prints the doctor's report; returns its exit code."""
     print(f"Measuring for {DURATION_S:.0f} seconds …", file=sys.stderr)
     found = find_robot(cell.link.host)
     findings = [*examine(cell, found), grade_lag(cell, known_timing(cell, database_url))]
     text, code = report(cell, found, findings)
-    print(text)
+    print(json.dumps(report_document(cell, found, findings)) if as_json else text)
     return code
 
 

@@ -11,7 +11,7 @@ import platform
 import subprocess
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -94,6 +94,18 @@ def report(cell: Cell, found: FoundRobot, findings: list[DoctorFinding]) -> tupl
             lines.append(f"           -> {finding.advice}")
     code = max(CODES[finding.grade] for finding in findings)
     return "\n".join([*lines, f"Verdict: {VERDICTS[code]}."]), code
+
+
+def report_document(cell: Cell, found: FoundRobot, findings: list[DoctorFinding]) -> dict[str, Any]:
+    """Returns the report as JSON."""
+    code = max(CODES[finding.grade] for finding in findings)
+    head = {"cell": cell.name, "robot": cell.robot.name, "host": cell.link.host, "found": found_words(cell, found)}
+    return {
+        **head,
+        "findings": [asdict(finding) for finding in findings],
+        "verdict": VERDICTS[code],
+        "exit_status": code,
+    }
 
 
 def found_words(cell: Cell, found: FoundRobot) -> str:

@@ -217,8 +217,8 @@ def _read_json(text: bytes, made: Callable[[list[tuple[str, Any]]], dict[str, An
         raise _too_deep() from None
     except UnicodeDecodeError:
         raise _not_json("is not UTF-8") from None
-    except ValueError as error:  # a number of thousands of digits
-        raise _not_json(f"is not JSON: {error}") from None
+    except ValueError:
+        raise _not_json(f"has a number of more than {sys.get_int_max_str_digits()} digits") from None
 
 
 def _object(errors: list[FieldError], pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -399,18 +399,21 @@ def show(id: str, as_json: bool, client: ServiceClient) -> None:
 
 @profile.command()
 @click.argument("id")
+@json_option
 @calls_service
-def adopt(id: str, client: ServiceClient) -> None:
+def adopt(id: str, as_json: bool, client: ServiceClient) -> None:
     """Use a profile from now on; plans made before it must be made again."""
     answer = client.post(f"/profiles/{id}/adopt")
-    click.echo(f"{answer['cell']} uses profile {answer['profile']}, adopted by {answer['adopted_by']}")
+    said = f"{answer['cell']} uses profile {answer['profile']}, adopted by {answer['adopted_by']}"
+    click.echo(json.dumps(answer) if as_json else said)
 
 
 @profile.command()
 @cell_option(service=True)
+@json_option
 @calls_service
-def revert(cell: str | None, client: ServiceClient) -> None:
+def revert(cell: str | None, as_json: bool, client: ServiceClient) -> None:
     """Use the cell file's own numbers again."""
     name = cell_of_service(client, cell)
-    client.post(f"/cells/{name}/profiles/revert")
-    click.echo(f"{name} uses the cell file's numbers")
+    answer = client.post(f"/cells/{name}/profiles/revert")
+    click.echo(json.dumps(answer) if as_json else f"{name} uses the cell file's numbers")

@@ -16,12 +16,14 @@ import click
 
 from api.cli.cell_urdf import refuse_present, write_new
 from api.cli.support.cell_warnings import warnings_of
+from api.cli.support.options import json_option
 from api.cli.support.terminal import BAD, GOOD, say
 from planner.grippers import MODELS, OUTPUTS
 
 if TYPE_CHECKING:
     from planner.cell import Cell
 
+OPTIONS = ("--controller", "--robot", "--tcp", "--mass", "--gripper")  # by the questions that they answer
 NAME = re.compile(r"[A-Za-z0-9_-]+")
 SIMULATED = "sim"
 SIMULATED_HOST = "127.0.0.1"
@@ -121,6 +123,7 @@ class Answers:
 @click.option("--mass", type=click.FloatRange(0.0), metavar="KG", help="Mass of the tool without the object [kg].")
 @click.option("--gripper", type=GRIPPER, metavar="OUTPUT|MODEL", help=f"What opens the gripper: {OPENS}.")
 @click.option("--polyscope", metavar="x|VERSION", help="Of the simulated controller; x: PolyScope X.")
+@json_option
 def new(
     name: str,
     controller: str | None,
@@ -129,11 +132,13 @@ def new(
     mass: float | None,
     gripper: str | None,
     polyscope: str | None,
+    as_json: bool,
 ) -> None:
     """Write the cell file NAME.toml, from five answers or from what the controller tells.
 
     It goes to the folder of cell files (FLING_CELLS, or ./cells). An option answers its question beforehand. For a
     real arm there is a second file, NAME-sim.toml: the same cell, simulated. Nothing is written over.
+    With --json nobody is asked: what is missing is refused.
     """
     folder = Path(os.environ.get("FLING_CELLS") or "cells")
     if not NAME.fullmatch(name):
@@ -156,7 +161,7 @@ def new(
     checked = {path: cell_written(path.stem, each) for path, each in cells.items()}
     folder.mkdir(parents=True, exist_ok=True)
     write_new({path: text for path, (text, _) in checked.items()})
-    _tell(name, checked)
+    _tell(name, checked, as_json)
 
 
 def cell_written(name: str, answers: Answers) -> tuple[str, Cell]:
@@ -213,6 +218,8 @@ def _version(told: str | None) -> str | None:
 
 def _ask(number: int, question: str, default: Any, kind: Any = str) -> Any:
     """Returns the answer to a question, asked again until it is one."""
+    if click.get_current_context().params["as_json"]:
+        raise click.UsageError(f"with --json nobody is asked: give {OPTIONS[number - 1]}")
     return click.prompt(f"{number} of 5: {question}", default, type=kind, show_choices=False)
 
 
@@ -221,12 +228,12 @@ def _told_by(host: str) -> dict[str, Any]:
     command = [sys.executable, "-P", "-m", "executor", "--find", host]
     asked = subprocess.run(command, capture_output=True, text=True)
     if asked.returncode != 0:
-        say(f"no controller answers at {host}: the questions go on without it", BAD)
+        say(f"no controller answers at {host}: the questions go on without it", BAD, err=True)
         return {}
     told = dict(json.loads(asked.stdout))
     arm = " or ".join(told["models"]) or "an arm that Fling does not know"
     serial = told["serial"] or "unknown"
-    say(f"found: {arm}, serial number {serial}, PolyScope {told['polyscope'] or 'unknown'}", GOOD)
+    say(f"found: {arm}, serial number {serial}, PolyScope {told['polyscope'] or 'unknown'}", GOOD, err=True)
     return told
 
 
@@ -244,7 +251,7 @@ def _ask_robot(models: Sequence[str]) -> str:
 def _tcp(asked_m: float | None, told: Sequence[float] | None) -> tuple[float, ...]:
     """Returns the tool centre point: as an option gave it, as the controller is set, or as a person answers."""
     if asked_m is None and told is not None and max(map(abs, told[:3])) > SURE_M:
-        click.echo(f"tool centre point as the controller has it: {[round(x, 4) for x in told]}")
+        click.echo(f"tool centre point as the controller has it: {[round(x, 4) for x in told]}", err=True)
         return tuple(told)
     question = "from the flange to the object's centre [m]"
     length_m = _ask(3, question, TCP_M, click.FloatRange(0.0, TCP_MAX_M)) if asked_m is None else asked_m
@@ -254,7 +261,7 @@ def _tcp(asked_m: float | None, told: Sequence[float] | None) -> tuple[float, ..
 def _mass(asked_kg: float | None, told_kg: float | None) -> float:
     """Returns the tool's mass [kg], as `_tcp` does the tool centre point."""
     if asked_kg is None and told_kg:
-        click.echo(f"mass of the tool as the controller has it: {told_kg:g} kg")
+        click.echo(f"mass of the tool as the controller has it: {told_kg:g} kg", err=True)
         return told_kg
     question = "mass of the tool without the object [kg]"
     return float(_ask(4, question, TOOL_KG, click.FloatRange(0.0)) if asked_kg is None else asked_kg)
@@ -271,17 +278,22 @@ def first_throw(cell: Cell) -> str:
     return f"fling throw {' '.join(map(str, first_target(cell)))}"
 
 
-def _tell(name: str, made: Mapping[Path, tuple[str, Cell]]) -> None:
+def _tell(name: str, made: Mapping[Path, tuple[str, Cell]], as_json: bool) -> None:
     """Says which files were written, what is still a guess, and what comes next."""
     from planner.cell_folder import home_faults
 
     simulated = next(cell for _, cell in made.values() if cell.link.kind == "sim")
+    warnings = dict.fromkeys(note for _, cell in made.values() for note in warnings_of(cell))
+    notes = [*warnings, *map(str, home_faults(simulated))]
+    if as_json:
+        answer = {"cell": name, "robot": simulated.robot.name, "files": [str(path) for path in made], "notes": notes}
+        click.echo(json.dumps(answer))
+        return
     for path, (_, cell) in made.items():
         simulation = f"simulated with PolyScope {cell.sim.polyscope}"
         kind = simulation if cell.link.kind == "sim" else f"a REAL arm at {cell.link.host}"
         say(f"{path}: a {cell.robot.name}, {kind}", GOOD)
-    notes = dict.fromkeys(note for _, cell in made.values() for note in warnings_of(cell))
-    for note in [*notes, *map(str, home_faults(simulated))]:
+    for note in notes:
         say(note, BAD)
     click.echo("guessed, and marked so in the file: object, floor, gripper's delay, lag")
     click.echo(f"next: fling up --cell {simulated.name}, and in another terminal: {first_throw(simulated)}")

@@ -38,38 +38,51 @@ def history(name: str | None, as_json: bool) -> None:
 @click.argument("before", type=int)
 @click.argument("after", type=int, required=False)
 @CELL
-def diff(before: int, after: int | None, name: str | None) -> None:
+@json_option
+def diff(before: int, after: int | None, name: str | None, as_json: bool) -> None:
     """Show the difference from version BEFORE to version AFTER, or to the file as it is now."""
-    from api.cell_history import text_diff
+    from api.cell_history import changed_keys, text_diff
 
     path, versions = _versions(name)
-    click.echo(
-        text_diff(_find(versions, before), _present(path) if after is None else _find(versions, after)), nl=False
-    )
+    old = _find(versions, before)
+    new = _present(path) if after is None else _find(versions, after)
+    text = text_diff(old, new)
+    if as_json:  # `after` is null for the file as it is now
+        document = {"cell": path.stem, "before": before, "after": after, "changes": changed_keys(old, new)}
+        text = f"{json.dumps({**document, 'diff': text})}\n"
+    click.echo(text, nl=False)
 
 
 @click.command()
 @click.argument("version", type=int)
 @CELL
-def restore(version: int, name: str | None) -> None:
+@json_option
+def restore(version: int, name: str | None, as_json: bool) -> None:
     """Write version VERSION back to the cell file, and to its calibration file.
 
     The present file is a version too; where it is refused, it is kept as NAME.toml.refused. Service and executor take
     the restored file over between executions; plans of other versions have to be made again.
     """
-    from planner.cell import calibration_path, read_source
+    from planner.cell import read_source
 
     path, versions = _versions(name)
     row = _find(versions, version)
+    files = [path]
     if versions[0].sha256 != _present(path).sha256:  # refused as it is, so in no version
         path.with_name(f"{path.name}.refused").write_bytes(path.read_bytes())
     if row.calibration is not None:
-        _write(_calibration_of(path, row), row.calibration)
+        files.append(_calibration_of(path, row))
+        _write(files[1], row.calibration)
     _write(path, row.text)
-    beside = calibration_path(path)
-    click.echo(f"{path}: version {version}" + (f", with {beside.name}" if beside and row.calibration else ""))
-    if read_source(path).sha256 != row.sha256:
-        click.echo(f"a mesh file beside it is not as it was: put back that of version {version}")
+    is_other = read_source(path).sha256 != row.sha256
+    notes = [f"a mesh file beside it is not as it was: put back that of version {version}"] if is_other else []
+    if as_json:
+        document = {"cell": path.stem, "version": version, "files": [str(file) for file in files], "notes": notes}
+        click.echo(json.dumps(document))
+        return
+    click.echo(f"{path}: version {version}" + "".join(f", with {file.name}" for file in files[1:]))
+    for note in notes:
+        click.echo(note)
 
 
 def _versions(name: str | None) -> tuple[Path, list[CellVersionRow]]:

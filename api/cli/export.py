@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from api.cli.support.options import json_option
 from api.cli.support.plan_file import cell_of_plan, plan_in
 
 if TYPE_CHECKING:
@@ -26,7 +28,8 @@ if TYPE_CHECKING:
 )
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Script file; default: PLAN with .script.")
 @click.option("--cells", type=click.Path(exists=True, file_okay=False, path_type=Path), help="FLING_CELLS.")
-def export(file: Path, output: Path | None, cells: Path | None) -> None:
+@json_option
+def export(file: Path, output: Path | None, cells: Path | None, as_json: bool) -> None:
     """Write a plan as one URScript program for the pendant, once it is certified again with the cell file.
 
     Its head says what it does. Nobody watches it: it has no dead-man, only the pendant's stop and the arm's own limits.
@@ -40,7 +43,7 @@ def export(file: Path, output: Path | None, cells: Path | None) -> None:
         raise click.ClickException(f"{file}: {error}") from error
     target = output or file.with_suffix(".script")
     target.write_text(text, encoding="utf-8")
-    click.echo(target)
+    click.echo(json.dumps({"plan_id": plan["id"], "file": str(target)}) if as_json else target)
 
 
 def _program_text(plan: dict[str, Any], cells: Path | None) -> str:

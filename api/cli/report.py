@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from api.cli.support.options import calls_service
+from api.cli.support.options import calls_service, json_option
 from api.cli.support.plan_file import plan_in
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ CSV = "text/csv"
 @click.option("--experiment", "experiment_id", metavar="ID", help="An experiment of a running service, or latest.")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="HTML file; default: PLAN or ID with .html.")
 @click.option("--cells", type=click.Path(exists=True, file_okay=False, path_type=Path), help="FLING_CELLS, for PLAN.")
+@json_option
 @calls_service
 def report(
     file: Path | None,
@@ -32,6 +34,7 @@ def report(
     experiment_id: str | None,
     output: Path | None,
     cells: Path | None,
+    as_json: bool,
     client: ServiceClient,
 ) -> None:
     """Write a plan, an execution or an experiment as one self-contained HTML file.
@@ -52,7 +55,7 @@ def report(
         content = READERS[kind](client, id)
         target = output or Path(f"{kind}-{id}.html")
     target.write_text(report_html(content), encoding="utf-8")
-    click.echo(target)
+    click.echo(json.dumps({"plan_id": content.plan["id"], "file": str(target)}) if as_json else target)
 
 
 def _of_file(file: Path, cells: Path | None) -> ReportContent:

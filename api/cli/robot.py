@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING
 
 import click
 
 from api.cli.support.errors import FlingGroup
-from api.cli.support.options import calls_service, cell_of_service, cell_option
+from api.cli.support.options import calls_service, cell_of_service, cell_option, json_option
 
 if TYPE_CHECKING:
     from api.cli.support.client import ServiceClient
@@ -23,13 +24,14 @@ ACTIONS = {  # command -> action of the service, and what it does
 def _command(name: str, action: str, text: str) -> click.Command:
     @click.command(name, help=text)
     @cell_option(service=True)
+    @json_option
     @calls_service
-    def command(cell: str | None, client: ServiceClient) -> None:
+    def command(cell: str | None, as_json: bool, client: ServiceClient) -> None:
         chosen = cell_of_service(client, cell)
         answer = client.operate(chosen, action)
         if answer["state"] != "done":
             raise click.ClickException(f"{chosen}: {answer['text'] or 'the controller has not answered yet'}")
-        click.echo(f"{chosen}: {name} done, {answer['text']}")
+        click.echo(json.dumps(answer) if as_json else f"{chosen}: {name} done, {answer['text']}")
 
     return command
 

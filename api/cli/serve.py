@@ -13,7 +13,7 @@ import click
 from api.cli.cell_new import first_throw
 from api.cli.simulator import OTHER_HOST, truth_arguments, truth_options
 from api.cli.support.addresses import SIMULATOR_PORTS
-from api.cli.support.options import PORT, cell_option, service_url
+from api.cli.support.options import JSON_FLAG, PORT, cell_option, json_option, service_url
 from api.cli.support.terminal import BAD, GOOD, say
 
 if TYPE_CHECKING:
@@ -171,12 +171,13 @@ def executor(cell: str | None, read_only: bool) -> None:
 
 @click.command()
 @cell_option()
-def doctor(cell: str | None) -> None:
+@json_option
+def doctor(cell: str | None, as_json: bool) -> None:
     """Check this machine's timing and the link to the cell's controller, with advice.
 
     Exit status: 0 fit to stream; 1 fit for simulation, with warnings to resolve before using a real arm; 2 unfit.
     """
-    _exec("executor", "--doctor", *_cell_argument(cell))
+    _exec("executor", "--doctor", *_cell_argument(cell), *([JSON_FLAG] if as_json else []))
 
 
 def _cell_argument(cell: str | None) -> list[str]:

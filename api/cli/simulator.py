@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 from api.cli.support.errors import FlingGroup
-from api.cli.support.options import cell_option, service_options, service_url
+from api.cli.support.options import cell_option, json_option, service_options, service_url
 
 CONTROL_PORT = 29900  # of the simulator alone; source: docs/simulator.md
 OTHER_HOST = "give its cell file another loopback address: link.host, such as 127.0.0.2"
@@ -159,17 +159,19 @@ def _host(path: Path) -> str:
 @sim.command(epilog=FAULTS)
 @click.argument("name")
 @click.argument("parameters", nargs=-1, metavar="[KEY=VALUE]...")
+@json_option
 @click.pass_obj
-def fault(host: Callable[[], str], name: str, parameters: tuple[str, ...]) -> None:
-    """Cause a fault in a running simulated controller."""
+def fault(host: Callable[[], str], name: str, parameters: tuple[str, ...], as_json: bool) -> None:
+    """Cause a fault in a running simulated controller; the answer is JSON always."""
     given = dict(_parameter(parameter) for parameter in parameters)
     click.echo(json.dumps(_call(host(), {"op": "fault", "name": name, **given})))
 
 
 @sim.command()
+@json_option
 @click.pass_obj
-def state(host: Callable[[], str]) -> None:
-    """Show the true state of the controller and its arm."""
+def state(host: Callable[[], str], as_json: bool) -> None:
+    """Show the true state of the controller and its arm, in JSON always."""
     click.echo(json.dumps(_call(host(), {"op": "state"}), indent=2))
 
 

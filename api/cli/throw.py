@@ -162,13 +162,17 @@ def retarget(
 
 @click.command()
 @cell_option(service=True)
+@json_option
 @calls_service
-def acknowledge(cell: str | None, client: ServiceClient) -> None:
+def acknowledge(cell: str | None, as_json: bool, client: ServiceClient) -> None:
     """Clear the fault that the executor latched, once a person has checked the robot."""
 
     name = cell_of_service(client, cell)
     answer = client.acknowledge(name)
     fault = answer["fault"]
+    if as_json:
+        click.echo(json.dumps(answer))
+        return
     if fault is None:
         click.echo(f"{name}: there was no fault")
         return
@@ -178,8 +182,9 @@ def acknowledge(cell: str | None, client: ServiceClient) -> None:
 
 @click.command()
 @click.argument("execution", default="latest")
+@json_option
 @calls_service
-def abort(execution: str, client: ServiceClient) -> None:
+def abort(execution: str, as_json: bool, client: ServiceClient) -> None:
     """Ask for the brake of EXECUTION: its id, or `latest`. Not a safety function: use the emergency stop.
 
     An executor on this machine is asked directly, so that neither service nor database need to answer; `latest` is
@@ -188,4 +193,4 @@ def abort(execution: str, client: ServiceClient) -> None:
 
     answer = client.abort(execution)
     said = f"had ended before: {answer['outcome']}" if answer["outcome"] else "the executor was asked to brake"
-    click.echo(f"{answer['id']}: {said}")
+    click.echo(json.dumps(answer) if as_json else f"{answer['id']}: {said}")

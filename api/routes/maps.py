@@ -50,7 +50,9 @@ MapFields = Annotated[MapBody, Body(openapi_examples=MAP_EXAMPLES)]  # type: ign
 MapId = Annotated[str | None, Query(description="Id of the map; by default the latest.", pattern=UUID_PATTERN)]
 MapPlane = Annotated[float | None, Query(ge=-100.0, le=100.0, description="Height of the plane [m]; the closest one.")]
 MapRobust = Annotated[bool | None, Query(description="Only maps of robust plans, or only of soonest ones.")]
-MapResolution = Annotated[float | None, Query(ge=0.001, le=10.0, description="Only maps of this resolution [m].")]
+MapResolution = Annotated[
+    float | None, Query(ge=0.001, le=10.0, allow_inf_nan=False, description="Only maps of this resolution [m].")
+]
 MapAccept = Annotated[str | None, Header(description=", ".join(OFFERS))]
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any
 
-from pydantic import BaseModel, Field, model_validator
+from pydantic import BaseModel, Field, field_validator, model_validator
 
 from api.schemas.requests import PLAN_EXAMPLES, Number, PlanRequestEntry, RequestModel
+from jobs.batches import check_axes
 
 
 class AxisValues(RequestModel):
@@ -31,6 +33,14 @@ class BatchRequest(RequestModel):
         description="Values by field, such as `release.position[0]`: `[from, to, step]`, both ends included, or "
         '`{"values": […]}`. The requests are all combinations; the last field changes fastest.',
     )
+
+    @field_validator("grid", mode="before")
+    @classmethod
+    def _axes(cls, grid: Any) -> Any:
+        """Names a wrong axis by its path: the errors of a union name its branches."""
+        if isinstance(grid, Mapping):
+            check_axes(grid)
+        return grid
 
     @model_validator(mode="after")
     def _one_of_two(self) -> BatchRequest:

@@ -1,6 +1,7 @@
 """Batches: what one asks for, what its driver plans, and its results as a table."""
 
 from jobs.batches.driven import DrivenBatch, wait_and_claim
+from jobs.batches.grids import check_axes
 from jobs.batches.specification import BATCH_MAX, BatchRequests, BatchSpecification, CellUse
 from jobs.batches.tables import (
     INTEGER,
@@ -29,6 +30,7 @@ __all__ = [
     "CellUse",
     "Parameters",
     "ParquetMissing",
+    "check_axes",
     "wait_and_claim",
     "write_csv",
     "write_parquet",

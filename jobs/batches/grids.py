@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, overload
+from typing import Any, TypeVar, overload
 
 from planner.errors import ERRORS_MAX, FieldError, InvalidProblem
+from planner.fields import Number, is_number, named, short_name
 
 AXIS_MAX = 1_000_000  # values of one axis; more are a typing error in its step
 STEP_SLACK = 1e-9  # [-] of a step by which the last value may miss `to`: 0.1 is no binary number
@@ -21,6 +22,10 @@ NAME = r"[A-Za-z_][A-Za-z0-9_]*"
 INDEX = r"\[\d{1,3}\]"
 PATH = re.compile(rf"{NAME}(\.{NAME}|{INDEX})*")
 PART = re.compile(rf"({NAME})|\[(\d+)\]")
+RANGE = ("from", "to", "step")
+AXIS = 'an axis is [from, to, step], or {"values": [...]} with at least one value'
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -64,20 +69,38 @@ def axes_of(grid: Mapping[str, Any], template: Mapping[str, Any]) -> tuple[Axis,
     Raises:
         InvalidProblem: A path leads nowhere in the template, or an axis has no values; every such axis is named.
     """
-    axes: list[Axis] = []
+
+    def axis(path: str, values: Any) -> Axis:
+        made = Axis(path, _keys(path), _values(values))
+        _with(template, made.keys, None)
+        return made
+
+    return tuple(_each(grid, axis))
+
+
+def check_axes(grid: Mapping[str, Any]) -> None:
+    """Checks that axes are a range or a list of values, whatever the template is.
+
+    Raises:
+        InvalidProblem: An axis is neither; every such axis is named.
+    """
+    _each(grid, lambda path, values: _values(values))
+
+
+def _each(grid: Mapping[str, Any], made: Callable[[str, Any], T]) -> list[T]:
+    """Returns what is made of each axis; names every one of which nothing can be."""
+    found: list[T] = []
     errors: list[FieldError] = []
     for path, values in grid.items():
         try:
-            axis = Axis(path, _keys(path), _values(values))
-            _with(template, axis.keys, None)
-            axes.append(axis)
+            found.append(made(path, values))
         except ValueError as error:
             if len(errors) == ERRORS_MAX:
                 break
-            errors.append(FieldError(f"grid.{path}", str(error)))
+            errors.append(FieldError(f"grid.{short_name(path)}", str(error)))
     if errors:
         raise InvalidProblem(errors)
-    return tuple(axes)
+    return found
 
 
 def request_at(template: Mapping[str, Any], axes: Sequence[Axis], number: int) -> dict[str, Any]:
@@ -100,7 +123,7 @@ def values_at(axes: Sequence[Axis], number: int) -> dict[str, Any]:
 
 def is_numeric(axis: Axis) -> bool:
     """Returns whether every value of an axis is a number."""
-    return isinstance(axis.values, Steps) or all(_is_number(value) for value in axis.values)
+    return isinstance(axis.values, Steps) or all(is_number(value) for value in axis.values)
 
 
 def _keys(path: str) -> tuple[str | int, ...]:
@@ -113,12 +136,9 @@ def _values(axis: Any) -> Sequence[Any]:
     if isinstance(axis, Mapping):
         values = axis.get("values")
         if axis.keys() != {"values"} or not isinstance(values, list) or not values:
-            raise ValueError('must be [from, to, step], or {"values": [...]} with one value at least')
+            raise ValueError(f"has other fields, or no values; {AXIS}")
         return values
-    is_range = isinstance(axis, Sequence) and len(axis) == 3 and all(_is_number(x) for x in axis)
-    if not is_range or not all(map(math.isfinite, axis)):
-        raise ValueError('must be three numbers [from, to, step], or {"values": [...]}')
-    first, last, step = map(float, axis)
+    first, last, step = _range(axis)
     if step == 0.0 or (last - first) / step < 0.0:
         raise ValueError(f"a step of {step:g} does not lead from {first:g} to {last:g}")
     steps = (last - first) / step + STEP_SLACK
@@ -127,8 +147,17 @@ def _values(axis: Any) -> Sequence[Any]:
     return Steps(first, step, math.floor(steps) + 1)
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+def _range(axis: Any) -> list[float]:
+    """Returns the three numbers of a range."""
+    if not isinstance(axis, Sequence) or isinstance(axis, str):
+        raise ValueError(f"is {named(axis)}; {AXIS}")
+    if len(axis) != len(RANGE):
+        raise ValueError(f"has {len(axis)} entries; {AXIS}")
+    errors: list[FieldError] = []
+    numbers = [Number().read(value, name, errors) for name, value in zip(RANGE, axis, strict=True)]
+    if errors:
+        raise ValueError("; ".join(f"{error.field} {error.reason}" for error in errors))
+    return [number for number in numbers if number is not None]
 
 
 def _with(at: Any, keys: Sequence[str | int], value: Any) -> Any:

@@ -29,12 +29,13 @@ def check_limits(problem: ThrowProblem) -> None:
     orders = (lambda d, v: d / v, lambda d, a: np.sqrt(2.0 * d / a), lambda d, j: np.cbrt(6.0 * d / j))
     errors = []
     for name, unit, bound, least in zip(NAMES, UNITS, bounds, orders, strict=True):
-        times = np.broadcast_to(least(travel, bound), (6,))
+        with np.errstate(over="ignore"):  # of a limit near 0 the time is infinite
+            times = np.broadcast_to(least(travel, bound), (6,))
         joint = int(times.argmax())
         if times[joint] > MOTION_MAX_S:
             value = float(np.broadcast_to(bound, (6,))[joint])
             reason = (
-                f"at {value:g} {unit} joint {joint + 1} needs at least {times[joint]:.0f} s for {travel[joint]:.3g} rad"
+                f"at {value:g} {unit} joint {joint + 1} needs at least {times[joint]:.3g} s for {travel[joint]:.3g} rad"
             )
             errors.append(FieldError(f"limits.{name}", f"{reason}; a motion may take {MOTION_MAX_S:g} s"))
     if errors:

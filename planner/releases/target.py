@@ -11,7 +11,7 @@ import numpy as np
 
 from planner.arrays import Array
 from planner.cell import Cell, ThrownBody
-from planner.errors import FieldError
+from planner.errors import FieldError, figures
 from planner.fields import Field, ListOr, Number, Record, Text, Vector, required
 from planner.releases.release import Bound, LandingAxis, Opening, Release, ReleaseSample, Target, move, turn
 from planner.tracking import DRIFT_M_S, MotionUncertainty
@@ -150,7 +150,8 @@ class TargetRelease(Target, Release):
         """Returns the fields that contradict each other, and a bin that is too narrow for the cell's object."""
         found = []
         if self.min_elevation_rad > self.max_elevation_rad:
-            found.append(FieldError("release.min_elevation_rad", "is above max_elevation_rad"))
+            least, most = figures(self.min_elevation_rad, self.max_elevation_rad)
+            found.append(FieldError("release.min_elevation_rad", f"is {least}, above max_elevation_rad, {most}"))
         if abs(self.v_W[2]) > LEVEL_M_S:
             found.append(FieldError("release.velocity", f"rises by {self.v_W[2]:g} m/s: a target moves on a level"))
         if self.moves and isinstance(cell.object, ThrownBody):

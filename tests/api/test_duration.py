@@ -36,6 +36,18 @@ def test_a_limit_that_costs_too_long_is_named_with_value_and_time(name: str):
     assert f"{MOTION_MAX_S:g} s" in error.reason
 
 
+@pytest.mark.parametrize("value", [1e-300, 1e-310])
+def test_the_time_of_a_limit_near_zero_is_short_to_read(value: float):
+    with pytest.raises(InvalidProblem, match=r"needs at least (\d(\.\d+)?e\+\d+|inf) s"):
+        check_limits(problem(velocity=value))
+
+
+def test_elevations_that_exclude_each_other_are_both_told():
+    release = {"kind": "target", "position": [1.2, 0.3, 0.0], "min_elevation_rad": 1.0, "max_elevation_rad": 0.5}
+    with pytest.raises(InvalidProblem, match=r"is 1, above max_elevation_rad, 0\.5"):
+        problem_from_request({"release": release}, CELL)
+
+
 def test_what_was_planned_is_checked_too():
     check_duration(problem(), SimpleNamespace(duration_s=MOTION_MAX_S))  # type: ignore[arg-type]
     with pytest.raises(InvalidProblem, match="61 s"):

@@ -80,6 +80,13 @@ def test_a_name_is_not_shown_as_a_pattern():
         ("GET", "/plans?limt=3", None, "query.limt: there is no such parameter; did you mean 'limit'?"),
         ("GET", "/plans?limit=3&limit=4", None, "query.limit: is given twice"),
         ("GET", "/plans?cursor=7", None, "query.cursor: '7' is not a UUID"),
+        ("POST", "/plan", b'{"time_limit_s": ' + b"9" * 5000 + b"}", "body: has a number of more than 4300 digits"),
+        (
+            "GET",
+            "/cells/ur5e-sim/map?resolution_m=nan",
+            None,
+            "query.resolution_m: must be a finite number; it is 'nan'",
+        ),
         ("GET", "/healthz?deep=1", None, "query.deep: there is no such parameter; there is none here"),
     ],
 )

@@ -23,16 +23,13 @@ class FlingGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Finds the command, or names similar ones; one that answers nothing in JSON takes --json for its errors."""
+        """Finds the command, or names similar ones."""
         name = args[0]
         if self.get_command(ctx, name) is None and not name.startswith("-") and not ctx.resilient_parsing:
             similar = get_close_matches(name, self.list_commands(ctx), n=3)
             hint = f"did you mean {' or '.join(similar)}?" if similar else f"'{ctx.command_path} --help' lists them"
             raise click.UsageError(f"there is no command {name!r}; {hint}", ctx)
-        found, command, rest = super().resolve_command(ctx, args)
-        if command is not None and not isinstance(command, click.Group) and not _takes_json(command):
-            rest = [argument for argument in rest if argument != JSON_FLAG]
-        return found, command, rest
+        return super().resolve_command(ctx, args)
 
     def main(self, args: Sequence[str] | None = None, *rest: Any, standalone_mode: bool = True, **extra: Any) -> Any:
         """Runs a command and exits with its status."""
@@ -42,10 +39,6 @@ class FlingGroup(click.Group):
         with ErrorReport(as_json=JSON_FLAG in given):
             status = super().main(given, *rest, standalone_mode=False, **extra)
             sys.exit(status if isinstance(status, int) else 0)
-
-
-def _takes_json(command: click.Command) -> bool:
-    return any(JSON_FLAG in parameter.opts for parameter in command.params)
 
 
 class ErrorReport:
