@@ -67,7 +67,7 @@ class LandingStatistics(BaseModel):
 class TargetStatistics(LandingStatistics):
     """The same for one target."""
 
-    target: Vector3 | None
+    target: Vector3 | None = Field(description="[m]")
 
 
 class ExperimentAnswer(ExperimentHead):

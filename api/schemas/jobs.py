@@ -28,7 +28,7 @@ class ShiftRecord(BaseModel):
     hit_interval: list[float] | None = Field(description="Its 95 % interval by Wilson [-, -].")
     misses: dict[str, int] = Field(description="Objects that did not hit, by cause.")
     cycles_per_hour: float | None = Field(
-        description="Throws from the first motion to the end of the last, pauses too."
+        description="Throws from the first motion to the end of the last, pauses too [1/h]."
     )
     cycle_time_s: float | None = Field(
         description="Median from a throw's request to the arm's rest at the next pick [s]."
@@ -98,8 +98,8 @@ class ObjectResult(BaseModel):
     plan_id: str | None
     execution_id: str | None
     landing_x_m: float | None = Field(description="Where it was seen to land [m].")
-    landing_y_m: float | None
-    landing_z_m: float | None
+    landing_y_m: float | None = Field(description="[m]")
+    landing_z_m: float | None = Field(description="[m]")
     error_m: float | None = Field(description="Horizontal distance from the target [m].")
     asked_at: str | None = Field(description="When its execution was asked for. UTC, ISO 8601.")
     ended_at: str | None

@@ -92,7 +92,7 @@ class ProfileAnswer(ProfileSummary):
     """A profile with its posterior."""
 
     state: list[str] = Field(description="Names of the covariance's rows; `lead_s` is lag and delay together.")
-    covariance: list[list[float]]
+    covariance: list[list[float]] = Field(description="Of `state`; names that end in `_s` are times [s].")
     mixture: dict[str, Any] = Field(description="The posterior: Gaussians over the state, a point of jitter each.")
     joint_speeds: dict[str, Any] = Field(description="Gain errors and scatter of the joints at the release.")
     timing: PooledTimingAnswer | None = Field(description="Of the arm, pooled over runs; null where no run shows it.")

@@ -61,8 +61,8 @@ class WindowEntry(BaseModel):
 class LandingShift(BaseModel):
     """Shift of the landing point [m] for a release 10 ms early and late; null where the object never lands."""
 
-    early: float | None
-    late: float | None
+    early: float | None = Field(description="[m]")
+    late: float | None = Field(description="[m]")
 
 
 class LandingOrientation(BaseModel):

@@ -2860,9 +2860,15 @@ export interface components {
          * @description Shift of the landing point [m] for a release 10 ms early and late; null where the object never lands.
          */
         LandingShift: {
-            /** Early */
+            /**
+             * Early
+             * @description [m]
+             */
             early: number | null;
-            /** Late */
+            /**
+             * Late
+             * @description [m]
+             */
             late: number | null;
         };
         /**
@@ -3297,9 +3303,15 @@ export interface components {
              * @description Where it was seen to land [m].
              */
             landing_x_m: number | null;
-            /** Landing Y M */
+            /**
+             * Landing Y M
+             * @description [m]
+             */
             landing_y_m: number | null;
-            /** Landing Z M */
+            /**
+             * Landing Z M
+             * @description [m]
+             */
             landing_z_m: number | null;
             /**
              * Object
@@ -4274,7 +4286,10 @@ export interface components {
              * @description Share of throws in which the object leaves slower [-].
              */
             cling_share: number;
-            /** Covariance */
+            /**
+             * Covariance
+             * @description Of `state`; names that end in `_s` are times [s].
+             */
             covariance: number[][];
             /**
              * Created At
@@ -5121,7 +5136,7 @@ export interface components {
             cycle_time_s: number | null;
             /**
              * Cycles Per Hour
-             * @description Throws from the first motion to the end of the last, pauses too.
+             * @description Throws from the first motion to the end of the last, pauses too [1/h].
              */
             cycles_per_hour: number | null;
             /**
@@ -5491,7 +5506,10 @@ export interface components {
             results: {
                 [key: string]: number;
             };
-            /** Target */
+            /**
+             * Target
+             * @description [m]
+             */
             target: number[] | null;
             /** Throws */
             throws: number;
