@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from planner.answer import Plan
@@ -60,6 +59,7 @@ LANDING_STEP_S = 0.5
 LANDINGS_MAX = 12
 SPARE_S = 0.05  # [s] for a motion that takes a little longer to where the target is then
 MOVED_BY = ("auto", "casadi")  # back ends with the optimiser, which moves a running throw
+LAUNCH_MAX_S = 1.0  # [s] until its release; a throw with more left waits for something, which the new one need not
 NEAREST_ATTEMPT = "nearest"
 NEAREST_CUT_SHORT = "time_limit_s passed before every nearer request was tried"
 NO_RELEASE_STATE = "no release state was found"
@@ -192,16 +192,31 @@ def _search(problem: ThrowProblem, hints: SearchHints) -> Plan:
 
 
 def _moved(search: PlanningSearch, running: Trajectory | None) -> tuple[CertifiedSolution, Approach] | None:
-    """Returns a running throw moved to a search's target, with its way home; None where that is not certified."""
+    """Returns a running throw moved to a search's target, with its way home; None where that is not certified.
+
+    What it finds is none of the search's own: a motion without a way home must not bar the later ones.
+    """
     problem = search.problem
-    if running is None or problem.is_chain or problem.target is None or problem.backend not in MOVED_BY:
+    soonest_s = problem.cell.gripper.delay_s + problem.dt  # the gripper is told to open after the start
+    if running is None or not _can_move(problem, running, soonest_s):
         return None
-    optimise_running(search, running)
-    if search.best is None:
-        return None
-    with suppress(Infeasible, SolverFailed):
-        return best_with_way_home(search)
-    return None
+    moved = None
+    with search.inner(problem) as inside:
+        optimise_running(inside, running)
+        if inside.best is not None and inside.release_time_s >= soonest_s:
+            moved = best_with_way_home(inside)
+    search.attempts += inside.attempts
+    search.note_end()
+    return moved
+
+
+def _can_move(problem: ThrowProblem, running: Trajectory, soonest_s: float) -> bool:
+    """Returns whether a running throw may be moved to a problem's target: one throw of a ball, soon, by the optimiser.
+
+    The joints at the release of a body are fixed by how it is to land: those of the old target lead nowhere.
+    """
+    is_plain = not problem.is_chain and problem.target is not None and not problem.fixes_joints
+    return is_plain and problem.backend in MOVED_BY and soonest_s <= running.release_time_s <= LAUNCH_MAX_S
 
 
 def _search_anew(search: PlanningSearch, releases: Sequence[ReleaseState]) -> None:

@@ -77,17 +77,49 @@ def test_what_the_throw_cannot_be_moved_to_is_planned_as_ever(left: Trajectory, 
     assert not any("running motion" in each for each in tried(left, begun_on(left, problem)))
 
 
-def test_a_throw_that_leads_home_from_nowhere_is_not_the_last_word(left: Trajectory, monkeypatch):
-    """Where no way leads home from the end of the throw that was moved, others are searched for."""
+def test_a_throw_that_waits_or_is_about_to_let_go_is_not_moved(left: Trajectory):
+    """What waits need not wait for the new target, and what lets go within the gripper's delay cannot be replaced."""
+    whole = plan(at([1.2, 0.3, 0.0])).trajectory
+    delay = round(joint_problem().cell.gripper.delay_s / whole.dt)
+    late = whole.since(whole.release_index - delay)
+    still = np.repeat(whole.q[:1], 600, axis=0)
+    waits = Trajectory(
+        whole.sample_rate_hz,
+        np.concatenate([still, whole.q]),
+        *(np.concatenate([0.0 * still, each]) for each in (whole.qd, whole.qdd)),
+        release_index=600 + whole.release_index,
+    )
+    for running in (late, waits):
+        assert not any("running motion" in each for each in tried(running, begun_on(running, at([1.24, 0.3, 0.0]))))
+    assert "casadi: running motion: certified" in tried(left, begun_on(left, at([1.24, 0.3, 0.0])))
+
+
+@pytest.mark.parametrize("before", [4, 8, 12])
+def test_a_moved_throw_lets_go_once_it_can_be_joined(before: int):
+    """The executor refuses to join a plan whose gripper would be told to open before it begins."""
+    problem = at([1.2, 0.3, 0.0])
+    slow = replace(problem.limits, qdd_max=0.5 * problem.limits.qdd_max)
+    whole = plan(at([1.2, 0.3, 0.0], limits=slow)).trajectory
+    delay = round(problem.cell.gripper.delay_s / whole.dt)
+    running = whole.since(whole.release_index - delay - before)
+    found = plan(begun_on(running, at([1.26, 0.24, 0.0])), SearchHints(running=running, offers_nearest=False))
+    moved = [each.result for each in found.attempts] == ["running motion: certified"]
+    assert not moved or found.trajectory.release_index > delay
+
+
+@pytest.mark.parametrize("bars", ["the first", "the sooner"])
+def test_a_throw_that_leads_home_from_nowhere_is_not_the_last_word(left: Trajectory, monkeypatch, bars: str):
+    """Where no way leads home from the end of the throw that was moved, others are searched for, later ones too."""
     problem = begun_on(left, at([1.24, 0.3, 0.0]))
     asked = []
     find = way_home.find_way_home
 
-    def blocked_at_first(problem, motion, deadline_s):
-        asked.append(motion)
-        return find(problem, motion, deadline_s) if len(asked) > 1 else (None, motion.examination.certificate.checks)
+    def blocked(problem, motion, deadline_s):
+        asked.append(motion.solution.trajectory.release_time_s)
+        is_barred = len(asked) == 1 if bars == "the first" else asked[-1] <= asked[0]
+        return (None, motion.examination.certificate.checks) if is_barred else find(problem, motion, deadline_s)
 
-    monkeypatch.setattr(way_home, "find_way_home", blocked_at_first)
+    monkeypatch.setattr(way_home, "find_way_home", blocked)
     words = tried(left, problem)
     assert words[0] == "casadi: running motion: certified"
     assert any("TargetRelease" in each for each in words)
