@@ -128,10 +128,12 @@ class FakeExecutor:
         self.fault: dict[str, Any] | None = None
         self.read_only = False
         self._ended = threading.Event()
+        self._beats = threading.Lock()  # a beat with an older state must not be stored after one with a newer
         self._thread = threading.Thread(target=self._go_on, daemon=True)
 
     def beat(self) -> None:
-        beat_as(self.store, "fake", self.cell, "sim", self.robot, self.fault, self.read_only)
+        with self._beats:
+            beat_as(self.store, "fake", self.cell, "sim", self.robot, self.fault, self.read_only)
 
     def start(self) -> FakeExecutor:
         self.beat()
