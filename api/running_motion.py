@@ -38,7 +38,7 @@ class RunningMotion:
         release = self.summary["release"]
         passages = self.summary.get("passages") or [release]
         ahead = [each["index"] for each in passages if each is not None and each["index"] > self.tick]
-        if release is None or release["command_time_s"] is None or ahead != [release["index"]]:
+        if release is None or release.get("command_time_s") is None or ahead != [release["index"]]:
             return None
         arrays = [np.array(self.motion[name]) for name in self.state]
         whole = Trajectory(self.summary["sample_rate_hz"], *arrays, release_index=release["index"])

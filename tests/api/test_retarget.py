@@ -95,7 +95,8 @@ def test_a_throw_is_to_come_where_nothing_else_is_to_be_passed(tick: int, passag
     rows = np.arange(10.0)[:, None] + np.zeros(6)
     motion = {name: rows.tolist() for name in ("positions", "velocities", "accelerations")}
     told = {} if passages is None else {"passages": [{"index": index} for index in passages]}
-    found = RunningMotion({"release": {"index": 6}, "sample_rate_hz": 500.0, **told}, motion, tick)
+    release = {"index": 6, "command_time_s": 0.004}
+    found = RunningMotion({"release": release, "sample_rate_hz": 500.0, **told}, motion, tick)
     assert found.state["velocities"] == rows[tick].tolist()
     left = found.throw
     assert (left is not None) == is_thrown
@@ -106,8 +107,10 @@ def test_a_throw_is_to_come_where_nothing_else_is_to_be_passed(tick: int, passag
 
 def test_a_motion_that_lets_nothing_go_is_no_throw():
     motion = {name: [[0.0] * 6] * 10 for name in ("positions", "velocities", "accelerations")}
-    summary = {"release": None, "sample_rate_hz": 500.0, "passages": [{"index": 6}]}
-    assert RunningMotion(summary, motion, 2).throw is None
+    rest = {"index": 6, "command_time_s": None}  # a move to rest
+    for release, passages in ((None, [{"index": 6}]), (rest, None)):
+        summary = {"release": release, "sample_rate_hz": 500.0, "passages": passages}
+        assert RunningMotion(summary, motion, 2).throw is None
 
 
 def test_a_tick_that_has_passed_is_tried_once_more(service: RunningService, executor: FakeExecutor, plan, soon):

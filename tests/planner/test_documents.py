@@ -41,7 +41,7 @@ NO_JSON = [
     ("{}".encode("utf-16"), "is not UTF-8"),
     (b'"\xed\xa0\x80"', "is not UTF-8"),  # half a surrogate pair
     (b"\xe4", "is not UTF-8"),
-    (b"1" * 6000, "is not JSON: Exceeds the limit"),
+    (b"1" * 6000, "has a number of more than 4300 digits"),
     (b"[" * 400_000, "nests deeper than 32 levels"),
     (b"[" * 940 + b"]" * 940, "nests deeper than 32 levels"),
     (b'{"a":' * 5000 + b"1" + b"}" * 5000, "nests deeper than 32 levels"),

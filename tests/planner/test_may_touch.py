@@ -91,7 +91,7 @@ def test_what_is_no_pair_is_refused_with_the_names_that_are_known(pair, field, w
 def test_other_faults_are_told_beside_that_of_a_pair():
     text = f'{LEAST}[surroundings]\nmay_touch = [{{ a = "tool", b = "nest" }}]\n[timing]\nlag_s = 9\n'
     faults, here = mended_cell(CellSource("c", text.encode()))
-    assert [fault.field for fault in faults] == ["surroundings.may_touch[0].b", "timing.lag_s"]
+    assert [fault.field for fault in faults] == ["timing.lag_s", "surroundings.may_touch[0].b"]
     assert here is not None
 
 
