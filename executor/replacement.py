@@ -187,7 +187,8 @@ class Certifier:
             raise CannotJoin("this executor has no process that certifies")
         try:
             asked = pool.submit(answer, question)
-        except RuntimeError:  # it was ended meanwhile
+        except RuntimeError:  # it was ended meanwhile, by `stop` or from outside
+            self._end(pool)
             raise CannotJoin(CERTIFIER_ENDED) from None
         try:
             found = asked.result(ANSWER_S)

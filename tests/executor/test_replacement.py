@@ -26,6 +26,7 @@ from planner.problem import JointRelease, ThrowProblem
 from planner.trajectory import Trajectory
 from tests.executor.conftest import settings
 from tests.planner.problems import cell
+from tests.waiting import until
 
 SETTINGS = settings()
 ASIDE = np.array([0.35, 0.1, -0.15, 0.1, 0.05, 0.2])
@@ -237,9 +238,9 @@ def test_an_offer_does_not_overwrite_the_one_before() -> None:
     memory.close()
 
 
-def started_certifier() -> tuple[Certifier, BaseProcess]:
+def started_certifier(certifier: Certifier | None = None) -> tuple[Certifier, BaseProcess]:
     others = active_children()
-    certifier = Certifier()
+    certifier = certifier or Certifier()
     certifier.start()
     (child,) = (each for each in active_children() if each not in others)
     return certifier, child
@@ -268,6 +269,19 @@ def test_a_certifier_that_does_not_answer_is_ended(monkeypatch: pytest.MonkeyPat
     await_killed(child)
     with pytest.raises(CannotJoin, match="no process that certifies"):
         certifier.ask(None)
+
+
+def test_a_certifier_that_was_killed_is_started_anew() -> None:
+    certifier, child = started_certifier()
+    pool = certifier._pool
+    child.kill()
+    until(lambda: pool._broken)
+    with pytest.raises(CannotJoin, match="it is started with the next execution"):
+        certifier.ask(None)
+    again, child = started_certifier(certifier)
+    assert again is certifier
+    certifier.stop()
+    await_killed(child)
 
 
 def test_the_motion_before_a_second_replacement_is_the_whole_of_the_first() -> None:
