@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import math
 import os
 import socket
@@ -24,7 +25,8 @@ from tests.executor.conftest import Prepared
 
 
 def descriptors() -> list[str]:
-    """Returns what the descriptors of this process lead to."""
+    """Returns what the descriptors of this process lead to, once nothing is left of other tests."""
+    gc.collect()
     found = []
     for number in os.listdir("/proc/self/fd"):
         with contextlib.suppress(OSError):  # that of the listing itself
