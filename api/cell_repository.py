@@ -45,14 +45,7 @@ class CellRepository:
             CellError: The file is refused.
         """
         source = self.source(name)
-        if source is None:
-            return None
-        cached = self._cache.get(name)
-        if cached is None or cached[0] != source:
-            cell = cell_of(source)
-            check_home(cell)
-            cached = self._cache[name] = (source, cell)
-        return cached[1]
+        return None if source is None else self._cell_of(source)
 
     def required(self, name: str) -> tuple[CellSource, Cell]:
         """Returns the content of a cell's files, and the cell.
@@ -62,10 +55,9 @@ class CellRepository:
             CellError: The file is refused.
         """
         source = self.source(name)
-        cell = self.cell(name)
-        if source is None or cell is None:
+        if source is None:
             raise UnknownCell(f"no cell {name!r}; there are {', '.join(self.names())}")
-        return source, cell
+        return source, self._cell_of(source)
 
     def faults(self) -> dict[str, str]:
         """Returns the refused cell files with the reasons."""
@@ -76,3 +68,11 @@ class CellRepository:
             except CellError as error:
                 found[name] = str(error)
         return found
+
+    def _cell_of(self, source: CellSource) -> Cell:
+        cached = self._cache.get(source.name)
+        if cached is None or cached[0] != source:
+            cell = cell_of(source)
+            check_home(cell)
+            cached = self._cache[source.name] = (source, cell)
+        return cached[1]

@@ -7,6 +7,7 @@ import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from planner.errors import CellError, FileRefused
 CELL_BYTES = 500_000  # [byte] of a cell file; a usual one has 2,000, and a box of its surroundings 60
 CALIBRATION_BYTES = 20_000  # [byte] of a calibration file; a driver's has 1,000
 CALIBRATION_PATTERN = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,127}")  # a plain file name: no folder, not hidden
+TEXTS_KEPT = 32  # cell files of which it is known what they name
 
 
 @dataclass(frozen=True)
@@ -63,8 +65,9 @@ def source_of(path: Path, text: bytes) -> CellSource:
     Raises:
         CellError: a file beside it cannot be read, is no file, or is too large.
     """
-    meshes = covers_of(path.parent, _cover_keys(text))
-    beside = _path_beside(path, text)
+    keys, calibration = _named_in(text)
+    meshes = covers_of(path.parent, keys)
+    beside = None if calibration is None else path.with_name(calibration)
     if beside is None or not beside.exists():
         return CellSource(path.stem, text, None, meshes)  # `cell_of` says that it is missing
     try:
@@ -76,32 +79,36 @@ def source_of(path: Path, text: bytes) -> CellSource:
 def calibration_path(path: Path) -> Path | None:
     """Returns the path of the calibration file that a cell file names, whether it exists; None where it names none."""
     try:
-        return _path_beside(path, read_file(path, CELL_BYTES))
+        _, name = _named_in(read_file(path, CELL_BYTES))
     except FileRefused:
         return None
+    return None if name is None else path.with_name(name)
 
 
 def mesh_paths(path: Path) -> list[Path]:
     """Returns the paths of the mesh files that a cell file names, whether they exist or not."""
     try:
-        return [path.parent / file_of(key) for key in _cover_keys(read_file(path, CELL_BYTES))]
+        keys, _ = _named_in(read_file(path, CELL_BYTES))
     except FileRefused:
         return []
+    return [path.parent / file_of(key) for key in keys]
 
 
-def _cover_keys(text: bytes) -> list[str]:
+@lru_cache(maxsize=TEXTS_KEPT)
+def _named_in(text: bytes) -> tuple[tuple[str, ...], str | None]:
+    """Returns the meshes and the calibration file that a cell file names; where it is wrong, `cell_of` says how.
+
+    A service asks at every request, about the same text.
+    """
     try:
-        return cover_keys(parse_toml(text))
+        document = parse_toml(text)
     except NotToml:
-        return []  # `cell_of` says what is wrong
-
-
-def _path_beside(path: Path, text: bytes) -> Path | None:
+        return (), None
+    keys = tuple(cover_keys(document))
     try:
-        file = calibration_name(parse_toml(text))
-    except (CellError, NotToml):
-        return None  # `cell_of` says what is wrong
-    return None if file is None else path.with_name(file)
+        return keys, calibration_name(document)
+    except CellError:
+        return keys, None
 
 
 def calibration_name(document: Mapping[str, Any]) -> str | None:

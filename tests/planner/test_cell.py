@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planner.cell import CellSource, Safety, cell_of_keys, load_cell, mended_cell, parse_cell, read_source
+from planner.cell import CellSource, Safety, cell_of_keys, load_cell, mended_cell, parse_cell, read_source, source
 from planner.errors import CellError
 from planner.rotations import pose
 
@@ -654,3 +654,19 @@ def test_a_direction_whose_length_overflows_is_refused():
     gripper = {"opening_direction": [0.0, 0.0, 1e308], "opening_cone_rad": 0.3}
     with pytest.raises(CellError, match=r"opening_direction\[2\]"):
         cell_of_keys({"robot": "ur5e", "link": {"kind": "sim"}, "gripper": gripper})
+
+
+def test_a_file_is_taken_apart_once_and_again_when_it_changes(tmp_path, monkeypatch):
+    """A service reads the file at every request, and an observation of a target comes thirty times a second."""
+    path = tmp_path / "cell.toml"
+    first = (CELLS / "ur5e-sim.toml").read_bytes() + b"# read once\n"
+    parsed = []
+    parse = source.parse_toml
+    monkeypatch.setattr(source, "parse_toml", lambda text: parsed.append(text) or parse(text))
+    path.write_bytes(first)
+    read = [read_source(path) for _ in range(3)]
+    assert parsed == [first]
+    path.write_bytes(first + b"# and again\n")
+    assert read_source(path) != read[0]
+    assert read[0] == read[1] == read[2]
+    assert len(parsed) == 2

@@ -13,7 +13,7 @@ import math
 import os
 import re
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -92,7 +92,7 @@ def file_of(key: str) -> str:
     return key.split(" ")[0]
 
 
-def covers_of(folder: Path, keys: list[str]) -> bytes | None:
+def covers_of(folder: Path, keys: Sequence[str]) -> bytes | None:
     """Returns what becomes of the files in a folder, as JSON by their keys; None without keys.
 
     That is `sha256`, `is_closed`, and `axes`, `lower`, `upper` and `beyond` of a `MeshCover`, or why one is `refused`.
