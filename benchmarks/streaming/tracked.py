@@ -107,14 +107,16 @@ def drawn_belt(rng: np.random.Generator, now_s: float, seen_s: float, stops: flo
     return BeltRun(passes, velocity, now_s + seen_s, stop_s if rng.random() < stops else np.inf)
 
 
-def planned(lab: Laboratory, camera: Camera, belt: BeltRun, soon_s: float) -> dict[str, Any] | str:
-    """Returns a plan to a tracked bin, or the last refusal once the bin is out of reach."""
+def planned(lab: Laboratory, camera: Camera, belt: BeltRun, soon_s: float) -> tuple[dict[str, Any], float] | str:
+    """Returns a plan to a tracked bin and how long it took [s], or the last refusal once the bin is out of reach."""
     release = {"kind": "target", "position": {"target": camera.target["id"]}, "opening": BIN}
     while True:
         start = {"starts_not_before_s": max(belt.passes_s - STARTS_BEFORE_S, clock_s() + soon_s)}
-        asked = {"cell": CELL, "start": {"current": True}, "release": release, **start}
+        limit = {"time_limit_s": soon_s}  # a plan that takes longer comes too late
+        asked = {"cell": CELL, "start": {"current": True}, "release": release, **start, **limit}
+        begun_s = time.monotonic()
         try:
-            return dict(lab.client.plan(asked, trajectory=False).document)
+            return dict(lab.client.plan(asked, trajectory=False).document), time.monotonic() - begun_s
         except fling.ServiceRefusal as refusal:
             if clock_s() > belt.passes_s + GONE_S:
                 return f"{refusal.name}: {str(refusal.problem.get('detail'))[:50]}"
@@ -128,21 +130,20 @@ def executed(
 
     It asks to start as soon as nine of the last ten attempts would have been ready; `needed_s` receives what each took.
     """
-    plan: dict[str, Any] | str = "no attempt"
+    refusal = "no attempt"
     for attempt in range(1, ATTEMPTS + 1):
-        begun_s = time.monotonic()
-        plan = planned(lab, camera, belt, float(np.quantile(needed_s[-10:], 0.9)))
-        if isinstance(plan, str):
-            break
-        took_s = time.monotonic() - begun_s
+        found = planned(lab, camera, belt, float(np.quantile(needed_s[-10:], 0.9)))
+        if isinstance(found, str):
+            return found, {}
+        plan, took_s = found
         done = {**lab.client.finished(lab.client.execute(plan["id"])["id"]), "attempt": attempt, "took_s": took_s}
         ready_s = (done["metrics"] or {}).get("ready_s")
         needed_s.append(SLOWER * max(needed_s[-10:]) if ready_s is None else MARGIN_S + took_s + ready_s)
         if done["outcome"] != "refused":
             return plan, done
         lab.acknowledge()
-        plan = str(done["reason"])
-    return plan, {}
+        refusal = str(done["reason"])
+    return refusal, {}
 
 
 def throw_once(
