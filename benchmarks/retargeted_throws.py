@@ -64,18 +64,18 @@ def job_of(number: int, seed: int) -> PlanningJob:
         "accelerations": left.qdd[0].tolist(),
     }
     request = {"cell": name, "release": {"kind": "target", "position": place.tolist()}, "start": start}
-    return PlanningJob(None, 0.0, source, request, running=left)
+    return PlanningJob(None, 0.0, source, request, nearby=left)
 
 
 def measured(number: int, seed: int) -> dict[str, Any]:
     """Returns what became of a retarget, without the running throw and with it."""
     job = job_of(number, seed)
-    assert job.running is not None
-    left_s = job.running.release_time_s
+    assert job.nearby is not None
+    left_s = job.nearby.release_time_s
     return {
         "number": number,
         "left_s": left_s,
-        "anew": _answered(replace(job, running=None)),
+        "anew": _answered(replace(job, nearby=None)),
         "moved": _answered(job),
     }
 
@@ -98,7 +98,7 @@ def tally(rows: list[dict[str, Any]]) -> str:
         p50, p90, p99 = np.percentile([1e3 * row[name]["taken_s"] for row in rows], [50, 90, 99])
         planned = sum(row[name]["release_s"] is not None for row in rows)
         lines.append(f"{name}: {planned} of {len(rows)} planned, {p50:.0f} ms (p50), {p90:.0f} (p90), {p99:.0f} (p99)")
-    moved = sum(row["moved"]["first"] == "running motion: certified" for row in rows)
+    moved = sum(row["moved"]["first"] == "moved throw: certified" for row in rows)
     both = [row for row in rows if row["anew"]["release_s"] and row["moved"]["release_s"]]
     ratios = np.array([row["moved"]["release_s"] / row["anew"]["release_s"] for row in both])
     lines.append(

@@ -22,7 +22,7 @@ from planner.search import (
     best_with_way_home,
     certified_brake,
     load_libraries,
-    optimise_running,
+    optimise_from,
     search_after_brake,
     search_candidates,
     search_chain,
@@ -41,14 +41,14 @@ class SearchHints:
             search from candidates of its own.
         offers_nearest: whether a refusal carries a feasible request near it, the larger part of most refusals' time.
         meter: tells an observer of the progress, in all searches that it is given to.
-        running: what is left, from the problem's start on, of a throw that the plan is to replace. At a target it is
-            tried first, and ends the search where it comes to a certified motion.
+        nearby: a throw from the problem's start at another target, such as what is left of the one that the plan is to
+            replace. It is moved to the problem's own target first, which ends the search where that is certified.
     """
 
     releases: tuple[ReleaseState, ...] = ()
     offers_nearest: bool = True
     meter: ProgressMeter = SILENT
-    running: Trajectory | None = None
+    nearby: Trajectory | None = None
 
 
 ORDINARY = SearchHints()
@@ -58,7 +58,7 @@ FIRST_LANDING_S = 0.8
 LANDING_STEP_S = 0.5
 LANDINGS_MAX = 12
 SPARE_S = 0.05  # [s] for a motion that takes a little longer to where the target is then
-MOVED_BY = ("auto", "casadi")  # back ends with the optimiser, which moves a running throw
+MOVED_BY = ("auto", "casadi")  # back ends with the optimiser, which moves a throw
 LAUNCH_MAX_S = 1.0  # [s] until its release; a throw with more left waits for something, which the new one need not
 NEAREST_ATTEMPT = "nearest"
 NEAREST_CUT_SHORT = "time_limit_s passed before every nearer request was tried"
@@ -98,7 +98,7 @@ def _plan_to_meet(problem: ThrowProblem, hints: SearchHints) -> Plan:
     ends_s = time.perf_counter() + problem.time_limit_s
     hints = replace(hints, offers_nearest=False)
     refusal: Infeasible = Infeasible(())
-    lands_at_s = earliest_s + _passed_before_s(problem, hints) + FIRST_LANDING_S
+    lands_at_s = earliest_s + _first_landing_s(problem, hints)
     for _ in range(LANDINGS_MAX):
         left_s = ends_s - time.perf_counter()
         if left_s <= 0.0:
@@ -115,11 +115,11 @@ def _plan_to_meet(problem: ThrowProblem, hints: SearchHints) -> Plan:
             refusal = refused
             lands_at_s += LANDING_STEP_S
             continue
-        flight = release_flight(found.problem, found.trajectory)
-        assert flight is not None  # the certificate has followed it
-        takes_s = found.trajectory.release_time_s + flight.time_of_flight_s
+        takes_s = _takes_s(found.problem, found.trajectory)
+        assert takes_s is not None  # the certificate has followed the flight
         if lands_at_s - takes_s >= earliest_s:
             return _starting(found, lands_at_s - takes_s, problem.time_limit_s)
+        hints = replace(hints, nearby=found.trajectory)
         lands_at_s = earliest_s + takes_s + SPARE_S
     span = f"landings up to {lands_at_s - earliest_s:.1f} s after the earliest start"
     if not refusal.violations:
@@ -128,6 +128,18 @@ def _plan_to_meet(problem: ThrowProblem, hints: SearchHints) -> Plan:
     raise Infeasible(
         [replace(each, proven=False).within(span) for each in refusal.violations], attempts=refusal.attempts
     )
+
+
+def _takes_s(problem: ThrowProblem, throw: Trajectory) -> float | None:
+    """Returns the time from the start of a throw to its landing [s]; None if it never lands."""
+    flight = release_flight(problem, throw)
+    return None if flight is None else throw.release_time_s + flight.time_of_flight_s
+
+
+def _first_landing_s(problem: ThrowProblem, hints: SearchHints) -> float:
+    """Returns how long after the earliest start the first landing to try is [s]: about that of a throw nearby."""
+    takes_s = None if hints.nearby is None else _takes_s(problem, hints.nearby)
+    return _passed_before_s(problem, hints) + FIRST_LANDING_S if takes_s is None else takes_s + SPARE_S
 
 
 def _passed_before_s(problem: ThrowProblem, hints: SearchHints) -> float:
@@ -166,7 +178,7 @@ def _search(problem: ThrowProblem, hints: SearchHints) -> Plan:
     hints.meter.begin("search")
     try:
         refuse_impossible(problem)
-        moved = _moved(search, hints.running)
+        moved = _moved(search, hints.nearby)
         if moved is None:
             _search_anew(search, hints.releases)
         best, way_home = moved or best_with_way_home(search)
@@ -191,18 +203,18 @@ def _search(problem: ThrowProblem, hints: SearchHints) -> Plan:
     )
 
 
-def _moved(search: PlanningSearch, running: Trajectory | None) -> tuple[CertifiedSolution, Approach] | None:
-    """Returns a running throw moved to a search's target, with its way home; None where that is not certified.
+def _moved(search: PlanningSearch, throw: Trajectory | None) -> tuple[CertifiedSolution, Approach] | None:
+    """Returns a throw moved to a search's target, with its way home; None where that is not certified.
 
     What it finds is none of the search's own: a motion without a way home must not bar the later ones.
     """
     problem = search.problem
     soonest_s = problem.cell.gripper.delay_s + problem.dt  # the gripper is told to open after the start
-    if running is None or not _can_move(problem, running, soonest_s):
+    if throw is None or not _can_move(problem, throw, soonest_s):
         return None
     moved = None
     with search.inner(problem) as inside:
-        optimise_running(inside, running)
+        optimise_from(inside, throw)
         if inside.best is not None and inside.release_time_s >= soonest_s:
             moved = best_with_way_home(inside)
     search.attempts += inside.attempts
@@ -210,13 +222,13 @@ def _moved(search: PlanningSearch, running: Trajectory | None) -> tuple[Certifie
     return moved
 
 
-def _can_move(problem: ThrowProblem, running: Trajectory, soonest_s: float) -> bool:
-    """Returns whether a running throw may be moved to a problem's target: one throw of a ball, soon, by the optimiser.
+def _can_move(problem: ThrowProblem, throw: Trajectory, soonest_s: float) -> bool:
+    """Returns whether a throw may be moved to a problem's target: one throw of a ball, soon, by the optimiser.
 
     The joints at the release of a body are fixed by how it is to land: those of the old target lead nowhere.
     """
     is_plain = not problem.is_chain and problem.target is not None and not problem.fixes_joints
-    return is_plain and problem.backend in MOVED_BY and soonest_s <= running.release_time_s <= LAUNCH_MAX_S
+    return is_plain and problem.backend in MOVED_BY and soonest_s <= throw.release_time_s <= LAUNCH_MAX_S
 
 
 def _search_anew(search: PlanningSearch, releases: Sequence[ReleaseState]) -> None:

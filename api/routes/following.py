@@ -36,6 +36,7 @@ from planner.releases.target import KNOWN_OF_TRACKED
 from planner.request import states_of, with_states
 from planner.stream_rows import lead_in_s
 from planner.tracking import TargetObservation, TargetTrack
+from planner.trajectory import Trajectory
 from store import ExecutionRow, Store, StoreError, TrackedTargetRow
 
 Vector = NDArray[np.float64]
@@ -62,6 +63,7 @@ class FollowedThrow:
         miss_m: from where the plan meets the target to where that is expected then [m].
         room_m: distance from the target that counts as a hit [m].
         hit_probability: as it is now [-].
+        motion: of its plan.
     """
 
     row: ExecutionRow
@@ -72,6 +74,7 @@ class FollowedThrow:
     miss_m: float
     room_m: float
     hit_probability: float
+    motion: Trajectory
 
     @property
     def waits(self) -> bool:
@@ -203,7 +206,8 @@ async def _replan(service: Service, target: TrackedTargetRow, caller: Caller, or
             if throw.miss_m <= REPLAN_SHARE * throw.room_m:
                 return
             body = _request_again(throw, target.id, throw.now_s + lead_s + throw.lead_in_s)
-            plan = await stored_plan(PlanOrder(body, service, None, origin.request_id, asyncio.Event(), False))
+            order = PlanOrder(body, service, None, origin.request_id, asyncio.Event(), False, nearby=throw.motion)
+            plan = await stored_plan(order)
             audit = origin.act(caller, "replace")
             try:
                 await run_in_threadpool(join_plan, service, throw.row, plan, plan.id, caller.name, audit)
@@ -261,7 +265,7 @@ def _followed(
         elsewhere = replace(track, position=contradicting.position, velocity=contradicting.velocity or track.velocity)
         expected = elsewhere.after(lands_s - contradicting.observed_at_s)
     place = np.array(expected.position[:2])
-    beside, sent_before_s = _made(service.store, service.cell(target.cell), plan.id)
+    beside, sent_before_s, motion = _made(service.store, service.cell(target.cell), plan.id)
     beside = beside.beside_target(expected.uncertainty.position_std_m)
     return FollowedThrow(
         row=row,
@@ -272,6 +276,7 @@ def _followed(
         miss_m=float(np.linalg.norm(place - planned[:2])),
         room_m=odds["radius_m"],
         hit_probability=beside.hit_probability(place, odds["radius_m"]),
+        motion=motion,
     )
 
 
@@ -283,8 +288,8 @@ def _place(service: Service, cell: str, state: Mapping[str, Any], frame: str, at
 
 
 @lru_cache(maxsize=FORECASTS_KEPT)
-def _made(store: Store, cell: Cell, plan_id: str) -> tuple[LandingForecast, float]:
-    """Returns where throws of a plan land beside its target, as when it was made, and its `lead_in_s`."""
+def _made(store: Store, cell: Cell, plan_id: str) -> tuple[LandingForecast, float, Trajectory]:
+    """Returns where throws of a plan land beside its target, as when it was made, its `lead_in_s`, and its motion."""
     plan = store.plan(plan_id)
     assert plan is not None  # retention keeps the plans of executions
     document = orjson.loads(plan.document)
@@ -292,4 +297,4 @@ def _made(store: Store, cell: Cell, plan_id: str) -> tuple[LandingForecast, floa
     learnt = None if profile is None else orjson.loads(profile.document)
     problem, trajectory = plan_from_document(document, cell_with_profile(cell, learnt))
     known = prior_knowledge(cell) if learnt is None else knowledge_of(learnt)
-    return known.predicted(problem, trajectory), lead_in_s(problem, trajectory)
+    return known.predicted(problem, trajectory), lead_in_s(problem, trajectory), trajectory

@@ -69,6 +69,7 @@ from planner.problem import UNCERTAIN_DEVIATIONS
 from planner.progress import Observer
 from planner.request import target_moves, tracked_targets, with_states
 from planner.tracking import TargetTrack
+from planner.trajectory import Trajectory
 from store import IdempotencyKey, KeyTaken, PlanRow, ProfileRow, UnknownRow, new_id
 
 router = APIRouter(route_class=StrictJsonRoute, tags=["plans"])
@@ -244,6 +245,7 @@ class PlanOrder:
     trajectory: bool
     profile_id: str | None = None  # None: the one that the cell uses
     sent: Mapping[str, Any] | None = None  # what the client sent; None: the body
+    nearby: Trajectory | None = None  # a throw from the same start, see `SearchHints`
 
     def starting(self, start: Mapping[str, Any]) -> PlanOrder:
         """Returns it with another start."""
@@ -330,20 +332,20 @@ def _planning_job(asked: PlanOrder, is_stored: bool) -> PlanningJob:
     source, _ = service.cells.required(name)
     request = _with_tracked_target(service, {**asked.body, "cell": name})
     start = asked.body.get("start", {})
-    running = None
+    nearby = asked.nearby
     if "current" in start:
         request["start"] = {"positions": current_positions(service, name)}
     elif "execution" in start:
         id, motion = _motion_of_execution(service, name, start["execution"], start["at_s"])
         request["start"] = {**motion.state, "execution": id, "at_s": start["at_s"]}
-        running = motion.throw
+        nearby = motion.throw
     if target_moves(request) and "starts_not_before_s" not in asked.body:
         request["starts_not_before_s"] = controller_time_s(service, name) + START_IN_S
     version = service.note_cell_version(source)
     row = _profile(service, name, source.sha256, asked.profile_id)
     profile = None if row is None else (row.id, row.document)
     plan_id = new_id() if is_stored else None
-    return PlanningJob(plan_id, time.time(), source, request, profile, asked.request_id, version, running=running)
+    return PlanningJob(plan_id, time.time(), source, request, profile, asked.request_id, version, nearby=nearby)
 
 
 def _profile(service: Service, cell: str, cell_sha256: str, id: str | None) -> ProfileRow | None:

@@ -44,7 +44,6 @@ def plan_aimed(problem: ThrowProblem, known: CellKnowledge | None, hints: Search
     least = np.inf
     shift = np.zeros(3)
     is_whole = True
-    further = replace(hints, offers_nearest=False)
     for remaining in range(AIM_ROUNDS, 0, -1):
         guess = known.predicted(found.problem, found.trajectory)
         place = place_of_target(problem, found)[:2]
@@ -59,6 +58,7 @@ def plan_aimed(problem: ThrowProblem, known: CellKnowledge | None, hints: Search
             misses.append(guess.center - place)
         shifts = [shift - np.append(each, 0.0) for each in misses]
         try:
+            further = replace(hints, offers_nearest=False, nearby=found.trajectory)
             found, shift = _plan_nearest(until, problem, shifts, further)
         except Infeasible:  # for every aim: the plan in hand remains
             break

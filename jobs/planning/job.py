@@ -35,7 +35,8 @@ class PlanningJob:
             these alone. Empty: an ordinary search.
         offers_nearest: Whether a refusal carries a feasible request near it.
         tells_progress: Whether its worker reports the progress of the search; one of a Ray cluster never does.
-        running: What is left, from the request's start on, of the throw that the plan is to replace.
+        nearby: A throw from the request's start at another target, such as what is left of the one that the plan is to
+            replace: see `SearchHints`.
     """
 
     plan_id: str | None
@@ -48,7 +49,7 @@ class PlanningJob:
     releases: tuple[tuple[Sequence[float], Sequence[float]], ...] = ()
     offers_nearest: bool = True
     tells_progress: bool = False
-    running: Trajectory | None = None
+    nearby: Trajectory | None = None
 
     @property
     def time_limit_s(self) -> float:
@@ -119,7 +120,7 @@ def solve(job: PlanningJob, observer: Observer | None = None) -> PlanRecord:
     if least > 0.0:
         found = plan_for_odds(problem, least, known, is_learnt, meter)
     else:
-        hints = SearchHints(job.releases, job.offers_nearest, meter, job.running)
+        hints = SearchHints(job.releases, job.offers_nearest, meter, job.nearby)
         found = plan_aimed(problem, known if is_learnt else None, hints)
     check_duration(problem, found.trajectory)
     document = plan_document(found, job.request, job.plan_id or "", iso_time(job.created_at))

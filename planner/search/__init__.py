@@ -1,7 +1,7 @@
 """The search for a plan: what is tried from which candidates, and the way home from what was found."""
 
 from planner.search.chain import search_chain
-from planner.search.optimise import optimise_running
+from planner.search.optimise import optimise_from
 from planner.search.record import CertifiedSolution, PlanningSearch
 from planner.search.search import load_libraries, search_candidates
 from planner.search.stops import certified_brake, search_after_brake, search_with_stop
@@ -16,7 +16,7 @@ __all__ = [
     "find_way_home",
     "line_motions",
     "load_libraries",
-    "optimise_running",
+    "optimise_from",
     "search_after_brake",
     "search_candidates",
     "search_chain",

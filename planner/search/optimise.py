@@ -69,17 +69,17 @@ def optimise(search: PlanningSearch, candidate: Candidate, guess: InitialGuess |
     return is_settled
 
 
-def optimise_running(search: PlanningSearch, running: Trajectory) -> None:
-    """Optimises from what is left of a motion, which was to release at another target: moved to this one.
+def optimise_from(search: PlanningSearch, throw: Trajectory) -> None:
+    """Optimises from a throw at another target: moved to this one.
 
     Its release state is the candidate, and its samples are the initial guess.
 
     Args:
-        search: of a target, from the first sample of the motion; updated in place.
-        running: the motion.
+        search: of a target, from the first sample of the throw; updated in place.
+        throw: the throw.
     """
-    k = running.release_index
-    optimise(search, Candidate(running.q[k], running.qd[k], 0.0, "running motion"), running)
+    k = throw.release_index
+    optimise(search, Candidate(throw.q[k], throw.qd[k], 0.0, "moved throw"), throw)
 
 
 def _load(search: PlanningSearch) -> float:

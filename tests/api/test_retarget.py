@@ -79,12 +79,12 @@ def test_a_throw_is_moved_to_the_new_target(service: RunningService, executor: F
     start = {"execution": id, "at_s": 0.4 * thrown["release_time_s"]}
     moved = {**release, "position": [1.22, 0.28, 0.0]}
     made = service.plan(release=moved, start=start, backend="auto")
-    assert [each["result"] for each in made["solver"]["attempts"]] == ["running motion: certified"]
+    assert [each["result"] for each in made["solver"]["attempts"]] == ["moved throw: certified"]
     again = service.plan(release=moved, start=start, backend="auto")
     assert again["trajectory"] == made["trajectory"]
     later = {**start, "at_s": 1.01 * thrown["release_time_s"]}  # the object is gone
     late = service.plan(release=moved, start=later, backend="auto")
-    assert not any("running motion" in each["result"] for each in late["solver"]["attempts"])
+    assert not any("moved throw" in each["result"] for each in late["solver"]["attempts"])
 
 
 @pytest.mark.parametrize(

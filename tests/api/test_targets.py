@@ -298,7 +298,7 @@ def test_making_and_forgetting_is_audited(service: RunningService, no_targets: N
 def test_a_throw_is_planned_again_only_before_its_first_row_is_sent():
     """Outputs before the start are sent by then: a plan that comes later finds nothing that waits."""
     row: Any = SimpleNamespace(state="approaching")
-    seen = {"height_m": 0.0, "miss_m": 0.0, "room_m": 0.1, "hit_probability": 1.0}
+    seen: dict[str, Any] = {"height_m": 0.0, "miss_m": 0.0, "room_m": 0.1, "hit_probability": 1.0, "motion": None}
     throw = FollowedThrow(row=row, summary={"starts_at_s": 100.0}, now_s=98.0, lead_in_s=1.5, **seen)
     assert throw.waits
     assert throw.left_s == pytest.approx(0.5)

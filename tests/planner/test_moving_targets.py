@@ -11,11 +11,12 @@ import pytest
 
 from audit.judge import find_faults, flight_faults
 from learning.throws import STEP_S, Circumstances, Throws, throw_table
-from planner.answer import Plan, plan_document, plan_from_document
+from planner.answer import Plan, aimed_problem, plan_document, plan_from_document
 from planner.certificate import certify, window_landing_points
 from planner.errors import Infeasible, InvalidProblem
-from planner.planning import plan
+from planner.planning import SPARE_S, SearchHints, plan
 from planner.problem import SWEPT_S, ThrowProblem
+from planner.progress import Progress, ProgressMeter
 from planner.releases import Target, release_document
 from planner.request import problem_from_request, request_document
 from tests.planner.problems import cell
@@ -60,6 +61,24 @@ def test_the_object_meets_the_target_and_the_audit_finds_no_fault(found: Plan, a
     seen = asked["release"]
     there = np.array(seen["position"]) + (lands_s - SEEN_S) * np.array(seen["velocity"])
     np.testing.assert_allclose(document["flight"]["landing_point"], there, atol=5e-4)
+
+
+def test_the_throw_found_for_the_first_landing_is_moved_to_that_of_the_earliest_start(
+    found: Plan, asked: dict[str, Any]
+) -> None:
+    assert [each.result for each in found.attempts] == ["moved throw: certified"]
+    assert found.problem.starts_at_s == pytest.approx(asked["starts_not_before_s"] + SPARE_S, abs=0.05)
+
+
+def test_of_a_throw_nearby_the_first_landing_is_that_of_the_earliest_start(found: Plan, asked: dict[str, Any]) -> None:
+    """A throw that was planned for another aim, or waits, tells how long one takes."""
+    beside = aimed_problem(problem_from_request(asked, cell()), np.array([0.03, -0.02, 0.0]))
+    steps: list[Progress] = []
+    again = plan(beside, SearchHints(nearby=found.trajectory, meter=ProgressMeter(steps.append)))
+    assert [each.result for each in again.attempts] == ["moved throw: certified"]
+    assert steps[-1].candidates == 1
+    assert again.certificate.valid
+    assert abs(again.trajectory.release_time_s - found.trajectory.release_time_s) < 0.03
 
 
 def test_a_plan_is_certified_again_from_its_document(found: Plan, asked: dict[str, Any]) -> None:

@@ -33,15 +33,15 @@ def begun_on(left: Trajectory, problem: ThrowProblem) -> ThrowProblem:
 
 def tried(left: Trajectory, problem: ThrowProblem) -> list[str]:
     """What was tried, in words."""
-    found = plan(problem, SearchHints(running=left, offers_nearest=False))
+    found = plan(problem, SearchHints(nearby=left, offers_nearest=False))
     return [f"{attempt.backend}: {attempt.result}" for attempt in found.attempts]
 
 
 @pytest.mark.parametrize("target", [[1.24, 0.3, 0.0], [1.2, 0.26, 0.0], [1.16, 0.34, 0.0]])
 def test_the_running_throw_goes_over_to_a_target_nearby(left: Trajectory, target: list[float]):
     problem = begun_on(left, at(target))
-    found = plan(problem, SearchHints(running=left))
-    assert [attempt.result for attempt in found.attempts] == ["running motion: certified"]
+    found = plan(problem, SearchHints(nearby=left))
+    assert [attempt.result for attempt in found.attempts] == ["moved throw: certified"]
     certificate = certify(problem, found.trajectory)
     assert certificate.valid
     assert certificate.check("join").ok
@@ -54,15 +54,15 @@ def test_the_running_throw_goes_over_to_a_target_nearby(left: Trajectory, target
 def test_the_same_running_throw_has_the_same_answer_wherever_it_is_planned(left: Trajectory):
     problem = begun_on(left, at([1.24, 0.3, 0.0]))
     carried = pickle.loads(pickle.dumps(left))  # as to a planner process
-    first, second = (plan(problem, SearchHints(running=each)).trajectory for each in (left, carried))
+    first, second = (plan(problem, SearchHints(nearby=each)).trajectory for each in (left, carried))
     assert np.array_equal(first.q, second.q)
 
 
 def test_a_target_that_it_does_not_reach_is_searched_for_anew(left: Trajectory):
     problem = begun_on(left, at([-1.1, 0.2, 0.0]))
-    found = plan(problem, SearchHints(running=left))
+    found = plan(problem, SearchHints(nearby=left))
     first, *others = (attempt.result for attempt in found.attempts)
-    assert first.startswith("running motion: ")
+    assert first.startswith("moved throw: ")
     assert "certified" not in first
     assert others
     assert np.array_equal(found.trajectory.q, plan(problem).trajectory.q)
@@ -74,7 +74,7 @@ def test_a_target_that_it_does_not_reach_is_searched_for_anew(left: Trajectory):
     ids=["without the optimiser", "without a target"],
 )
 def test_what_the_throw_cannot_be_moved_to_is_planned_as_ever(left: Trajectory, problem: ThrowProblem):
-    assert not any("running motion" in each for each in tried(left, begun_on(left, problem)))
+    assert not any("moved throw" in each for each in tried(left, begun_on(left, problem)))
 
 
 def test_a_throw_that_waits_or_is_about_to_let_go_is_not_moved(left: Trajectory):
@@ -90,8 +90,8 @@ def test_a_throw_that_waits_or_is_about_to_let_go_is_not_moved(left: Trajectory)
         release_index=600 + whole.release_index,
     )
     for running in (late, waits):
-        assert not any("running motion" in each for each in tried(running, begun_on(running, at([1.24, 0.3, 0.0]))))
-    assert "casadi: running motion: certified" in tried(left, begun_on(left, at([1.24, 0.3, 0.0])))
+        assert not any("moved throw" in each for each in tried(running, begun_on(running, at([1.24, 0.3, 0.0]))))
+    assert "casadi: moved throw: certified" in tried(left, begun_on(left, at([1.24, 0.3, 0.0])))
 
 
 @pytest.mark.parametrize("before", [4, 8, 12])
@@ -102,8 +102,8 @@ def test_a_moved_throw_lets_go_once_it_can_be_joined(before: int):
     whole = plan(at([1.2, 0.3, 0.0], limits=slow)).trajectory
     delay = round(problem.cell.gripper.delay_s / whole.dt)
     running = whole.since(whole.release_index - delay - before)
-    found = plan(begun_on(running, at([1.26, 0.24, 0.0])), SearchHints(running=running, offers_nearest=False))
-    moved = [each.result for each in found.attempts] == ["running motion: certified"]
+    found = plan(begun_on(running, at([1.26, 0.24, 0.0])), SearchHints(nearby=running, offers_nearest=False))
+    moved = [each.result for each in found.attempts] == ["moved throw: certified"]
     assert not moved or found.trajectory.release_index > delay
 
 
@@ -121,5 +121,5 @@ def test_a_throw_that_leads_home_from_nowhere_is_not_the_last_word(left: Traject
 
     monkeypatch.setattr(way_home, "find_way_home", blocked)
     words = tried(left, problem)
-    assert words[0] == "casadi: running motion: certified"
+    assert words[0] == "casadi: moved throw: certified"
     assert any("TargetRelease" in each for each in words)
