@@ -7,7 +7,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from planner.answer import Plan
+from planner.answer import Attempt, Plan
 from planner.approach import Approach
 from planner.certificate import certify, release_flight
 from planner.errors import TIME_LIMIT, Infeasible, InvalidProblem, SolverFailed, Violation, nothing_found
@@ -42,13 +42,16 @@ class SearchHints:
         offers_nearest: whether a refusal carries a feasible request near it, the larger part of most refusals' time.
         meter: tells an observer of the progress, in all searches that it is given to.
         nearby: a throw from the problem's start at another target, such as what is left of the one that the plan is to
-            replace. It is moved to the problem's own target first, which ends the search where that is certified.
+            replace. Where it lands near the problem's own target it is moved to that first, which ends the search
+            where that is certified. Of a target that moves it also says when the first landing may be.
+        lands_at_s: the landing to try first at a target that moves [s, controller's clock]. None: about the soonest.
     """
 
     releases: tuple[ReleaseState, ...] = ()
     offers_nearest: bool = True
     meter: ProgressMeter = SILENT
     nearby: Trajectory | None = None
+    lands_at_s: float | None = None
 
 
 ORDINARY = SearchHints()
@@ -59,6 +62,7 @@ LANDING_STEP_S = 0.5
 LANDINGS_MAX = 12
 SPARE_S = 0.05  # [s] for a motion that takes a little longer to where the target is then
 MOVED_BY = ("auto", "casadi")  # back ends with the optimiser, which moves a throw
+MOVED_M = 0.2  # [m] from where a throw lands, at most: farther off another posture may throw twice as soon
 LAUNCH_MAX_S = 1.0  # [s] until its release; a throw with more left waits for something, which the new one need not
 NEAREST_ATTEMPT = "nearest"
 NEAREST_CUT_SHORT = "time_limit_s passed before every nearer request was tried"
@@ -98,7 +102,9 @@ def _plan_to_meet(problem: ThrowProblem, hints: SearchHints) -> Plan:
     ends_s = time.perf_counter() + problem.time_limit_s
     hints = replace(hints, offers_nearest=False)
     refusal: Infeasible = Infeasible(())
-    lands_at_s = earliest_s + _first_landing_s(problem, hints)
+    attempts: list[Attempt] = []
+    solve_time_s = 0.0
+    lands_at_s = earliest_s + _first_landing_s(problem, hints) if hints.lands_at_s is None else hints.lands_at_s
     for _ in range(LANDINGS_MAX):
         left_s = ends_s - time.perf_counter()
         if left_s <= 0.0:
@@ -115,9 +121,12 @@ def _plan_to_meet(problem: ThrowProblem, hints: SearchHints) -> Plan:
             refusal = refused
             lands_at_s += LANDING_STEP_S
             continue
+        attempts += found.attempts
+        solve_time_s += found.solve_time_s
         takes_s = _takes_s(found.problem, found.trajectory)
         assert takes_s is not None  # the certificate has followed the flight
         if lands_at_s - takes_s >= earliest_s:
+            found = replace(found, attempts=tuple(attempts), solve_time_s=solve_time_s)
             return _starting(found, lands_at_s - takes_s, problem.time_limit_s)
         hints = replace(hints, nearby=found.trajectory)
         lands_at_s = earliest_s + takes_s + SPARE_S
@@ -223,12 +232,17 @@ def _moved(search: PlanningSearch, throw: Trajectory | None) -> tuple[CertifiedS
 
 
 def _can_move(problem: ThrowProblem, throw: Trajectory, soonest_s: float) -> bool:
-    """Returns whether a throw may be moved to a problem's target: one throw of a ball, soon, by the optimiser.
+    """Returns whether a throw may be moved to a problem's target: one throw of a ball, soon, near, by the optimiser.
 
     The joints at the release of a body are fixed by how it is to land: those of the old target lead nowhere.
     """
     is_plain = not problem.is_chain and problem.target is not None and not problem.fixes_joints
-    return is_plain and problem.backend in MOVED_BY and soonest_s <= throw.release_time_s <= LAUNCH_MAX_S
+    is_soon = soonest_s <= throw.release_time_s <= LAUNCH_MAX_S
+    if not (is_plain and is_soon and problem.backend in MOVED_BY):
+        return False
+    assert problem.target is not None
+    flight = release_flight(problem, throw)
+    return flight is not None and math.dist(flight.landing_point, problem.target.p_W) <= MOVED_M
 
 
 def _search_anew(search: PlanningSearch, releases: Sequence[ReleaseState]) -> None:

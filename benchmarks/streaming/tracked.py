@@ -107,17 +107,25 @@ def drawn_belt(rng: np.random.Generator, now_s: float, seen_s: float, stops: flo
     return BeltRun(passes, velocity, now_s + seen_s, stop_s if rng.random() < stops else np.inf)
 
 
-def planned(lab: Laboratory, camera: Camera, belt: BeltRun, soon_s: float) -> tuple[dict[str, Any], float] | str:
-    """Returns a plan to a tracked bin and how long it took [s], or the last refusal once the bin is out of reach."""
+def planned(
+    lab: Laboratory, camera: Camera, belt: BeltRun, needed_s: list[float]
+) -> tuple[dict[str, Any], float] | str:
+    """Returns a plan to a tracked bin and how long it took [s], or the last refusal once the bin is out of reach.
+
+    It is to start as soon as nine of the last ten attempts would have been ready, see `executed`.
+    """
     release = {"kind": "target", "position": {"target": camera.target["id"]}, "opening": BIN}
     while True:
-        start = {"starts_not_before_s": max(belt.passes_s - STARTS_BEFORE_S, clock_s() + soon_s)}
-        limit = {"time_limit_s": soon_s}  # a plan that takes longer comes too late
-        asked = {"cell": CELL, "start": {"current": True}, "release": release, **start, **limit}
+        now_s = clock_s()
+        starts_s = max(belt.passes_s - STARTS_BEFORE_S, now_s + float(np.quantile(needed_s[-10:], 0.9)))
+        asked = {"cell": CELL, "start": {"current": True}, "release": release, "starts_not_before_s": starts_s}
+        asked["time_limit_s"] = starts_s - now_s  # a plan found after its start comes too late
         begun_s = time.monotonic()
         try:
             return dict(lab.client.plan(asked, trajectory=False).document), time.monotonic() - begun_s
         except fling.ServiceRefusal as refusal:
+            if refusal.name == "solver-failed":
+                needed_s.append(SLOWER * max(needed_s[-10:]))
             if clock_s() > belt.passes_s + GONE_S:
                 return f"{refusal.name}: {str(refusal.problem.get('detail'))[:50]}"
             time.sleep(AGAIN_S)
@@ -128,11 +136,11 @@ def executed(
 ) -> tuple[dict[str, Any] | str, dict[str, Any]]:
     """Returns a plan, or why there is none, and its execution; plans again where it was refused as too late.
 
-    It asks to start as soon as nine of the last ten attempts would have been ready; `needed_s` receives what each took.
+    `needed_s` receives what each attempt took.
     """
     refusal = "no attempt"
     for attempt in range(1, ATTEMPTS + 1):
-        found = planned(lab, camera, belt, float(np.quantile(needed_s[-10:], 0.9)))
+        found = planned(lab, camera, belt, needed_s)
         if isinstance(found, str):
             return found, {}
         plan, took_s = found

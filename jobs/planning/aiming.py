@@ -41,6 +41,7 @@ def plan_aimed(problem: ThrowProblem, known: CellKnowledge | None, hints: Search
     if known is None or target is None or problem.names_gripper:
         return found
     best = found
+    made = [found]
     least = np.inf
     shift = np.zeros(3)
     is_whole = True
@@ -58,14 +59,24 @@ def plan_aimed(problem: ThrowProblem, known: CellKnowledge | None, hints: Search
             misses.append(guess.center - place)
         shifts = [shift - np.append(each, 0.0) for each in misses]
         try:
-            further = replace(hints, offers_nearest=False, nearby=found.trajectory)
+            met = found.problem.moving
+            lands_at_s = None if met is None else met.at_s
+            further = replace(hints, offers_nearest=False, nearby=found.trajectory, lands_at_s=lands_at_s)
             found, shift = _plan_nearest(until, problem, shifts, further)
+            made.append(found)
         except Infeasible:  # for every aim: the plan in hand remains
             break
         except SolverFailed:
-            return replace(best, was_cut_short=True)
+            return _after(made, best, was_cut_short=True)
         is_whole = shift is shifts[0]
-    return replace(best, was_cut_short=best.was_cut_short or found.was_cut_short)
+    return _after(made, best, best.was_cut_short or found.was_cut_short)
+
+
+def _after(made: Sequence[Plan], best: Plan, was_cut_short: bool) -> Plan:
+    """Returns the best of the plans that were made, with the attempts and the time of them all."""
+    attempts = tuple(attempt for each in made for attempt in each.attempts)
+    solve_time_s = sum(each.solve_time_s for each in made)
+    return replace(best, attempts=attempts, solve_time_s=solve_time_s, was_cut_short=was_cut_short)
 
 
 def _plan_nearest(

@@ -660,6 +660,7 @@ def test_a_file_is_taken_apart_once_and_again_when_it_changes(tmp_path, monkeypa
     """A service reads the file at every request, and an observation of a target comes thirty times a second."""
     path = tmp_path / "cell.toml"
     first = (CELLS / "ur5e-sim.toml").read_bytes() + b"# read once\n"
+    source._named_in.cache_clear()
     parsed = []
     parse = source.parse_toml
     monkeypatch.setattr(source, "parse_toml", lambda text: parsed.append(text) or parse(text))
