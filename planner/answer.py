@@ -49,7 +49,7 @@ class Plan:
         certificate: of the motion, valid.
         status: final status of the back end, in words.
         iterations: of the back end for this motion.
-        solve_time_s: duration of the searches that led to it, loading of libraries and solvers excluded [s].
+        solve_time_s: duration of the searches that found it, loading of libraries and solvers excluded [s].
         attempts: log of these searches.
         way_home: certified motion from the plan's end to the cell's home.
         was_cut_short: whether the time limit passed before the end of the search: more time may give a sooner release.

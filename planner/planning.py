@@ -147,7 +147,8 @@ def _takes_s(problem: ThrowProblem, throw: Trajectory) -> float | None:
 
 def _first_landing_s(problem: ThrowProblem, hints: SearchHints) -> float:
     """Returns how long after the earliest start the first landing to try is [s]: about that of a throw nearby."""
-    takes_s = None if hints.nearby is None else _takes_s(problem, hints.nearby)
+    nearby = hints.nearby
+    takes_s = None if nearby is None or nearby.release_time_s > LAUNCH_MAX_S else _takes_s(problem, nearby)
     return _passed_before_s(problem, hints) + FIRST_LANDING_S if takes_s is None else takes_s + SPARE_S
 
 
@@ -218,7 +219,8 @@ def _moved(search: PlanningSearch, throw: Trajectory | None) -> tuple[CertifiedS
     What it finds is none of the search's own: a motion without a way home must not bar the later ones.
     """
     problem = search.problem
-    soonest_s = problem.cell.gripper.delay_s + problem.dt  # the gripper is told to open after the start
+    # Of a motion that is to be joined, the gripper is told to open after the start.
+    soonest_s = 0.0 if problem.starts_at_rest else problem.cell.gripper.delay_s + problem.dt
     if throw is None or not _can_move(problem, throw, soonest_s):
         return None
     moved = None

@@ -150,7 +150,9 @@ class SolverAnswer(BaseModel):
         description="Final status of the back end, in words; ends in 'time_limit ended the search' where "
         "`time_limit_s` passed before the search was done: with more time the release may be sooner, or the aim better."
     )
-    attempts: list[dict[str, Any]] = Field(description="Every attempt: backend, result, duration_s [s].")
+    attempts: list[dict[str, Any]] = Field(
+        description="Of the searches that found a throw: backend, result, duration_s [s]."
+    )
 
 
 class WayHomeAnswer(BaseModel):

@@ -39,6 +39,7 @@ GONE_S = 3.0  # [s] after which a bin that has passed is out of reach, at most s
 ATTEMPTS = 3
 MARGIN_S = 0.1
 SLOWER = 1.2  # than the slowest of late: an attempt that was not even prepared in time
+SHORTER = 0.8  # than the middle of late: or one slow attempt keeps every later bin out of reach
 AGAIN_S = 0.1  # [s] between two attempts to plan
 
 
@@ -112,7 +113,7 @@ def planned(
 ) -> tuple[dict[str, Any], float] | str:
     """Returns a plan to a tracked bin and how long it took [s], or the last refusal once the bin is out of reach.
 
-    It is to start as soon as nine of the last ten attempts would have been ready, see `executed`.
+    It is to start as soon as nine of the last ten attempts that were noted would have been ready, see `executed`.
     """
     release = {"kind": "target", "position": {"target": camera.target["id"]}, "opening": BIN}
     while True:
@@ -124,8 +125,6 @@ def planned(
         try:
             return dict(lab.client.plan(asked, trajectory=False).document), time.monotonic() - begun_s
         except fling.ServiceRefusal as refusal:
-            if refusal.name == "solver-failed":
-                needed_s.append(SLOWER * max(needed_s[-10:]))
             if clock_s() > belt.passes_s + GONE_S:
                 return f"{refusal.name}: {str(refusal.problem.get('detail'))[:50]}"
             time.sleep(AGAIN_S)
@@ -172,7 +171,10 @@ def throw_once(
         time.sleep(given.tracked_s)
         plan, done = executed(lab, camera, belt, needed_s)
         if isinstance(plan, str):
-            needed_s.append(float(np.median(needed_s[-10:])))  # one slow attempt must not keep all bins out of reach
+            if plan.startswith("solver-failed"):
+                needed_s.append(SLOWER * max(needed_s[-10:]))
+            if plan.startswith("invalid-request"):  # nobody knows where a bin is so long after
+                needed_s.append(SHORTER * float(np.median(needed_s[-10:])))
             tally["refused"] += 1
             return f"refused: {plan}"
     finally:

@@ -13,7 +13,7 @@ import numpy as np
 from learning import CellKnowledge, LandingForecast
 from planner.answer import aimed_problem
 from planner.arrays import Array
-from planner.errors import TIME_LIMIT, Infeasible, SolverFailed
+from planner.errors import TIME_LIMIT, Infeasible, InvalidProblem, SolverFailed
 from planner.planning import ORDINARY, Plan, SearchHints, plan
 from planner.problem import ThrowProblem
 
@@ -64,7 +64,7 @@ def plan_aimed(problem: ThrowProblem, known: CellKnowledge | None, hints: Search
             further = replace(hints, offers_nearest=False, nearby=found.trajectory, lands_at_s=lands_at_s)
             found, shift = _plan_nearest(until, problem, shifts, further)
             made.append(found)
-        except Infeasible:  # for every aim: the plan in hand remains
+        except (Infeasible, InvalidProblem):  # for every aim: the plan in hand remains
             break
         except SolverFailed:
             return _after(made, best, was_cut_short=True)

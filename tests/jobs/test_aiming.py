@@ -61,3 +61,27 @@ def test_where_that_has_no_plan_the_landing_is_brought_onto_the_target() -> None
     np.testing.assert_allclose(shift, -np.append(center, 0.0), atol=1e-9)
     assert np.linalg.norm(missed(asked, found)[0]) < np.linalg.norm(aimed) - 0.005
     assert np.linalg.norm(missed(asked, found)[1]) < 2e-3
+
+
+def test_each_correction_moves_the_throw_in_hand_and_all_are_told() -> None:
+    asked = problem_from_request({"release": {"kind": "target", "position": [1.1, 0.3, 0.0]}}, benchmark_cell())
+    first = plan(asked)
+    found = plan_aimed(asked, known())
+    results = [each.result for each in found.attempts]
+    of_first = [each.result for each in first.attempts]
+    assert results[: len(of_first)] == of_first
+    assert set(results[len(of_first) :]) == {"moved throw: certified"}
+    assert found.solve_time_s > sum(each.duration_s for each in found.attempts)
+
+
+def test_a_correction_is_made_at_the_landing_that_the_plan_meets() -> None:
+    moves = {"velocity": [0.0, 0.4, 0.0], "observed_at_s": 100.0}
+    release = {"kind": "target", "position": [1.1, -0.5, 0.0], **moves}
+    asked = problem_from_request({"release": release, "starts_not_before_s": 100.5}, benchmark_cell())
+    first = plan(asked)
+    found = plan_aimed(asked, known())
+    assert first.problem.moving is not None
+    assert found.problem.moving is not None
+    assert found.problem.moving.at_s == pytest.approx(first.problem.moving.at_s, abs=0.06)
+    assert found.attempts[-1].result == "moved throw: certified"
+    assert np.linalg.norm(missed(asked, found)[0]) < 2e-3

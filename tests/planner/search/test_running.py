@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from planner import planning
 from planner.certificate import certify
 from planner.planning import SearchHints, plan
 from planner.problem import JointRelease, TargetRelease, ThrowProblem
@@ -56,6 +57,17 @@ def test_the_same_running_throw_has_the_same_answer_wherever_it_is_planned(left:
     carried = pickle.loads(pickle.dumps(left))  # as to a planner process
     first, second = (plan(problem, SearchHints(nearby=each)).trajectory for each in (left, carried))
     assert np.array_equal(first.q, second.q)
+
+
+def test_a_target_that_it_does_not_reach_is_searched_for_anew(left: Trajectory, monkeypatch):
+    monkeypatch.setattr(planning, "MOVED_M", np.inf)
+    problem = begun_on(left, at([-1.1, 0.2, 0.0]))
+    found = plan(problem, SearchHints(nearby=left))
+    first, *others = (attempt.result for attempt in found.attempts)
+    assert first.startswith("moved throw: ")
+    assert "certified" not in first
+    assert others
+    assert np.array_equal(found.trajectory.q, plan(problem).trajectory.q)
 
 
 @pytest.mark.parametrize("target", [[-1.1, 0.2, 0.0], [1.2, 0.55, 0.0]])
