@@ -238,13 +238,13 @@ def _can_move(problem: ThrowProblem, throw: Trajectory, soonest_s: float) -> boo
 
     The joints at the release of a body are fixed by how it is to land: those of the old target lead nowhere.
     """
-    is_plain = not problem.is_chain and problem.target is not None and not problem.fixes_joints
-    is_soon = soonest_s <= throw.release_time_s <= LAUNCH_MAX_S
-    if not (is_plain and is_soon and problem.backend in MOVED_BY):
+    target = problem.target
+    if problem.is_chain or target is None or problem.fixes_joints or problem.backend not in MOVED_BY:
         return False
-    assert problem.target is not None
+    if not soonest_s <= throw.release_time_s <= LAUNCH_MAX_S:
+        return False
     flight = release_flight(problem, throw)
-    return flight is not None and math.dist(flight.landing_point, problem.target.p_W) <= MOVED_M
+    return flight is not None and math.dist(flight.landing_point, target.p_W) <= MOVED_M
 
 
 def _search_anew(search: PlanningSearch, releases: Sequence[ReleaseState]) -> None:

@@ -151,7 +151,7 @@ class SolverAnswer(BaseModel):
         "`time_limit_s` passed before the search was done: with more time the release may be sooner, or the aim better."
     )
     attempts: list[dict[str, Any]] = Field(
-        description="Of the searches that found a throw: backend, result, duration_s [s]."
+        description="Of the searches that found a motion: backend, result, duration_s [s]."
     )
 
 

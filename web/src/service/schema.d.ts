@@ -5186,7 +5186,7 @@ export interface components {
         SolverAnswer: {
             /**
              * Attempts
-             * @description Of the searches that found a throw: backend, result, duration_s [s].
+             * @description Of the searches that found a motion: backend, result, duration_s [s].
              */
             attempts: {
                 [key: string]: unknown;
